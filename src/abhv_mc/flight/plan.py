@@ -1,0 +1,70 @@
+"""What one controller's flights need, as plain values: made once by the launching process."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.vehicle.arrays import Tables
+from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.world.earth import Earth
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The clock of a flight. Control ticks are 0..ticks; a tick holds ``steps_per_tick`` RK4 steps."""
+
+    step: float  # s
+    steps_per_tick: int
+    ticks: int
+
+    @property
+    def tick(self) -> float:
+        """Control period, s."""
+        return self.step * self.steps_per_tick
+
+    @property
+    def duration(self) -> float:
+        """Length of the flight, s."""
+        return self.tick * self.ticks
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where a flight ends, SI and radians."""
+
+    altitude_min: float
+    altitude_max: float
+    angle_of_attack_min: float
+    angle_of_attack_max: float
+    sideslip_max: float
+
+
+@dataclass(frozen=True)
+class FlightPlan:
+    """Everything that a worker needs to fly one controller, apart from the dispersions."""
+
+    controller: str  # its name in the campaign
+    law: str  # which compiled law flies it: "tlc", "lqr" or "recorded"
+    vehicle: Vehicle
+    trim_tables: Tables
+    earth: Earth
+    timing: Timing
+    limits: Limits
+    initial_state: Floats  # [state] nominal start, see abhv_mc.plant.state
+    reference: Floats  # [tick, column] see abhv_mc.control.reference.COLUMNS
+    gains: Floats  # [tick, gain] columns as the law names them
+    settings: Floats  # the law's constants (differentiator bandwidths, command limits)
+
+
+@dataclass(frozen=True)
+class FlightBlock:
+    """The flights of one call of :func:`abhv_mc.flight.fly.fly`, in the order of their parameters."""
+
+    outcome: NDArray[np.int64]  # [flight] values of Outcome
+    end_time: Floats  # [flight] s
+    metrics: Floats  # [flight, metric] in the order of METRICS
+    history: NDArray[np.float32]  # [flight, time, channel] in the order of CHANNELS; NaN after the end
+    times: Floats  # [time] s

@@ -1,0 +1,66 @@
+"""The only place that decorates compiled code, and where the compiled code is kept.
+
+Rules for compiled functions (measured; the benchmark ``abhv-mc bench`` holds the result):
+
+- strict floating point everywhere, so that flights abreast equal one flight at a time bit for bit;
+- a ``scalar`` function takes and returns floats, named tuples of floats and nothing that allocates;
+- a ``lanes`` function loops over the lanes of blocks that its caller allocated inside the kernel;
+- no libm call inside a lane loop: use :mod:`abhv_mc.numerics.lane_math`;
+- data (tables, gains, references) are arguments, never globals: numba freezes globals silently.
+"""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_PACKAGE = Path(__file__).parent
+_COMPILED_LAYERS = ("jit.py", "numerics", "world", "vehicle", "plant", "control", "flight")
+
+
+def source_hash() -> str:
+    """Hash of everything that compiled code is made from: these layers' sources and numba itself."""
+    digest = hashlib.sha256(f"numba {numba.__version__}".encode())
+    for layer in _COMPILED_LAYERS:
+        path = _PACKAGE / layer
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            digest.update(file.relative_to(_PACKAGE).as_posix().encode())
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def cache_folder() -> Path:
+    """Folder of the compiled code for exactly this source; numba's own key covers the CPU."""
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    folder = Path(base) / "abhv-mc" / source_hash()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:  # no home, or a read-only one
+        folder = Path(tempfile.gettempdir()) / f"abhv-mc-{os.getuid()}" / source_hash()
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+# numba decides on the cache's place when it decorates, so this comes before any decorator.
+numba.config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]
+
+
+def scalar(function: F) -> F:
+    """Compile a pure function of scalars; always inlined into the lane loop that calls it."""
+    return numba.njit(forceinline=True, error_model="numpy", fastmath=False)(function)
+
+
+def lanes(function: F) -> F:
+    """Compile a function that loops over lanes; inlined, so that the loop sees where its blocks live."""
+    return numba.njit(forceinline=True, error_model="numpy", fastmath=False)(function)
+
+
+def kernel(function: F) -> F:
+    """Compile an entry point called from Python: cached on disk, releases the interpreter's lock."""
+    return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=False)(function)

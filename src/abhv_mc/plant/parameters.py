@@ -1,0 +1,104 @@
+"""Every quantity that a campaign may disperse: one line each.
+
+A flight's parameters are one column of an array ``[parameter, flight]`` in this order.
+Adding one is a line here and its use in the plant. Nominal values leave the flight unchanged.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One dispersible quantity."""
+
+    name: str
+    unit: str  # SI; "-" for a factor (1.0 = nominal)
+    nominal: float
+    doc: str
+
+
+def _factor(name: str, doc: str) -> Parameter:
+    return Parameter(name, "-", 1.0, doc)
+
+
+def _error(name: str, unit: str, doc: str) -> Parameter:
+    return Parameter(name, unit, 0.0, doc)
+
+
+_COEFFICIENTS = {
+    "lift": "lift coefficient",
+    "drag": "drag coefficient",
+    "side_force": "side-force coefficient",
+    "rolling_moment": "rolling-moment coefficient",
+    "pitching_moment": "pitching-moment coefficient",
+    "yawing_moment": "yawing-moment coefficient",
+}
+_DERIVATIVES = {
+    "sideslip": "sideslip",
+    "roll_rate": "roll rate (damping or cross derivative)",
+    "pitch_rate": "pitch rate",
+    "yaw_rate": "yaw rate (damping or cross derivative)",
+    "aileron": "aileron",
+    "rudder": "rudder",
+    "elevator": "elevator",
+}
+_NAVIGATION = {
+    "altitude": "m",
+    "speed": "m/s",
+    "flight_path_angle": "rad",
+    "heading": "rad",
+    "angle_of_attack": "rad",
+    "sideslip": "rad",
+    "bank": "rad",
+    "roll_rate": "rad/s",
+    "pitch_rate": "rad/s",
+    "yaw_rate": "rad/s",
+}
+
+PARAMETERS: tuple[Parameter, ...] = (
+    _factor("one", "not dispersible: the factor of a term that no parameter touches"),
+    _factor("atmosphere.density", "air density, at every altitude"),
+    _error("wind.north", "m/s", "steady wind blowing towards the north"),
+    _error("wind.east", "m/s", "steady wind blowing towards the east"),
+    _error("wind.shear_north", "1/s", "change of the northward wind per metre of altitude"),
+    _error("wind.shear_east", "1/s", "change of the eastward wind per metre of altitude"),
+    *(_factor(f"aero.{name}", f"whole {text}") for name, text in _COEFFICIENTS.items()),
+    _error("aero.lift.increment", "-", "added to the lift coefficient"),
+    _error("aero.drag.increment", "-", "added to the drag coefficient"),
+    _error("aero.pitching_moment.increment", "-", "added to the pitching-moment coefficient"),
+    *(
+        _factor(f"aero.{name}.{variable}", f"part of the {text} that is proportional to {words}")
+        for name, text in _COEFFICIENTS.items()
+        for variable, words in _DERIVATIVES.items()
+    ),
+    _factor("control.aileron_effectiveness", "aileron deflection felt by the aerodynamics"),
+    _factor("control.rudder_effectiveness", "rudder deflection felt by the aerodynamics"),
+    _factor("control.elevator_effectiveness", "elevator deflection felt by the aerodynamics"),
+    _factor("propulsion.thrust", "thrust at the same fuel flow"),
+    _factor("propulsion.specific_impulse", "specific impulse at the same thrust (changes the fuel flow)"),
+    _factor("mass.total", "mass at the start"),
+    _factor("mass.inertia_xx", "moment of inertia about body x"),
+    _factor("mass.inertia_yy", "moment of inertia about body y"),
+    _factor("mass.inertia_zz", "moment of inertia about body z"),
+    _factor("mass.inertia_13", "product of inertia (matrix element 13)"),
+    _error("mass.center_of_gravity_x", "m", "centre of gravity moved forward"),
+    _error("mass.center_of_gravity_y", "m", "centre of gravity moved right"),
+    _error("mass.center_of_gravity_z", "m", "centre of gravity moved down"),
+    _factor("actuator.bandwidth", "natural frequency of the three surface actuators"),
+    _factor("actuator.damping", "damping ratio of the three surface actuators"),
+    _factor("actuator.deflection_limit", "deflection limit of the three surfaces"),
+    _factor("actuator.rate_limit", "rate limit of the three surfaces"),
+    _factor("engine.bandwidth", "natural frequency of the engine"),
+    _factor("engine.damping", "damping ratio of the engine"),
+    _factor("engine.rate_limit", "rate limit of the equivalence ratio"),
+    *(
+        _error(f"initial.{name}", unit, f"error of the {name.replace('_', ' ')} at the start")
+        for name, unit in _NAVIGATION.items()
+    ),
+    *(
+        _error(f"sensor.{name}_bias", unit, f"constant error of the measured {name.replace('_', ' ')}")
+        for name, unit in _NAVIGATION.items()
+    ),
+)
+
+PARAMETER_INDEX: dict[str, int] = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
