@@ -1,0 +1,41 @@
+"""A vehicle as the compiled plant sees it: packed tables and constants, nothing about any one vehicle."""
+
+from typing import NamedTuple
+
+from abhv_mc.vehicle.arrays import BuildUp, Floats, Tables
+
+
+class Constants(NamedTuple):
+    """Numbers of a vehicle, SI and radians."""
+
+    area: float  # reference area, m2
+    span: float  # reference span (roll and yaw), m
+    chord: float  # reference chord (pitch), m
+    capture_thrust: float  # T = capture_thrust * eta * rho * V * ca * Isp: stoichiometric ratio * cowl area * g0
+    standard_gravity: float  # g0 of the specific impulse, m/s2: fuel flow = T / (g0 Isp)
+    thrust_cos: float  # cosine and sine of the thrust line's upward inclination
+    thrust_sin: float
+    thrust_offset_z: float  # thrust line below the moment reference, m
+    mass_start: float  # kg
+    mass_empty: float  # kg: no fuel below it
+    surface_bandwidth: float  # rad/s, the three axis deflections alike
+    surface_damping: float
+    surface_limit: float  # rad
+    surface_rate_limit: float  # rad/s
+    engine_bandwidth: float  # rad/s
+    engine_damping: float
+    equivalence_ratio_min: float
+    equivalence_ratio_max: float
+    engine_rate_limit: float  # 1/s
+    angle_of_attack_min: float  # rad, a flight ends outside
+    angle_of_attack_max: float
+    sideslip_max: float
+
+
+class Vehicle(NamedTuple):
+    """The packed vehicle."""
+
+    constants: Constants
+    tables: Tables  # rows 0..8 are FIXED_TABLE_ROWS, the aerodynamic tables follow
+    build_up: BuildUp
+    effector_mix: Floats  # [4, 3] radians of effector per radian of (aileron, rudder, elevator)
