@@ -38,7 +38,8 @@ VARIABLES = (
 # Lift and drag are in stability axes (from alpha), side force along body y; moments about body axes.
 COEFFICIENTS = ("lift", "drag", "side_force", "rolling_moment", "pitching_moment", "yawing_moment")
 
-# First output rows of every vehicle's tables, whatever its file: the plant reads them by these numbers.
+# What the plant reads from every vehicle's tables: entry i is table row ``Tables.fixed_row[i]``.
+# A vehicle that gives no such table has a constant there.
 FIXED_TABLE_ROWS = (
     "capture_area_ratio",  # ca(Mach, alpha); 0 when the vehicle gives a thrust coefficient instead
     "specific_impulse",  # s
@@ -61,6 +62,7 @@ class Tables(NamedTuple):
     rows from ``group_row``. Node (i, j, k) of group g starts at
     ``data[group_start[g] + i*stride[g,0] + j*stride[g,1] + k*stride[g,2]]``.
     Every group has two or three dimensions: a 1-D table gets a second axis of stride 0.
+    Constants are tables on the variable ``one`` (grid 0, 2), so they never leave the tables.
     """
 
     axis_variable: Ints  # [axis] index into VARIABLES
@@ -75,6 +77,8 @@ class Tables(NamedTuple):
     group_width: Ints  # [group]
     group_row: Ints  # [group]
     data: Floats  # [value]
+    fixed_row: Ints  # [entry] table row of each of FIXED_TABLE_ROWS
+    n_rows: int  # number of output rows
 
 
 class BuildUp(NamedTuple):

@@ -36,6 +36,6 @@ class Vehicle(NamedTuple):
     """The packed vehicle."""
 
     constants: Constants
-    tables: Tables  # rows 0..8 are FIXED_TABLE_ROWS, the aerodynamic tables follow
+    tables: Tables
     build_up: BuildUp
     effector_mix: Floats  # [4, 3] radians of effector per radian of (aileron, rudder, elevator)
