@@ -53,6 +53,7 @@ FIXED_TABLE_ROWS = (
 )
 
 MAX_DIMENSIONS = 3
+CHUNK = 8  # doubles of one AVX-512 register, two AVX2 ones
 
 
 class Tables(NamedTuple):
@@ -74,7 +75,7 @@ class Tables(NamedTuple):
     group_axis: Ints  # [group, 3] axis index; an unused dimension names axis 0 with stride 0
     group_stride: Ints  # [group, 3]
     group_start: Ints  # [group]
-    group_width: Ints  # [group]
+    group_width: Ints  # [group] a multiple of CHUNK: the look-up's vector loop has no remainder; spare rows hold zeros
     group_row: Ints  # [group]
     data: Floats  # [value]
     fixed_row: Ints  # [entry] table row of each of FIXED_TABLE_ROWS

@@ -30,6 +30,7 @@ class Constants(NamedTuple):
     angle_of_attack_min: float  # rad, a flight ends outside
     angle_of_attack_max: float
     sideslip_max: float
+    drag_in_wind_axes: float  # 1: drag opposes the velocity (a sphere); 0: drag and lift in stability axes
 
 
 class Vehicle(NamedTuple):
