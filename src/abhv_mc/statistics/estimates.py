@@ -1,0 +1,92 @@
+"""Quantiles with exact intervals, and the sense in which a metric is bad.
+
+A flight that failed counts as worse than every flight that did not: its value is replaced by +infinity in the
+sense of the metric, so a quantile is finite only as long as fewer flights failed than lie beyond it.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import betainc
+
+from abhv_mc.statistics.verdicts import quantile_upper_rank
+
+Floats = NDArray[np.float64]
+Sense = Literal["high", "low", "size"]  # what is bad: large values, small values, large absolute values
+
+LEVELS = (0.5, 0.95, 0.9973)  # the quantiles that tables show
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An estimate with its confidence interval; an end that the flights do not bound is infinite."""
+
+    value: float
+    low: float
+    high: float
+
+    def scaled(self, factor: float) -> "Interval":
+        """The interval of `factor` times the quantity."""
+        ends = sorted((self.low * factor, self.high * factor))
+        return Interval(self.value * factor, ends[0], ends[1])
+
+
+def severity(values: Floats, sense: Sense, failed: NDArray[np.bool_] | None = None) -> Floats:
+    """Values turned so that larger is worse; those of failed flights (and not-a-number) become +infinity."""
+    worse = {"high": 1.0, "low": -1.0, "size": 1.0}[sense] * (np.abs(values) if sense == "size" else values)
+    bad = np.isnan(worse) if failed is None else np.isnan(worse) | failed
+    return np.where(bad, np.inf, worse)
+
+
+def sorted_quantile(ascending: Floats, probability: float) -> float:
+    """numpy's `linear` quantile of values in ascending order, which may end in infinities."""
+    position = (ascending.size - 1) * probability
+    below = int(position)
+    part = position - below
+    if part == 0.0 or below + 1 >= ascending.size:
+        return float(ascending[below])
+    low, high = float(ascending[below]), float(ascending[below + 1])
+    return high if low == high or np.isinf(high) else low + part * (high - low)
+
+
+@lru_cache(maxsize=4096)
+def _lower_rank(runs: int, probability: float, tail: float) -> int:
+    """Largest rank (1-based) whose value exceeds the quantile with probability at most `tail`; 0 where none does."""
+    low, high = 0, runs
+    while low < high:
+        middle = (low + high + 1) // 2
+        if float(betainc(runs - middle + 1, middle, 1.0 - probability)) <= tail:
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
+def quantile(values: Floats, probability: float, confidence: float = 0.95) -> Interval:
+    """The `probability` quantile with its exact, distribution-free two-sided interval from order statistics."""
+    ascending = np.sort(values)
+    tail = (1.0 - confidence) / 2.0
+    if ascending.size == 0:
+        return Interval(np.nan, -np.inf, np.inf)
+    lower = _lower_rank(ascending.size, probability, tail)
+    upper = quantile_upper_rank(ascending.size, probability, 1.0 - tail)
+    return Interval(
+        sorted_quantile(ascending, probability),
+        float(ascending[lower - 1]) if lower else -np.inf,
+        float(ascending[upper - 1]) if upper is not None else np.inf,
+    )
+
+
+def paired_median_difference(a: Floats, b: Floats, confidence: float = 0.95) -> Interval:
+    """Median of `a - b` over the pairs, with the exact interval of the sign test; two infinities are a tie."""
+    return quantile(pair_differences(a, b), 0.5, confidence)
+
+
+def pair_differences(a: Floats, b: Floats) -> Floats:
+    """`a - b` pair by pair; where both are infinite the pair is a tie, 0."""
+    both = np.isinf(a) & np.isinf(b)
+    with np.errstate(invalid="ignore"):
+        return np.where(both, 0.0, a - b)

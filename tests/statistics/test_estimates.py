@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from abhv_mc.statistics.estimates import (
+    paired_median_difference,
+    quantile,
+    severity,
+    sorted_quantile,
+)
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=60), st.sampled_from([0.0, 0.05, 0.5, 0.9973, 1.0]))
+def test_sorted_quantile_is_numpys_linear(values, probability):
+    ascending = np.sort(np.array(values))
+    expected = np.quantile(ascending, probability, method="linear")
+    assert sorted_quantile(ascending, probability) == pytest.approx(expected, rel=1e-12, abs=1e-9)
+
+
+def test_interval_is_the_published_order_statistics():
+    # Conover, Practical Nonparametric Statistics: 16 values, median, ranks 4 and 13 give 97.9 %
+    found = quantile(np.arange(1.0, 17.0), 0.5)
+    assert (found.low, found.high) == (4.0, 13.0)
+
+
+def test_extreme_quantile_has_no_upper_bound_with_few_flights():
+    found = quantile(np.arange(1000.0), 0.9973)
+    assert found.high == np.inf
+    assert 980 < found.low < found.value < 999
+
+
+@pytest.mark.parametrize("probability", [0.5, 0.95])
+def test_interval_covers_as_often_as_it_says(probability):
+    draw = np.random.default_rng(1)
+    inside = 0
+    for _ in range(1000):
+        found = quantile(draw.random(200), probability)
+        inside += found.low <= probability <= found.high
+    assert inside >= 940  # 95 % less three standard errors
+
+
+def test_failed_flights_are_the_worst():
+    values = np.array([3.0, 1.0, 2.0, 0.5])
+    failed = np.array([False, True, False, False])
+    assert severity(values, "high", failed).tolist() == [3.0, np.inf, 2.0, 0.5]
+    assert severity(values, "low", failed).tolist() == [-3.0, np.inf, -2.0, -0.5]
+    assert severity(np.array([-4.0, np.nan]), "size").tolist() == [4.0, np.inf]
+    assert quantile(severity(values, "high", failed), 0.9).value == np.inf
+    assert quantile(severity(values, "high", failed), 0.5).value == 2.5
+
+
+def test_paired_difference_sees_what_the_spread_hides():
+    draw = np.random.default_rng(2)
+    common = draw.normal(0.0, 100.0, 500)
+    found = paired_median_difference(common + 1.0 + draw.normal(0.0, 0.1, 500), common)
+    assert 0.98 < found.low < found.value < found.high < 1.02
+
+
+def test_pairs_that_both_failed_are_ties():
+    inf = np.inf
+    found = paired_median_difference(np.array([inf, inf, 1.0]), np.array([inf, 2.0, 1.0]))
+    assert found.value == 0.0
