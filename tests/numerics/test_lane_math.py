@@ -79,8 +79,7 @@ def test_within_stated_ulps_of_mpmath(name: str) -> None:
     exact = getattr(mpmath, name)
     for sample in _samples(name):
         worst = 0.0
-        for x in zip(*sample, strict=True):
-            x = tuple(map(float, x))
+        for x in np.array(sample).T.tolist():
             worst = max(worst, _ulps(FUNCTIONS[name](*x), exact(*x)))
         assert worst <= LIMITS[name]
 
@@ -90,8 +89,7 @@ def test_within_stated_ulps_of_mpmath(name: str) -> None:
 def test_plain_python_gives_the_same_bits(name: str) -> None:
     compiled = getattr(lane_math, name)
     for sample in _samples({"sincos": "sin"}.get(name, name)):
-        for x in list(zip(*sample, strict=True))[:500]:
-            x = tuple(map(float, x))
+        for x in np.array(sample).T[:500].tolist():
             # repr tells all doubles apart, -0.0 too
             assert repr(compiled(*x)) == repr(compiled.py_func(*x)), x
 

@@ -38,9 +38,9 @@ def _to_float64(typing_context: Any, bits: Any) -> Any:
 
 @overload(float_bits, jit_options={"forceinline": True}, strict=False)
 def _float_bits(x: Any) -> Any:
-    return lambda x: _to_int64(x)  # type: ignore[call-arg]
+    return lambda x: _to_int64(x)  # type: ignore[call-arg]  # noqa: PLW0108
 
 
 @overload(bits_float, jit_options={"forceinline": True}, strict=False)
 def _bits_float(bits: Any) -> Any:
-    return lambda bits: _to_float64(bits)  # type: ignore[call-arg]
+    return lambda bits: _to_float64(bits)  # type: ignore[call-arg]  # noqa: PLW0108

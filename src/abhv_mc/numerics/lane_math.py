@@ -84,7 +84,7 @@ SINCOS_LIMIT = 1048576.0  # rad; beyond it the reduction is no longer exact and 
 
 @scalar
 def exp(x: float) -> float:
-    """e to the x; 0 and inf beyond the range of doubles, gradual underflow between."""
+    """Exponential; 0 and inf beyond the range of doubles, gradual underflow between."""
     low = -746.0 if x < -746.0 else x
     high = low if low < 710.0 else 710.0  # NaN goes to 710 here and comes back with r
     rounded = high * _LOG2_E + _ROUND
@@ -131,7 +131,7 @@ def log(x: float) -> float:
 
 @scalar
 def power(x: float, y: float) -> float:
-    """x to the y for positive x, as exp(y log x): the relative error grows as 1e-16 |y log x|."""
+    """Power of a positive x, as exp(y log x): the relative error grows as 1e-16 |y log x|."""
     return exp(y * log(x))
 
 

@@ -1,6 +1,9 @@
 """The Earth as numbers: figure, gravity and rotation. A sphere or a still Earth is a choice of numbers."""
 
+import math
 from typing import NamedTuple
+
+from abhv_mc.jit import scalar
 
 
 class Earth(NamedTuple):
@@ -14,3 +17,33 @@ class Earth(NamedTuple):
 
 
 WGS84 = Earth(6378137.0, 1.0 / 298.257223563, 3.986004418e14, 1.08262982e-3, 7.292115e-5)
+
+
+@scalar
+def radii(earth: Earth, sin_lat: float) -> tuple[float, float]:
+    """Radii of curvature of the ellipsoid, m: (in the meridian M, in the prime vertical N)."""
+    e2 = earth.flattening * (2.0 - earth.flattening)
+    w2 = 1.0 - e2 * sin_lat * sin_lat
+    prime_vertical = earth.equatorial_radius / math.sqrt(w2)
+    return prime_vertical * (1.0 - e2) / w2, prime_vertical
+
+
+@scalar
+def gravity_ned(earth: Earth, altitude: float, sin_lat: float, cos_lat: float) -> tuple[float, float]:
+    """Gravity (north, down), m/s2: central and J2 attraction plus the centrifugal acceleration.
+
+    ``altitude`` (m) and latitude are geodetic. The attraction is the exact gradient of the potential
+    -(GM/r) (1 - J2 (a/r)^2 P2(z/r)) at that point, resolved along the ellipsoid's normal; there is no east part.
+    On the WGS-84 ellipsoid normal gravity, which has the other even zonals too, differs by at most 1.2e-4 m/s2.
+    """
+    e2 = earth.flattening * (2.0 - earth.flattening)
+    prime_vertical = earth.equatorial_radius / math.sqrt(1.0 - e2 * sin_lat * sin_lat)
+    rho = (prime_vertical + altitude) * cos_lat  # distance from the axis
+    z = (prime_vertical * (1.0 - e2) + altitude) * sin_lat  # from the equatorial plane
+    inverse_square = 1.0 / (rho * rho + z * z)
+    central = earth.gravitational_parameter * inverse_square * math.sqrt(inverse_square)
+    j2_term = 1.5 * earth.j2 * earth.equatorial_radius * earth.equatorial_radius * inverse_square
+    tilt = 5.0 * z * z * inverse_square
+    g_rho = (earth.rotation_rate * earth.rotation_rate - central * (1.0 + j2_term * (1.0 - tilt))) * rho
+    g_z = -central * (1.0 + j2_term * (3.0 - tilt)) * z
+    return g_z * cos_lat - g_rho * sin_lat, -(g_rho * cos_lat + g_z * sin_lat)

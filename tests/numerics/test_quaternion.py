@@ -1,0 +1,92 @@
+"""Quaternion algebra against scipy's rotations and against itself."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from abhv_mc.numerics import quaternion
+
+ANGLES = st.floats(-math.pi, math.pi)
+PITCHES = st.floats(-math.pi / 2, math.pi / 2)
+COMPONENTS = st.floats(-1e3, 1e3)
+
+
+def _scipy(yaw: float, pitch: float, roll: float) -> Rotation:
+    return Rotation.from_euler("ZYX", [yaw, pitch, roll])
+
+
+@given(ANGLES, PITCHES, ANGLES, COMPONENTS, COMPONENTS, COMPONENTS)
+def test_rotations_are_scipys(yaw: float, pitch: float, roll: float, x: float, y: float, z: float) -> None:
+    q = quaternion.from_euler(yaw, pitch, roll)
+    ned = quaternion.rotate_to_ned(*q, x, y, z)
+    assert ned == pytest.approx(_scipy(yaw, pitch, roll).apply([x, y, z]), abs=1e-11)
+    assert quaternion.rotate_to_body(*q, *ned) == pytest.approx((x, y, z), abs=1e-11)
+
+
+def test_axes_are_the_aeronautical_ones() -> None:
+    # Nose east after a yaw of 90 deg; positive pitch is nose up, positive roll right wing down.
+    east = quaternion.rotate_to_ned(*quaternion.from_euler(math.pi / 2, 0.0, 0.0), 1.0, 0.0, 0.0)
+    up = quaternion.rotate_to_ned(*quaternion.from_euler(0.0, math.pi / 2, 0.0), 1.0, 0.0, 0.0)
+    wing = quaternion.rotate_to_ned(*quaternion.from_euler(0.0, 0.0, math.pi / 2), 0.0, 1.0, 0.0)
+    assert east == pytest.approx((0.0, 1.0, 0.0), abs=1e-15)
+    assert up == pytest.approx((0.0, 0.0, -1.0), abs=1e-15)
+    assert wing == pytest.approx((0.0, 0.0, 1.0), abs=1e-15)
+
+
+@given(ANGLES, PITCHES, ANGLES)
+def test_euler_angles_round_trip(yaw: float, pitch: float, roll: float) -> None:
+    q = quaternion.from_euler(yaw, pitch, roll)
+    assert sum(value * value for value in q) == pytest.approx(1.0, abs=1e-15)
+    again = quaternion.from_euler(*quaternion.to_euler(*q))
+    # the same attitude, whatever the sign; also at 90 deg of pitch, where the angles themselves are not unique
+    assert abs(np.dot(q, again)) == pytest.approx(1.0, abs=1e-14)
+    assume(math.cos(pitch) > 1e-3)
+    angles = quaternion.to_euler(*q)
+    difference = np.subtract(angles, (yaw, pitch, roll))
+    assert np.abs(np.remainder(difference + math.pi, 2 * math.pi) - math.pi).max() < 1e-12 / math.cos(pitch)
+
+
+@given(st.floats(-1e-9, 1e-9))
+def test_pitch_keeps_its_digits_at_the_vertical(offset: float) -> None:
+    pitch = math.pi / 2 - abs(offset)
+    assert quaternion.to_euler(*quaternion.from_euler(0.3, pitch, 0.1))[1] == pytest.approx(pitch, abs=1e-15)
+
+
+@given(ANGLES, PITCHES, ANGLES, st.tuples(*[st.floats(-2.0, 2.0)] * 3))
+def test_rate_is_the_derivative_of_turning_about_body_axes(
+    yaw: float, pitch: float, roll: float, rate: tuple[float, float, float]
+) -> None:
+    q = np.array(quaternion.from_euler(yaw, pitch, roll))
+    step = 1e-4
+    attitude = Rotation.from_quat(q, scalar_first=True)
+    ahead, behind = (
+        (attitude * Rotation.from_rotvec(sign * step * np.array(rate))).as_quat(scalar_first=True) for sign in (1, -1)
+    )
+    ahead, behind = (value * np.sign(np.dot(value, q)) for value in (ahead, behind))
+    derivative = quaternion.quaternion_rate(*q, *rate)
+    assert derivative == pytest.approx((ahead - behind) / (2 * step), abs=1e-7)
+    assert np.dot(derivative, q) == pytest.approx(0.0, abs=1e-15)
+
+
+@given(st.tuples(*[st.floats(-1e3, 1e3)] * 4))
+def test_normalise(q: tuple[float, float, float, float]) -> None:
+    length = math.sqrt(sum(value * value for value in q))
+    assume(length > 1e-6)
+    assert quaternion.normalise(*q) == pytest.approx([value / length for value in q], abs=1e-15)
+
+
+def test_normalising_nothing_gives_nothing() -> None:
+    assert quaternion.normalise(0.0, 0.0, 0.0, 0.0) == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_from_matrix() -> None:
+    rotations = Rotation.random(50, random_state=4)
+    q = quaternion.from_matrix(rotations.as_matrix().reshape(5, 10, 3, 3))
+    assert q.shape == (5, 10, 4)
+    assert (q[..., 0] >= 0).all()
+    for value, rotation in zip(q.reshape(-1, 4), rotations, strict=True):
+        assert quaternion.rotate_to_ned(*value, 1.0, 2.0, 3.0) == pytest.approx(rotation.apply([1.0, 2.0, 3.0]))
