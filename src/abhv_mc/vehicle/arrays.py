@@ -7,8 +7,8 @@ serves every vehicle, and a changed table can never meet a stale cache.
 
 from typing import NamedTuple
 
-from numpy.typing import NDArray
 import numpy as np
+from numpy.typing import NDArray
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]

@@ -1,0 +1,267 @@
+"""The vehicle file: what may stand in it, and the checks that need no other file."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, Tag, model_validator
+
+from abhv_mc.documents import File, Refusal, StrictModel, one_of
+from abhv_mc.units import (
+    ANGLE,
+    AREA,
+    FRACTION,
+    TIME,
+    Acceleration,
+    Angle,
+    AngularRate,
+    Area,
+    Dimension,
+    Fraction,
+    Frequency,
+    Inertia,
+    Length,
+    Mass,
+    parse_unit,
+)
+from abhv_mc.vehicle.arrays import COEFFICIENTS
+
+AXIS_DEFLECTIONS = ("aileron", "rudder", "elevator")
+REDUCED_RATES = ("roll_rate", "pitch_rate", "yaw_rate")  # p b/(2 V), q c/(2 V), r b/(2 V)
+_PLAIN_FACTORS = ("mach", "equivalence_ratio")
+_ANGLE_FACTORS = ("angle_of_attack", "sideslip", *AXIS_DEFLECTIONS)
+FACTORS = (*_ANGLE_FACTORS, *REDUCED_RATES, *_PLAIN_FACTORS)
+
+Positive = Field(gt=0.0)
+
+
+class Reference(StrictModel):
+    """Reference area and lengths of the coefficients."""
+
+    area: Annotated[Area, Positive]
+    span: Annotated[Length, Positive] = Field(description="of rolling and yawing moment")
+    chord: Annotated[Length, Positive] = Field(description="of pitching moment")
+
+
+class MassPoint(StrictModel):
+    """Mass properties at one mass. The centre of gravity is measured from the moment reference."""
+
+    mass: Annotated[Mass, Positive]
+    inertia_xx: Annotated[Inertia, Positive]
+    inertia_yy: Annotated[Inertia, Positive]
+    inertia_zz: Annotated[Inertia, Positive]
+    inertia_matrix_element_13: Inertia = 0.0
+    center_of_gravity_x: Length = Field(default=0.0, description="forward")
+    center_of_gravity_z: Length = Field(default=0.0, description="down")
+
+    @model_validator(mode="after")
+    def _check(self) -> "MassPoint":
+        check_inertia(self)
+        return self
+
+
+def check_inertia(point: MassPoint) -> None:
+    """Refuse inertias that no rigid body has: raises :class:`Refusal`."""
+    xx, yy, zz, xz = point.inertia_xx, point.inertia_yy, point.inertia_zz, point.inertia_matrix_element_13
+    if min(xx, yy, zz) <= 0.0 or xz**2 >= xx * zz or max(xx, yy, zz) > (xx + yy + zz) / 2.0 * (1.0 + 1e-9):
+        raise Refusal(
+            f"inertias {xx:g}, {yy:g}, {zz:g}, {xz:g} kg m2 that no body has",
+            "none above the sum of the two others, and element 13 below the mean of xx and zz",
+        )
+
+
+class MassModel(StrictModel):
+    """Mass at the start of a flight and properties against mass: linear between the points, held outside."""
+
+    start: Annotated[Mass, Positive]
+    empty: Annotated[Mass, Positive] | None = Field(default=None, description="left out: no fuel is burnt")
+    points: tuple[MassPoint, ...] | None = Field(default=None, min_length=1, description="by rising mass")
+    file: File | None = Field(default=None, description="the points as CSV: mass_kg,inertia_xx_kg_m2,...")
+
+    @model_validator(mode="after")
+    def _check(self) -> "MassModel":
+        if (self.points is None) == (self.file is None):
+            raise Refusal("both points and a file" if self.points else "neither points nor a file", "one of them")
+        if self.empty is not None and self.empty > self.start:
+            raise Refusal(f"{self.empty:g} kg empty, more than at the start", f"at most {self.start:g} kg", ("empty",))
+        for i, (light, heavy) in enumerate(zip((self.points or ())[:-1], (self.points or ())[1:], strict=True)):
+            if heavy.mass <= light.mass:
+                raise Refusal(f"{heavy.mass:g} kg after {light.mass:g} kg", "rising masses", ("points", i + 1, "mass"))
+        return self
+
+
+class TableEntry(StrictModel):
+    """One table: a CSV file or a constant."""
+
+    file: File | None = None
+    constant: float | None = None
+    unit: str = Field(default="-", description="of the values, such as 1/deg, 1/rad, s, m2")
+    scale: float = Field(default=1.0, description="multiplies the values")
+    columns: dict[str, str] = Field(default_factory=dict, description="what its header does not say")
+
+    @model_validator(mode="after")
+    def _check(self) -> "TableEntry":
+        if (self.file is None) == (self.constant is None):
+            raise Refusal("both a file and a constant" if self.file else "neither file nor constant", "one of them")
+        if self.columns and self.file is None:
+            raise Refusal("columns of a constant", "columns of a file", ("columns",))
+        try:
+            parse_unit(self.unit)
+        except Refusal as refusal:
+            raise Refusal(refusal.found, refusal.wanted, ("unit",)) from None
+        return self
+
+
+class Term(StrictModel):
+    """A part of a coefficient: table, times a variable where one is named."""
+
+    table: str
+    times: str | None = None
+    scale: float = 1.0
+
+
+class Aerodynamics(StrictModel):
+    """Each coefficient is the sum of its terms."""
+
+    force_axes: Literal["stability", "wind"] = Field(
+        default="stability", description="of lift and drag; wind: drag opposes the velocity at any sideslip"
+    )
+    lift: tuple[Term, ...] = ()
+    drag: tuple[Term, ...] = ()
+    side_force: tuple[Term, ...] = ()
+    rolling_moment: tuple[Term, ...] = ()
+    pitching_moment: tuple[Term, ...] = ()
+    yawing_moment: tuple[Term, ...] = ()
+
+
+class Effector(StrictModel):
+    """Deflection of one surface per deflection of each axis."""
+
+    aileron: float = 0.0
+    rudder: float = 0.0
+    elevator: float = 0.0
+
+
+class Surfaces(StrictModel):
+    """Second-order actuators of the three axis deflections."""
+
+    bandwidth: Annotated[AngularRate, Positive]
+    damping: Annotated[float, Positive]
+    limit: Annotated[Angle, Positive]
+    rate_limit: Annotated[AngularRate, Positive]
+
+
+class ThrustLine(StrictModel):
+    """Where the thrust acts, from the moment reference."""
+
+    inclination: Angle = Field(default=0.0, description="upward")
+    offset: Length = Field(default=0.0, description="below the moment reference: positive pitches nose up")
+
+
+class _Propulsion(StrictModel):
+    specific_impulse: str = Field(description="table")
+    standard_gravity: Annotated[Acceleration, Positive] = Field(default=9.80665, description="of the specific impulse")
+    thrust_line: ThrustLine = ThrustLine()
+    equivalence_ratio: tuple[float, float] = Field(description="least and greatest")
+    bandwidth: Annotated[AngularRate, Positive]
+    damping: Annotated[float, Positive]
+    rate_limit: Annotated[Frequency, Positive]
+
+    @model_validator(mode="after")
+    def _check(self) -> "_Propulsion":
+        if not 0.0 <= self.equivalence_ratio[0] < self.equivalence_ratio[1]:
+            raise Refusal(f"{list(self.equivalence_ratio)}", "least and greatest, from 0 up", ("equivalence_ratio",))
+        return self
+
+
+class Capture(_Propulsion):
+    """T = stoichiometric ratio * eta * Isp * g0 * rho * V * capture area ratio * cowl area."""
+
+    kind: Literal["capture"]
+    stoichiometric_ratio: Annotated[Fraction, Positive] = Field(description="fuel to air")
+    cowl_area: Annotated[Area, Positive]
+    capture_area_ratio: str = Field(description="table")
+
+
+class ThrustArea(_Propulsion):
+    """T = dynamic pressure * thrust area."""
+
+    kind: Literal["thrust_area"]
+    thrust_area: str = Field(description="table")
+
+
+Propulsion = Annotated[
+    Annotated[Capture, Tag("capture")] | Annotated[ThrustArea, Tag("thrust_area")], Field(discriminator="kind")
+]
+
+
+class FlightLimits(StrictModel):
+    """Where a flight ends."""
+
+    angle_of_attack: tuple[Angle, Angle] = Field(description="least and greatest")
+    sideslip: Annotated[Angle, Positive] = Field(description="greatest, to either side")
+
+    @model_validator(mode="after")
+    def _check(self) -> "FlightLimits":
+        if self.angle_of_attack[0] >= self.angle_of_attack[1]:
+            raise Refusal("an empty range", "least and greatest", ("angle_of_attack",))
+        return self
+
+
+class VehicleDocument(StrictModel):
+    """A vehicle: its numbers, its tables and how its coefficients are built from them."""
+
+    name: str
+    description: str = ""
+    reference: Reference
+    mass: MassModel
+    surfaces: Surfaces | None = Field(default=None, description="left out: no control surfaces")
+    effectors: dict[str, Effector] = Field(default_factory=dict, max_length=4, description="mixed from the axes")
+    propulsion: Propulsion | None = Field(default=None, description="left out: no engine")
+    limits: FlightLimits | None = Field(default=None, description="left out: any attitude")
+    tables: dict[str, TableEntry] = Field(default_factory=dict)
+    aerodynamics: Aerodynamics = Aerodynamics()
+
+    def uses(self) -> list[tuple[str, str | None, tuple[str | int, ...]]]:
+        """Every use of a table: its name, what it is (a propulsion quantity or the ``times`` of a term), the place."""
+        found: list[tuple[str, str | None, tuple[str | int, ...]]] = []
+        for name in ("capture_area_ratio", "specific_impulse", "thrust_area"):
+            if table := getattr(self.propulsion, name, None):
+                found.append((table, name, ("propulsion", name)))
+        for coefficient in COEFFICIENTS:
+            for i, term in enumerate(getattr(self.aerodynamics, coefficient)):
+                found.append((term.table, term.times, ("aerodynamics", coefficient, i, "table")))
+        return found
+
+    @model_validator(mode="after")
+    def _check(self) -> "VehicleDocument":
+        for name in self.effectors:
+            if name in FACTORS or not name.isidentifier():
+                raise Refusal(f"an effector '{name}'", "a word that names no other variable", ("effectors", name))
+        factors = (*FACTORS, *self.effectors)
+        for table, quantity, place in self.uses():
+            if table not in self.tables:
+                raise Refusal(f"'{table}', which is no table of this file", one_of(self.tables, table), place)
+            if place[0] == "aerodynamics" and quantity is not None and quantity not in factors:
+                raise Refusal(f"times '{quantity}'", one_of(factors, quantity), (*place[:-1], "times"))
+            self._check_unit(table, quantity)
+        used = {table for table, _, _ in self.uses()}
+        for table in self.tables:
+            if table not in used:
+                raise Refusal(
+                    f"the table '{table}', which nothing uses", "a use of it, or none of it", ("tables", table)
+                )
+        return self
+
+    def _check_unit(self, table: str, quantity: str | None) -> None:
+        unit = self.tables[table].unit
+        wanted: tuple[Dimension, ...]
+        if quantity in _ANGLE_FACTORS or quantity in self.effectors:
+            wanted = (ANGLE,)
+        elif quantity in REDUCED_RATES:
+            wanted = (ANGLE, FRACTION)  # per radian
+        else:
+            wanted = ({"specific_impulse": TIME, "thrust_area": AREA}.get(quantity or "", FRACTION),)
+        sign = -1 if wanted[0] is ANGLE else 1
+        if parse_unit(unit)[1] not in [tuple(sign * e for e in dimension.exponents) for dimension in wanted]:
+            words = "1/deg or 1/rad" if wanted[0] is ANGLE else f"a unit like '{wanted[0].unit}'"
+            use = f"for {quantity}" if quantity else "for a whole part of a coefficient"
+            raise Refusal(f"a table in '{unit}' {use}", words, ("tables", table, "unit"))

@@ -1,0 +1,69 @@
+"""Look tables up and build coefficients with plain numpy: for host-side work, and to check the compiled look-up."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abhv_mc.vehicle.arrays import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Floats, Tables
+from abhv_mc.vehicle.model import Vehicle
+
+_AXIS_DEFLECTIONS = [VARIABLES.index(name) for name in ("aileron", "rudder", "elevator")]
+_FIRST_EFFECTOR = VARIABLES.index("effector_0")
+
+
+def make_variables(vehicle: Vehicle, **values: ArrayLike) -> Floats:
+    """Fill ``[variable, point]`` from named values (SI, radians) of equal or broadcastable shape.
+
+    What is not named is zero; ``one`` is one and the effectors follow from the three axis deflections.
+    """
+    shape = np.broadcast_shapes((1,), *(np.shape(value) for value in values.values()))
+    variables = np.zeros((len(VARIABLES), *shape))
+    variables[0] = 1.0
+    for name, value in values.items():
+        variables[VARIABLES.index(name)] = value
+    variables[_FIRST_EFFECTOR:] = np.tensordot(vehicle.effector_mix, variables[_AXIS_DEFLECTIONS], axes=1)
+    return variables
+
+
+def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
+    """Linear interpolation of every table, held at the edges: ``[row, point]`` from ``[variable, point]``.
+
+    Written as the weighted sum over the corners of a cell, unlike the compiled look-up that it checks.
+    """
+    rows = np.empty((tables.n_rows, *variables.shape[1:]))
+    for g in range(tables.group_start.size):
+        corners = [(np.ones(variables.shape[1:]), np.full(variables.shape[1:], tables.group_start[g]))]
+        for axis, stride in zip(tables.group_axis[g], tables.group_stride[g], strict=True):
+            if stride == 0:
+                continue
+            first, length = tables.axis_start[axis], tables.axis_length[axis]
+            grid = tables.grid[first : first + length]
+            x = np.clip(variables[tables.axis_variable[axis]], grid[0], grid[-1])
+            cell = np.clip(np.searchsorted(grid, x, side="right") - 1, 0, length - 2)
+            upper = (x - grid[cell]) / (grid[cell + 1] - grid[cell])
+            corners = [
+                (weight * share, node + (cell + side) * stride)
+                for weight, node in corners
+                for side, share in ((0, 1.0 - upper), (1, upper))
+            ]
+        for i in range(tables.group_width[g]):
+            rows[tables.group_row[g] + i] = sum(weight * tables.data[node + i] for weight, node in corners)
+    return rows
+
+
+def evaluate_coefficients(vehicle: Vehicle, variables: Floats, factors: Floats | None = None) -> Floats:
+    """The six COEFFICIENTS ``[coefficient, point]`` from ``[variable, point]``.
+
+    ``factors`` ``[parameter]`` or ``[parameter, point]`` multiplies the terms as the build-up says; None is nominal.
+    """
+    rows = evaluate_tables(vehicle.tables, variables)
+    coefficients = np.zeros((len(COEFFICIENTS), *variables.shape[1:]))
+    for coefficient, row, variable, factor in zip(*vehicle.build_up, strict=True):
+        term = rows[row] * variables[variable]
+        coefficients[coefficient] += term if factors is None else factors[factor] * term
+    return coefficients
+
+
+def evaluate_fixed(vehicle: Vehicle, variables: Floats) -> dict[str, Floats]:
+    """Propulsion, inertia and centre-of-gravity tables by their names in FIXED_TABLE_ROWS, each ``[point]``."""
+    rows = evaluate_tables(vehicle.tables, variables)
+    return {name: rows[row] for name, row in zip(FIXED_TABLE_ROWS, vehicle.tables.fixed_row, strict=True)}

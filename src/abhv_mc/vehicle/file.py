@@ -1,0 +1,198 @@
+"""Read a vehicle file and pack it: everything becomes SI and radians here."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.documents import Document, Refusal, read_document, validate
+from abhv_mc.input_error import one_of
+from abhv_mc.units import parse_unit
+from abhv_mc.vehicle.arrays import COEFFICIENTS, VARIABLES, BuildUp
+from abhv_mc.vehicle.document import AXIS_DEFLECTIONS, REDUCED_RATES, Capture, MassPoint, VehicleDocument, check_inertia
+from abhv_mc.vehicle.model import Constants, Vehicle
+from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
+from abhv_mc.vehicle.table_file import parse_role, read_rows, read_table
+
+N_EFFECTORS = 4
+
+
+@dataclass(frozen=True)
+class VehicleFile:
+    """A vehicle file with everything it refers to, checked."""
+
+    path: Path
+    content: VehicleDocument
+    tables: Mapping[str, Table]  # SI and radians
+    mass_points: tuple[MassPoint, ...]
+    files: tuple[Path, ...]  # the YAML file first, then each table file once
+
+
+def read_vehicle_file(path: str | Path) -> VehicleFile:
+    """Read and check a vehicle file and its tables. Raises :class:`abhv_mc.documents.InputError`."""
+    document = read_document(path)
+    content = validate(document, VehicleDocument)
+    effectors = tuple(content.effectors)
+    tables = {}
+    for name, entry in content.tables.items():
+        roles = {}
+        for column, text in entry.columns.items():
+            try:
+                roles[column] = parse_role(text, effectors)
+            except Refusal as refusal:
+                raise document.error(("tables", name, "columns", column), refusal.found, refusal.wanted) from None
+        if entry.file is not None:
+            table = read_table(entry.file, roles, effectors)
+        else:
+            table = make_constant(entry.constant or 0.0)
+        tables[name] = table.scaled(parse_unit(entry.unit)[0] * entry.scale)
+    points = content.mass.points or read_mass_points(content.mass.file or Path())
+    _check_mass(document, content, points)
+    files = [entry.file for entry in content.tables.values() if entry.file]
+    files += [content.mass.file] if content.mass.file else []
+    return VehicleFile(document.path, content, tables, tuple(points), (document.path, *dict.fromkeys(files)))
+
+
+def read_mass_points(path: Path) -> list[MassPoint]:
+    """Mass properties from CSV with columns such as ``mass_kg`` and ``inertia_xx_kg_m2``. Raises InputError."""
+    rows = read_rows(path)
+    columns: dict[str, np.ndarray] = {}
+    for i, header in enumerate(rows.header):
+        name = next((field for field in MassPoint.model_fields if header.startswith(f"{field}_")), None)
+        known = one_of((f"{field}_UNIT" for field in MassPoint.model_fields), header)
+        if name is None or name in columns:
+            raise rows.error(None, i, f"the column '{header}'", f"{known}, each once")
+        dimension = "kg" if name == "mass" else "m" if name.startswith("center") else "kg m2"
+        unit = header.removeprefix(f"{name}_").replace("_", " ")
+        try:
+            factor, exponents = parse_unit(unit)
+        except Refusal as refusal:
+            raise rows.error(None, i, refusal.found, refusal.wanted) from None
+        if exponents != parse_unit(dimension)[1]:
+            raise rows.error(None, i, f"{name} in '{unit}'", f"a unit like '{dimension}'")
+        columns[name] = rows.numbers(i) * factor
+    for name, field in MassPoint.model_fields.items():
+        if field.is_required() and name not in columns:
+            raise rows.error(None, None, f"no column of {name}", "mass and the three moments of inertia")
+    points: list[MassPoint] = []
+    for row in range(len(rows.cells)):
+        values = {name: float(column[row]) for name, column in columns.items()}
+        if values["mass"] <= (points[-1].mass if points else 0.0):
+            raise rows.error(row, None, f"a mass of {values['mass']:g} kg", "rising masses above 0")
+        point = MassPoint.model_construct(None, **values)
+        try:
+            check_inertia(point)
+        except Refusal as refusal:
+            raise rows.error(row, None, refusal.found, refusal.wanted) from None
+        points.append(point)
+    return points
+
+
+def _check_mass(document: Document, content: VehicleDocument, points: Sequence[MassPoint]) -> None:
+    if len(points) > 1 and not points[0].mass <= content.mass.start <= points[-1].mass:
+        found = f"{content.mass.start:g} kg at the start"
+        wanted = f"{points[0].mass:g} to {points[-1].mass:g} kg, where the mass properties are given"
+        raise document.error(("mass", "start"), found, wanted)
+
+
+def read_vehicle(path: str | Path, factor_index: Mapping[str, int]) -> Vehicle:
+    """Read and pack a vehicle. ``factor_index`` gives the parameter of a name such as ``aero.lift.elevator``.
+
+    Raises :class:`abhv_mc.documents.InputError` for anything wrong with the file or its tables.
+    """
+    return pack_vehicle(read_vehicle_file(path), factor_index)
+
+
+def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
+    """The packed vehicle of a file; ``factor_index`` as in :func:`read_vehicle`."""
+    content = file.content
+    entries: list[Table] = []
+    entry_of: dict[tuple[str, float], int] = {}
+
+    def use(name: str, scale: float = 1.0) -> int:
+        """Number of a table among the entries; a table that many terms use stands there once."""
+        if (name, scale) not in entry_of:
+            entry_of[name, scale] = len(entries)
+            entries.append(file.tables[name].scaled(scale))
+        return entry_of[name, scale]
+
+    terms = []  # coefficient, entry, variable, factor
+    for c, coefficient in enumerate(COEFFICIENTS):
+        for term in getattr(content.aerodynamics, coefficient):
+            variable = _variable(term.times, tuple(content.effectors))
+            factor = factor_index.get(f"aero.{coefficient}.{term.times}", 0)
+            terms.append((c, use(term.table, term.scale), VARIABLES.index(variable), factor))
+    fixed = {}
+    for name in ("capture_area_ratio", "specific_impulse", "thrust_area"):
+        if table := getattr(content.propulsion, name, None):
+            fixed[name] = use(table)
+    for name, table in _mass_tables(file.mass_points).items():
+        fixed[name] = len(entries)
+        entries.append(table)
+
+    tables, rows = pack_tables(entries, fixed)
+    columns = np.array(terms, dtype=np.int64).reshape(-1, 4).T
+    build_up = BuildUp(columns[0].copy(), rows[columns[1]], columns[2].copy(), columns[3].copy())
+    return Vehicle(_make_constants(content), tables, build_up, _effector_mix(content))
+
+
+def _variable(times: str | None, effectors: tuple[str, ...]) -> str:
+    if times is None:
+        return "one"
+    if times in REDUCED_RATES:
+        return f"{times}_hat"
+    return f"effector_{effectors.index(times)}" if times in effectors else times
+
+
+def _mass_tables(points: tuple[MassPoint, ...]) -> dict[str, Table]:
+    fields = {name: name for name in ("inertia_xx", "inertia_yy", "inertia_zz")}
+    fields["inertia_13"] = "inertia_matrix_element_13"
+    fields |= {name: name for name in ("center_of_gravity_x", "center_of_gravity_z")}
+    if len(points) == 1:
+        return {name: make_constant(getattr(points[0], field)) for name, field in fields.items()}
+    axis = Axis(VARIABLES.index("mass"), np.array([point.mass for point in points]))
+    values = {name: np.array([getattr(point, field) for point in points]) for name, field in fields.items()}
+    return {name: Table((axis,), column) for name, column in values.items()}
+
+
+def _effector_mix(content: VehicleDocument) -> np.ndarray:
+    mix = np.zeros((N_EFFECTORS, len(AXIS_DEFLECTIONS)))
+    for i, effector in enumerate(content.effectors.values()):
+        mix[i] = [getattr(effector, axis) for axis in AXIS_DEFLECTIONS]
+    return mix
+
+
+def _make_constants(content: VehicleDocument) -> Constants:
+    """The vehicle's numbers; what it does not have is there, at rest and of no effect."""
+    engine, surfaces, limits = content.propulsion, content.surfaces, content.limits
+    capture = engine if isinstance(engine, Capture) else None
+    eta_min, eta_max = engine.equivalence_ratio if engine else (0.0, 0.0)
+    alpha_min, alpha_max = limits.angle_of_attack if limits else (-math.pi, math.pi)
+    inclination = engine.thrust_line.inclination if engine else 0.0
+    return Constants(
+        area=content.reference.area,
+        span=content.reference.span,
+        chord=content.reference.chord,
+        capture_thrust=capture.stoichiometric_ratio * capture.cowl_area * capture.standard_gravity if capture else 0.0,
+        standard_gravity=engine.standard_gravity if engine else 9.80665,
+        thrust_cos=math.cos(inclination),
+        thrust_sin=math.sin(inclination),
+        thrust_offset_z=engine.thrust_line.offset if engine else 0.0,
+        mass_start=content.mass.start,
+        mass_empty=content.mass.start if content.mass.empty is None else content.mass.empty,
+        surface_bandwidth=surfaces.bandwidth if surfaces else 1.0,
+        surface_damping=surfaces.damping if surfaces else 1.0,
+        surface_limit=surfaces.limit if surfaces else 0.0,
+        surface_rate_limit=surfaces.rate_limit if surfaces else 0.0,
+        engine_bandwidth=engine.bandwidth if engine else 1.0,
+        engine_damping=engine.damping if engine else 1.0,
+        equivalence_ratio_min=eta_min,
+        equivalence_ratio_max=eta_max,
+        engine_rate_limit=engine.rate_limit if engine else 0.0,
+        angle_of_attack_min=alpha_min,
+        angle_of_attack_max=alpha_max,
+        sideslip_max=limits.sideslip if limits else math.pi,
+        drag_in_wind_axes=1.0 if content.aerodynamics.force_axes == "wind" else 0.0,
+    )

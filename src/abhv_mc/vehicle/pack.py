@@ -1,0 +1,121 @@
+"""Lay a vehicle's tables out as the arrays of :mod:`abhv_mc.vehicle.arrays`."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from abhv_mc.vehicle.arrays import CHUNK, FIXED_TABLE_ROWS, MAX_DIMENSIONS, VARIABLES, Floats, Ints, Tables
+
+# What a vehicle without such a table has: no thrust, no offset, and an impulse that fuel flow may be divided by.
+_ABSENT = {name: 1.0 if name == "specific_impulse" else 0.0 for name in FIXED_TABLE_ROWS}
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of a table."""
+
+    variable: int  # index into VARIABLES
+    grid: Floats  # [node] strictly increasing, SI and radians, at least two nodes
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table over one to three axes, or a constant over none."""
+
+    axes: tuple[Axis, ...]
+    values: Floats  # [node of axis 0, node of axis 1, ...]
+
+    def ordered(self) -> "Table":
+        """The same table with its axes in the order of VARIABLES, so that equal axes meet in one group."""
+        order = sorted(range(len(self.axes)), key=lambda d: self.axes[d].variable)
+        return Table(tuple(self.axes[d] for d in order), np.transpose(self.values, order))
+
+    def scaled(self, factor: float) -> "Table":
+        """The same table with every value multiplied."""
+        return Table(self.axes, self.values * factor)
+
+
+def make_constant(value: float) -> Table:
+    """A table that is ``value`` everywhere."""
+    return Table((), np.asarray(value, dtype=np.float64))
+
+
+def _key(table: Table) -> tuple[tuple[int, bytes], ...]:
+    return tuple((axis.variable, axis.grid.tobytes()) for axis in table.axes)
+
+
+def _spread(table: Table, axes: tuple[Axis, ...]) -> Table:
+    """A constant spread over the axes of others."""
+    return Table(axes, np.full([axis.grid.size for axis in axes], float(table.values)))
+
+
+def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tables, Ints]:
+    """Group tables of equal axes and lay each group's tables side by side in every node.
+
+    ``fixed`` names the entry of ``tables`` that is each of FIXED_TABLE_ROWS; a missing one becomes a constant
+    (zero; one for the specific impulse). Returns the packed tables and the row of each entry of ``tables``.
+    Constants ride with the first one-dimensional group, so that they cost no look-up of their own.
+    """
+    everything = [table.ordered() for table in tables]
+    entry_of = dict(fixed)
+    constants: dict[float, int] = {}
+    for name in FIXED_TABLE_ROWS:
+        if name not in entry_of:
+            value = _ABSENT[name]
+            if value not in constants:
+                constants[value] = len(everything)
+                everything.append(make_constant(value))
+            entry_of[name] = constants[value]
+    carrier = next(
+        (table.axes for table in everything if len(table.axes) == 1),
+        (Axis(VARIABLES.index("one"), np.array([0.0, 2.0])),),
+    )
+    everything = [table if table.axes else _spread(table, carrier) for table in everything]
+
+    members: dict[tuple[tuple[int, bytes], ...], list[int]] = {}
+    for entry, table in enumerate(everything):
+        members.setdefault(_key(table), []).append(entry)
+
+    axes: dict[tuple[int, bytes], Axis] = {}
+    for table in everything:
+        for axis, axis_key in zip(table.axes, _key(table), strict=True):
+            axes.setdefault(axis_key, axis)
+    axis_number = {axis_key: i for i, axis_key in enumerate(axes)}
+    lengths = np.array([axis.grid.size for axis in axes.values()], dtype=np.int64)
+
+    n_groups = len(members)
+    dimensions, start, width, first_row = (np.zeros(n_groups, dtype=np.int64) for _ in range(4))
+    group_axis, stride = (np.zeros((n_groups, MAX_DIMENSIONS), dtype=np.int64) for _ in range(2))
+    rows = np.zeros(len(everything), dtype=np.int64)
+    blocks: list[Floats] = []
+    for g, (group_key, entries) in enumerate(members.items()):
+        dimensions[g] = max(2, len(group_key))
+        width[g] = -(-len(entries) // CHUNK) * CHUNK
+        block = np.zeros((*everything[entries[0]].values.shape, width[g]))
+        block[..., : len(entries)] = np.stack([everything[entry].values for entry in entries], axis=-1)
+        first_row[g] = width[:g].sum()
+        start[g] = sum(earlier.size for earlier in blocks)
+        for d, axis_key in enumerate(group_key):
+            group_axis[g, d] = axis_number[axis_key]
+            stride[g, d] = int(np.prod(block.shape[d + 1 :]))
+        rows[entries] = first_row[g] + np.arange(len(entries))
+        blocks.append(block.ravel())
+
+    packed = Tables(
+        axis_variable=np.array([axis.variable for axis in axes.values()], dtype=np.int64),
+        axis_start=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
+        axis_length=lengths,
+        grid=np.concatenate([axis.grid for axis in axes.values()]),
+        inverse_step=np.concatenate([np.append(1.0 / np.diff(axis.grid), 0.0) for axis in axes.values()]),
+        group_dimensions=dimensions,
+        group_axis=group_axis,
+        group_stride=stride,
+        group_start=start,
+        group_width=width,
+        group_row=first_row,
+        data=np.concatenate(blocks),
+        fixed_row=np.array([rows[entry_of[name]] for name in FIXED_TABLE_ROWS], dtype=np.int64),
+        n_rows=int(width.sum()),
+    )
+    return packed, rows[: len(tables)]

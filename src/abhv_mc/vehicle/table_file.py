@@ -1,0 +1,226 @@
+"""Read a table from tidy CSV: one row per grid point, the axis columns and one column of values.
+
+A header names the variable and its unit (``mach,alpha_deg,value``); a vehicle file may say it instead. Rows are
+sorted, first axis slowest, and every combination of the axes is there once. Lines that start with ``#`` are comments.
+"""
+
+import itertools
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.input_error import InputError, Refusal, one_of
+from abhv_mc.units import ANGLE, LENGTH, MASS, parse_unit
+from abhv_mc.vehicle.arrays import MAX_DIMENSIONS, VARIABLES, Floats
+from abhv_mc.vehicle.pack import Axis, Table
+
+VALUE, IGNORE = "value", "ignore"
+
+ALIASES = {
+    "alpha": "angle_of_attack",
+    "beta": "sideslip",
+    "phi": "equivalence_ratio",
+    "throttle": "equivalence_ratio",
+}
+_ANGLES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
+_DIMENSIONS = {"altitude": LENGTH, "mass": MASS} | dict.fromkeys(_ANGLES, ANGLE)
+_PLAIN = ("mach", "equivalence_ratio")
+# Wider than any vehicle: what lies outside is a mistaken unit or column. SI and radians.
+_PLAUSIBLE = {
+    "mach": (0.0, 50.0),
+    "equivalence_ratio": (0.0, 20.0),
+    "altitude": (-1e3, 2e5),
+    "mass": (1e-3, 1e7),
+    "angle": (-math.pi, math.pi),
+}
+_NARROWEST_ANGLE_DEG = 1.0  # a degree axis narrower than this holds radians
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Role:
+    """What a column is: a variable or effector with its unit, the values, or nothing of ours."""
+
+    name: str
+    unit: str | None = None
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A CSV file as text, with the places of its rows."""
+
+    path: Path
+    header: list[str]
+    header_line: int
+    cells: list[list[str]]  # [row][column]
+    lines: list[int]  # [row] from 1
+
+    def error(self, row: int | None, column: int | None, found: str, wanted: str) -> InputError:
+        """What to raise about a cell; ``row`` None is the header, ``column`` None the whole line."""
+        line, texts = (self.header_line, self.header) if row is None else (self.lines[row], self.cells[row])
+        place = None if column is None else 1 + sum(len(text) + 1 for text in texts[:column])
+        return InputError(self.path, line, place, found, wanted)
+
+    def numbers(self, column: int) -> Floats:
+        """One column as finite numbers ``[row]``. Raises :class:`InputError`."""
+        out = np.empty(len(self.cells))
+        for row, cells in enumerate(self.cells):
+            text = cells[column].strip()
+            out[row] = float(text) if _NUMBER.fullmatch(text) else math.nan
+            if not math.isfinite(out[row]):
+                raise self.error(row, column, f"'{text}'" if text else "an empty cell", "a finite number")
+        return out
+
+
+def read_rows(path: Path) -> Rows:
+    """Split a CSV file into cells of equal count. Raises :class:`InputError`."""
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise InputError(path, None, None, f"a file that cannot be read ({error.strerror})", "a CSV file") from None
+    except UnicodeDecodeError:
+        raise InputError(path, None, None, "bytes that are not UTF-8 text", "a CSV file") from None
+    numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
+    if len(numbered) < 2:
+        raise InputError(path, 1, None, "no rows", "a header and rows of numbers")
+    header_line, header = numbered[0][0], [name.strip() for name in numbered[0][1].split(",")]
+    rows = Rows(path, header, header_line, [line.split(",") for _, line in numbered[1:]], [i for i, _ in numbered[1:]])
+    for row, cells in enumerate(rows.cells):
+        if len(cells) != len(header):
+            raise rows.error(row, None, f"{len(cells)} cells", f"{len(header)}, as in the header")
+    return rows
+
+
+def parse_role(text: str, effectors: Sequence[str] = ()) -> Role:
+    """The role of a column from words such as ``angle_of_attack deg``, ``mach``, ``value``. Raises Refusal."""
+    name, _, unit = text.strip().partition(" ")
+    name = ALIASES.get(name, name)
+    known = (*_PLAIN, *_DIMENSIONS, *effectors)
+    if name in (VALUE, IGNORE) and not unit:
+        return Role(name)
+    if name not in known:
+        raise Refusal(f"'{text}'", f"{one_of((*known, VALUE, IGNORE), name)}, with a unit where it has one")
+    return Role(name, unit.strip() or None)
+
+
+def _role_of_header(column: str, effectors: Sequence[str]) -> Role | None:
+    """The role that a column's own name gives it, if any."""
+    stem, _, suffix = column.rpartition("_")
+    for text in (column, f"{stem} {suffix}"):
+        try:
+            return parse_role(text, effectors)
+        except Refusal:
+            continue
+    return None
+
+
+def _unit_factor(rows: Rows, column: int, role: Role, header_unit: str | None) -> float:
+    """Factor to SI of an axis, whose unit the header or the vehicle file gives."""
+    dimension = _DIMENSIONS.get(role.name) or (None if role.name in _PLAIN else ANGLE)
+    if role.unit and header_unit and parse_unit(role.unit) != parse_unit(header_unit):
+        found = f"'{rows.header[column]}', while the vehicle file says {role.name} in {role.unit}"
+        raise rows.error(None, column, found, "one unit")
+    unit = role.unit or header_unit
+    wanted = f"{role.name} " + (f"in units of {dimension.name}, such as {dimension.unit}" if dimension else "alone")
+    if (unit is None) != (dimension is None):
+        found = f"'{rows.header[column]}' " + ("without a unit" if unit is None else f"in '{unit}'")
+        raise rows.error(None, column, found, wanted)
+    if unit is None or dimension is None:
+        return 1.0
+    try:
+        factor, exponents = parse_unit(unit)
+    except Refusal as refusal:
+        raise rows.error(None, column, refusal.found, wanted) from None
+    if exponents != dimension.exponents:
+        raise rows.error(None, column, f"'{rows.header[column]}' in '{unit}'", wanted)
+    return factor
+
+
+def _check_plausible(rows: Rows, column: int, role: Role, numbers: Floats, factor: float, *, said: bool) -> None:
+    low, high = _PLAUSIBLE[role.name if role.name in _PLAUSIBLE else "angle"]
+    outside = np.flatnonzero((numbers * factor < low) | (numbers * factor > high * (1.0 + 1e-12)))
+    if outside.size:
+        row = int(outside[0])
+        text = rows.cells[row][column].strip()
+        wanted = f"{low / factor:.6g} to {high / factor:.6g}: is it in another unit than '{rows.header[column]}' says?"
+        raise rows.error(row, column, f"{role.name} {text}", wanted)
+    if factor == math.radians(1.0) and not said and np.ptp(numbers) < _NARROWEST_ANGLE_DEG:
+        found = f"{role.name} in degrees over {np.ptp(numbers):g} degrees only"
+        wanted = f"degrees (if they are, say '{rows.header[column]}: {role.name} deg' under columns)"
+        raise rows.error(0, column, found, wanted)
+
+
+def _grid(rows: Rows, columns: Sequence[int], points: Floats) -> list[Floats]:
+    """The grids of the axes from ``points[row, axis]``, which must be sorted and complete."""
+    names = [rows.header[column] for column in columns]
+    for row in range(1, len(points)):
+        step = np.flatnonzero(points[row] != points[row - 1])
+        if step.size == 0:
+            raise rows.error(row, None, "the same point a second time", "each point once")
+        axis = step[0]
+        if points[row, axis] < points[row - 1, axis]:
+            found = f"{names[axis]} falling from {points[row - 1, axis]:g} to {points[row, axis]:g}"
+            raise rows.error(row, columns[axis], found, "rising axes, the first column slowest")
+    grids = [np.unique(points[:, axis]) for axis in range(len(columns))]
+    for column, grid in zip(columns, grids, strict=True):
+        if grid.size < 2:
+            raise rows.error(0, column, f"one value of {rows.header[column]}", "an axis of at least two")
+    for row, point in enumerate(itertools.product(*grids)):
+        if row == len(points) or tuple(points[row]) != point:
+            words = ", ".join(f"{name} {x:g}" for name, x in zip(names, point, strict=True))
+            raise rows.error(min(row, len(points) - 1), None, f"a hole in the grid before here: no row for {words}",
+                             "every combination of the axes")  # fmt: skip
+    return grids
+
+
+def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str] = ()) -> Table:
+    """Read one table; axes in SI and radians, values as they stand.
+
+    ``columns`` says what a column is where its header does not; ``effectors`` are the vehicle's own surfaces, in
+    the order of ``effector_0`` and so on. Raises :class:`InputError` with line and column.
+    """
+    rows = read_rows(path)
+    for name in columns:
+        if name not in rows.header:
+            raise rows.error(None, None, f"no column '{name}', which the vehicle file describes", one_of(rows.header))
+    roles: dict[str, tuple[int, Role]] = {}
+    for i, name in enumerate(rows.header):
+        own = _role_of_header(name, effectors)
+        role = columns.get(name) or own
+        if role is None:
+            wanted = "mach, alpha_deg, value, ... (or say what it is under columns in the vehicle file)"
+            raise rows.error(None, i, f"the column '{name}'", wanted)
+        if role.name == IGNORE:
+            continue
+        if role.name in roles:
+            raise rows.error(None, i, f"a second column of {role.name}", "one")
+        roles[role.name] = (i, role)
+    if VALUE not in roles:
+        raise rows.error(None, None, "no column 'value'", "one (or say which it is under columns)")
+    values = rows.numbers(roles.pop(VALUE)[0])
+    if not 1 <= len(roles) <= MAX_DIMENSIONS:
+        raise rows.error(None, None, f"{len(roles)} axes", f"1 to {MAX_DIMENSIONS}")
+
+    numbers, factors = [], []
+    for i, role in roles.values():
+        suffix = rows.header[i].rpartition("_")[2]
+        own = _role_of_header(rows.header[i], effectors)
+        header_unit = own.unit if own else (suffix if suffix in ("deg", "rad") else None)
+        factors.append(_unit_factor(rows, i, role, header_unit))
+        numbers.append(rows.numbers(i))
+        said = rows.header[i] in columns and columns[rows.header[i]].unit is not None
+        _check_plausible(rows, i, role, numbers[-1], factors[-1], said=said)
+    grids = _grid(rows, [i for i, _ in roles.values()], np.stack(numbers, axis=1))
+    axes = tuple(
+        Axis(VARIABLES.index(_variable(name, effectors)), grid * factor)
+        for name, grid, factor in zip(roles, grids, factors, strict=True)
+    )
+    return Table(axes, values.reshape([grid.size for grid in grids]))
+
+
+def _variable(name: str, effectors: Sequence[str]) -> str:
+    return f"effector_{effectors.index(name)}" if name in effectors else name
