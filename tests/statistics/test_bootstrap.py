@@ -50,7 +50,7 @@ def test_both_infinite_is_no_difference():
 
 
 def test_replicates_fall_with_size():
-    assert replicates_for(1000) == 2000
+    assert replicates_for(1000) == 1000
     assert replicates_for(100_000) == 200
     with pytest.raises(ValueError, match="at least one"):
         PairedBootstrap(0)

@@ -10,8 +10,8 @@ _CELLS = 4_000_000  # counts held at a time in cumulative form
 
 
 def replicates_for(flights: int) -> int:
-    """How many resamples are worth their time: 2000 for small campaigns, never under 200."""
-    return int(np.clip(4_000_000 // max(flights, 1), 200, 2000))
+    """How many resamples are worth their time: 1000 for small campaigns, never under 200."""
+    return int(np.clip(2_000_000 // max(flights, 1), 200, 1000))
 
 
 class PairedBootstrap:

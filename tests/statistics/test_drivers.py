@@ -1,0 +1,106 @@
+"""Planted drivers are found among idle ones, and none is found where there is none."""
+
+import numpy as np
+import pytest
+from scipy.stats import rankdata
+
+from abhv_mc.statistics.drivers import rank_drivers
+from abhv_mc.statistics.failure_drivers import find_rules
+
+IDLE, FLIGHTS = 30, 400
+
+
+def _inputs(seed):
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, (FLIGHTS, IDLE + 2))
+
+
+def test_coefficients_are_those_of_least_squares_on_ranks():
+    draw = np.random.default_rng(11)
+    inputs = draw.normal(size=(200, 3))
+    output = inputs @ [2.0, -1.0, 0.0] + draw.normal(size=200)
+    found = rank_drivers(inputs, output[:, None])
+    x, y = rankdata(inputs, axis=0), rankdata(output)
+    x, y = (x - x.mean(0)) / x.std(0), (y - y.mean()) / y.std()
+    slopes = np.linalg.lstsq(x, y, rcond=None)[0]
+    assert found.srrc[:, 0] == pytest.approx(slopes, abs=1e-12)
+    for j in range(3):  # partial correlation: correlate what the others leave of both
+        others = np.delete(x, j, axis=1)
+        rest_x = x[:, j] - others @ np.linalg.lstsq(others, x[:, j], rcond=None)[0]
+        rest_y = y - others @ np.linalg.lstsq(others, y, rcond=None)[0]
+        assert found.prcc[j, 0] == pytest.approx(np.corrcoef(rest_x, rest_y)[0, 1], abs=1e-12)
+        assert found.prcc_low[j, 0] < found.prcc[j, 0] < found.prcc_high[j, 0]
+    assert found.explained[0] == pytest.approx(1.0 - np.mean((y - x @ slopes) ** 2), abs=1e-12)
+
+
+def test_planted_drivers_among_thirty_idle_in_95_of_100_seeds():
+    exact = missed = 0
+    for seed in range(100):
+        inputs = _inputs(seed)
+        noise = np.random.default_rng(1000 + seed).normal(size=FLIGHTS)
+        output = np.exp(inputs[:, 3]) - 0.8 * inputs[:, 17] + 0.5 * noise
+        found = np.flatnonzero(rank_drivers(inputs, output[:, None], replicates=2).found[:, 0])
+        missed += not {3, 17} <= set(found)
+        exact += set(found) == {3, 17}
+    assert missed <= 5
+    assert exact >= 95
+
+
+def test_no_driver_where_there_is_none():
+    false_alarms = 0
+    for seed in range(100):
+        noise = np.random.default_rng(2000 + seed).normal(size=(FLIGHTS, 1))
+        false_alarms += rank_drivers(_inputs(seed), noise, replicates=2).found.any()
+    assert false_alarms <= 5
+
+
+def test_constant_output_and_input_are_not_judged():
+    inputs = np.column_stack([np.linspace(0.0, 1.0, 50), np.ones(50)])
+    found = rank_drivers(inputs, np.column_stack([np.zeros(50), np.linspace(0.0, 1.0, 50) ** 3]))
+    assert np.isnan(found.srrc[:, 0]).all()
+    assert found.srrc[0, 1] == pytest.approx(1.0)
+    assert not found.found[1].any()
+
+
+def test_too_few_flights_for_the_inputs():
+    assert rank_drivers(np.zeros((12, 5)), np.zeros((12, 1))) is None
+
+
+def _corner(inputs, chance, seed):
+    draw = np.random.default_rng(seed).random(FLIGHTS)
+    return (inputs[:, 4] > 0.4) & (inputs[:, 9] < -0.2) & (draw < chance)
+
+
+def test_a_corner_of_two_inputs_is_found_in_95_of_100_seeds():
+    found = 0
+    for seed in range(100):
+        inputs = _inputs(seed)
+        rules = find_rules(inputs, _corner(inputs, 0.9, 3000 + seed))
+        best = {(c.input, c.above) for c in rules[0].conditions} if rules else set()
+        pairs = {frozenset(c.input for c in rule.conditions) for rule in rules}
+        idle = any(not set(pair) <= {4, 9} for pair in pairs)
+        found += frozenset({4, 9}) in pairs and best <= {(4, True), (9, False)} and not idle
+    assert found >= 95
+
+
+def test_no_rule_where_failures_fall_at_random():
+    false_alarms = 0
+    for seed in range(100):
+        failed = np.random.default_rng(4000 + seed).random(FLIGHTS) < 0.1
+        false_alarms += bool(find_rules(_inputs(seed), failed))
+    assert false_alarms <= 5
+
+
+def test_a_rule_counts_what_it_says():
+    inputs = np.column_stack([np.arange(200.0), np.random.default_rng(1).random(200)])
+    (rule,) = find_rules(inputs, inputs[:, 0] > 179.1)
+    (condition,) = rule.conditions
+    assert condition.input == 0
+    assert condition.above
+    assert condition.threshold == pytest.approx(179.1)
+    assert (rule.failures_inside, rule.failures, rule.others_inside, rule.others) == (20, 20, 0, 180)
+
+
+def test_few_failures_give_no_rule():
+    failed = np.zeros(FLIGHTS, dtype=bool)
+    failed[:4] = True
+    assert find_rules(_inputs(0), failed) == []
