@@ -1,7 +1,19 @@
-"""Settings of every test."""
+"""What every test relies on."""
 
+from pathlib import Path
+
+import matplotlib
+import pytest
 from hypothesis import settings
 
-# The first call of a compiled function compiles it: no deadlines.
-settings.register_profile("compiled", deadline=None)
-settings.load_profile("compiled")
+matplotlib.use("Agg")
+
+# The same examples in each run: a suite that fails now and then teaches people to run it again.
+settings.register_profile("repeatable", deadline=None, derandomize=True, print_blob=True)
+settings.load_profile("repeatable")
+
+
+@pytest.fixture(scope="session")
+def repository() -> Path:
+    """The checkout's root."""
+    return Path(__file__).parents[1]

@@ -104,6 +104,8 @@ class _Builder:
                 self.refuse(key_node, f"the key '{key}' again", f"it once (it is in line {line} too)")
             self.keys[place] = _start(key_node)
             result[key] = self.build(value_node, place)
+            if value_node.start_mark.index == value_node.end_mark.index:  # nothing there; the mark is in a later line
+                self.values[place] = self.keys[place]
         return result
 
     def scalar(self, node: ScalarNode, tag: str) -> str | int | float | bool | None:

@@ -5,6 +5,7 @@ YAML 1.2, mappings with text keys only; no tags, no objects, no duplicate keys. 
 """
 
 import difflib
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,7 +38,7 @@ __all__ = [
     "write_document",
 ]
 
-M = TypeVar("M", bound="StrictModel")
+M = TypeVar("M", bound=BaseModel)
 Key = str | int
 
 
@@ -94,9 +95,9 @@ def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = None  # innermost lists and mappings on one line
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-    yaml.allow_unicode = True
-    yaml.width = 110
-    with open(path, "w", encoding="utf-8") as file:
+    yaml.allow_unicode = False  # some line ends are not ASCII
+    yaml.width = sys.maxsize  # ruamel folds some long texts so that they read back changed
+    with Path(path).open("w", encoding="utf-8") as file:
         file.writelines(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
         yaml.dump(data, file)
 

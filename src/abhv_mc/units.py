@@ -50,7 +50,7 @@ _UNITS: dict[str, tuple[float, Exponents]] = {
     "Pa": (1.0, (-1, 1, -2, 0)),
     "kPa": (1e3, (-1, 1, -2, 0)),
 }
-_SPELLINGS = {"°": "deg", "²": "2", "³": "3", "·": " ", "*": " ", "−": "-"}
+_SPELLINGS = {"°": "deg", "²": "2", "³": "3", "·": " ", "*": " "}
 
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(.*)", re.DOTALL)
 _FACTOR = re.compile(r"\s*(/?)\s*([A-Za-z]+|%)(?:\^?(-?\d{1,2})(?!\d))?")
@@ -67,6 +67,7 @@ class Dimension:
 
     @property
     def wanted(self) -> str:
+        """The words for a refusal."""
         return f"{self.name} such as '{self.example}'"
 
 
@@ -130,7 +131,7 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
         bare_unit = "-"
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
         raise Refusal(describe(text), dimension.wanted)
-    match = _NUMBER.fullmatch(str(text).strip())
+    match = _NUMBER.fullmatch(str(text).strip().replace("\N{MINUS SIGN}", "-"))
     if match is None:
         raise Refusal(describe(text), dimension.wanted)
     number, unit = float(match.group(1)), match.group(2).strip()

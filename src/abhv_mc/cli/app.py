@@ -1,0 +1,60 @@
+"""The command line's frame: which commands there are, and how an error leaves.
+
+A command lives in ``cli/<command>.py`` as a function ``command`` (or, with commands of its own, a ``typer.Typer``
+called ``app``) and is named here. Python takes ``cli/<command>.py`` in at every start: it imports what is heavy
+inside its function.
+"""
+
+import sys
+from importlib import import_module
+
+import typer
+
+from abhv_mc import __version__
+from abhv_mc.cli.errors import exit_code_of
+
+_COMMANDS = {
+    "Look": ("version",),
+}
+
+app = typer.Typer(
+    name="abhv-mc",
+    help="Monte Carlo dispersion analysis of a six-degree-of-freedom air-breathing hypersonic vehicle.",
+    epilog="Exit codes: 0 done; 1 done, but a requirement or a verification failed; 2 bad input; "
+    "3 interrupted or incomplete, and the same command resumes.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"abhv-mc {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: bool = typer.Option(
+        False, "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+    ),
+) -> None:
+    pass
+
+
+for _panel, _names in _COMMANDS.items():
+    for _name in _names:
+        _module = import_module(f"abhv_mc.cli.{_name}")
+        if hasattr(_module, "app"):
+            app.add_typer(_module.app, name=_name, rich_help_panel=_panel)
+        else:
+            app.command(_name, rich_help_panel=_panel)(_module.command)
+
+
+def main() -> None:
+    """Run the command line and exit with its code."""
+    try:
+        app(prog_name="abhv-mc")  # so that completion knows it, however it was started
+    except BaseException as error:  # every way out passes here, so that each has the promised code
+        sys.exit(exit_code_of(error))

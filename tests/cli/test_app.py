@@ -1,0 +1,84 @@
+"""The command line's frame: exit codes, what is said, and that starting is cheap."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import abhv_mc
+from abhv_mc.cli.app import app
+from abhv_mc.cli.errors import ExitCode, exit_code_of
+from abhv_mc.documents import InputError
+
+HEAVY = {"duckdb", "matplotlib", "numba", "numpy", "pandas", "plotly", "pyarrow", "pydantic", "scipy"}
+
+
+def run_program(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "abhv_mc", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | environment,
+    )
+
+
+def test_version_and_help() -> None:
+    assert run_program("--version").stdout == f"abhv-mc {abhv_mc.__version__}\n"
+    assert f"abhv-mc {abhv_mc.__version__}\n" in run_program("version").stdout
+    help_ = run_program("--help")
+    assert help_.returncode == 0
+    for command in app.registered_commands:
+        assert f" {command.name} " in help_.stdout
+
+
+def test_unknown_command_is_bad_input() -> None:
+    answer = run_program("fyl")
+    assert answer.returncode == ExitCode.BAD_INPUT
+    assert "fyl" in answer.stderr
+    assert answer.stdout == ""
+
+
+def test_starting_imports_nothing_heavy() -> None:
+    code = "import sys; from abhv_mc.cli import app; print(*{name.partition('.')[0] for name in sys.modules})"
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert HEAVY.isdisjoint(answer.stdout.split())
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_shell_completion(shell: str) -> None:
+    answer = run_program(_ABHV_MC_COMPLETE=f"source_{shell}", _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
+    assert answer.returncode == 0
+    assert "_ABHV_MC_COMPLETE" in answer.stdout
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        (InputError(Path("x.yaml"), 3, 7, "0", "more than 0"), 2, "x.yaml:3:7: found 0; wanted more than 0"),
+        (KeyboardInterrupt(), 3, "interrupted"),
+        (SystemExit(130), 3, ""),  # how typer reports an interrupt
+        (SystemExit(1), 1, ""),
+        (SystemExit(None), None, ""),
+        (ZeroDivisionError("by zero"), 70, "ZeroDivisionError: by zero"),
+    ],
+)
+def test_exit_codes(error: BaseException, code: int | None, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code_of(error) == code
+    out, err = capsys.readouterr()
+    assert said in err
+    assert out == ""
+
+
+def test_interrupt_leaves_with_incomplete() -> None:
+    code = (
+        "import os, signal, typer\n"
+        "from abhv_mc.cli import app\n"
+        "app.app.command('wait')(lambda: os.kill(os.getpid(), signal.SIGINT))\n"
+        "import sys; sys.argv = ['abhv-mc', 'wait']; app.main()\n"
+    )
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert answer.returncode == ExitCode.INCOMPLETE != -signal.SIGINT
