@@ -71,3 +71,10 @@ def test_attraction_is_the_gradient_of_the_potential(latitude: float) -> None:
     north, down = gravity_ned(still, altitude, math.sin(latitude), math.cos(latitude))
     assert north == pytest.approx(float(mpmath.diff(lambda s: potential(s, 0), 0)), abs=1e-13)
     assert down == pytest.approx(-float(mpmath.diff(lambda s: potential(0, s), 0)), abs=1e-13)
+
+
+def test_attraction_of_the_nasa_check_cases() -> None:
+    # NASA/TM-2015-218675, atmospheric case 9, simulator 4 at 0 s: local gravitation 32.1988102141 ft/s2 on the equator,
+    # the centrifugal part not in it
+    still = WGS84._replace(rotation_rate=0.0)
+    assert gravity_ned(still, 0.0, 0.0, 1.0)[1] / 0.3048 == pytest.approx(32.1988102141, abs=1e-9)
