@@ -1,0 +1,1 @@
+"""The flight: signals, outcomes, metrics and the compiled engine, many flights abreast."""

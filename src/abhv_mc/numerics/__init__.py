@@ -1,0 +1,1 @@
+"""Lane-safe mathematics, quaternions, tables and the root finder."""

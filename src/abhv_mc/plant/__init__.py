@@ -1,0 +1,1 @@
+"""What a campaign may disperse, the state, the equations of motion and trim."""

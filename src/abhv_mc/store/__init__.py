@@ -1,0 +1,1 @@
+"""A campaign's folder: Parquet, manifest and where it all came from."""

@@ -1,0 +1,1 @@
+"""The vehicle file and its packed tables."""

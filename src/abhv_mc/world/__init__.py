@@ -1,0 +1,1 @@
+"""Earth, atmosphere and wind."""
