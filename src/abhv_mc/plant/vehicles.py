@@ -2,11 +2,18 @@
 
 from pathlib import Path
 
+from abhv_mc.documents import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.plant.state import MAX_TABLE_ROWS
 from abhv_mc.vehicle.file import read_vehicle
 from abhv_mc.vehicle.model import Vehicle
 
 
 def load_vehicle(path: str | Path) -> Vehicle:
     """Read and pack a vehicle file. Raises :class:`abhv_mc.documents.InputError`."""
-    return read_vehicle(path, PARAMETER_INDEX)
+    vehicle = read_vehicle(path, PARAMETER_INDEX)
+    rows = vehicle.tables.n_rows
+    if rows > MAX_TABLE_ROWS:
+        found = f"tables that fill {rows} rows (those on equal axes share rows in eights)"
+        raise InputError(path, None, None, found, f"at most {MAX_TABLE_ROWS}")
+    return vehicle

@@ -30,6 +30,13 @@ _PLAIN_FACTORS = ("mach", "equivalence_ratio")
 _ANGLE_FACTORS = ("angle_of_attack", "sideslip", *AXIS_DEFLECTIONS)
 FACTORS = (*_ANGLE_FACTORS, *REDUCED_RATES, *_PLAIN_FACTORS)
 
+# FIXED_TABLE_ROWS of the propulsion and the keys that name their tables.
+PROPULSION_TABLES = {
+    "capture_area_ratio": "capture_area_ratio",
+    "specific_impulse": "specific_impulse",
+    "thrust_area": "area",
+}
+
 Positive = Field(gt=0.0)
 
 
@@ -185,7 +192,7 @@ class ThrustArea(_Propulsion):
     """T = dynamic pressure * thrust area."""
 
     kind: Literal["thrust_area"]
-    thrust_area: str = Field(description="table")
+    area: str = Field(description="table of thrust over dynamic pressure")
 
 
 Propulsion = Annotated[
@@ -223,9 +230,9 @@ class VehicleDocument(StrictModel):
     def uses(self) -> list[tuple[str, str | None, tuple[str | int, ...]]]:
         """Every use of a table: its name, what it is (a propulsion quantity or the ``times`` of a term), the place."""
         found: list[tuple[str, str | None, tuple[str | int, ...]]] = []
-        for name in ("capture_area_ratio", "specific_impulse", "thrust_area"):
-            if table := getattr(self.propulsion, name, None):
-                found.append((table, name, ("propulsion", name)))
+        for quantity, key in PROPULSION_TABLES.items():
+            if table := getattr(self.propulsion, key, None):
+                found.append((table, quantity, ("propulsion", key)))
         for coefficient in COEFFICIENTS:
             for i, term in enumerate(getattr(self.aerodynamics, coefficient)):
                 found.append((term.table, term.times, ("aerodynamics", coefficient, i, "table")))

@@ -11,7 +11,15 @@ from abhv_mc.documents import Document, Refusal, read_document, validate
 from abhv_mc.input_error import one_of
 from abhv_mc.units import parse_unit
 from abhv_mc.vehicle.arrays import COEFFICIENTS, VARIABLES, BuildUp
-from abhv_mc.vehicle.document import AXIS_DEFLECTIONS, REDUCED_RATES, Capture, MassPoint, VehicleDocument, check_inertia
+from abhv_mc.vehicle.document import (
+    AXIS_DEFLECTIONS,
+    PROPULSION_TABLES,
+    REDUCED_RATES,
+    Capture,
+    MassPoint,
+    VehicleDocument,
+    check_inertia,
+)
 from abhv_mc.vehicle.model import Constants, Vehicle
 from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
 from abhv_mc.vehicle.table_file import parse_role, read_rows, read_table
@@ -125,9 +133,9 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
             factor = factor_index.get(f"aero.{coefficient}.{term.times}", 0)
             terms.append((c, use(term.table, term.scale), VARIABLES.index(variable), factor))
     fixed = {}
-    for name in ("capture_area_ratio", "specific_impulse", "thrust_area"):
-        if table := getattr(content.propulsion, name, None):
-            fixed[name] = use(table)
+    for quantity, key in PROPULSION_TABLES.items():
+        if used := getattr(content.propulsion, key, None):
+            fixed[quantity] = use(used)
     for name, table in _mass_tables(file.mass_points).items():
         fixed[name] = len(entries)
         entries.append(table)

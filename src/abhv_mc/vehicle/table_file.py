@@ -23,6 +23,7 @@ VALUE, IGNORE = "value", "ignore"
 ALIASES = {
     "alpha": "angle_of_attack",
     "beta": "sideslip",
+    "eta": "equivalence_ratio",
     "phi": "equivalence_ratio",
     "throttle": "equivalence_ratio",
 }

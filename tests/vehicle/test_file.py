@@ -1,0 +1,220 @@
+import shutil
+
+import numpy as np
+import pytest
+
+from abhv_mc.documents import InputError
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.plant.state import MAX_TABLE_ROWS
+from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
+from abhv_mc.vehicle.file import read_mass_points, read_vehicle, read_vehicle_file
+
+SMALL = """\
+name: small
+reference: {area: 2 m2, span: 1 ft, chord: 3 m}
+mass:
+  start: 100 kg
+  empty: 60 kg
+  points:
+    - {mass: 50 kg, inertia_xx: 10 kg m2, inertia_yy: 20 kg m2, inertia_zz: 25 kg m2}
+    - {mass: 150 kg, inertia_xx: 30 kg m2, inertia_yy: 40 kg m2, inertia_zz: 45 kg m2, center_of_gravity_x: -10 cm}
+effectors:
+  flap: {elevator: 2.0, aileron: 0.5}
+surfaces: {bandwidth: 50 rad/s, damping: 0.7, limit: 20 deg, rate_limit: 400 deg/s}
+propulsion:
+  kind: thrust_area
+  area: push
+  specific_impulse: impulse
+  thrust_line: {inclination: 30 deg, offset: 2 m}
+  equivalence_ratio: [0.1, 1.5]
+  bandwidth: 20 rad/s
+  damping: 1.0
+  rate_limit: 5 1/s
+limits: {angle_of_attack: [-3 deg, 21 deg], sideslip: 15 deg}
+tables:
+  push: {file: push.csv, unit: ft2}
+  impulse: {constant: 1000, unit: s}
+  slope: {constant: 0.02, unit: 1/deg, scale: 1.5}
+  coupling: {file: coupling.csv}
+aerodynamics:
+  lift:
+    - {table: slope, times: angle_of_attack}
+    - {table: slope, times: flap, scale: -2.0}
+    - {table: coupling}
+"""
+PUSH = "phi,value\n0,0\n2,100\n"
+COUPLING = "phi,value\n0,0\n1,0.006\n"
+
+
+@pytest.fixture
+def write(tmp_path):
+    (tmp_path / "push.csv").write_text(PUSH)
+    (tmp_path / "coupling.csv").write_text(COUPLING)
+
+    def write(text):
+        path = tmp_path / "vehicle.yaml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def test_everything_becomes_si_and_radians(write):
+    vehicle = load_vehicle(write(SMALL))
+    c = vehicle.constants
+    assert (c.area, c.span, c.chord) == (2.0, 0.3048, 3.0)
+    assert (c.mass_start, c.mass_empty, c.capture_thrust) == (100.0, 60.0, 0.0)
+    assert (c.thrust_cos, c.thrust_sin, c.thrust_offset_z) == pytest.approx((np.sqrt(0.75), 0.5, 2.0))
+    assert c.surface_rate_limit == pytest.approx(np.radians(400.0))
+    assert c.angle_of_attack_min == pytest.approx(np.radians(-3.0))
+    assert vehicle.effector_mix.tolist() == [[0.5, 0.0, 2.0], *[[0.0] * 3] * 3]
+
+
+def test_terms_scales_and_effectors(write):
+    vehicle = load_vehicle(write(SMALL))
+    variables = make_variables(
+        vehicle, angle_of_attack=0.1, elevator=[0.03, 0.0], aileron=[0.0, 0.04], equivalence_ratio=0.5, mass=75.0
+    )
+    per_rad = 0.03 * 180.0 / np.pi
+    expected = per_rad * (0.1 - 2.0 * np.array([2.0 * 0.03, 0.5 * 0.04])) + 0.003
+    assert evaluate_coefficients(vehicle, variables)[0] == pytest.approx(expected)
+    fixed = evaluate_fixed(vehicle, variables)
+    assert fixed["inertia_xx"] == pytest.approx(15.0)
+    assert fixed["center_of_gravity_x"] == pytest.approx(-0.025)
+    assert fixed["thrust_area"] == pytest.approx(25.0 * 0.09290304)
+    assert fixed["specific_impulse"] == pytest.approx(1000.0)
+    assert not fixed["capture_area_ratio"].any()
+
+
+def test_reads_name_and_files(write):
+    file = read_vehicle_file(write(SMALL))
+    assert file.content.name == "small"
+    assert [path.name for path in file.files] == ["vehicle.yaml", "push.csv", "coupling.csv"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "words"),
+    [
+        pytest.param("area: 2 m2", "area: 2 m", (2, 19), "an area", id="unit of another dimension"),
+        pytest.param("area: 2 m2", "area: 2", (2, 19), "without a unit", id="no unit"),
+        pytest.param("area: 2 m2", "area: -2 m2", (2, 19), "more than 0", id="negative area"),
+        pytest.param("chord: 3 m", "cord: 3 m", (2, 12), "'chord'", id="unknown key"),
+        pytest.param("name: small", "name: small\nname: other", (2, 1), "name", id="duplicate key"),
+        pytest.param("start: 100 kg", "start: 200 kg", (4, 10), "50 to 150 kg", id="start outside the points"),
+        pytest.param("empty: 60 kg", "empty: 160 kg", (5, 10), "at most 100 kg", id="empty above start"),
+        pytest.param("mass: 150 kg", "mass: 40 kg", (8, 14), "rising masses", id="falling masses"),
+        pytest.param("inertia_zz: 25", "inertia_zz: 31", (7, 7), "no body", id="impossible inertia"),
+        pytest.param("flap: {", "rudder: {", (10, 11), "effector 'rudder'", id="effector named as an axis"),
+        pytest.param("[0.1, 1.5]", "[1.5, 0.1]", (17, 22), "least and greatest", id="empty engine range"),
+        pytest.param("kind: thrust_area", "kind: rocket", (13, 9), "of capture", id="unknown engine"),
+        pytest.param("area: push", "area: pull", (14, 9), "of push", id="unknown table"),
+        pytest.param("file: push.csv", "file: shove.csv", (23, 16), "not there", id="missing file"),
+        pytest.param("unit: ft2", "unit: ft", (23, 32), "'m2'", id="unit of another quantity"),
+        pytest.param("unit: 1/deg, ", "", (25, 10), "1/deg or 1/rad", id="derivative without a unit"),
+        pytest.param("unit: 1/deg", "unit: 1/dog", (25, 33), "'dog'", id="unknown unit"),
+        pytest.param("constant: 1000", "constant: .nan", (24, 23), "nan", id="nan"),
+        pytest.param("constant: 1000", "constant: .inf", (24, 23), "inf", id="inf"),
+        pytest.param("{file: coupling.csv}", "{unit: m}", (26, 13), "neither", id="no values"),
+        pytest.param("times: flap", "times: flop", (30, 29), "'flap'", id="unknown variable"),
+        pytest.param("  push: {", "  spare: {constant: 1}\n  push: {", (23, 10), "'spare'", id="unused table"),
+        pytest.param("{file: push.csv", "{file: push.csv, columns: {phi: etta}", (23, 41), "'etta'", id="unknown role"),
+    ],
+)
+def test_refuses_with_the_place(write, old, new, place, words):
+    assert old in SMALL
+    with pytest.raises(InputError) as caught:
+        load_vehicle(write(SMALL.replace(old, new)))
+    assert (caught.value.line, caught.value.column) == place, caught.value
+    assert words in str(caught.value)
+
+
+def test_a_bad_table_is_named_with_its_own_line(write, tmp_path):
+    path = write(SMALL)
+    (tmp_path / "coupling.csv").write_text("phi,value\n0,0\n1,nan\n")
+    with pytest.raises(InputError) as caught:
+        load_vehicle(path)
+    assert caught.value.file == str(tmp_path / "coupling.csv")
+    assert (caught.value.line, caught.value.column) == (3, 3)
+
+
+def test_too_many_tables_for_a_lane_are_refused(write):
+    names = [f"t{i}" for i in range(MAX_TABLE_ROWS)]
+    tables = "".join(f"  {name}: {{constant: {i}}}\n" for i, name in enumerate(names))
+    text = SMALL.replace("aerodynamics:\n", f"{tables}aerodynamics:\n")
+    with pytest.raises(InputError, match=f"at most {MAX_TABLE_ROWS}"):
+        load_vehicle(write(text + "".join(f"    - {{table: {name}}}\n" for name in names)))
+
+
+def test_mass_points_from_csv(tmp_path):
+    path = tmp_path / "mass.csv"
+    path.write_text(
+        "mass_t,inertia_xx_slug_ft2,inertia_yy_kg_m2,inertia_zz_kg_m2,center_of_gravity_x_ft\n1,10,20,20,-1\n2,20,40,40,0\n"
+    )
+    points = read_mass_points(path)
+    assert [point.mass for point in points] == [1000.0, 2000.0]
+    assert points[0].inertia_xx == pytest.approx(13.5581795)  # 10 slug ft2
+    assert points[0].center_of_gravity_x == pytest.approx(-0.3048)
+    assert points[1].inertia_matrix_element_13 == 0.0
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("mass_kg,inertia_xx_kg_m2,inertia_yy_kg_m2\n1,1,1\n", 1, "no column of inertia_zz"),
+        ("mass_kg,inertia_xx_kg\n1,1\n", 1, "inertia_xx in 'kg'"),
+        ("mass_kg,weight\n1,1\n", 1, "'weight'"),
+        ("mass_kg,inertia_xx_kg_m2,inertia_yy_kg_m2,inertia_zz_kg_m2\n2,1,1,1\n1,1,1,1\n", 3, "rising masses"),
+        ("mass_kg,inertia_xx_kg_m2,inertia_yy_kg_m2,inertia_zz_kg_m2\n1,1,1,9\n", 2, "no body"),
+        ("mass_kg,inertia_xx_kg_m2,inertia_yy_kg_m2,inertia_zz_kg_m2\n1,1,1,x\n", 2, "'x'"),
+    ],
+)
+def test_refuses_bad_mass_points(tmp_path, text, line, words):
+    path = tmp_path / "mass.csv"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_mass_points(path)
+    assert caught.value.line == line
+    assert words in str(caught.value)
+
+
+def test_a_vehicle_without_engine_and_surfaces(repository):
+    sphere = load_vehicle(repository / "configs/vehicle/nesc/sphere.yaml")
+    assert sphere.constants.mass_start == pytest.approx(14.5939029)
+    assert sphere.constants.area == pytest.approx(0.1963495 * 0.3048**2)
+    variables = make_variables(sphere, mach=[0.0, 3.0], angle_of_attack=[3.0, -3.0], mass=14.59)
+    assert evaluate_coefficients(sphere, variables)[1] == pytest.approx(0.1)
+    fixed = evaluate_fixed(sphere, variables)
+    assert fixed["inertia_zz"] == pytest.approx(3.6 * 1.3558179483)
+    assert fixed["specific_impulse"].all()  # fuel flow is divided by it
+    brick = load_vehicle(repository / "configs/vehicle/nesc/brick.yaml")
+    damping = evaluate_coefficients(brick, make_variables(brick, roll_rate_hat=0.1, yaw_rate_hat=-0.2))
+    assert damping[3:, 0] == pytest.approx([-0.1, 0.0, 0.2])
+    assert brick.constants.span == pytest.approx(0.1016)
+
+
+@pytest.mark.parametrize("name", ["ghame_x", "ghame_x_coupled"])
+def test_the_demonstrator_is_ghame_at_scale(repository, name):
+    k = 0.12
+    full = load_vehicle(repository / "configs/vehicle/ghame.yaml")
+    small = load_vehicle(repository / f"configs/vehicle/{name}.yaml")
+    for field, power in {"area": 2, "span": 1, "chord": 1, "mass_start": 2, "mass_empty": 2}.items():
+        assert getattr(small.constants, field) == pytest.approx(getattr(full.constants, field) * k**power, rel=1e-9)
+    assert small.constants.capture_thrust == pytest.approx(full.constants.capture_thrust * 17.0 / 27.87 * k**2)
+    mass = np.linspace(54431.0, 136077.0, 7)
+    ours = evaluate_fixed(small, make_variables(small, mass=mass * k**2))
+    theirs = evaluate_fixed(full, make_variables(full, mass=mass))
+    for field in ("inertia_xx", "inertia_yy", "inertia_zz", "inertia_13"):
+        assert ours[field] == pytest.approx(theirs[field] * k**4, rel=1e-8)
+    # GHAME's rule: from full to empty in proportion to the fuel spent.
+    spent = (136077.0 - mass) / 81646.0
+    assert theirs["inertia_yy"] == pytest.approx(31.6e6 + (19.25e6 - 31.6e6) * spent)
+
+
+def test_shipped_tables_are_not_touched_by_reading(repository, tmp_path):
+    """A folder copied elsewhere flies the same: all paths are relative to the file."""
+    shutil.copytree(repository / "configs/vehicle", tmp_path / "v")
+    there = read_vehicle(tmp_path / "v/winged_cone.yaml", PARAMETER_INDEX)
+    here = load_vehicle(repository / "configs/vehicle/winged_cone.yaml")
+    assert there.constants == here.constants
+    assert (there.tables.data == here.tables.data).all()

@@ -1,0 +1,113 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import RegularGridInterpolator
+
+from abhv_mc.vehicle.arrays import CHUNK, FIXED_TABLE_ROWS, VARIABLES
+from abhv_mc.vehicle.evaluate import evaluate_tables
+from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
+
+AXIS_NAMES = ("mach", "angle_of_attack", "sideslip", "elevator", "equivalence_ratio", "effector_1")
+
+
+def draw_table(generator, names, grids):
+    axes = tuple(Axis(VARIABLES.index(name), grids[name]) for name in names)
+    return Table(axes, generator.normal(size=[axis.grid.size for axis in axes]))
+
+
+def draw_points(generator, tables, n):
+    """Inside and outside of the grids, on nodes and edges, NaN-free."""
+    variables = np.zeros((len(VARIABLES), n))
+    for table in tables:
+        for axis in table.axes:
+            low, high = axis.grid[[0, -1]]
+            inside = generator.uniform(low - 0.2 * (high - low), high + 0.2 * (high - low), n)
+            on_node = generator.choice(axis.grid, n)
+            variables[axis.variable] = np.where(generator.random(n) < 0.3, on_node, inside)
+    variables[0] = 1.0
+    return variables
+
+
+def scipy_value(table, variables):
+    """The same look-up by scipy, in the table's own axis order, clamped beforehand."""
+    if not table.axes:
+        return np.full(variables.shape[1], float(table.values))
+    interpolator = RegularGridInterpolator([axis.grid for axis in table.axes], table.values)
+    points = [np.clip(variables[axis.variable], axis.grid[0], axis.grid[-1]) for axis in table.axes]
+    return interpolator(np.stack(points, axis=1))
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_every_table_comes_out_as_scipy_gives_it(seed):
+    generator = np.random.default_rng(seed)
+    grids = {name: np.cumsum(generator.uniform(0.01, 3.0, generator.integers(2, 7))) for name in AXIS_NAMES}
+    tables = [
+        draw_table(generator, generator.permutation(AXIS_NAMES)[: generator.integers(1, 4)], grids) for _ in range(6)
+    ]
+    tables += [make_constant(0.25), tables[0], draw_table(generator, ("mach", "sideslip"), grids)]
+    packed, rows = pack_tables(tables, {})
+    variables = draw_points(generator, tables, 200)
+    found = evaluate_tables(packed, variables)
+    for table, row in zip(tables, rows, strict=True):
+        assert found[row] == pytest.approx(scipy_value(table, variables), rel=1e-12, abs=1e-12)
+
+
+def test_equal_axes_share_a_group_and_a_search_whatever_their_order():
+    generator = np.random.default_rng(1)
+    grids = {"mach": np.array([1.0, 2.0, 4.0]), "angle_of_attack": np.array([0.0, 0.1]), "mass": np.array([5.0, 9.0])}
+    tables = [
+        draw_table(generator, ("mach", "angle_of_attack"), grids),
+        draw_table(generator, ("angle_of_attack", "mach"), grids),
+        draw_table(generator, ("mach",), grids),
+        draw_table(generator, ("mass",), grids),
+    ]
+    packed, rows = pack_tables(tables, {"inertia_xx": 3})
+    assert packed.axis_variable.size == 3
+    assert packed.group_start.size == 3
+    assert rows[1] == rows[0] + 1
+    assert packed.fixed_row[FIXED_TABLE_ROWS.index("inertia_xx")] == rows[3]
+    # The same Mach grid with another node is another axis.
+    tables.append(draw_table(generator, ("mach",), {"mach": np.array([1.0, 2.5, 4.0])}))
+    assert pack_tables(tables, {})[0].axis_variable.size == 4
+
+
+def test_groups_are_padded_with_rows_of_zeros():
+    table = Table((Axis(1, np.array([0.0, 1.0, 3.0])),), np.array([1.0, 2.0, 3.0]))
+    packed, rows = pack_tables([table] * 3, {})
+    assert (packed.group_width % CHUNK == 0).all()
+    assert packed.n_rows == packed.group_width.sum()
+    values = evaluate_tables(packed, np.ones((len(VARIABLES), 1)))[:, 0]
+    spare = np.setdiff1d(np.arange(packed.n_rows), np.concatenate([rows, packed.fixed_row]))
+    assert spare.size > 0
+    assert not values[spare].any()
+    assert packed.inverse_step.tolist() == [1.0, 0.5, 0.0]
+
+
+@pytest.mark.parametrize("with_mass", [True, False])
+def test_what_a_vehicle_lacks_is_constant_everywhere(with_mass):
+    axis = Axis(VARIABLES.index("mass"), np.array([10.0, 20.0]))
+    tables = [Table((axis,), np.array([1.0, 3.0]))] if with_mass else [make_constant(4.0)]
+    packed, rows = pack_tables(tables, {"inertia_yy": 0})
+    variables = np.zeros((len(VARIABLES), 3))
+    variables[0] = 1.0
+    variables[VARIABLES.index("mass")] = [0.0, 15.0, 1e9]
+    found = evaluate_tables(packed, variables)
+    for i, name in enumerate(FIXED_TABLE_ROWS):
+        if name != "inertia_yy":
+            assert found[packed.fixed_row[i]].tolist() == [float(name == "specific_impulse")] * 3
+    assert found[rows[0]].tolist() == ([1.0, 2.0, 3.0] if with_mass else [4.0] * 3)
+    assert packed.axis_variable.tolist() == [VARIABLES.index("mass") if with_mass else VARIABLES.index("one")]
+
+
+def test_layout_of_a_three_dimensional_node():
+    generator = np.random.default_rng(2)
+    grids = {"mach": np.arange(2.0), "angle_of_attack": np.arange(3.0), "effector_0": np.arange(4.0)}
+    tables = [draw_table(generator, ("mach", "angle_of_attack", "effector_0"), grids) for _ in range(2)]
+    packed, rows = pack_tables(tables, {})
+    g = int(np.flatnonzero(packed.group_dimensions == 3)[0])
+    node = packed.group_start[g] + 1 * packed.group_stride[g, 0] + 2 * packed.group_stride[g, 1]
+    node += 3 * packed.group_stride[g, 2]
+    assert packed.data[node : node + 2].tolist() == [table.values[1, 2, 3] for table in tables]
+    assert (rows - packed.group_row[g]).tolist() == [0, 1]

@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+
+from abhv_mc.documents import InputError, Refusal
+from abhv_mc.vehicle.arrays import VARIABLES
+from abhv_mc.vehicle.table_file import Role, parse_role, read_table
+
+GOOD = "mach,alpha_deg,value\n4,-1,1\n4,0,2\n4,2,3\n6,-1,4\n6,0,5\n6,2,6\n"
+
+
+def read(tmp_path, text, columns=None, effectors=()):
+    path = tmp_path / "table.csv"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return read_table(path, {name: parse_role(role, effectors) for name, role in (columns or {}).items()}, effectors)
+
+
+def test_axes_become_radians_and_values_stay(tmp_path):
+    table = read(tmp_path, GOOD)
+    mach, alpha = table.axes
+    assert [VARIABLES[axis.variable] for axis in table.axes] == ["mach", "angle_of_attack"]
+    assert mach.grid.tolist() == [4.0, 6.0]
+    assert alpha.grid == pytest.approx(np.radians([-1.0, 0.0, 2.0]), rel=1e-15)
+    assert table.values.tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+
+
+def test_columns_by_the_vehicle_file_comments_and_blank_lines(tmp_path):
+    text = "# TM-1\nphi,delta,ct,note\n\n0,-10,1.5,a\n0,10,2.5,b\n1,-10,3.5,c\n# more\n1,10,4.5,d\n"
+    columns = {"delta": "right_elevon deg", "ct": "value", "note": "ignore"}
+    table = read(tmp_path, text, columns, ("left_elevon", "right_elevon"))
+    assert [VARIABLES[axis.variable] for axis in table.axes] == ["equivalence_ratio", "effector_1"]
+    assert table.axes[1].grid == pytest.approx(np.radians([-10.0, 10.0]))
+    assert table.values.tolist() == [[1.5, 2.5], [3.5, 4.5]]
+
+
+def test_altitude_in_kilometres_and_a_byte_order_mark(tmp_path):
+    table = read(tmp_path, "\ufeffaltitude_km,value\n20,1\n30,2\n")
+    assert table.axes[0].grid == pytest.approx([2e4, 3e4])
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "column", "words"),
+    [
+        pytest.param(GOOD.replace("6,0,5\n", ""), 6, None, "no row for mach 6, alpha_deg 0", id="hole"),
+        pytest.param(GOOD.replace("6,2,6\n", ""), 6, None, "no row for mach 6, alpha_deg 2", id="hole at the end"),
+        pytest.param(GOOD.replace("4,0,2\n", ""), 3, None, "no row for mach 4, alpha_deg 0", id="hole in the first"),
+        pytest.param(GOOD.replace("4,2,3", "4,-2,3"), 4, 3, "falling", id="falling axis"),
+        pytest.param("mach,value\n4,1\n6,2\n5,3\n", 4, 1, "mach falling from 6 to 5", id="falling one axis"),
+        pytest.param(GOOD.replace("4,2,3", "4,0,3"), 4, None, "a second time", id="duplicate point"),
+        pytest.param(GOOD.replace("6,0,5", "6,0,nan"), 6, 5, "'nan'", id="nan"),
+        pytest.param(GOOD.replace("6,0,5", "6,0,-inf"), 6, 5, "'-inf'", id="inf"),
+        pytest.param(GOOD.replace("6,0,5", "6,0,1e999"), 6, 5, "'1e999'", id="overflow"),
+        pytest.param(GOOD.replace("6,0,5", "6,0,"), 6, 5, "an empty cell", id="empty cell"),
+        pytest.param(GOOD.replace("6,0,5", "6,0,__import__('os')"), 6, 5, "__import__", id="code"),
+        pytest.param(GOOD.replace("4,0,2", "4,x,2"), 3, 3, "'x'", id="no number on an axis"),
+        pytest.param(GOOD.replace("6,0,5", "6,0"), 6, None, "2 cells", id="short row"),
+        pytest.param(GOOD.replace("alpha_deg", "alhpa_deg"), 1, 6, "'alhpa_deg'", id="unknown column"),
+        pytest.param(GOOD.replace("alpha_deg", "alpha"), 1, 6, "without a unit", id="angle without unit"),
+        pytest.param(GOOD.replace("alpha_deg", "alpha_m"), 1, 6, "'m'", id="angle in metres"),
+        pytest.param(GOOD.replace("mach", "mach_deg"), 1, 1, "'deg'", id="mach in degrees"),
+        pytest.param(GOOD.replace("value", "mach"), 1, 16, "a second column of mach", id="axis twice"),
+        pytest.param(GOOD.replace("value", "throttle"), 1, None, "no column 'value'", id="no values"),
+        pytest.param("value\n1\n2\n", 1, None, "0 axes", id="no axis"),
+        pytest.param("mach,alpha_deg,value\n4,0,1\n4,1,2\n", 2, 1, "one value of mach", id="axis of one"),
+        pytest.param(
+            "mach,alpha_rad,value\n4,0,1\n4,12,2\n6,0,1\n6,12,2\n", 3, 3, "angle_of_attack 12", id="deg as rad"
+        ),
+        pytest.param("mach,alpha_deg,value\n4,0,1\n4,.2,2\n6,0,1\n6,.2,2\n", 2, 3, "over 0.2 degrees", id="rad as deg"),
+        pytest.param("mach,beta_deg,value\n4,0,1\n4,200,2\n6,0,1\n6,200,2\n", 3, 3, "sideslip 200", id="beyond 180"),
+        pytest.param("mach,value\n1200,1\n1800,2\n", 2, 1, "mach 1200", id="speed as mach"),
+        pytest.param("altitude_km,value\n20000,1\n30000,2\n", 2, 1, "altitude 20000", id="metres as km"),
+        pytest.param("mach,value\n", 1, None, "no rows", id="no rows"),
+        pytest.param("", 1, None, "no rows", id="empty"),
+        pytest.param(b"mach,value\n4,\xff\n", None, None, "not UTF-8", id="bytes"),
+    ],
+)
+def test_refuses_with_the_place(tmp_path, text, line, column, words):
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, text)
+    assert (caught.value.line, caught.value.column) == (line, column)
+    assert words in f"{caught.value.found} {caught.value.wanted}"
+    assert caught.value.file.endswith("table.csv")
+
+
+def test_refuses_a_unit_that_contradicts_the_header(tmp_path):
+    with pytest.raises(InputError, match="one unit") as caught:
+        read(tmp_path, GOOD, {"alpha_deg": "angle_of_attack rad"})
+    assert (caught.value.line, caught.value.column) == (1, 6)
+    with pytest.raises(InputError, match="no column 'delta'"):
+        read(tmp_path, GOOD, {"delta": "elevator deg"})
+
+
+def test_a_narrow_axis_in_degrees_can_be_insisted_on(tmp_path):
+    table = read(tmp_path, "alpha_deg,value\n0,1\n0.5,2\n", {"alpha_deg": "angle_of_attack deg"})
+    assert table.axes[0].grid[1] == pytest.approx(np.radians(0.5))
+
+
+def test_roles():
+    assert parse_role("phi") == Role("equivalence_ratio")
+    assert parse_role("flap  deg", ("flap",)) == Role("flap", "deg")
+    for text in ("flap deg", "value deg", "", "alpa deg"):
+        with pytest.raises(Refusal):
+            parse_role(text)
