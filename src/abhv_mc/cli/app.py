@@ -14,6 +14,7 @@ from abhv_mc import __version__
 from abhv_mc.cli.errors import exit_code_of
 
 _COMMANDS = {
+    "Start": ("new", "validate", "schema"),
     "Look": ("version",),
 }
 

@@ -1,0 +1,15 @@
+"""``abhv-mc new``: a folder to start from."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def command(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or an empty folder.")]) -> None:
+    """Write a commented campaign with its vehicle, mission and control files to start from."""
+    from abhv_mc.campaign.starter import write_starter
+
+    campaign, *others = write_starter(folder)
+    print(f"{campaign} and {len(others)} files that it needs. Next:")
+    print(f"  cd {folder} && abhv-mc run {campaign.name}")

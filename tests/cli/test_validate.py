@@ -1,0 +1,59 @@
+"""Files of every kind are recognised and checked, with what they name."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from abhv_mc.campaign.inputs import check_inputs, find_kind
+from abhv_mc.cli.app import app
+from abhv_mc.documents import InputError, InputErrors
+from abhv_mc.shipped import shipped_campaigns, shipped_configs
+
+SHIPPED = [
+    *(("campaign", path) for path in sorted(shipped_campaigns().glob("*.yaml"))),
+    *(("vehicle", path) for path in sorted(shipped_configs().glob("vehicle/*.yaml"))),
+    *(("mission", path) for path in sorted(shipped_configs().glob("mission/*.yaml"))),
+    *(("controller", path) for path in sorted(shipped_configs().glob("control/*.yaml"))),
+]
+
+
+@pytest.mark.parametrize(("kind", "path"), SHIPPED, ids=lambda part: getattr(part, "stem", part))
+def test_shipped_files_are_valid(kind: str, path: Path) -> None:
+    assert find_kind(path) == kind
+    assert check_inputs(path)[0].kind == kind
+
+
+def copy(folder: Path) -> Path:
+    for name in ("configs", "campaigns"):
+        shutil.copytree((shipped_configs() if name == "configs" else shipped_campaigns()), folder / name)
+    return folder / "campaigns" / "s_manoeuvre.yaml"
+
+
+def replace(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+def test_a_campaign_brings_its_files() -> None:
+    checked = check_inputs(shipped_campaigns() / "s_manoeuvre.yaml")
+    assert {found.kind for found in checked} == {"campaign", "vehicle", "mission", "controller"}
+
+
+def test_everything_wrong_in_every_file_is_said(tmp_path: Path) -> None:
+    campaign = copy(tmp_path)
+    replace(tmp_path / "configs/mission/s_manoeuvre.yaml", "name:", "nmae:")
+    replace(tmp_path / "configs/control/tlc.yaml", "law: tlc", "law: tcl")
+    with pytest.raises(InputErrors) as caught:
+        check_inputs(campaign)
+    assert {Path(error.file).name for error in caught.value.errors} == {"s_manoeuvre.yaml", "tlc.yaml"}
+    answer = CliRunner().invoke(app, ["validate", str(campaign)])
+    assert isinstance(answer.exception, InputErrors)
+
+
+def test_a_file_of_no_kind(tmp_path: Path) -> None:
+    (tmp_path / "x.yaml").write_text("colour: red\n")
+    with pytest.raises(InputError, match="campaign, vehicle, mission, controller"):
+        find_kind(tmp_path / "x.yaml")
