@@ -1,1 +1,1 @@
-"""The figures and the page, from a campaign's folder alone."""
+"""A campaign's report: numbers, figures, page."""

@@ -45,16 +45,17 @@ def rank_drivers(
     if flights < count + _FEWEST_SPARE or not count or not outputs.shape[1]:
         return None
     ranks = _standard(np.concatenate([inputs, outputs], axis=1))
-    whole = ranks.T @ ranks / flights
-    srrc, prcc, explained = _coefficients(whole, count)
+    squares = ranks**2
+    moving = np.asarray(squares[:, count:].any(axis=0), dtype=np.bool_)
+    srrc, prcc, explained = _coefficients(ranks[:, :count].T @ ranks / flights, count, moving)
     draw = np.random.default_rng(SEED)
     spread = np.empty((replicates, 2, count, outputs.shape[1]))
     for row in spread:
         weights = np.bincount(draw.integers(0, flights, flights), minlength=flights).astype(np.float64)
         mean = weights @ ranks / flights
-        moment = (ranks * weights[:, None]).T @ ranks / flights - np.outer(mean, mean)
-        scale = np.sqrt(np.maximum(np.diag(moment), 1e-12))
-        row[0], row[1], _ = _coefficients(moment / np.outer(scale, scale), count)
+        scale = np.sqrt(np.maximum(weights @ squares / flights - mean**2, 1e-12))
+        moment = (ranks[:, :count] * weights[:, None]).T @ ranks / flights - np.outer(mean[:count], mean)
+        row[0], row[1], _ = _coefficients(moment / np.outer(scale[:count], scale), count, moving)
     tails = (50.0 * (1.0 - confidence), 50.0 * (1.0 + confidence))
     low, high = np.percentile(spread, tails, axis=0)
     p_value = _partial_p(prcc, flights - count - 1)
@@ -75,10 +76,12 @@ def _standard(columns: Floats) -> Floats:
     return ranks / np.where(spread > 0.0, spread, 1.0)
 
 
-def _coefficients(correlation: Floats, count: int) -> tuple[Floats, Floats, Floats]:
-    """SRRC and PRCC [input, output] and R^2 [output] from a correlation matrix, inputs first."""
-    inside, across = correlation[:count, :count], correlation[:count, count:]
-    moving = np.diag(correlation)[count:] > 1e-9
+def _coefficients(correlation: Floats, count: int, moving: NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
+    """SRRC and PRCC [input, output] and R^2 [output] from correlations [input, inputs then outputs].
+
+    Outputs that are not `moving` get NaN.
+    """
+    inside, across = correlation[:, :count], correlation[:, count:]
     steady = np.flatnonzero(np.diag(inside) <= 1e-9)
     inside = inside.copy()
     inside[steady, steady] = 1.0

@@ -1,0 +1,209 @@
+"""Figures 2 to 11 of Zhu & Shen 2014 from a campaign: which channels each shows, and what it says."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
+from abhv_mc.report.figures.style import controller_colors
+from abhv_mc.report.metrics import controller_label
+from abhv_mc.report.results import Floats, Results
+
+_BANDS = "Bands over all flights: all, 0.135 to 99.865 %, 5 to 95 %; line: median."
+_SIGN = "The paper plots the mirrored sign (its first bank is positive); its time is ours plus 180 s."
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A channel as a figure shows it."""
+
+    channel: str
+    label: str
+    reference: str = ""
+    command: str = ""
+    scale: float = 1.0
+    x_range: tuple[float, float] | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class FigureText:
+    """A figure's file name and words."""
+
+    name: str  # of the file, without its suffix
+    title: str
+    caption: str
+    paper: str = ""  # what the paper's single flight shows
+
+
+@dataclass(frozen=True)
+class PaperFigure:
+    """One of the paper's figures."""
+
+    text: FigureText
+    curves: tuple[Curve, ...]
+
+
+_START = (0.0, 8.0)
+
+PAPER_FIGURES: tuple[PaperFigure, ...] = (
+    PaperFigure(
+        FigureText(
+            "fig03_altitude_speed",
+            "Altitude and speed (Fig. 3)",
+            "Altitude and speed against their reference. " + _BANDS,
+            "altitude 20 ± 0.05 km, speed 1400 ± 5 m/s",
+        ),
+        (
+            Curve("altitude_m", "altitude (km)", "altitude_reference_m", scale=1e-3),
+            Curve("speed_mps", "speed (m/s)", "speed_reference_mps"),
+        ),
+    ),
+    PaperFigure(
+        FigureText(
+            "fig04_heading",
+            "Heading (Fig. 4)",
+            "Heading of the velocity against its reference, clockwise from north. " + _BANDS,
+            "84 to 91 deg",
+        ),
+        (Curve("heading_deg", "heading (deg)", "heading_reference_deg"),),
+    ),
+    PaperFigure(
+        FigureText(
+            "fig05_angle_of_attack",
+            "Angle of attack (Fig. 5)",
+            "Angle of attack beside the command of its own guidance; below, the first seconds. " + _BANDS,
+            "2 to 6 deg",
+        ),
+        (
+            Curve("angle_of_attack_deg", "angle of attack (deg)", command="angle_of_attack_command_deg"),
+            Curve(
+                "angle_of_attack_deg",
+                "angle of attack (deg)",
+                command="angle_of_attack_command_deg",
+                x_range=_START,
+                note="first 8 s",
+            ),
+        ),
+    ),
+    PaperFigure(
+        FigureText(
+            "fig06_sideslip",
+            "Sideslip (Fig. 6)",
+            f"Sideslip, which both controllers hold at zero. {_BANDS} {_SIGN}",
+            "−0.2 to 0.7 deg",
+        ),
+        (Curve("sideslip_deg", "sideslip (deg)"),),
+    ),
+    PaperFigure(
+        FigureText(
+            "fig07_bank",
+            "Bank angle (Fig. 7)",
+            f"Bank beside the command of its own guidance; below, the first seconds. {_BANDS} {_SIGN}",
+            "−55 to 55 deg",
+        ),
+        (
+            Curve("bank_deg", "bank (deg)", command="bank_command_deg"),
+            Curve("bank_deg", "bank (deg)", command="bank_command_deg", x_range=_START, note="first 8 s"),
+        ),
+    ),
+    PaperFigure(
+        FigureText("fig08_aileron", "Aileron (Fig. 8)", f"Aileron deflection. {_BANDS} {_SIGN}", "−1.2 to 0.8 deg"),
+        (Curve("aileron_deg", "aileron (deg)"),),
+    ),
+    PaperFigure(
+        FigureText("fig09_rudder", "Rudder (Fig. 9)", f"Rudder deflection. {_BANDS} {_SIGN}", "−0.4 to 0.3 deg"),
+        (Curve("rudder_deg", "rudder (deg)"),),
+    ),
+    PaperFigure(
+        FigureText("fig10_elevator", "Elevator (Fig. 10)", "Elevator deflection. " + _BANDS, "−0.5 to 2.5 deg"),
+        (Curve("elevator_deg", "elevator (deg)"),),
+    ),
+    PaperFigure(
+        FigureText(
+            "fig11_equivalence_ratio",
+            "Fuel equivalence ratio command (Fig. 11)",
+            "Commanded fuel equivalence ratio. " + _BANDS,
+            "0.8 to 1.25",
+        ),
+        (Curve("equivalence_ratio_command", "equivalence ratio (–)", "equivalence_ratio_reference"),),
+    ),
+)
+
+GROUND_TRACK = FigureText(
+    "fig02_ground_track",
+    "Ground track (Fig. 2)",
+    "Northward against eastward displacement, and below what is left of it without the reference. The bands at each "
+    "moment are drawn at the median displacement east of that moment. " + _BANDS,
+    "5 km offset",
+)
+
+
+def _panel(results: Results, controller: str, curve: Curve) -> EnvelopePanel | None:
+    envelope = results.envelopes.get((controller, curve.channel))
+    if envelope is None:
+        return None
+    flown = results.nominal.get(controller)
+    command = results.envelopes.get((controller, curve.command)) if curve.command else None
+
+    def scaled(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        return x, y * curve.scale
+
+    return EnvelopePanel(
+        x=envelope.time,
+        bands={name: band * curve.scale for name, band in envelope.bands.items()},
+        nominal=scaled(flown["time"], flown[curve.channel]) if flown and curve.channel in flown else None,
+        reference=scaled(results.reference["time"], results.reference[curve.reference]) if curve.reference else None,
+        command=scaled(command.time, command.bands["q50"]) if command else None,
+    )
+
+
+def _ground_track(results: Results, controller: str) -> tuple[EnvelopePanel, EnvelopePanel] | None:
+    """North, and north minus its reference, both against east."""
+    north, east = (results.envelopes.get((controller, f"{way}_m")) for way in ("north", "east"))
+    if north is None or east is None:
+        return None
+    flown, reference = results.nominal.get(controller), results.reference
+    x = east.bands["q50"] / 1e3
+    track = EnvelopePanel(
+        x=x,
+        bands={name: band / 1e3 for name, band in north.bands.items()},
+        nominal=(flown["east_m"] / 1e3, flown["north_m"] / 1e3) if flown else None,
+        reference=(reference["east_reference_m"] / 1e3, reference["north_reference_m"] / 1e3),
+    )
+
+    def off(time: Floats, metres: Floats) -> Floats:
+        return metres - np.interp(time, reference["time"], reference["north_reference_m"])
+
+    deviation = EnvelopePanel(
+        x=x,
+        bands={name: off(north.time, band) for name, band in north.bands.items()},
+        nominal=(flown["east_m"] / 1e3, off(flown["time"], flown["north_m"])) if flown else None,
+        reference=(x, np.zeros_like(x)),
+    )
+    return track, deviation
+
+
+def paper_figures(results: Results) -> Iterator[tuple[FigureText, Figure]]:
+    """Figures 2 to 11, as far as the envelopes hold their channels."""
+    names = results.controllers
+    titles = [controller_label(name) for name in names]
+    colors = list(controller_colors(names).values())
+    tracks = [_ground_track(results, name) for name in names]
+    kept = [track for track in tracks if track is not None]
+    if len(kept) == len(names):
+        rows = [
+            EnvelopeRow("north (km)", [track for track, _ in kept], "east (km)"),
+            EnvelopeRow("north minus reference (m)", [deviation for _, deviation in kept], "east (km)"),
+        ]
+        yield GROUND_TRACK, plot_envelopes(rows, titles, colors)
+    for figure in PAPER_FIGURES:
+        rows = []
+        for curve in figure.curves:
+            panels = [panel for name in names if (panel := _panel(results, name, curve)) is not None]
+            if len(panels) == len(names) and np.any([np.isfinite(p.bands["q50"]).any() for p in panels]):
+                rows.append(EnvelopeRow(curve.label, panels, x_range=curve.x_range, note=curve.note))
+        if rows:
+            yield figure.text, plot_envelopes(rows, titles, colors)

@@ -1,0 +1,100 @@
+"""One look for all figures: sizes, colours that colour-blind readers tell apart, and small files."""
+
+from collections.abc import Callable, Sequence
+from functools import wraps
+from io import BytesIO
+from pathlib import Path
+from typing import Any, ParamSpec
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+P = ParamSpec("P")
+
+WIDTH = 7.2  # in, two columns of a journal
+DPI = 300
+
+# Okabe & Ito's palette (jfly.uni-koeln.de/color), in the order in which controllers take it.
+BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
+CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+MARKERS = ("o", "s", "^", "D", "v", "P")
+INK = "#222222"
+GRID = "#D9D9D9"
+
+_RC: dict[Any, Any] = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 8.0,
+    "axes.titlesize": 8.5,
+    "axes.titleweight": "bold",
+    "axes.labelsize": 8.0,
+    "axes.edgecolor": INK,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.labelcolor": INK,
+    "grid.color": GRID,
+    "grid.linewidth": 0.5,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "legend.fontsize": 7.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.1,
+    "axes.formatter.useoffset": False,
+    "axes.unicode_minus": True,
+    "figure.facecolor": "white",
+}
+
+
+def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Make a figure under the common style, whatever the caller's settings are, and leave those untouched."""
+
+    @wraps(plot)
+    def draw(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with rc_context(_RC):
+            figure = plot(*args, **kwargs)
+            figure.draw_without_rendering()  # layout and text are settled under this style
+            return figure
+
+    return draw
+
+
+def new_figure(height: float, width: float = WIDTH) -> Figure:
+    """An empty figure, inches; it is laid out so that nothing overlaps."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def controller_colors(names: Sequence[str]) -> dict[str, str]:
+    """Each controller's colour, by its place in the campaign."""
+    return {name: CYCLE[i % len(CYCLE)] for i, name in enumerate(names)}
+
+
+def pad_if_flat(axes: Axes, least: float = 1e-9) -> None:
+    """Open the y limits of a curve without variation, so that it does not look like noise."""
+    low, high = axes.get_ylim()
+    if high - low < least:
+        axes.set_ylim((low + high) / 2.0 - 1.0, (low + high) / 2.0 + 1.0)
+
+
+def write_png(figure: Figure, path: Path) -> tuple[int, int]:
+    """Write a figure at print resolution with a palette of 256 colours; returns its width and height in pixels."""
+    from PIL import Image
+
+    buffer = BytesIO()
+    with rc_context(_RC):
+        figure.savefig(buffer, format="png", dpi=DPI)
+    buffer.seek(0)
+    with Image.open(buffer) as image:
+        small = image.convert("RGB").quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+        small.save(path, format="PNG", optimize=True, dpi=(DPI, DPI))
+        return small.width, small.height

@@ -1,0 +1,192 @@
+"""All figures of a report, in its order, each with its words."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from abhv_mc.report.duels import total_usage
+from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributions, plot_error_against_usage
+from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
+from abhv_mc.report.figures.evidence import ConvergencePanel, DriverPanel, plot_convergence, plot_drivers
+from abhv_mc.report.figures.paper import FigureText, paper_figures
+from abhv_mc.report.figures.style import controller_colors
+from abhv_mc.report.metrics import FOLLOWING, HEADLINE, HOLDING, USAGE, controller_label, words_of
+from abhv_mc.report.metrics import METRIC_WORDS
+from abhv_mc.report.results import Floats, Results, read_histories
+
+_USAGE_LABEL = "surface usage, rms (deg)"
+_SHOWN_WORST = 3
+_SHOWN_PARAMETERS = 6
+
+
+def _label(metric: str) -> str:
+    return (METRIC_WORDS.get(metric) or words_of(metric)).label_with_unit
+
+
+def _held(results: Results, wanted: tuple[str, ...]) -> list[str]:
+    return [metric for metric in wanted if metric in results.metrics]
+
+
+def _spread(results: Results, metric: str) -> Spread:
+    values = {
+        name: np.where(flights.failed, np.inf, flights.metrics[metric])
+        for name, flights in ((name, results.flights[name]) for name in results.controllers)
+    }
+    limits = [item.limit for item in results.campaign.requirements if item.metric == metric]
+    return Spread(_label(metric), values, limits)
+
+
+def _distributions(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
+    tracking = _held(results, (*FOLLOWING, *HOLDING, "cross_track_error_max_m"))
+    if tracking:
+        text = FigureText(
+            "distribution_tracking",
+            "Tracking errors over the flights",
+            "Share of flights at or below each tracking error; the further left, the better. "
+            "A curve that ends below 100 % had flights that ended early.",
+        )
+        yield text, plot_distributions([_spread(results, m) for m in tracking], labels, colors)
+    usage = _held(results, (*USAGE, "aileron_travel_deg", "rudder_travel_deg", "elevator_travel_deg"))
+    if usage:
+        text = FigureText(
+            "distribution_usage",
+            "Control usage over the flights",
+            "Share of flights at or below each amount of control: rms deflection from trim, and the way that each "
+            "surface travelled.",
+        )
+        yield text, plot_distributions([_spread(results, m) for m in usage], labels, colors)
+
+
+def _trade(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
+    if len(_held(results, (*USAGE, *FOLLOWING))) < len((*USAGE, *FOLLOWING)):
+        return
+    flights = {name: results.flights[name] for name in results.controllers}
+    flown = {name: ~table.failed for name, table in flights.items()}
+    usage = {name: total_usage(table.metrics)[flown[name]] for name, table in flights.items()}
+    trades = [
+        Trade(_label(m), {name: table.metrics[m][flown[name]] for name, table in flights.items()}) for m in FOLLOWING
+    ]
+    text = FigureText(
+        "error_against_usage",
+        "Tracking error against control usage",
+        "Each small mark is one flight, each large one a controller's median. Usage is the root of the summed squares "
+        "of the rms deflections of aileron, rudder and elevator from their trim. Lower is better at equal usage.",
+    )
+    yield text, plot_error_against_usage(usage, trades, _USAGE_LABEL, labels, colors)
+
+
+_WORST_CHANNELS = (
+    ("altitude_m", "altitude (km)", 1e-3),
+    ("angle_of_attack_deg", "angle of attack (deg)", 1.0),
+    ("sideslip_deg", "sideslip (deg)", 1.0),
+    ("bank_deg", "bank (deg)", 1.0),
+)
+
+
+def _worst(results: Results, numbers: Mapping[str, Any], colors: Mapping[str, str]) -> Iterator[Any]:
+    names = results.controllers
+    kept = {name: read_histories(results.folder, name) for name in names}
+    listed = {
+        name: [e["flight"] for e in numbers["worst"][name] if e["flight"] in kept[name]][:_SHOWN_WORST]
+        for name in names
+    }
+    if not any(listed.values()):
+        return
+    rows = []
+    for channel, label, scale in _WORST_CHANNELS:
+        panels = []
+        for name in names:
+            envelope = results.envelopes.get((name, channel))
+            if envelope is None or (listed[name] and channel not in kept[name][listed[name][0]]):
+                break
+            curves: list[tuple[Floats, Floats]] = [
+                (kept[name][k]["time"], kept[name][k][channel] * scale) for k in listed[name]
+            ]
+            bands = {key: band * scale for key, band in envelope.bands.items()}
+            panels.append(EnvelopePanel(envelope.time, bands, flights=curves))
+        if len(panels) == len(names):
+            rows.append(EnvelopeRow(label, panels))
+    if rows:
+        flown = "; ".join(
+            f"{controller_label(name)}: {', '.join(map(str, listed[name]))}" for name in names if listed[name]
+        )
+        text = FigureText(
+            "worst_flights",
+            "The worst flights",
+            f"The worst flights whose histories were kept, over the bands of all flights. Flights of {flown}.",
+        )
+        yield text, plot_envelopes(rows, [controller_label(name) for name in names], list(colors.values()))
+
+
+def _drivers(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
+    found = {name: part["metrics"] for name, part in numbers["drivers"].get("controllers", {}).items()}
+    panels = []
+    for metric in HEADLINE:
+        tables = {
+            name: {e["parameter"]: e for e in part[metric]["parameters"]}
+            for name, part in found.items()
+            if metric in part
+        }
+        if not tables:
+            continue
+        ranked = sorted(
+            {parameter for table in tables.values() for parameter in table},
+            key=lambda p: -max(abs(table[p]["srrc"][0]) if p in table else 0.0 for table in tables.values()),
+        )[:_SHOWN_PARAMETERS]
+        missing = {"srrc": [np.nan, np.nan, np.nan], "driver": False}
+        panels.append(
+            DriverPanel(
+                _label(metric).split(" (")[0],
+                ranked,
+                {
+                    name: np.array([table.get(p, missing)["srrc"] for p in ranked], float)
+                    for name, table in tables.items()
+                },
+                {name: np.array([table.get(p, missing)["driver"] for p in ranked]) for name, table in tables.items()},
+            )
+        )
+    if panels:
+        text = FigureText(
+            "drivers",
+            "What drives the errors",
+            "Standardized rank regression coefficients with 95 % intervals: how far an error moves, in its own spread, "
+            "when a parameter moves by its spread. Hollow marks can be explained by chance.",
+        )
+        yield text, plot_drivers(panels, labels, colors)
+
+
+def _convergence(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
+    traces = numbers["convergence"]
+    panels = []
+    for metric in HEADLINE:
+        if any(metric not in part["metrics"] for part in traces.values()):
+            continue
+        for level, words in (("q95", "95 %"),):
+            series = {}
+            for name, part in traces.items():
+                table = part["metrics"][metric][level]
+                series[name] = np.array([table["value"], table["low"], table["high"]], dtype=float).T
+            flights = {name: np.array(part["flights"], float) for name, part in traces.items()}
+            panels.append(ConvergencePanel(f"{_label(metric)}, {words}", flights, series))
+    if panels and any(table.shape[0] > 1 for panel in panels for table in panel.series.values()):
+        text = FigureText(
+            "convergence",
+            "How the numbers settled",
+            "The 95 % quantile of each error after so many flights, in flight order, with its exact 95 % interval "
+            "where the flights bound it on both sides.",
+        )
+        yield text, plot_convergence(panels, labels, colors)
+
+
+def make_figures(results: Results, numbers: Mapping[str, Any]) -> Iterator[tuple[FigureText, Figure]]:
+    """Every figure that the campaign's folder has the data for."""
+    labels = {name: controller_label(name) for name in results.controllers}
+    colors = controller_colors(results.controllers)
+    yield from paper_figures(results)
+    yield from _distributions(results, labels, colors)
+    yield from _trade(results, labels, colors)
+    yield from _worst(results, numbers, colors)
+    yield from _drivers(numbers, labels, colors)
+    yield from _convergence(numbers, labels, colors)

@@ -1,0 +1,75 @@
+"""How a report speaks of each metric: its words, its group, and the sense in which it is bad."""
+
+from dataclasses import dataclass
+
+from abhv_mc.flight.signals import METRICS
+from abhv_mc.statistics.estimates import Sense
+
+_UNIT_SUFFIXES = ("_mps", "_deg", "_dps", "_kg", "_pa", "_g", "_m", "_s")
+_LOW = ("angle_of_attack_min_deg", "equivalence_ratio_min")
+_SIGNED = ("cross_track_error_final_m",)
+_TRACKING = ("altitude", "speed", "heading", "cross_track", "angle_of_attack_error", "bank_error", "sideslip")
+_USAGE = ("aileron", "elevator", "rudder", "equivalence_ratio", "fuel", "surface")
+
+# What the paper claims, in its order: both controllers hold altitude and speed (Fig. 3) ...
+HOLDING = ("altitude_error_max_m", "speed_error_max_mps")
+# ... with nearly the same control usage (Figs. 8-11) ...
+USAGE = ("aileron_rms_deg", "rudder_rms_deg", "elevator_rms_deg")
+# ... and TLC follows the commands better (Figs. 5-7).
+FOLLOWING = ("angle_of_attack_error_rms_deg", "sideslip_rms_deg", "bank_error_rms_deg")
+HEADLINE = (*FOLLOWING, *HOLDING)
+
+
+@dataclass(frozen=True)
+class MetricWords:
+    """One metric as a reader sees it."""
+
+    name: str
+    label: str  # words without the unit
+    unit: str  # "" where it has none
+    doc: str
+    group: str  # "tracking", "usage" or "loads"
+    sense: Sense
+
+    @property
+    def label_with_unit(self) -> str:
+        """For axes and table heads."""
+        return f"{self.label} ({self.unit})" if self.unit else self.label
+
+
+def _label(name: str) -> str:
+    for suffix in _UNIT_SUFFIXES:
+        if name.endswith(suffix):
+            name = name[: -len(suffix)]
+            break
+    words = name.replace("cross_track", "cross-track").replace("_", " ")
+    for ending, plain in ((" settled max", ", settled, max"), (" rms", ", rms"), (" max", ", max"), (" min", ", min")):
+        if words.endswith(ending):
+            words = words[: -len(ending)] + plain
+            break
+    words = words.replace("error final", "error at the end")
+    return words[0].upper() + words[1:]
+
+
+def _group(name: str) -> str:
+    if name.startswith(_TRACKING):
+        return "tracking"
+    return "usage" if name.startswith(_USAGE) else "loads"
+
+
+def words_of(name: str, unit: str = "-", doc: str = "") -> MetricWords:
+    """The words for a metric by its name."""
+    sense: Sense = "low" if name in _LOW else "size" if name in _SIGNED else "high"
+    return MetricWords(name, _label(name), "" if unit == "-" else unit, doc, _group(name), sense)
+
+
+METRIC_WORDS: dict[str, MetricWords] = {
+    signal.name: words_of(signal.name, signal.unit, signal.doc) for signal in METRICS
+}
+
+_KNOWN_NAMES = {"tlc": "TLC", "lqr": "LQR", "lqr_retuned": "LQR retuned"}
+
+
+def controller_label(name: str) -> str:
+    """A controller's name as it is printed."""
+    return _KNOWN_NAMES.get(name, name.replace("_", " "))

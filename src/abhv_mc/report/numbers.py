@@ -1,0 +1,168 @@
+"""Every number of a report, as plain data: `report.json` holds it, the page prints it, `verify campaign` remakes it.
+
+The same folder gives the same numbers to the last bit: seeds are fixed and nothing depends on time or machine.
+Infinite and missing values are None.
+"""
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.report.convergence import convergence_numbers
+from abhv_mc.report.drivers import driver_numbers
+from abhv_mc.report.duels import duel_numbers
+from abhv_mc.report.failures import requirement_failures, requirement_words
+from abhv_mc.report.metrics import HEADLINE, USAGE, words_of
+from abhv_mc.report.plain import interval_in_sense, level_name, plain
+from abhv_mc.report.results import Floats, Results
+from abhv_mc.report.severities import severities
+from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
+from abhv_mc.statistics.verdicts import clopper_pearson, judge
+
+FORMAT = 1
+WORST = 10  # flights listed
+
+
+def _flight_counts(results: Results) -> dict[str, Any]:
+    counts = {}
+    for name in results.controllers:
+        flights = results.flights[name]
+        outcomes = Counter(flights.outcome.tolist())
+        failed = int(flights.failed.sum())
+        counts[name] = {
+            "flown": int(flights.flight.size),
+            "failed": failed,
+            "outcomes": dict(sorted(outcomes.items())),
+            "failure_share": plain(
+                Interval(failed / flights.flight.size, *clopper_pearson(failed, flights.flight.size))
+            )
+            if results.campaign.independent
+            else {"value": failed / flights.flight.size, "low": None, "high": None},
+        }
+    return counts
+
+
+def _requirements(results: Results) -> list[dict[str, Any]]:
+    listed = []
+    for requirement in results.campaign.requirements:
+        entry: dict[str, Any] = {
+            "metric": requirement.metric,
+            "words": requirement_words(requirement),
+            "below": requirement.below,
+            "limit": requirement.limit,
+            "probability": requirement.probability,
+            "consumer_risk": requirement.consumer_risk,
+            "binds": list(requirement.controllers),
+            "controllers": {},
+        }
+        for name in results.controllers:
+            missed = requirement_failures(results, name, requirement)
+            verdict = judge(
+                int(missed.sum()),
+                int(missed.size),
+                requirement.probability,
+                requirement.consumer_risk,
+                results.campaign.independent,
+            )
+            failed = results.flights[name].failed
+            entry["controllers"][name] = {**plain(verdict), "ended_early": int(failed.sum())}
+        listed.append(entry)
+    return listed
+
+
+def _metric_table(results: Results) -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    for metric in results.metrics:
+        words = words_of(metric)
+        entry: dict[str, Any] = {}
+        for name in results.controllers:
+            flights = results.flights[name]
+            values = severities(results, name, metric)
+            cell: dict[str, Any] = {
+                level_name(level): interval_in_sense(quantile(values, level), words.sense) for level in LEVELS
+            }
+            flown = np.where(flights.failed | np.isnan(flights.metrics[metric]), -np.inf, values)
+            worst = int(np.argmax(flown))
+            if np.isfinite(flown[worst]):
+                cell["worst"] = float(flights.metrics[metric][worst])
+                cell["worst_flight"] = int(flights.flight[worst])
+            else:
+                cell["worst"] = cell["worst_flight"] = None
+            entry[name] = cell
+        table[metric] = {"sense": words.sense, "controllers": entry}
+    return table
+
+
+def _worst_flights(results: Results) -> dict[str, Any]:
+    """The ten worst flights of each controller: failed ones, then by the largest share of any requirement's limit.
+
+    Without requirements the rank is by the largest headline metric relative to its own median.
+    """
+    worst = {}
+    for name in results.controllers:
+        flights = results.flights[name]
+        scores: dict[str, Floats] = {}
+        for item in results.campaign.requirements:
+            value = flights.metrics[item.metric]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                scores[item.metric] = value / item.limit if item.below else item.limit / value
+        if not scores:
+            for metric in HEADLINE:
+                if metric in flights.metrics:
+                    value = severities(results, name, metric)
+                    middle = float(np.median(value[np.isfinite(value)])) if np.isfinite(value).any() else 1.0
+                    scores[metric] = value / (middle or 1.0)
+        table = np.nan_to_num(np.stack(list(scores.values())), nan=np.inf)
+        total = np.where(flights.failed, np.inf, table.max(axis=0))
+        rows = np.lexsort((flights.flight, -np.max(table, axis=0), -total))[:WORST]
+        worst[name] = [
+            {
+                "flight": int(flights.flight[row]),
+                "outcome": str(flights.outcome[row]),
+                "by": list(scores)[int(np.argmax(table[:, row]))],
+                "share": plain(float(table[:, row].max())),
+                "metrics": {m: plain(flights.metrics[m][row]) for m in (*HEADLINE, *USAGE) if m in flights.metrics},
+                "samples": {key: plain(value[flights.flight[row]]) for key, value in results.samples.items()},
+            }
+            for row in rows
+        ]
+    return worst
+
+
+def _ranges(results: Results) -> dict[str, Any]:
+    """Smallest and largest value of each channel over all flights and times."""
+    ranges: dict[str, Any] = {}
+    for (controller, channel), envelope in results.envelopes.items():
+        low, high = np.nanmin(envelope.bands["min"]), np.nanmax(envelope.bands["max"])
+        ranges.setdefault(controller, {})[channel] = [plain(float(low)), plain(float(high))]
+    return ranges
+
+
+def make_numbers(results: Results) -> dict[str, Any]:
+    """All numbers of the report of a campaign, as JSON holds them."""
+    campaign, manifest = results.campaign, results.manifest
+    return {
+        "format": FORMAT,
+        "campaign": {
+            "name": campaign.name,
+            "question": campaign.question,
+            "controllers": list(results.controllers),
+            "runs": campaign.runs,
+            "seed": campaign.seed,
+            "sampling": campaign.sampling,
+            "independent_flights": campaign.independent,
+            "dispersions": plain(campaign.dispersions),
+        },
+        "state": manifest.get("state"),
+        "digest": manifest.get("digest"),
+        "digests": plain(manifest.get("digests") or {}),
+        "flights": _flight_counts(results),
+        "requirements": _requirements(results),
+        "metrics": _metric_table(results),
+        "duels": duel_numbers(results),
+        "worst": _worst_flights(results),
+        "ranges": _ranges(results),
+        "drivers": driver_numbers(results),
+        "convergence": convergence_numbers(results),
+    }

@@ -1,0 +1,28 @@
+"""How a report speaks of a dispersed parameter and its values."""
+
+import math
+
+from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.report.words import fixed, significant
+
+_SHOWN = {"rad": ("deg", 180.0 / math.pi), "rad/s": ("deg/s", 180.0 / math.pi)}
+
+
+def is_factor(name: str) -> bool:
+    """Whether a parameter multiplies (1 = nominal) rather than adds."""
+    return name not in PARAMETER_INDEX or PARAMETERS[PARAMETER_INDEX[name]].nominal == 1.0
+
+
+def shown_value(name: str, value: float) -> str:
+    """'+8.1 %' for a factor of 1.081, '0.3 deg' for an error in radians."""
+    if is_factor(name):
+        change = fixed(100.0 * (value - 1.0), 1)
+        return f"{'+' if value > 1.0 and change != '0.0' else ''}{change}\N{NO-BREAK SPACE}%"
+    unit = PARAMETERS[PARAMETER_INDEX[name]].unit
+    word, scale = _SHOWN.get(unit, (unit, 1.0))
+    return f"{significant(value * scale)}\N{NO-BREAK SPACE}{'' if word == '-' else word}".rstrip("\N{NO-BREAK SPACE}")
+
+
+def parameter_doc(name: str) -> str:
+    """What it is, in words."""
+    return PARAMETERS[PARAMETER_INDEX[name]].doc if name in PARAMETER_INDEX else ""

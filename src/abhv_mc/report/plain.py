@@ -1,0 +1,36 @@
+"""Dataclasses and numpy values as JSON holds them."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.statistics.estimates import Interval
+
+
+def plain(value: Any) -> Any:
+    """The value as JSON holds it; infinite and missing numbers are None."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {key: plain(item) for key, item in asdict(value).items()}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def interval_in_sense(interval: Interval, sense: str) -> dict[str, Any]:
+    """An interval of a severity as one of the metric itself (small values are bad in the sense "low")."""
+    turned: dict[str, Any] = plain(interval.scaled(-1.0) if sense == "low" else interval)
+    return turned
+
+
+def level_name(level: float) -> str:
+    """'q95' for 0.95, 'q99.73' for 0.9973."""
+    return f"q{100.0 * level:g}"

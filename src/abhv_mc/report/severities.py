@@ -1,0 +1,21 @@
+"""A controller's metric in the sense of `abhv_mc.statistics`: larger is worse, a flight that failed is worst."""
+
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.report.metrics import words_of
+from abhv_mc.report.results import ControllerFlights, Floats, Results
+from abhv_mc.statistics.estimates import severity
+
+
+def severities(results: Results, controller: str, metric: str) -> Floats:
+    """Severities [flight] of a metric."""
+    flights = results.flights[controller]
+    return severity(flights.metrics[metric], words_of(metric).sense, flights.failed)
+
+
+def common_rows(a: ControllerFlights, b: ControllerFlights) -> tuple[Any, Any]:
+    """Rows of the flights that both flew, so that row i of one is the same flight as row i of the other."""
+    _, rows_a, rows_b = np.intersect1d(a.flight, b.flight, assume_unique=True, return_indices=True)
+    return rows_a, rows_b

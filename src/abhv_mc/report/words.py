@@ -1,0 +1,90 @@
+"""Numbers as text, to the digits that their Monte Carlo error allows."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+MINUS = "\N{MINUS SIGN}"
+THIN = "\N{NARROW NO-BREAK SPACE}"
+
+
+def _decimals(error: float) -> int:
+    """Decimal places that show the first digit of an error, two digits where it begins with 1."""
+    magnitude = math.floor(math.log10(error))
+    return -magnitude + (1 if error / 10.0**magnitude < 2.0 else 0)
+
+
+def fixed(value: float, decimals: int) -> str:
+    """A number with a true minus sign; negative `decimals` round before the point."""
+    text = f"{round(value, decimals):,.{max(decimals, 0)}f}".replace(",", THIN)
+    return text.replace("-", MINUS) if float(round(value, decimals)) != 0.0 else text.replace("-", "")
+
+
+def significant(value: float | None, digits: int = 3) -> str:
+    """A number to so many significant digits; an em dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return "\N{EM DASH}"
+    if value == 0.0:
+        return "0"
+    return fixed(value, digits - 1 - math.floor(math.log10(abs(value))))
+
+
+def half_width(interval: Mapping[str, Any]) -> float | None:
+    """Half the width of an interval (value, low, high); from one side where the other is open."""
+    value, low, high = interval["value"], interval["low"], interval["high"]
+    if value is None:
+        return None
+    if low is not None and high is not None:
+        return float(high - low) / 2.0
+    end = low if low is not None else high
+    return None if end is None else abs(float(value - end))
+
+
+def estimate(interval: Mapping[str, Any]) -> str:
+    """The value of an interval to the digits its width allows."""
+    value, error = interval["value"], half_width(interval)
+    if value is None or not error:
+        return significant(value)
+    # An error beyond the value itself still leaves its first digit to read.
+    places = _decimals(error)
+    if value:
+        places = max(places, -math.floor(math.log10(abs(value))))
+    return fixed(value, min(places, 8))
+
+
+def bounds(interval: Mapping[str, Any]) -> str:
+    """The ends of an interval, to the digits of its value; says where an end is open."""
+    error = half_width(interval)
+    if interval["value"] is None or error is None:
+        return ""
+    low, high = interval["low"], interval["high"]
+
+    def text(end: float) -> str:
+        return fixed(end, min(_decimals(error), 8)) if error else significant(end)
+
+    if low is None:
+        return f"at most {text(high)}"
+    if high is None:
+        return f"at least {text(low)}"
+    return f"{text(low)} to {text(high)}"
+
+
+def percent(share: float | None, digits: int = 3) -> str:
+    """A share as a percentage; near 0 and 100 % the distance from there has `digits` significant digits."""
+    if share is None:
+        return "\N{EM DASH}"
+    rest = 100.0 * min(abs(share), abs(1.0 - share))
+    places = 0 if rest == 0.0 else min(max(0, digits - 1 - math.floor(math.log10(rest))), 6)
+    text = fixed(100.0 * share, places)
+    return f"{text.rstrip('0').rstrip('.') if '.' in text else text}{THIN}%"
+
+
+def count_of(count: int, total: int, noun: str = "") -> str:
+    """'3 of 1000 flights', numbers grouped."""
+    words = f"{count:,} of {total:,}".replace(",", THIN)
+    return f"{words} {noun}".rstrip()
+
+
+def p_value(value: float) -> str:
+    """A p-value as it is printed: never 0."""
+    return "< 0.0001" if value < 1e-4 else significant(value, 2)

@@ -1,0 +1,234 @@
+"""A campaign's folder made by formula, in the format of the contract: the report's tests need no flight."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from abhv_mc.flight.signals import CHANNELS, METRICS, REFERENCE_CHANNELS
+
+CONTROLLERS = ("tlc", "lqr", "lqr_retuned")
+# How far each controller strays (1 = a wide error) and how much surface it uses, beside the first.
+ERROR = {"tlc": 0.06, "lqr": 1.0, "lqr_retuned": 0.3}
+USAGE = {"tlc": 1.1, "lqr": 1.0, "lqr_retuned": 1.08}
+ENVELOPE_COLUMNS = {"q0.135": 0.00135, "q5": 0.05, "q50": 0.5, "q95": 0.95, "q99.865": 0.99865}
+TICK = 0.1  # s between the recorded samples
+
+CAMPAIGN = """\
+name: synthetic_s
+question: Does TLC hold the S manoeuvre better than LQR under the paper's uncertainties?
+vehicle: vehicle.yaml
+mission: mission.yaml
+controllers: {{tlc: tlc.yaml, lqr: lqr.yaml, lqr_retuned: lqr_retuned.yaml}}
+runs: {runs}
+seed: 2014
+sampling: {sampling}
+dispersions:
+  atmosphere.density: {{distribution: uniform, half_width: 10 %}}
+  aero.lift: {{distribution: uniform, half_width: 10 %}}
+  aero.drag: {{distribution: uniform, half_width: 15 %}}
+correlations: []
+requirements:
+- {{metric: altitude_error_max_m, below: 50, probability: 0.9973, consumer_risk: 0.10}}
+- {{metric: speed_error_max_mps, below: 5, probability: 0.9973, consumer_risk: 0.10}}
+- {{metric: sideslip_max_deg, below: 0.7, probability: 0.9973, consumer_risk: 0.10}}
+keep: {{histories: {{flights: worst 20, channels: all, rate: 10 Hz}}}}
+execution: {{workers: auto, batch: auto}}
+"""
+
+
+def reference_of(time):
+    """The S manoeuvre's reference channels, [time] each, in degrees and metres."""
+    phase = np.pi * time / 50.0
+    flying = time < 50.0
+    rate = np.where(flying, 2500.0 * np.pi / 50.0 * np.sin(phase), 0.0)
+    acceleration = np.where(flying, 2500.0 * (np.pi / 50.0) ** 2 * np.cos(phase), 0.0)
+    bank = -np.degrees(np.arctan(acceleration / 9.6))
+    columns = {
+        "altitude_reference_m": np.full_like(time, 20000.0),
+        "speed_reference_mps": np.full_like(time, 1400.0),
+        "flight_path_angle_reference_deg": np.zeros_like(time),
+        "heading_reference_deg": 90.0 - np.degrees(np.arcsin(rate / 1400.0)),
+        "angle_of_attack_reference_deg": 2.3 / np.cos(np.radians(bank)),
+        "bank_reference_deg": bank,
+        "equivalence_ratio_reference": 0.85 + 0.25 * (1.0 / np.cos(np.radians(bank)) - 1.0),
+        "north_reference_m": np.where(flying, 2500.0 * (1.0 - np.cos(phase)), 5000.0),
+        "east_reference_m": 1400.0 * time,
+    }
+    assert set(columns) == {signal.name for signal in REFERENCE_CHANNELS}
+    return columns
+
+
+def histories_of(name, samples, time, wobble):
+    """Channels [channel][flight, time] of one controller, by formula: lags and pulses that grow with the samples."""
+    reference = reference_of(time)
+    stray, usage = ERROR[name], USAGE[name]
+    density, lift, drag = ((samples[key] - 1.0)[:, None] for key in ("atmosphere.density", "aero.lift", "aero.drag"))
+    kick = np.exp(-time / 2.0) + 0.8 * np.where(time > 50.0, np.exp(-(time - 50.0) / 2.0), 0.0)
+    swing = np.sin(time / 4.0) * np.exp(-time / 30.0)
+    load = 1.0 + density + lift
+    one = np.ones_like(load)
+    bank_command = reference["bank_reference_deg"] * (1.0 - 0.6 * (density + lift))
+    alpha_command = reference["angle_of_attack_reference_deg"] * (1.0 - 0.9 * (density + lift))
+    channels = {
+        "altitude_m": 20000.0 + 110.0 * (density + lift + 0.004 * wobble) * (1.0 - np.exp(-time / 5.0)) * one,
+        "speed_mps": 1400.0 - 14.0 * (drag + 0.5 * density) * (1.0 + 2.0 * stray) * np.tanh(time / 20.0),
+        "flight_path_angle_deg": 0.3 * (density + lift) * swing,
+        "heading_deg": reference["heading_reference_deg"] + (0.2 * density + 0.1 * stray) * swing,
+        "angle_of_attack_deg": alpha_command - stray * 2.0 * kick * load,
+        "sideslip_deg": (0.25 + 0.6 * stray) * kick * swing * load + 0.02 * wobble * kick,
+        "bank_deg": bank_command * (1.0 - kick * load * (0.2 + stray * 0.5)),
+        "roll_rate_dps": 8.0 * kick * load,
+        "pitch_rate_dps": 1.0 + 0.5 * kick * load,
+        "yaw_rate_dps": 0.3 + 0.1 * kick * load,
+        "aileron_deg": usage * 1.2 * swing * kick * load,
+        "rudder_deg": usage * 0.4 * swing * kick * load,
+        "elevator_deg": 0.8 + usage * (1.5 * kick + 3.0 * (lift + density)) * one,
+        "equivalence_ratio": reference["equivalence_ratio_reference"] * (1.0 + drag + 0.3 * density),
+        "north_m": reference["north_reference_m"] + 900.0 * density * np.tanh(time / 40.0) + 20.0 * stray * time / 60.0,
+        "east_m": reference["east_reference_m"] * one,
+        "latitude_deg": 29.27 + reference["north_reference_m"] / 111e3 * one,
+        "longitude_deg": -78.0 + 1400.0 * time / 97e3 * one,
+        "mass_kg": 120000.0 - 80.0 * time * (1.0 + drag),
+        "dynamic_pressure_pa": 87000.0 * (1.0 + density) * np.ones_like(time),
+        "flight_path_angle_command_deg": 0.2 * (density + lift) * swing,
+        "angle_of_attack_command_deg": alpha_command,
+        "bank_command_deg": bank_command,
+    }
+    for surface in ("aileron", "rudder", "elevator"):
+        channels[f"{surface}_command_deg"] = channels[f"{surface}_deg"] * 1.02
+    channels["equivalence_ratio_command"] = channels["equivalence_ratio"] * 1.001
+    shape = (density.size, time.size)
+    channels = {key: np.broadcast_to(value, shape).astype(np.float32) for key, value in channels.items()}
+    assert set(channels) == {signal.name for signal in CHANNELS}
+    return channels
+
+
+def metrics_of(channels, time):
+    """Every metric of METRICS from the recorded histories, as the contract defines them (at the recorded rate)."""
+    reference = reference_of(time)
+    settled = ((time > 5.0) & (time < 50.0)) | (time > 55.0)
+    found = {}
+
+    def put(name, unit, error):
+        found[f"{name}_rms_{unit}"] = np.sqrt((error**2).mean(axis=1))
+        found[f"{name}_max_{unit}"] = np.abs(error).max(axis=1)
+
+    put("altitude_error", "m", channels["altitude_m"] - reference["altitude_reference_m"])
+    put("speed_error", "mps", channels["speed_mps"] - reference["speed_reference_mps"])
+    put("heading_error", "deg", channels["heading_deg"] - reference["heading_reference_deg"])
+    cross = channels["north_m"] - reference["north_reference_m"]
+    put("cross_track_error", "m", cross)
+    found["cross_track_error_final_m"] = cross[:, -1]
+    for name in ("angle_of_attack", "bank"):
+        error = channels[f"{name}_deg"] - channels[f"{name}_command_deg"]
+        put(f"{name}_error", "deg", error)
+        found[f"{name}_error_settled_max_deg"] = np.abs(error[:, settled]).max(axis=1)
+    put("sideslip", "deg", channels["sideslip_deg"])
+    found["angle_of_attack_min_deg"] = channels["angle_of_attack_deg"].min(axis=1)
+    found["angle_of_attack_max_deg"] = channels["angle_of_attack_deg"].max(axis=1)
+    for surface in ("aileron", "elevator", "rudder"):
+        deflection = channels[f"{surface}_deg"]
+        found[f"{surface}_rms_deg"] = np.sqrt(((deflection - deflection[:, :1]) ** 2).mean(axis=1))
+        found[f"{surface}_max_deg"] = np.abs(deflection).max(axis=1)
+        found[f"{surface}_travel_deg"] = np.abs(np.diff(deflection, axis=1)).sum(axis=1)
+    found["equivalence_ratio_min"] = channels["equivalence_ratio"].min(axis=1)
+    found["equivalence_ratio_max"] = channels["equivalence_ratio"].max(axis=1)
+    found["fuel_used_kg"] = channels["mass_kg"][:, 0] - channels["mass_kg"][:, -1]
+    found["dynamic_pressure_max_pa"] = channels["dynamic_pressure_pa"].max(axis=1)
+    found["load_factor_max_g"] = 1.0 / np.cos(np.radians(channels["bank_deg"])).min(axis=1)
+    found["surface_saturation_s"] = np.zeros(cross.shape[0])
+    found["outside_tables_s"] = np.zeros(cross.shape[0])
+    assert set(found) == {signal.name for signal in METRICS}
+    return {signal.name: np.asarray(found[signal.name], dtype=np.float64) for signal in METRICS}
+
+
+def write_campaign(folder: Path, runs: int = 60, sampling: str = "random", failing: int = 0, seed: int = 7) -> Path:
+    """Write a synthetic campaign; of the first controller but one, the `failing` flights with most density fail."""
+    draw = np.random.default_rng(seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "flights").mkdir(exist_ok=True)
+    (folder / "histories").mkdir(exist_ok=True)
+    time = np.arange(601) * TICK
+    samples = {
+        "atmosphere.density": draw.uniform(0.90, 1.10, runs),
+        "aero.lift": draw.uniform(0.90, 1.10, runs),
+        "aero.drag": draw.uniform(0.85, 1.15, runs),
+    }
+    wobble = draw.normal(size=runs)[:, None]
+    number = np.arange(runs, dtype=np.int64)
+    pq.write_table(pa.table({"flight": number, **samples}), folder / "samples.parquet")
+    envelopes, nominal, rows = [], [], []
+    for name in CONTROLLERS:
+        channels = histories_of(name, samples, time, wobble)
+        metrics = metrics_of(channels, time)
+        outcome = np.full(runs, "ok", dtype=object)
+        if name != CONTROLLERS[0] and failing:
+            outcome[np.argsort(samples["atmosphere.density"])[-failing:]] = "sideslip_limit"
+        controller = np.full(runs, name)
+        rows.append(
+            pa.table({"flight": number, "controller": controller, "outcome": list(outcome), **samples, **metrics})
+        )
+        worst = np.argsort(metrics["altitude_error_max_m"])[-20:]
+        pq.write_table(
+            pa.table(
+                {
+                    "flight": np.repeat(worst, time.size),
+                    "controller": np.full(worst.size * time.size, name),
+                    "time": np.tile(time, worst.size).astype(np.float32),
+                    **{key: value[worst].ravel() for key, value in channels.items()},
+                }
+            ),
+            folder / "histories" / f"{name}.parquet",
+        )
+        for key, value in channels.items():
+            cell = {
+                "controller": np.full(time.size, name),
+                "channel": np.full(time.size, key),
+                "time": time,
+                "count": np.full(time.size, runs, dtype=np.int64),
+                "min": value.min(axis=0).astype(np.float64),
+            }
+            for column, probability in ENVELOPE_COLUMNS.items():
+                cell[column] = np.quantile(value, probability, axis=0)
+            envelopes.append(pa.table({**cell, "max": value.max(axis=0).astype(np.float64)}))
+        undispersed = {key: np.ones(1) for key in samples}
+        flown = histories_of(name, undispersed, time, np.zeros((1, 1)))
+        nominal.append(
+            pa.table(
+                {
+                    "controller": np.full(time.size, name),
+                    "time": time,
+                    **{signal.name: flown[signal.name][0] for signal in CHANNELS},
+                }
+            )
+        )
+    half = runs // 2
+    everything = pa.concat_tables(rows)
+    flights = np.asarray(everything["flight"])
+    pq.write_table(everything.filter(flights < half), folder / "flights" / "block-00000.parquet")
+    pq.write_table(everything.filter(flights >= half), folder / "flights" / "block-00001.parquet")
+    pq.write_table(pa.concat_tables(envelopes), folder / "envelopes.parquet")
+    pq.write_table(pa.concat_tables(nominal), folder / "nominal.parquet")
+    pq.write_table(pa.table({"time": time, **reference_of(time)}), folder / "reference.parquet")
+    for reference in ("vehicle", "mission", *CONTROLLERS):
+        (folder / f"{reference}.yaml").write_text("name: synthetic\n", encoding="utf-8")
+    (folder / "campaign.yaml").write_text(CAMPAIGN.format(runs=runs, sampling=sampling), encoding="utf-8")
+    manifest = {
+        "state": "complete",
+        "runs_planned": runs * len(CONTROLLERS),
+        "runs_done": runs * len(CONTROLLERS),
+        "runs_failed": 2 * failing,
+        "campaign_hash": "0" * 64,
+        "seed": 2014,
+        "versions": {"abhv-mc": "0.1.0", "python": "3.12.0", "numpy": "2.4.6", "numba": "0.68.1"},
+        "git_commit": "0" * 40,
+        "machine": {"cpu": "synthetic", "cores": 2},
+        "wall_time_s": 12.5,
+        "digest": "1" * 64,
+        "digests": {name: str(i) * 64 for i, name in enumerate(CONTROLLERS)},
+    }
+    (folder / "manifest.json").write_text(json.dumps(manifest, indent=2), encoding="utf-8")
+    return folder
