@@ -1,0 +1,65 @@
+"""Names and order of what the launching process computes per control tick and the compiled laws read."""
+
+# The mission's reference and the nominal along it, SI and radians.
+REFERENCE = (
+    "time",
+    "altitude",
+    "altitude_rate",
+    "speed",
+    "speed_rate",
+    "flight_path_angle",
+    "heading",  # continuous, not wrapped
+    "heading_rate",
+    "angle_of_attack",  # nominal controls by guidance trim
+    "bank",
+    "equivalence_ratio",
+    "elevator",  # trimmed
+    "mass",  # nominal, fuel burnt along the reference
+    "north",  # integral of the north ground speed at altitude
+    "east",
+    "latitude",
+    "settled",  # 0 within 5 s after a step of the reference, else 1
+    "track_north",  # unit vector of positive cross-track error (left of the start's heading), constant
+    "track_east",
+)
+TIME, ALTITUDE, ALTITUDE_RATE, SPEED, SPEED_RATE, FLIGHT_PATH_ANGLE, HEADING, HEADING_RATE = range(8)
+ANGLE_OF_ATTACK, BANK, EQUIVALENCE_RATIO, ELEVATOR, MASS, NORTH, EAST, LATITUDE, SETTLED = range(8, 17)
+TRACK_NORTH, TRACK_EAST = 17, 18
+
+_GUIDANCE = ("path_integral", "path", "heading_integral", "heading", "speed_integral", "speed")
+
+# TLC: sub-loops 1 and 2 complete, the spectra (a1, a2 of each channel) of sub-loops 3 and 4.
+TLC_GAINS = (
+    "altitude_integral",  # flight path angle per int altitude error
+    "altitude",
+    *(f"angle_of_attack_by_{name}" for name in _GUIDANCE),
+    *(f"bank_by_{name}" for name in _GUIDANCE),
+    *(f"equivalence_ratio_by_{name}" for name in _GUIDANCE),
+    *(f"{channel}_{a}" for channel in ("angle_of_attack", "sideslip", "bank") for a in ("a1", "a2")),
+    *(f"{channel}_{a}" for channel in ("roll_rate", "pitch_rate", "yaw_rate") for a in ("a1", "a2")),
+)
+TLC_K1, TLC_K2, TLC_ATTITUDE, TLC_RATE = 0, 2, 20, 26
+TLC_SETTINGS = (
+    "attitude_differentiator",  # rad/s
+    "rate_differentiator",  # rad/s
+    "angle_of_attack_min",  # rad, limits of the commands
+    "angle_of_attack_max",
+    "bank_max",
+)
+
+# LQR: u = nominal - K (x - nominal), SI and radians (deflections too).
+LQR_GAINS = (
+    *(
+        f"{control}_by_{name}"
+        for control in ("angle_of_attack", "bank", "equivalence_ratio")
+        for name in ("altitude", "path", "heading", "speed")
+    ),
+    *(f"elevator_by_{name}" for name in ("angle_of_attack", "pitch_rate")),
+    *(
+        f"{surface}_by_{name}"
+        for surface in ("aileron", "rudder")
+        for name in ("bank", "sideslip", "roll_rate", "yaw_rate")
+    ),
+)
+LQR_GUIDANCE, LQR_ELEVATOR, LQR_LATERAL = 0, 12, 14
+LQR_SETTINGS = ("angle_of_attack_min", "angle_of_attack_max", "bank_max")

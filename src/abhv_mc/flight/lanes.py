@@ -1,0 +1,202 @@
+"""The compiled flight: ``width`` flights abreast, tick by tick, from the start to the end of the mission.
+
+One kernel serves every vehicle, mission, controller and gain: they are arguments. A lane never looks at
+another lane, so a flight is the same bit for bit whatever flies beside it.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from abhv_mc.control import tlc
+from abhv_mc.control.lqr import lqr_tick
+from abhv_mc.control.recorded import recorded_tick
+from abhv_mc.control.tlc import tlc_tick
+from abhv_mc.flight import observe
+from abhv_mc.flight.navigation import navigate
+from abhv_mc.flight.observe import finish_metrics, judge, measure, record, start_observing
+from abhv_mc.jit import kernel, lanes
+from abhv_mc.numerics.tables import CHUNK
+from abhv_mc.plant import state as s
+from abhv_mc.plant.aerodynamics import build_up, look_up
+from abhv_mc.plant.air_data import air_data, deflections
+from abhv_mc.plant.equations import equations_of_motion, finish_step
+
+LANES = 16
+
+# Which law flies: the integers that the kernel compares.
+TLC, LQR, RECORDED = range(3)
+LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED}
+
+_Z_ROWS = s.LAW + tlc.N_ROWS
+_MAX_AXES = 24
+
+
+@lanes
+def evaluate(Z, width, vehicle, earth, hints, fractions, out, weight, step, is_recorded):
+    """One Runge-Kutta stage at ``XS``."""
+    air_data(Z, width, vehicle)
+    deflections(Z, width, vehicle)
+    look_up(Z, width, vehicle.tables, hints, fractions, out)
+    build_up(Z, width, vehicle.build_up, vehicle.build_up.factor)
+    equations_of_motion(Z, width, vehicle, earth, weight, step, is_recorded)
+
+
+@lanes
+def fly_groups(
+    Z,
+    O,
+    width,
+    scratch,
+    unit_factors,
+    vehicle,
+    trim,
+    effectiveness,
+    earth,
+    law,
+    reference,
+    gains,
+    settings,
+    limits,
+    step,
+    steps_per_tick,
+    ticks,
+    record_every,
+    parameters,
+    initial_states,
+    metrics,
+    outcome,
+    end_tick,
+    history,
+):
+    """Every group of ``width`` flights, one after another, in lane memory that the caller allocated."""
+    flights = parameters.shape[0]
+    hints, trim_hints, fractions, low, high = scratch
+    is_recorded = law == RECORDED
+    tick_length = step * steps_per_tick
+    for first in range(0, flights, width):
+        n = min(width, flights - first)
+        for i in range(_Z_ROWS):
+            for lane in range(width):
+                Z[i, lane] = 0.0
+        for lane in range(width):
+            flight = first + min(lane, n - 1)  # spare lanes repeat the last flight, unseen
+            for i in range(s.N_PARAMETERS):
+                Z[s.P + i, lane] = parameters[flight, i]
+            for i in range(s.N_STATES):
+                Z[s.X + i, lane] = initial_states[flight, i]
+                Z[s.XS + i, lane] = initial_states[flight, i]
+            Z[s.CMD_AILERON, lane] = initial_states[flight, s.AILERON]
+            Z[s.CMD_RUDDER, lane] = initial_states[flight, s.RUDDER]
+            Z[s.CMD_ELEVATOR, lane] = initial_states[flight, s.ELEVATOR]
+            Z[s.CMD_ETA, lane] = initial_states[flight, s.ETA]
+        start_observing(Z, O, width)
+        for tick in range(ticks + 1):
+            navigate(Z, width, tick_length, tick == 0)
+            if law == TLC:
+                tlc_tick(
+                    Z,
+                    width,
+                    vehicle,
+                    trim,
+                    effectiveness,
+                    earth,
+                    reference,
+                    gains,
+                    settings,
+                    tick,
+                    tick_length,
+                    tick == 0,
+                    scratch,
+                    unit_factors,
+                )
+            elif law == LQR:
+                lqr_tick(Z, width, vehicle, earth, reference, gains, settings, tick)
+            else:
+                recorded_tick(Z, width, gains, tick)
+            evaluate(Z, width, vehicle, earth, hints, fractions, low, 1.0, 0.5 * step, is_recorded)
+            judge(Z, O, width, limits, tick)
+            measure(Z, O, width, vehicle, reference, tick, tick_length)
+            if record_every > 0 and tick % record_every == 0:
+                record(Z, width, history, first, n, tick // record_every)
+            alive = 0.0
+            for lane in range(width):
+                alive += O[observe.ALIVE, lane]
+            if tick == ticks or alive == 0.0:
+                break
+            for inner in range(steps_per_tick):
+                for stage in range(4):
+                    if inner == 0 and stage == 0:
+                        continue  # already evaluated for the observer
+                    weight = 2.0 if stage == 1 or stage == 2 else 1.0
+                    stage_step = step if stage == 2 else 0.5 * step
+                    evaluate(Z, width, vehicle, earth, hints, fractions, low, weight, stage_step, is_recorded)
+                finish_step(Z, width, vehicle, step, O[observe.ALIVE], is_recorded)
+        finish_metrics(O, width, metrics, first, n)
+        for lane in range(n):
+            outcome[first + lane] = int(O[observe.OUTCOME, lane])
+            end_tick[first + lane] = int(O[observe.END, lane])
+
+
+def make_fly_lanes(width: int) -> Callable[..., None]:
+    """The compiled flight for ``width`` lanes (compiled at its first call, cached on disk)."""
+
+    @kernel
+    def fly_lanes(
+        vehicle,
+        trim,
+        effectiveness,
+        earth,
+        law,
+        reference,
+        gains,
+        settings,
+        limits,
+        step,
+        steps_per_tick,
+        ticks,
+        record_every,
+        parameters,
+        initial_states,
+        metrics,
+        outcome,
+        end_tick,
+        history,
+    ):
+        """Fly every row of ``parameters`` [flight, parameter]; fill metrics, outcome, end_tick, history."""
+        Z = np.empty((_Z_ROWS, width))
+        O = np.empty((observe.N_ROWS, width))
+        hints = np.zeros((_MAX_AXES, width), dtype=np.int64)
+        trim_hints = np.zeros((3, width), dtype=np.int64)
+        fractions = np.zeros((_MAX_AXES, width))
+        low = np.empty(CHUNK)
+        high = np.empty(CHUNK)
+        unit_factors = np.zeros(vehicle.build_up.factor.size, dtype=np.int64)
+        fly_groups(
+            Z,
+            O,
+            width,
+            (hints, trim_hints, fractions, low, high),
+            unit_factors,
+            vehicle,
+            trim,
+            effectiveness,
+            earth,
+            law,
+            reference,
+            gains,
+            settings,
+            limits,
+            step,
+            steps_per_tick,
+            ticks,
+            record_every,
+            parameters,
+            initial_states,
+            metrics,
+            outcome,
+            end_tick,
+            history,
+        )
+
+    return fly_lanes  # type: ignore[no-any-return]

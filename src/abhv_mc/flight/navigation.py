@@ -1,0 +1,53 @@
+"""Once a tick: the motion to the Earth, and what the sensors make of it."""
+
+import math
+
+from abhv_mc.jit import lanes, scalar
+from abhv_mc.numerics.lane_math import atan2
+from abhv_mc.numerics.quaternion import rotate_to_body, rotate_to_ned
+from abhv_mc.plant import state as s
+from abhv_mc.plant.air_data import flow_angles
+from abhv_mc.plant.state import X, parameter_row
+
+_BIAS = parameter_row("sensor.altitude_bias")  # ten biases in the order of the measured rows
+
+
+@scalar
+def bank_angle(q0, q1, q2, q3, sin_alpha, cos_alpha, sin_beta, cos_beta):
+    """Bank about the velocity: where the wind axes' y and z point relative to the vertical."""
+    d_x, d_y, d_z = rotate_to_body(q0, q1, q2, q3, 0.0, 0.0, 1.0)  # the NED down axis in body components
+    y_down = -cos_alpha * sin_beta * d_x + cos_beta * d_y - sin_alpha * sin_beta * d_z
+    z_down = -sin_alpha * d_x + cos_alpha * d_z
+    return atan2(y_down, z_down)
+
+
+@lanes
+def navigate(Z, width, tick, first):
+    """Truth and measurement at the tick; the track is integrated by the trapezoidal rule."""
+    for lane in range(width):
+        u, v, w = Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane]
+        q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]
+        v_n, v_e, v_d = rotate_to_ned(q0, q1, q2, q3, u, v, w)
+        speed, sin_a, cos_a, sin_b, cos_b, alpha, beta = flow_angles(u, v, w)
+        gamma = atan2(-v_d, math.sqrt(v_n * v_n + v_e * v_e))
+        chi = atan2(v_e, v_n)
+        bank = bank_angle(q0, q1, q2, q3, sin_a, cos_a, sin_b, cos_b)
+        half = 0.0 if first else 0.5 * tick
+        Z[s.NORTH, lane] += half * (v_n + Z[s.V_NORTH_LAST, lane])
+        Z[s.EAST, lane] += half * (v_e + Z[s.V_EAST_LAST, lane])
+        Z[s.V_NORTH_LAST, lane] = v_n
+        Z[s.V_EAST_LAST, lane] = v_e
+        Z[s.SPEED, lane] = speed
+        Z[s.GAMMA, lane] = gamma
+        Z[s.CHI, lane] = chi
+        Z[s.BANK, lane] = bank
+        Z[s.M_ALTITUDE, lane] = Z[X + s.ALTITUDE, lane] + Z[_BIAS, lane]
+        Z[s.M_SPEED, lane] = speed + Z[_BIAS + 1, lane]
+        Z[s.M_GAMMA, lane] = gamma + Z[_BIAS + 2, lane]
+        Z[s.M_CHI, lane] = chi + Z[_BIAS + 3, lane]
+        Z[s.M_ALPHA, lane] = alpha + Z[_BIAS + 4, lane]
+        Z[s.M_BETA, lane] = beta + Z[_BIAS + 5, lane]
+        Z[s.M_BANK, lane] = bank + Z[_BIAS + 6, lane]
+        Z[s.M_P, lane] = Z[X + s.ROLL_RATE, lane] + Z[_BIAS + 7, lane]
+        Z[s.M_Q, lane] = Z[X + s.PITCH_RATE, lane] + Z[_BIAS + 8, lane]
+        Z[s.M_R, lane] = Z[X + s.YAW_RATE, lane] + Z[_BIAS + 9, lane]

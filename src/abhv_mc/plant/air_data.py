@@ -1,0 +1,143 @@
+"""First loop of a stage: from the state to the air data and to the variables of the tables."""
+
+import math
+
+from abhv_mc.jit import lanes, scalar
+from abhv_mc.numerics.angles import clamp
+from abhv_mc.numerics.lane_math import atan2
+from abhv_mc.numerics.quaternion import rotate_to_body
+from abhv_mc.plant.state import (
+    AILERON,
+    AIRSPEED,
+    ALTITUDE,
+    COS_ALPHA,
+    COS_BETA,
+    ELEVATOR,
+    ETA,
+    MASS,
+    PITCH_RATE,
+    Q0,
+    Q1,
+    Q2,
+    Q3,
+    Q_BAR,
+    RHO,
+    ROLL_RATE,
+    RUDDER,
+    SIN_ALPHA,
+    SIN_BETA,
+    U,
+    V,
+    W,
+    XS,
+    YAW_RATE,
+    parameter_row,
+    variable_row,
+)
+from abhv_mc.vehicle.arrays import VARIABLES
+from abhv_mc.world.atmosphere import atmosphere
+from abhv_mc.world.wind import wind_ned
+
+_DENSITY = parameter_row("atmosphere.density")
+_WIND_NORTH = parameter_row("wind.north")
+_WIND_EAST = parameter_row("wind.east")
+_SHEAR_NORTH = parameter_row("wind.shear_north")
+_SHEAR_EAST = parameter_row("wind.shear_east")
+_MASS_FACTOR = parameter_row("mass.total")
+_AILERON_EFFECTIVENESS = parameter_row("control.aileron_effectiveness")
+_RUDDER_EFFECTIVENESS = parameter_row("control.rudder_effectiveness")
+_ELEVATOR_EFFECTIVENESS = parameter_row("control.elevator_effectiveness")
+_DEFLECTION_LIMIT = parameter_row("actuator.deflection_limit")
+
+_ONE = variable_row("one")
+_MACH = variable_row("mach")
+_ALPHA = variable_row("angle_of_attack")
+_BETA = variable_row("sideslip")
+_P_HAT = variable_row("roll_rate_hat")
+_Q_HAT = variable_row("pitch_rate_hat")
+_R_HAT = variable_row("yaw_rate_hat")
+_DELTA_A = variable_row("aileron")
+_DELTA_R = variable_row("rudder")
+_DELTA_E = variable_row("elevator")
+_ETA = variable_row("equivalence_ratio")
+_ALTITUDE = variable_row("altitude")
+_MASS = variable_row("mass")
+_EFFECTOR = variable_row("effector_0")
+N_EFFECTORS = sum(name.startswith("effector_") for name in VARIABLES)
+
+
+@scalar
+def flow_angles(u, v, w):
+    """Speed and flow angles of a body-axis velocity: V, sin alpha, cos alpha, sin beta, cos beta, alpha, beta.
+
+    At rest both angles are zero, so that a dropped sphere needs no special case.
+    """
+    in_plane_squared = u * u + w * w
+    speed = math.sqrt(in_plane_squared + v * v)
+    in_plane = math.sqrt(in_plane_squared)
+    inverse = 1.0 / (in_plane if in_plane > 0.0 else 1.0)
+    sin_alpha = w * inverse
+    cos_alpha = u * inverse if in_plane > 0.0 else 1.0
+    inverse_speed = 1.0 / (speed if speed > 0.0 else 1.0)
+    sin_beta = v * inverse_speed
+    cos_beta = in_plane * inverse_speed if speed > 0.0 else 1.0
+    return speed, sin_alpha, cos_alpha, sin_beta, cos_beta, atan2(sin_alpha, cos_alpha), atan2(sin_beta, cos_beta)
+
+
+@lanes
+def set_effectors(Z, width, mix):
+    """The vehicle's own surfaces from the three (effective) axis deflections."""
+    for e in range(N_EFFECTORS):
+        aileron, rudder, elevator = mix[e, 0], mix[e, 1], mix[e, 2]
+        for lane in range(width):
+            Z[_EFFECTOR + e, lane] = (
+                aileron * Z[_DELTA_A, lane] + rudder * Z[_DELTA_R, lane] + elevator * Z[_DELTA_E, lane]
+            )
+
+
+@lanes
+def air_data(Z, width, vehicle):
+    """Air data and variables of the stage's state ``XS``, dispersions included."""
+    constants = vehicle.constants
+    for lane in range(width):
+        q0, q1, q2, q3 = Z[XS + Q0, lane], Z[XS + Q1, lane], Z[XS + Q2, lane], Z[XS + Q3, lane]
+        altitude = Z[XS + ALTITUDE, lane]
+        wind_n, wind_e = wind_ned(
+            altitude, Z[_WIND_NORTH, lane], Z[_WIND_EAST, lane], Z[_SHEAR_NORTH, lane], Z[_SHEAR_EAST, lane]
+        )
+        wind_u, wind_v, wind_w = rotate_to_body(q0, q1, q2, q3, wind_n, wind_e, 0.0)
+        speed, sin_alpha, cos_alpha, sin_beta, cos_beta, alpha, beta = flow_angles(
+            Z[XS + U, lane] - wind_u, Z[XS + V, lane] - wind_v, Z[XS + W, lane] - wind_w
+        )
+        density, _, _, speed_of_sound = atmosphere(altitude)
+        rho = density * Z[_DENSITY, lane]
+        Z[RHO, lane] = rho
+        Z[Q_BAR, lane] = 0.5 * rho * speed * speed
+        Z[AIRSPEED, lane] = speed
+        Z[SIN_ALPHA, lane] = sin_alpha
+        Z[COS_ALPHA, lane] = cos_alpha
+        Z[SIN_BETA, lane] = sin_beta
+        Z[COS_BETA, lane] = cos_beta
+        half_inverse = 0.5 / (speed if speed > 1e-9 else 1.0)
+        half_inverse = half_inverse if speed > 1e-9 else 0.0
+        Z[_ONE, lane] = 1.0
+        Z[_MACH, lane] = speed / speed_of_sound
+        Z[_ALPHA, lane] = alpha
+        Z[_BETA, lane] = beta
+        Z[_P_HAT, lane] = Z[XS + ROLL_RATE, lane] * constants.span * half_inverse
+        Z[_Q_HAT, lane] = Z[XS + PITCH_RATE, lane] * constants.chord * half_inverse
+        Z[_R_HAT, lane] = Z[XS + YAW_RATE, lane] * constants.span * half_inverse
+        Z[_ALTITUDE, lane] = altitude
+        Z[_MASS, lane] = Z[XS + MASS, lane] / Z[_MASS_FACTOR, lane]
+
+
+@lanes
+def deflections(Z, width, vehicle):
+    """What the aerodynamics feel of the stage's surfaces and engine."""
+    for lane in range(width):
+        limit = vehicle.constants.surface_limit * Z[_DEFLECTION_LIMIT, lane]
+        Z[_DELTA_A, lane] = Z[_AILERON_EFFECTIVENESS, lane] * clamp(Z[XS + AILERON, lane], -limit, limit)
+        Z[_DELTA_R, lane] = Z[_RUDDER_EFFECTIVENESS, lane] * clamp(Z[XS + RUDDER, lane], -limit, limit)
+        Z[_DELTA_E, lane] = Z[_ELEVATOR_EFFECTIVENESS, lane] * clamp(Z[XS + ELEVATOR, lane], -limit, limit)
+        Z[_ETA, lane] = Z[XS + ETA, lane]
+    set_effectors(Z, width, vehicle.effector_mix)

@@ -1,0 +1,139 @@
+"""Slopes of the coefficients with the deflections and with sideslip: what control allocation inverts.
+
+A term ``table * variable`` depends on a deflection through its variable and through a table axis; both are
+linear inside a cell, so the slopes are exact there. Which terms have which slope is worked out once per vehicle.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from abhv_mc.jit import lanes
+from abhv_mc.numerics.tables import CHUNK, interpolate_3d
+from abhv_mc.plant.state import MAX_TABLE_ROWS, N_COEFFICIENTS, TABLE, VAR
+from abhv_mc.vehicle.arrays import VARIABLES, Floats, Ints
+from abhv_mc.vehicle.model import Vehicle
+
+INPUTS = ("aileron", "rudder", "elevator", "sideslip")
+N_INPUTS = len(INPUTS)
+
+
+class Effectiveness(NamedTuple):
+    """Terms of the slopes: ``slope[coefficient, input] += weight * row * variable``."""
+
+    coefficient: Ints  # [term]
+    input: Ints  # [term] index into INPUTS
+    row: Ints  # [term] table row, or a slope row behind the tables
+    variable: Ints  # [term]
+    weight: Floats  # [term]
+    slope_group: Ints  # [slope] group that is differentiated
+    slope_axis: Ints  # [slope] the axis with respect to which
+    slope_row: Ints  # [slope] its first row
+
+
+def _input_weights(vehicle: Vehicle) -> Floats:
+    """d variable / d input, [variable, input]."""
+    weights = np.zeros((len(VARIABLES), N_INPUTS))
+    for i, name in enumerate(INPUTS):
+        weights[VARIABLES.index(name), i] = 1.0
+    first = VARIABLES.index("effector_0")
+    for e, mix in enumerate(vehicle.effector_mix):
+        weights[first + e, :3] = mix
+    return weights
+
+
+def make_effectiveness(vehicle: Vehicle) -> Effectiveness:
+    """Work out the slopes of a vehicle; raises ValueError when they do not fit the lane memory."""
+    weights = _input_weights(vehicle)
+    tables, terms = vehicle.tables, vehicle.build_up
+    found: list[tuple[int, int, int, int, float]] = []
+    slopes: list[tuple[int, int, int]] = []
+    next_row = tables.n_rows
+    slope_rows: dict[tuple[int, int], int] = {}
+    for group in range(tables.group_start.size):
+        for d in range(tables.group_dimensions[group]):
+            axis = int(tables.group_axis[group, d])
+            if tables.group_stride[group, d] and weights[tables.axis_variable[axis]].any():
+                slopes.append((group, axis, next_row))
+                slope_rows[group, axis] = next_row
+                next_row += int(tables.group_width[group])
+    if next_row > MAX_TABLE_ROWS:
+        raise ValueError(f"the vehicle needs {next_row} table rows, at most {MAX_TABLE_ROWS} are possible")
+    one = VARIABLES.index("one")
+    for c, table, variable in zip(terms.coefficient, terms.table, terms.variable, strict=True):
+        for i in range(N_INPUTS):
+            if weights[variable, i]:
+                found.append((int(c), i, int(table), one, float(weights[variable, i])))
+        for (group, axis), first_row in slope_rows.items():
+            offset = int(table - tables.group_row[group])
+            if 0 <= offset < tables.group_width[group]:
+                for i in range(N_INPUTS):
+                    weight = weights[tables.axis_variable[axis], i]
+                    if weight:
+                        found.append((int(c), i, first_row + offset, int(variable), float(weight)))
+    columns = list(zip(*found, strict=True)) if found else [(), (), (), (), ()]
+    slope_columns = list(zip(*slopes, strict=True)) if slopes else [(), (), ()]
+    return Effectiveness(
+        *(np.array(column, dtype=np.int64) for column in columns[:4]),
+        np.array(columns[4], dtype=np.float64),
+        *(np.array(column, dtype=np.int64) for column in slope_columns),
+    )
+
+
+@lanes
+def table_slopes(Z, W, tables, effectiveness, hints, fractions, low, high):
+    """Slope rows of every lane, from the cells and fractions that the look-up just found.
+
+    low and high [CHUNK] are scratch.
+    """
+    for slope in range(effectiveness.slope_group.size):
+        g = effectiveness.slope_group[slope]
+        axis = effectiveness.slope_axis[slope]
+        a0, a1, a2 = tables.group_axis[g, 0], tables.group_axis[g, 1], tables.group_axis[g, 2]
+        s0, s1, s2 = tables.group_stride[g, 0], tables.group_stride[g, 1], tables.group_stride[g, 2]
+        start = tables.group_start[g]
+        first_row = TABLE + effectiveness.slope_row[slope]
+        for lane in range(W):
+            corner = start + hints[a0, lane] * s0 + hints[a1, lane] * s1 + hints[a2, lane] * s2
+            t0, t1, t2 = fractions[a0, lane], fractions[a1, lane], fractions[a2, lane]
+            inverse = tables.inverse_step[tables.axis_start[axis] + hints[axis, lane]]
+            for k in range(0, tables.group_width[g], CHUNK):
+                interpolate_3d(
+                    tables.data,
+                    corner + k,
+                    s0,
+                    s1,
+                    s2,
+                    0.0 if a0 == axis else t0,
+                    0.0 if a1 == axis else t1,
+                    0.0 if a2 == axis else t2,
+                    low,
+                )
+                interpolate_3d(
+                    tables.data,
+                    corner + k,
+                    s0,
+                    s1,
+                    s2,
+                    1.0 if a0 == axis else t0,
+                    1.0 if a1 == axis else t1,
+                    1.0 if a2 == axis else t2,
+                    high,
+                )
+                for i in range(CHUNK):
+                    Z[first_row + k + i, lane] = (high[i] - low[i]) * inverse
+
+
+@lanes
+def slopes_of_coefficients(Z, W, effectiveness, first_row):
+    """Rows ``first_row + coefficient * N_INPUTS + input`` of every lane."""
+    for i in range(N_COEFFICIENTS * N_INPUTS):
+        for lane in range(W):
+            Z[first_row + i, lane] = 0.0
+    for term in range(effectiveness.coefficient.size):
+        out = first_row + effectiveness.coefficient[term] * N_INPUTS + effectiveness.input[term]
+        row = TABLE + effectiveness.row[term]
+        variable = VAR + effectiveness.variable[term]
+        weight = effectiveness.weight[term]
+        for lane in range(W):
+            Z[out, lane] += weight * (Z[row, lane] * Z[variable, lane])

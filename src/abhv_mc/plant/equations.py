@@ -1,0 +1,270 @@
+"""Last loop of a stage: forces and moments, the derivatives of the 22 states, and the integrator's sums.
+
+Body axes forward-right-down, local frame north-east-down, rotating ellipsoid; Zhu & Shen (2014), eqs. (2)-(4)
+in the frame and signs of docs/flight-model.md.
+"""
+
+import math
+
+from abhv_mc.jit import lanes, scalar
+from abhv_mc.numerics.angles import clamp
+from abhv_mc.numerics.lane_math import sincos
+from abhv_mc.numerics.quaternion import quaternion_rate, rotate_to_body, rotate_to_ned
+from abhv_mc.plant import state as s
+from abhv_mc.plant.state import SUM, XS, X, parameter_row
+from abhv_mc.world.earth import gravity_ned, radii
+
+_LIFT, _DRAG, _SIDE_FORCE, _ROLL, _PITCH, _YAW = range(s.COEF, s.COEF + 6)
+
+_K_LIFT = parameter_row("aero.lift")
+_K_DRAG = parameter_row("aero.drag")
+_K_SIDE_FORCE = parameter_row("aero.side_force")
+_K_ROLL = parameter_row("aero.rolling_moment")
+_K_PITCH = parameter_row("aero.pitching_moment")
+_K_YAW = parameter_row("aero.yawing_moment")
+_D_LIFT = parameter_row("aero.lift.increment")
+_D_DRAG = parameter_row("aero.drag.increment")
+_D_PITCH = parameter_row("aero.pitching_moment.increment")
+_K_THRUST = parameter_row("propulsion.thrust")
+_K_ISP = parameter_row("propulsion.specific_impulse")
+_K_MASS = parameter_row("mass.total")
+_K_XX = parameter_row("mass.inertia_xx")
+_K_YY = parameter_row("mass.inertia_yy")
+_K_ZZ = parameter_row("mass.inertia_zz")
+_K_13 = parameter_row("mass.inertia_13")
+_CG_X = parameter_row("mass.center_of_gravity_x")
+_CG_Y = parameter_row("mass.center_of_gravity_y")
+_CG_Z = parameter_row("mass.center_of_gravity_z")
+_K_BANDWIDTH = parameter_row("actuator.bandwidth")
+_K_DAMPING = parameter_row("actuator.damping")
+_K_LIMIT = parameter_row("actuator.deflection_limit")
+_K_RATE = parameter_row("actuator.rate_limit")
+_K_ENGINE_BANDWIDTH = parameter_row("engine.bandwidth")
+_K_ENGINE_DAMPING = parameter_row("engine.damping")
+_K_ENGINE_RATE = parameter_row("engine.rate_limit")
+
+
+@scalar
+def thrust(constants, eta, rho, airspeed, q_bar, capture, isp, thrust_area):
+    """Thrust, N: captured air times specific impulse, or dynamic pressure times a thrust area."""
+    return constants.capture_thrust * eta * rho * airspeed * capture * isp + q_bar * thrust_area
+
+
+@scalar
+def aerodynamic_force(constants, q_bar, lift, drag, side, sin_a, cos_a, sin_b, cos_b):
+    """Aerodynamic force in body axes, N, from coefficients in stability (or wind) axes."""
+    q_s = q_bar * constants.area
+    in_wind = constants.drag_in_wind_axes > 0.0
+    drag_plane = drag * cos_b if in_wind else drag
+    side_total = side - drag * sin_b if in_wind else side
+    return (
+        q_s * (lift * sin_a - drag_plane * cos_a),
+        q_s * side_total,
+        q_s * (-lift * cos_a - drag_plane * sin_a),
+    )
+
+
+@scalar
+def angular_acceleration(ixx, iyy, izz, i13, p, q, r, mx, my, mz):
+    """J^-1 (M - w x J w) with the product of inertia as matrix element 13 (eq. (3))."""
+    hx = ixx * p + i13 * r
+    hy = iyy * q
+    hz = izz * r + i13 * p
+    tx = mx - (q * hz - r * hy)
+    ty = my - (r * hx - p * hz)
+    tz = mz - (p * hy - q * hx)
+    inverse = 1.0 / (ixx * izz - i13 * i13)
+    return (izz * tx - i13 * tz) * inverse, ty / iyy, (ixx * tz - i13 * tx) * inverse
+
+
+@scalar
+def second_order(command, position, rate, bandwidth, damping, rate_limit):
+    """Derivatives of a second-order actuator with a rate limit (eq. (4)): (position', rate')."""
+    limited = clamp(rate, -rate_limit, rate_limit)
+    return limited, bandwidth * bandwidth * (command - position) - 2.0 * damping * bandwidth * rate
+
+
+@lanes
+def accumulate(Z, lane, i, derivative, weight, step):
+    """Put one derivative into the Runge-Kutta sum and into the next stage's state."""
+    Z[SUM + i, lane] += weight * derivative
+    Z[XS + i, lane] = Z[X + i, lane] + step * derivative
+
+
+@lanes
+def equations_of_motion(Z, width, vehicle, earth, weight, step, recorded):
+    """Derivatives at the stage ``XS``, summed with ``weight``; ``XS`` becomes ``X + step * derivative``.
+
+    ``recorded``: surfaces and engine follow prescribed rates held in the command rows (verification).
+    """
+    constants = vehicle.constants
+    for lane in range(width):
+        altitude = Z[XS + s.ALTITUDE, lane]
+        u, v, w = Z[XS + s.U, lane], Z[XS + s.V, lane], Z[XS + s.W, lane]
+        q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
+        p, q, r = Z[XS + s.ROLL_RATE, lane], Z[XS + s.PITCH_RATE, lane], Z[XS + s.YAW_RATE, lane]
+        mass = Z[XS + s.MASS, lane]
+        q_bar = Z[s.Q_BAR, lane]
+
+        # Forces and moments about the centre of gravity.
+        lift = Z[_K_LIFT, lane] * Z[_LIFT, lane] + Z[_D_LIFT, lane]
+        drag = Z[_K_DRAG, lane] * Z[_DRAG, lane] + Z[_D_DRAG, lane]
+        side = Z[_K_SIDE_FORCE, lane] * Z[_SIDE_FORCE, lane]
+        fx, fy, fz = aerodynamic_force(
+            constants,
+            q_bar,
+            lift,
+            drag,
+            side,
+            Z[s.SIN_ALPHA, lane],
+            Z[s.COS_ALPHA, lane],
+            Z[s.SIN_BETA, lane],
+            Z[s.COS_BETA, lane],
+        )
+        isp = Z[s.ISP, lane]
+        fuel_left = mass > constants.mass_empty * Z[_K_MASS, lane]
+        t = Z[_K_THRUST, lane] * thrust(
+            constants,
+            Z[XS + s.ETA, lane],
+            Z[s.RHO, lane],
+            Z[s.AIRSPEED, lane],
+            q_bar,
+            Z[s.CAPTURE, lane],
+            isp,
+            Z[s.THRUST_AREA, lane],
+        )
+        t = t if fuel_left else 0.0
+        fuel_divisor = constants.standard_gravity * isp * Z[_K_ISP, lane]
+        fuel_flow = t / (fuel_divisor if fuel_divisor > 0.0 else 1.0)
+        fuel_flow = fuel_flow if fuel_divisor > 0.0 else 0.0
+        tx = t * constants.thrust_cos
+        tz = -t * constants.thrust_sin
+        cg_x = Z[s.CG_X, lane] + Z[_CG_X, lane]
+        cg_y = Z[_CG_Y, lane]
+        cg_z = Z[s.CG_Z, lane] + Z[_CG_Z, lane]
+        arm = constants.thrust_offset_z - cg_z
+        q_s = q_bar * constants.area
+        mx = q_s * constants.span * Z[_K_ROLL, lane] * Z[_ROLL, lane] - cg_y * (fz + tz) + cg_z * fy
+        my = (
+            q_s * constants.chord * (Z[_K_PITCH, lane] * Z[_PITCH, lane] + Z[_D_PITCH, lane])
+            + cg_x * (fz + tz)
+            - cg_z * fx
+            + arm * tx
+        )
+        mz = q_s * constants.span * Z[_K_YAW, lane] * Z[_YAW, lane] - cg_x * fy + cg_y * (fx + tx)
+
+        # Rotation.
+        ixx = Z[s.INERTIA_XX, lane] * Z[_K_XX, lane]
+        iyy = Z[s.INERTIA_YY, lane] * Z[_K_YY, lane]
+        izz = Z[s.INERTIA_ZZ, lane] * Z[_K_ZZ, lane]
+        i13 = Z[s.INERTIA_13, lane] * Z[_K_13, lane]
+        p_dot, q_dot, r_dot = angular_acceleration(ixx, iyy, izz, i13, p, q, r, mx, my, mz)
+        accumulate(Z, lane, s.ROLL_RATE, p_dot, weight, step)
+        accumulate(Z, lane, s.PITCH_RATE, q_dot, weight, step)
+        accumulate(Z, lane, s.YAW_RATE, r_dot, weight, step)
+
+        # Translation over the ellipsoid.
+        sin_lat, cos_lat = sincos(Z[XS + s.LATITUDE, lane])
+        meridian, vertical = radii(earth, sin_lat)
+        v_n, v_e, v_d = rotate_to_ned(q0, q1, q2, q3, u, v, w)
+        g_n, g_d = gravity_ned(earth, altitude, sin_lat, cos_lat)
+        g_x, g_y, g_z = rotate_to_body(q0, q1, q2, q3, g_n, 0.0, g_d)
+        earth_n = earth.rotation_rate * cos_lat
+        earth_d = -earth.rotation_rate * sin_lat
+        we_x, we_y, we_z = rotate_to_body(q0, q1, q2, q3, earth_n, 0.0, earth_d)
+        inverse_mass = 1.0 / mass
+        # Body rate to inertial plus Earth rate: transport and Coriolis terms together.
+        a, b, c = p + we_x, q + we_y, r + we_z
+        specific_x, specific_y, specific_z = (fx + tx) * inverse_mass, fy * inverse_mass, (fz + tz) * inverse_mass
+        Z[s.LOAD, lane] = math.sqrt(specific_x * specific_x + specific_y * specific_y + specific_z * specific_z)
+        accumulate(Z, lane, s.U, specific_x + g_x - (b * w - c * v), weight, step)
+        accumulate(Z, lane, s.V, specific_y + g_y - (c * u - a * w), weight, step)
+        accumulate(Z, lane, s.W, specific_z + g_z - (a * v - b * u), weight, step)
+        lat_rate = v_n / (meridian + altitude)
+        lon_rate = v_e / ((vertical + altitude) * cos_lat)
+        accumulate(Z, lane, s.ALTITUDE, -v_d, weight, step)
+        accumulate(Z, lane, s.LATITUDE, lat_rate, weight, step)
+        accumulate(Z, lane, s.LONGITUDE, lon_rate, weight, step)
+
+        # Attitude: body rate to the local frame, which itself turns with the Earth and with the flight over it.
+        n_x, n_y, n_z = rotate_to_body(q0, q1, q2, q3, lon_rate * cos_lat, -lat_rate, -lon_rate * sin_lat)
+        d0, d1, d2, d3 = quaternion_rate(q0, q1, q2, q3, p - we_x - n_x, q - we_y - n_y, r - we_z - n_z)
+        accumulate(Z, lane, s.Q0, d0, weight, step)
+        accumulate(Z, lane, s.Q1, d1, weight, step)
+        accumulate(Z, lane, s.Q2, d2, weight, step)
+        accumulate(Z, lane, s.Q3, d3, weight, step)
+        accumulate(Z, lane, s.MASS, -fuel_flow, weight, step)
+    actuators(Z, width, constants, weight, step, recorded)
+
+
+@lanes
+def actuators(Z, width, constants, weight, step, recorded):
+    """Surfaces and engine: second order towards the held command, or the recorded rate."""
+    for lane in range(width):
+        bandwidth = constants.surface_bandwidth * Z[_K_BANDWIDTH, lane]
+        damping = constants.surface_damping * Z[_K_DAMPING, lane]
+        rate_limit = constants.surface_rate_limit * Z[_K_RATE, lane]
+        for i in range(3):
+            position, rate = Z[XS + s.AILERON + i, lane], Z[XS + s.AILERON_RATE + i, lane]
+            d_position, d_rate = second_order(Z[s.CMD + i, lane], position, rate, bandwidth, damping, rate_limit)
+            accumulate(Z, lane, s.AILERON + i, Z[s.CMD + i, lane] if recorded else d_position, weight, step)
+            accumulate(Z, lane, s.AILERON_RATE + i, 0.0 if recorded else d_rate, weight, step)
+        d_position, d_rate = second_order(
+            Z[s.CMD_ETA, lane],
+            Z[XS + s.ETA, lane],
+            Z[XS + s.ETA_RATE, lane],
+            constants.engine_bandwidth * Z[_K_ENGINE_BANDWIDTH, lane],
+            constants.engine_damping * Z[_K_ENGINE_DAMPING, lane],
+            constants.engine_rate_limit * Z[_K_ENGINE_RATE, lane],
+        )
+        accumulate(Z, lane, s.ETA, Z[s.CMD_ETA, lane] if recorded else d_position, weight, step)
+        accumulate(Z, lane, s.ETA_RATE, 0.0 if recorded else d_rate, weight, step)
+
+
+@scalar
+def limited(position, rate, low, high, rate_limit):
+    """Position and rate of an actuator held inside its limits; at a stop it does not push on."""
+    rate = clamp(rate, -rate_limit, rate_limit)
+    inside = clamp(position, low, high)
+    return inside, rate if inside == position else 0.0
+
+
+@lanes
+def finish_step(Z, width, vehicle, step, alive, recorded):
+    """The new state from the Runge-Kutta sums; unit quaternion, actuators inside their limits.
+
+    A flight that has ended (``alive`` 0) keeps its state.
+    """
+    constants = vehicle.constants
+    for lane in range(width):
+        for i in range(s.N_STATES):
+            Z[XS + i, lane] = Z[X + i, lane] + step / 6.0 * Z[SUM + i, lane]
+            Z[SUM + i, lane] = 0.0
+        q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
+        norm = 1.0 / math.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
+        Z[XS + s.Q0, lane] = q0 * norm
+        Z[XS + s.Q1, lane] = q1 * norm
+        Z[XS + s.Q2, lane] = q2 * norm
+        Z[XS + s.Q3, lane] = q3 * norm
+        if not recorded:
+            limit = constants.surface_limit * Z[_K_LIMIT, lane]
+            rate_limit = constants.surface_rate_limit * Z[_K_RATE, lane]
+            for i in range(3):
+                position, rate = limited(
+                    Z[XS + s.AILERON + i, lane], Z[XS + s.AILERON_RATE + i, lane], -limit, limit, rate_limit
+                )
+                Z[XS + s.AILERON + i, lane] = position
+                Z[XS + s.AILERON_RATE + i, lane] = rate
+            eta, eta_rate = limited(
+                Z[XS + s.ETA, lane],
+                Z[XS + s.ETA_RATE, lane],
+                constants.equivalence_ratio_min,
+                constants.equivalence_ratio_max,
+                constants.engine_rate_limit * Z[_K_ENGINE_RATE, lane],
+            )
+            Z[XS + s.ETA, lane] = eta
+            Z[XS + s.ETA_RATE, lane] = eta_rate
+        for i in range(s.N_STATES):
+            kept = Z[XS + i, lane] if alive[lane] > 0.0 else Z[X + i, lane]
+            Z[X + i, lane] = kept
+            Z[XS + i, lane] = kept

@@ -1,0 +1,86 @@
+"""Where a lane keeps its numbers: the rows of the one block ``Z[row, lane]`` that a kernel allocates.
+
+One block with constant rows lets the compiler see that nothing overlaps, which is what makes the
+lane loops vector code.
+"""
+
+from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.vehicle.arrays import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES
+
+# The state, in this order: geodetic altitude, longitude, latitude, body velocity u v w (Earth-relative),
+# attitude quaternion body -> NED, inertial body rates, mass, surface deflections and rates, engine.
+STATES = (
+    "altitude",
+    "longitude",
+    "latitude",
+    "u",
+    "v",
+    "w",
+    "q0",
+    "q1",
+    "q2",
+    "q3",
+    "roll_rate",
+    "pitch_rate",
+    "yaw_rate",
+    "mass",
+    "aileron",
+    "rudder",
+    "elevator",
+    "aileron_rate",
+    "rudder_rate",
+    "elevator_rate",
+    "equivalence_ratio",
+    "equivalence_ratio_rate",
+)
+N_STATES = len(STATES)
+STATE_INDEX = {name: i for i, name in enumerate(STATES)}
+
+ALTITUDE, LONGITUDE, LATITUDE, U, V, W, Q0, Q1, Q2, Q3 = range(10)
+ROLL_RATE, PITCH_RATE, YAW_RATE, MASS, AILERON, RUDDER, ELEVATOR = range(10, 17)
+AILERON_RATE, RUDDER_RATE, ELEVATOR_RATE, ETA, ETA_RATE = range(17, 22)
+
+MAX_TABLE_ROWS = 96  # tables of a vehicle, spare rows of the padding counted
+
+# Blocks of the lane memory Z.
+X = 0  # the state at the beginning of the step
+XS = X + N_STATES  # the state at the stage of the integrator
+SUM = XS + N_STATES  # weighted sum of the stages' derivatives
+P = SUM + N_STATES  # parameters
+VAR = P + len(PARAMETERS)  # variables of the tables and of the build-up
+COEF = VAR + len(VARIABLES)  # coefficients
+CMD = COEF + len(COEFFICIENTS)  # commands held over the tick: aileron, rudder, elevator, eta
+AIR = CMD + 4  # air data of the stage
+FIXED = AIR + 9  # the fixed quantities of the tables, in the order of FIXED_TABLE_ROWS
+NAV = FIXED + len(FIXED_TABLE_ROWS)  # what the flight does and what its sensors say
+COUNTED = NAV + 18  # 1 where the sample of this tick counts
+COMMANDS = COUNTED + 1  # what the guidance asks of the attitude loop: flight path angle, angle of attack, bank
+TABLE = COMMANDS + 3  # rows of the look-up
+LAW = TABLE + MAX_TABLE_ROWS  # the control law's own memory follows
+
+# Rows of the air data.
+RHO, Q_BAR, AIRSPEED, SIN_ALPHA, COS_ALPHA, SIN_BETA, COS_BETA, OUTSIDE, LOAD = range(AIR, AIR + 9)
+
+CAPTURE, ISP, THRUST_AREA, INERTIA_XX, INERTIA_YY, INERTIA_ZZ, INERTIA_13, CG_X, CG_Z = range(FIXED, FIXED + 9)
+
+# Navigation: the truth to the Earth and the measurement, which the control laws see.
+SPEED, GAMMA, CHI, BANK, NORTH, EAST, V_NORTH_LAST, V_EAST_LAST = range(NAV, NAV + 8)
+MEASURED = NAV + 8
+M_ALTITUDE, M_SPEED, M_GAMMA, M_CHI, M_ALPHA, M_BETA, M_BANK, M_P, M_Q, M_R = range(MEASURED, MEASURED + 10)
+
+GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, COMMANDS + 3)
+CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, CMD + 4)
+
+N_VARIABLES = len(VARIABLES)
+N_COEFFICIENTS = len(COEFFICIENTS)
+N_PARAMETERS = len(PARAMETERS)
+
+
+def parameter_row(name: str) -> int:
+    """Row of a parameter in the lane memory."""
+    return P + PARAMETER_INDEX[name]
+
+
+def variable_row(name: str) -> int:
+    """Row of a variable in the lane memory."""
+    return VAR + VARIABLES.index(name)

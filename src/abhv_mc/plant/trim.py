@@ -1,0 +1,196 @@
+"""Steady flight from the full tables: angle of attack, elevator and equivalence ratio that balance the vehicle.
+
+The forces along the velocity and along the lift's plane and the pitching moment about the centre of gravity are
+balanced exactly; no aileron, rudder or sideslip. Zhu & Shen (2014), section 4.3, without its trimmed tables.
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from abhv_mc.vehicle.arrays import COEFFICIENTS
+from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
+from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.world.atmosphere import atmosphere
+from abhv_mc.world.earth import Earth, gravity_ned, radii
+
+GRAVITY = 9.80665  # m/s2, of load factors
+_TOLERANCE = 1e-8  # of the weight, and of the weight times the chord
+_STEP = 1e-13  # rad and equivalence ratio: the roots are found to it
+
+
+class FlightPoint(NamedTuple):
+    """Where and how the vehicle flies, SI and radians. Accelerations: 0 for steady flight."""
+
+    altitude: float
+    speed: float
+    bank: float = 0.0
+    latitude: float = 0.0
+    heading: float = math.pi / 2.0
+    flight_path_angle: float = 0.0
+    speed_rate: float = 0.0  # V'
+    flight_path_rate: float = 0.0  # gamma'
+
+
+class TrimPoint(NamedTuple):
+    """Controls that balance a flight point and what they give, SI and radians."""
+
+    angle_of_attack: float
+    elevator: float
+    equivalence_ratio: float
+    thrust: float  # N
+    lift: float  # N, of the air alone
+    drag: float  # N
+    c_tn: float  # lift coefficient of the inclined thrust: T sin(e) cos(alpha) / (q S)
+    load_factor: float  # force across the velocity over weight at sea level
+    fuel_flow: float  # kg/s
+    mach: float
+    dynamic_pressure: float  # Pa
+    fault: str  # why this is no trim; empty where it is
+
+
+def trim(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float | None = None) -> TrimPoint:
+    """Balance a flight point; mass (kg) is the vehicle's at the start by default.
+
+    The Earth's rotation counts as its record says, Coriolis acceleration included. The aerodynamics feel the pitch
+    rate of the turn over the ground, not that of the local frame itself, which is worth 0.03 deg of elevator. A point
+    without a balance within the vehicle's limits is returned with its ``fault`` and the controls nearest to one.
+    """
+    constants = vehicle.constants
+    mass = constants.mass_start if mass is None else mass
+    along, across = _specific_force(earth, point)
+    sin_s, cos_s = math.sin(point.bank), math.cos(point.bank)
+    pitch_rate = across * sin_s * sin_s / (cos_s * point.speed) + point.flight_path_rate * cos_s
+    limit = constants.surface_limit
+
+    def unbalance(alpha: float, elevator: float, eta: float) -> tuple[float, float, float]:
+        """Along, across and about the pitch axis, as shares of the weight."""
+        forces = _forces(vehicle, point, mass, pitch_rate, (alpha, elevator, eta))
+        weight = mass * GRAVITY
+        return (
+            forces.forward / weight - along / GRAVITY,
+            forces.upward * cos_s / weight - across / GRAVITY,
+            forces.moment / (weight * constants.chord),
+        )
+
+    # Nested, each equation in the control that rules it: robust where the tables have kinks.
+    def eta_of(alpha: float, elevator: float) -> float:
+        ends = (constants.equivalence_ratio_min, constants.equivalence_ratio_max)
+        return _root(lambda eta: unbalance(alpha, elevator, eta)[0], *ends)
+
+    def elevator_of(alpha: float) -> float:
+        return _root(lambda elevator: unbalance(alpha, elevator, eta_of(alpha, elevator))[2], -limit, limit)
+
+    def lift_of(alpha: float) -> float:
+        elevator = elevator_of(alpha)
+        return unbalance(alpha, elevator, eta_of(alpha, elevator))[1]
+
+    alpha = _root(lift_of, constants.angle_of_attack_min, constants.angle_of_attack_max)
+    elevator = elevator_of(alpha)
+    eta = eta_of(alpha, elevator)
+    left = unbalance(alpha, elevator, eta)
+    words = ("thrust for the drag", "lift", "elevator for the pitching moment")
+    lacking = [word for word, share in zip(words, left, strict=True) if abs(share) > _TOLERANCE]
+    fault = f"not enough {' or '.join(lacking)} within the vehicle's limits" if lacking else ""
+
+    forces = _forces(vehicle, point, mass, pitch_rate, (alpha, elevator, eta))
+    return TrimPoint(
+        alpha,
+        elevator,
+        eta,
+        forces.thrust,
+        forces.lift,
+        forces.drag,
+        forces.thrust * constants.thrust_sin * math.cos(alpha) / (forces.dynamic_pressure * constants.area),
+        forces.upward / (mass * GRAVITY),
+        forces.thrust / (constants.standard_gravity * forces.specific_impulse)
+        if forces.specific_impulse > 0.0
+        else 0.0,
+        forces.mach,
+        forces.dynamic_pressure,
+        fault,
+    )
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    """A root between two ends; without a change of sign the end that comes nearer."""
+    from scipy.optimize import brentq
+
+    at_low, at_high = function(low), function(high)
+    if at_low * at_high > 0.0 or low == high:
+        return low if abs(at_low) < abs(at_high) else high
+    return float(brentq(function, low, high, xtol=_STEP, rtol=1e-14))
+
+
+def _specific_force(earth: Earth, point: FlightPoint) -> tuple[float, float]:
+    """What forces other than gravity must give, m/s2: along the velocity, and across it in the vertical plane, up."""
+    sin_lat, cos_lat = math.sin(point.latitude), math.cos(point.latitude)
+    meridian, vertical = radii(earth, sin_lat)
+    sin_g, cos_g = math.sin(point.flight_path_angle), math.cos(point.flight_path_angle)
+    sin_h, cos_h = math.sin(point.heading), math.cos(point.heading)
+    forward = np.array([cos_g * cos_h, cos_g * sin_h, -sin_g])
+    up = np.array([-sin_g * cos_h, -sin_g * sin_h, -cos_g])
+    velocity = point.speed * forward
+    lon_rate = velocity[1] / ((vertical + point.altitude) * cos_lat)
+    lat_rate = velocity[0] / (meridian + point.altitude)
+    frame = np.array([lon_rate * cos_lat, -lat_rate, -lon_rate * sin_lat])  # of the local frame to the Earth
+    rotation = earth.rotation_rate * np.array([cos_lat, 0.0, -sin_lat])
+    north, down = gravity_ned(earth, point.altitude, sin_lat, cos_lat)
+    carried = np.cross(frame + 2.0 * rotation, velocity) - np.array([north, 0.0, down])
+    return float(point.speed_rate + carried @ forward), float(point.speed * point.flight_path_rate + carried @ up)
+
+
+class _Forces(NamedTuple):
+    forward: float  # N, along the velocity
+    upward: float  # N, across the velocity in the plane of symmetry
+    moment: float  # N m, pitching, about the centre of gravity
+    lift: float
+    drag: float
+    thrust: float
+    specific_impulse: float  # s
+    mach: float
+    dynamic_pressure: float  # Pa
+
+
+def _forces(
+    vehicle: Vehicle, point: FlightPoint, mass: float, pitch_rate: float, controls: tuple[float, float, float]
+) -> _Forces:
+    alpha, elevator, eta = controls
+    constants = vehicle.constants
+    density, _, _, sound = atmosphere(point.altitude)
+    q_bar = 0.5 * density * point.speed**2
+    variables = make_variables(
+        vehicle,
+        mach=point.speed / sound,
+        angle_of_attack=alpha,
+        elevator=elevator,
+        equivalence_ratio=eta,
+        altitude=point.altitude,
+        mass=mass,
+        pitch_rate_hat=pitch_rate * constants.chord / (2.0 * point.speed),
+    )
+    coefficients = dict(zip(COEFFICIENTS, evaluate_coefficients(vehicle, variables)[:, 0].tolist(), strict=True))
+    fixed = {name: float(value[0]) for name, value in evaluate_fixed(vehicle, variables).items()}
+    lift, drag = (q_bar * constants.area * coefficients[name] for name in ("lift", "drag"))
+    captured = constants.capture_thrust * eta * density * point.speed * fixed["capture_area_ratio"]
+    thrust = captured * fixed["specific_impulse"] + q_bar * fixed["thrust_area"]
+
+    sin_a, cos_a = math.sin(alpha), math.cos(alpha)
+    x = lift * sin_a - drag * cos_a + thrust * constants.thrust_cos
+    z = -lift * cos_a - drag * sin_a - thrust * constants.thrust_sin
+    cg_x, cg_z = fixed["center_of_gravity_x"], fixed["center_of_gravity_z"]
+    moment = q_bar * constants.area * constants.chord * coefficients["pitching_moment"]
+    moment += thrust * constants.thrust_cos * constants.thrust_offset_z + cg_x * z - cg_z * x
+    return _Forces(
+        x * cos_a + z * sin_a,
+        x * sin_a - z * cos_a,
+        moment,
+        lift,
+        drag,
+        thrust,
+        fixed["specific_impulse"],
+        point.speed / sound,
+        q_bar,
+    )
