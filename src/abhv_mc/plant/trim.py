@@ -91,9 +91,9 @@ def trim(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float | None 
     elevator = elevator_of(alpha)
     eta = eta_of(alpha, elevator)
     left = unbalance(alpha, elevator, eta)
-    words = ("thrust for the drag", "lift", "elevator for the pitching moment")
-    lacking = [word for word, share in zip(words, left, strict=True) if abs(share) > _TOLERANCE]
-    fault = f"not enough {' or '.join(lacking)} within the vehicle's limits" if lacking else ""
+    names = ("equivalence ratio", "angle of attack", "elevator")
+    lacking = [name for name, share in zip(names, left, strict=True) if abs(share) > _TOLERANCE]
+    fault = f"no {' or '.join(lacking)} within the vehicle's limits balances it" if lacking else ""
 
     forces = _forces(vehicle, point, mass, pitch_rate, (alpha, elevator, eta))
     return TrimPoint(

@@ -45,8 +45,9 @@ def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
                 for weight, node in corners
                 for side, share in ((0, 1.0 - upper), (1, upper))
             ]
-        for i in range(tables.group_width[g]):
-            rows[tables.group_row[g] + i] = sum(weight * tables.data[node + i] for weight, node in corners)
+        first_row, width = tables.group_row[g], tables.group_width[g]
+        within = np.arange(width).reshape(-1, *[1] * (variables.ndim - 1))
+        rows[first_row : first_row + width] = sum(weight * tables.data[node + within] for weight, node in corners)
     return rows
 
 

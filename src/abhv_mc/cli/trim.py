@@ -1,0 +1,130 @@
+"""``abhv-mc trim``: the controls of steady flight, from the full tables."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from abhv_mc.units import Dimension
+
+# Columns of the table: key of the JSON, heading, unit, divisor, digits.
+_COLUMNS = (
+    ("bank_deg", "bank", "deg", 1.0, 1),
+    ("angle_of_attack_deg", "alpha", "deg", 1.0, 3),
+    ("elevator_deg", "elevator", "deg", 1.0, 3),
+    ("equivalence_ratio", "eta", "-", 1.0, 4),
+    ("thrust_n", "thrust", "kN", 1e3, 1),
+    ("lift_to_drag", "L/D", "-", 1.0, 3),
+    ("c_tn", "c_tn", "-", 1.0, 5),
+    ("load_factor_g", "load", "g", 1.0, 3),
+    ("fuel_flow_kgps", "fuel", "kg/s", 1.0, 3),
+)
+
+
+def command(
+    vehicle: Annotated[Path, typer.Argument(metavar="VEHICLE.yaml", help="Vehicle file.")],
+    altitude: Annotated[str, typer.Option(help="Geodetic altitude, m or with a unit.")] = "20 km",
+    speed: Annotated[str, typer.Option(help="Speed, m/s or with a unit.")] = "1400 m/s",
+    bank: Annotated[str, typer.Option(help="Bank angles, deg, separated by commas.")] = "0",
+    flight_path_angle: Annotated[str, typer.Option(help="Climb angle, deg.")] = "0",
+    mass: Annotated[str | None, typer.Option(help="Mass, kg or with a unit.", show_default="at the start")] = None,
+    latitude: Annotated[str, typer.Option(help="Geodetic latitude, deg.")] = "29.3",
+    heading: Annotated[str, typer.Option(help="Heading clockwise from north, deg.")] = "90",
+    rotating: Annotated[bool, typer.Option("--rotating", help="Let the Earth turn.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Print angle of attack, elevator and equivalence ratio of steady flight at each bank angle.
+
+    No sideslip, aileron or rudder; Earth at rest unless told. Exit code 1 where a bank angle has no trim.
+    """
+    import math
+
+    from abhv_mc.documents import InputError
+    from abhv_mc.plant.trim import FlightPoint, trim
+    from abhv_mc.plant.vehicles import load_vehicle
+    from abhv_mc.units import ANGLE, LENGTH, MASS, SPEED
+    from abhv_mc.world.earth import WGS84
+
+    height = _quantity("--altitude", altitude, LENGTH, -500.0, 86e3)
+    velocity = _quantity("--speed", speed, SPEED, 1.0, 1e4)
+    banks = [_quantity("--bank", text, ANGLE, -1.56, 1.56) for text in bank.split(",")]
+    climb = _quantity("--flight-path-angle", flight_path_angle, ANGLE, -1.56, 1.56)
+    north = _quantity("--latitude", latitude, ANGLE, -1.56, 1.56)
+    course = _quantity("--heading", heading, ANGLE, -7.0, 7.0)
+    kilograms = None if mass is None else _quantity("--mass", mass, MASS, 1e-3, 1e7)
+
+    packed = load_vehicle(vehicle)
+    if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
+        raise InputError(vehicle, None, None, "a vehicle without surfaces or engine", "one with both, to trim it")
+    earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
+    points: list[dict[str, Any]] = []
+    for angle in banks:
+        found = trim(packed, earth, FlightPoint(height, velocity, angle, north, course, climb), kilograms)
+        points.append(
+            {
+                "bank_deg": math.degrees(angle),
+                "angle_of_attack_deg": math.degrees(found.angle_of_attack),
+                "elevator_deg": math.degrees(found.elevator),
+                "equivalence_ratio": found.equivalence_ratio,
+                "thrust_n": found.thrust,
+                "lift_n": found.lift,
+                "drag_n": found.drag,
+                "lift_to_drag": found.lift / found.drag,
+                "c_tn": found.c_tn,
+                "load_factor_g": found.load_factor,
+                "fuel_flow_kgps": found.fuel_flow,
+                "mach": found.mach,
+                "dynamic_pressure_pa": found.dynamic_pressure,
+                "trimmed": not found.fault,
+                "fault": found.fault or None,
+            }
+        )
+    if json:
+        _print_json(vehicle, height, velocity, packed.constants.mass_start if kilograms is None else kilograms, points)
+    else:
+        _print_table(vehicle, height, velocity, points)
+    if not all(point["trimmed"] for point in points):
+        raise typer.Exit(1)
+
+
+def _quantity(option: str, text: str, dimension: "Dimension", low: float, high: float) -> float:
+    """A quantity of an option in SI; without a unit it is in m, m/s, kg or deg."""
+    from abhv_mc.documents import InputError, Refusal
+    from abhv_mc.units import ANGLE, format_quantity, parse_quantity
+
+    bare = "deg" if dimension is ANGLE else dimension.unit
+    try:
+        value = parse_quantity(text.strip(), dimension, bare)
+    except Refusal as refusal:
+        raise InputError(option, None, None, refusal.found, refusal.wanted) from None
+    if not low <= value <= high:
+        wanted = f"{format_quantity(low, dimension)} to {format_quantity(high, dimension)}"
+        raise InputError(option, None, None, f"'{text}'", wanted)
+    return value
+
+
+def _print_json(vehicle: Path, altitude: float, speed: float, mass: float, points: list[dict[str, Any]]) -> None:
+    import json
+
+    head = {"vehicle": str(vehicle), "altitude_m": altitude, "speed_mps": speed, "mass_kg": mass}
+    print(json.dumps({**head, "points": points}, indent=2))
+
+
+def _print_table(vehicle: Path, altitude: float, speed: float, points: list[dict[str, Any]]) -> None:
+    from rich.box import SIMPLE
+    from rich.console import Console
+    from rich.table import Table
+
+    mach, pressure = points[0]["mach"], points[0]["dynamic_pressure_pa"]
+    title = f"{vehicle.stem}: {altitude / 1e3:g} km, {speed:g} m/s, Mach {mach:.3f}, {pressure / 1e3:.2f} kPa"
+    table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0))
+    for _, heading, unit, _, _ in _COLUMNS:
+        table.add_column(f"{heading}\n{unit}", justify="right", no_wrap=True)
+    for point in points:
+        table.add_row(*(f"{point[name] / divisor:.{digits}f}" for name, _, _, divisor, digits in _COLUMNS))
+    console = Console()
+    console.print(table)
+    for point in points:
+        if point["fault"]:
+            console.print(f"no trim at {point['bank_deg']:g} deg of bank: {point['fault']}")
