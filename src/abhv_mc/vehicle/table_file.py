@@ -4,6 +4,7 @@ A header names the variable and its unit (``mach,alpha_deg,value``); a vehicle f
 sorted, first axis slowest, and every combination of the axes is there once. Lines that start with ``#`` are comments.
 """
 
+import csv
 import itertools
 import math
 import re
@@ -88,12 +89,16 @@ def read_rows(path: Path) -> Rows:
     numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if len(numbered) < 2:
         raise InputError(path, 1, None, "no rows", "a header and rows of numbers")
-    header_line, header = numbered[0][0], [name.strip() for name in numbered[0][1].split(",")]
-    rows = Rows(path, header, header_line, [line.split(",") for _, line in numbered[1:]], [i for i, _ in numbered[1:]])
+    header_line, header = numbered[0][0], [name.strip() for name in _split(numbered[0][1])]
+    rows = Rows(path, header, header_line, [_split(line) for _, line in numbered[1:]], [i for i, _ in numbered[1:]])
     for row, cells in enumerate(rows.cells):
         if len(cells) != len(header):
             raise rows.error(row, None, f"{len(cells)} cells", f"{len(header)}, as in the header")
     return rows
+
+
+def _split(line: str) -> list[str]:
+    return next(csv.reader([line])) if '"' in line else line.split(",")
 
 
 def parse_role(text: str, effectors: Sequence[str] = ()) -> Role:
