@@ -1,12 +1,12 @@
 """What every test relies on."""
 
+import os
 from pathlib import Path
 
-import matplotlib
 import pytest
 from hypothesis import settings
 
-matplotlib.use("Agg")
+os.environ["MPLBACKEND"] = "Agg"  # figures without a display
 
 # The same examples in each run: a suite that fails now and then teaches people to run it again.
 settings.register_profile("repeatable", deadline=None, derandomize=True, print_blob=True)
