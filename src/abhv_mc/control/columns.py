@@ -21,10 +21,14 @@ REFERENCE = (
     "settled",  # 0 within 5 s after a step of the reference, else 1
     "track_north",  # unit vector of positive cross-track error (left of the start's heading), constant
     "track_east",
+    "density",  # nominal air and gravity at the reference
+    "sound_speed",
+    "gravity",
+    "radius",  # of the V / r terms: meridian radius plus altitude
 )
 TIME, ALTITUDE, ALTITUDE_RATE, SPEED, SPEED_RATE, FLIGHT_PATH_ANGLE, HEADING, HEADING_RATE = range(8)
 ANGLE_OF_ATTACK, BANK, EQUIVALENCE_RATIO, ELEVATOR, MASS, NORTH, EAST, LATITUDE, SETTLED = range(8, 17)
-TRACK_NORTH, TRACK_EAST = 17, 18
+TRACK_NORTH, TRACK_EAST, DENSITY, SOUND_SPEED, GRAVITY, RADIUS = range(17, 23)
 
 _GUIDANCE = ("path_integral", "path", "heading_integral", "heading", "speed_integral", "speed")
 

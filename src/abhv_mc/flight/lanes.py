@@ -15,6 +15,7 @@ from abhv_mc.control.tlc import tlc_tick
 from abhv_mc.flight import observe
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.observe import finish_metrics, judge, measure, record, start_observing
+from abhv_mc.flight.start import start_flights
 from abhv_mc.jit import kernel, lanes
 from abhv_mc.numerics.tables import CHUNK
 from abhv_mc.plant import state as s
@@ -63,7 +64,7 @@ def fly_groups(
     ticks,
     record_every,
     parameters,
-    initial_states,
+    initial_state,
     metrics,
     outcome,
     end_tick,
@@ -83,13 +84,7 @@ def fly_groups(
             flight = first + min(lane, n - 1)  # spare lanes repeat the last flight, unseen
             for i in range(s.N_PARAMETERS):
                 Z[s.P + i, lane] = parameters[flight, i]
-            for i in range(s.N_STATES):
-                Z[s.X + i, lane] = initial_states[flight, i]
-                Z[s.XS + i, lane] = initial_states[flight, i]
-            Z[s.CMD_AILERON, lane] = initial_states[flight, s.AILERON]
-            Z[s.CMD_RUDDER, lane] = initial_states[flight, s.RUDDER]
-            Z[s.CMD_ELEVATOR, lane] = initial_states[flight, s.ELEVATOR]
-            Z[s.CMD_ETA, lane] = initial_states[flight, s.ETA]
+        start_flights(Z, width, initial_state)
         start_observing(Z, O, width)
         for tick in range(ticks + 1):
             navigate(Z, width, tick_length, tick == 0)
@@ -157,7 +152,7 @@ def make_fly_lanes(width: int) -> Callable[..., None]:
         ticks,
         record_every,
         parameters,
-        initial_states,
+        initial_state,
         metrics,
         outcome,
         end_tick,
@@ -192,7 +187,7 @@ def make_fly_lanes(width: int) -> Callable[..., None]:
             ticks,
             record_every,
             parameters,
-            initial_states,
+            initial_state,
             metrics,
             outcome,
             end_tick,

@@ -1,19 +1,18 @@
 """What one controller's flights need, as plain values: made once by the launching process."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.vehicle.arrays import Tables
+from abhv_mc.plant.effectiveness import Effectiveness
+from abhv_mc.vehicle.arrays import Floats, Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth
 
-Floats = NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class Timing:
+class Timing(NamedTuple):
     """The clock of a flight. Control ticks are 0..ticks; a tick holds ``steps_per_tick`` RK4 steps."""
 
     step: float  # s
@@ -31,8 +30,7 @@ class Timing:
         return self.tick * self.ticks
 
 
-@dataclass(frozen=True)
-class Limits:
+class Limits(NamedTuple):
     """Where a flight ends, SI and radians."""
 
     altitude_min: float
@@ -50,11 +48,12 @@ class FlightPlan:
     law: str  # which compiled law flies it: "tlc", "lqr" or "recorded"
     vehicle: Vehicle
     trim_tables: Tables
+    effectiveness: Effectiveness
     earth: Earth
     timing: Timing
     limits: Limits
     initial_state: Floats  # [state] nominal start, see abhv_mc.plant.state
-    reference: Floats  # [tick, column] see abhv_mc.control.reference.COLUMNS
+    reference: Floats  # [tick, column] see abhv_mc.control.columns
     gains: Floats  # [tick, gain] columns as the law names them
     settings: Floats  # the law's constants (differentiator bandwidths, command limits)
 

@@ -1,0 +1,100 @@
+"""From the three files of a flight to its plan: reference, gains, trim and start, computed once."""
+
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.control.controller_file import Controller, TlcController, read_controller
+from abhv_mc.control.lqr_design import make_lqr_gains, make_lqr_settings
+from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.control.reference import make_mission_trim_tables, make_reference, make_start_trim
+from abhv_mc.control.tlc_design import make_tlc_gains, make_tlc_settings
+from abhv_mc.flight.plan import FlightPlan, Limits, Timing
+from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
+from abhv_mc.plant import state as s
+from abhv_mc.plant.effectiveness import make_effectiveness
+from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.vehicle.arrays import Floats
+from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.world.earth import Earth, radii
+
+
+def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:
+    """Read the three files and compute the plan. Raises :class:`abhv_mc.documents.InputError`."""
+    return make_plan(load_vehicle(vehicle), read_mission(mission), read_controller(controller), name)
+
+
+def make_plan(vehicle: Vehicle, mission: Mission, controller: Controller, name: str) -> FlightPlan:
+    """The plan of one controller's flights."""
+    timing = make_timing(mission, controller.rate)
+    trim_tables = make_mission_trim_tables(mission, vehicle)
+    reference = make_reference(mission, vehicle, trim_tables, timing.tick, timing.ticks)
+    if isinstance(controller, TlcController):
+        gains = make_tlc_gains(controller, reference, vehicle, trim_tables)
+        settings = make_tlc_settings(controller)
+    else:
+        gains = make_lqr_gains(controller, mission, reference, vehicle, trim_tables)
+        settings = make_lqr_settings(controller)
+    constants = vehicle.constants
+    return FlightPlan(
+        controller=name,
+        law=controller.law,
+        vehicle=vehicle,
+        trim_tables=trim_tables,
+        effectiveness=make_effectiveness(vehicle),
+        earth=mission.make_earth(),
+        timing=timing,
+        limits=Limits(
+            *mission.limits.altitude,
+            constants.angle_of_attack_min,
+            constants.angle_of_attack_max,
+            constants.sideslip_max,
+        ),
+        initial_state=make_initial_state(mission, vehicle),
+        reference=reference,
+        gains=gains,
+        settings=settings,
+    )
+
+
+def make_timing(mission: Mission, rate: float) -> Timing:
+    """Whole integrator steps in a control period of 1 / rate (Hz); at most the mission's step."""
+    tick = 1.0 / rate
+    steps = max(1, int(np.ceil(tick / mission.step - 1e-9)))
+    return Timing(tick / steps, steps, round(mission.duration * rate))
+
+
+def make_initial_state(mission: Mission, vehicle: Vehicle) -> Floats:
+    """Straight and level in 1 g trim, bank zero, the body turning with the local frame, actuators at rest."""
+    trim = make_start_trim(mission, vehicle)
+    start = mission.start
+    x = np.zeros(s.N_STATES)
+    x[s.ALTITUDE], x[s.LONGITUDE], x[s.LATITUDE] = start.altitude, start.longitude, start.latitude
+    alpha = trim.angle_of_attack
+    x[s.U], x[s.W] = start.speed * np.cos(alpha), start.speed * np.sin(alpha)
+    attitude = from_euler(start.heading, alpha, 0.0)
+    x[s.Q0 : s.Q3 + 1] = attitude
+    rate = local_frame_rate(
+        mission.make_earth(),
+        start.altitude,
+        start.latitude,
+        start.speed * np.cos(start.heading),
+        start.speed * np.sin(start.heading),
+    )
+    x[s.ROLL_RATE : s.YAW_RATE + 1] = rotate_to_body(*attitude, *rate)
+    x[s.MASS] = vehicle.constants.mass_start
+    x[s.ELEVATOR], x[s.ETA] = trim.elevator, trim.equivalence_ratio
+    return x
+
+
+def local_frame_rate(
+    earth: Earth, altitude: float, latitude: float, v_north: float, v_east: float
+) -> tuple[float, float, float]:
+    """Inertial rate of the local NED frame under a flight, NED components, rad/s."""
+    meridian, vertical = radii(earth, float(np.sin(latitude)))
+    longitude_rate = v_east / ((vertical + altitude) * np.cos(latitude)) + earth.rotation_rate
+    return (
+        float(longitude_rate * np.cos(latitude)),
+        -v_north / (meridian + altitude),
+        float(-longitude_rate * np.sin(latitude)),
+    )
