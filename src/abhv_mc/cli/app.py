@@ -15,7 +15,7 @@ from abhv_mc.cli.errors import exit_code_of
 
 _COMMANDS = {
     "Start": ("new", "validate", "schema"),
-    "Look": ("version",),
+    "Look": ("trim", "version"),
 }
 
 app = typer.Typer(
