@@ -1,1 +1,1 @@
-"""The campaign: its file, its samples and how they are flown in blocks."""
+"""Campaigns: the file, the samples, the blocks of flights and the run that loses nothing."""

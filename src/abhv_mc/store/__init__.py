@@ -1,1 +1,1 @@
-"""A campaign's folder: Parquet, manifest and where it all came from."""
+"""A campaign's folder: Parquet, manifest, plans, provenance. Every file is written aside and renamed."""

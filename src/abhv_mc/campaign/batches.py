@@ -1,0 +1,67 @@
+"""Work units: blocks of consecutive flights of one controller, cut from whatever is still missing."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Fly = Callable[[FlightPlan, Floats, int | None], FlightBlock]
+
+_SMALL, _LARGE = 128, 256  # flights of a block: enough for every lane, few enough to lose
+_MANY = 100_000
+_LANES = 16
+
+
+@dataclass(frozen=True)
+class Block:
+    """The flights ``first`` .. ``stop - 1`` of one controller, and what is missing of them."""
+
+    controller: str
+    first: int
+    stop: int
+    rows: bool  # their rows
+    envelope: bool  # their part in the envelopes
+
+    @property
+    def flights(self) -> int:
+        return self.stop - self.first
+
+
+def choose_batch(flights: int, workers: int) -> int:
+    """Flights of a block: at least a few blocks for every worker, a whole number of lanes."""
+    size = _LARGE if flights > _MANY else _SMALL
+    share = -(-flights // (2 * workers))
+    return max(_LANES, min(size, -(-share // _LANES) * _LANES))
+
+
+def cut_blocks(missing: dict[str, tuple[Mask, Mask]], size: int) -> Iterator[Block]:
+    """Blocks of at most ``size`` flights, controllers in turn; ``missing`` holds masks of rows and envelopes.
+
+    Block ends lie on multiples of ``size``, and within a block the same is missing of every flight.
+    """
+    runs = {name: list(_uniform_runs(rows, envelope, size)) for name, (rows, envelope) in missing.items()}
+    for turn in range(max(map(len, runs.values()), default=0)):
+        for name, pieces in runs.items():
+            if turn < len(pieces):
+                first, stop = pieces[turn]
+                rows, envelope = missing[name]
+                yield Block(name, first, stop, bool(rows[first]), bool(envelope[first]))
+
+
+def _uniform_runs(rows: Mask, envelope: Mask, size: int) -> Iterator[tuple[int, int]]:
+    state = rows.astype(np.int8) + 2 * envelope.astype(np.int8)
+    changes = np.flatnonzero(np.diff(state)) + 1
+    ends = np.unique(np.concatenate([changes, np.arange(0, len(state), size), [len(state)]]))
+    for first, stop in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
+        if state[first]:
+            yield first, stop
+
+
+def fly_block(fly: Fly, plan: FlightPlan, block: Block, parameters: Floats, every: int) -> tuple[Block, FlightBlock]:
+    """What a worker does: nothing but flying; it touches no file."""
+    return block, fly(plan, parameters, every if block.envelope else None)

@@ -1,0 +1,65 @@
+"""Progress on standard error: a bar on a terminal, a plain line now and then elsewhere."""
+
+import sys
+import time
+from types import TracebackType
+from typing import Any, TextIO
+
+_PLAIN_INTERVAL = 10.0  # s between plain lines
+
+
+class Progress:
+    """Counts work done out of ``total``; a context manager."""
+
+    def __init__(self, label: str, total: int, stream: TextIO | None = None) -> None:
+        self._label, self._total = label, total
+        self._stream = stream or sys.stderr
+        self._done = 0
+        self._start = self._last = time.monotonic()
+        self._bar: Any = None
+
+    def __enter__(self) -> "Progress":
+        if self._total and self._stream.isatty():
+            from rich.console import Console
+            from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+            from rich.progress import Progress as Bar
+
+            self._bar = Bar(
+                TextColumn("{task.description}"),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TextColumn("{task.fields[rate]}"),
+                TimeRemainingColumn(),
+                console=Console(file=self._stream),
+            )
+            self._bar.start()
+            self._task = self._bar.add_task(self._label, total=self._total, rate="")
+        return self
+
+    def add(self, number: int) -> None:
+        """Count ``number`` more."""
+        self._done += number
+        now = time.monotonic()
+        if self._bar is not None:
+            self._bar.update(self._task, advance=number, rate=f"{self._rate(now):.0f}/s")
+        elif now - self._last >= _PLAIN_INTERVAL:
+            self._last = now
+            self._print(now)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+        elif self._total:
+            self._print(time.monotonic())
+
+    def _rate(self, now: float) -> float:
+        return self._done / max(now - self._start, 1e-9)
+
+    def _print(self, now: float) -> None:
+        rate = self._rate(now)
+        left = f"{(self._total - self._done) / rate:.0f} s left" if rate > 0.0 else "time left unknown"
+        share = 100 * self._done // self._total
+        line = f"{self._label}: {self._done} of {self._total} ({share} %), {rate:.0f}/s, {left}"
+        print(line, file=self._stream, flush=True)

@@ -1,0 +1,260 @@
+"""Fly a campaign: what is missing in its folder, in parallel, kept as it lands; then envelopes and histories."""
+
+import contextlib
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.batches import Block, choose_batch, cut_blocks, fly_block
+from abhv_mc.campaign.envelopes import Cells, Collector, make_collector
+from abhv_mc.campaign.progress import Progress
+from abhv_mc.campaign.retention import write_kept_histories
+from abhv_mc.campaign.samples import spread_parameters
+from abhv_mc.campaign.setup import Engine, OpenCampaign, Request, check_source, make_engine, open_campaign, record_every
+from abhv_mc.campaign.tally import Tally, judge_requirements, make_tallies
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flight.signals import CHANNEL_INDEX
+from abhv_mc.store.digest import Digest
+from abhv_mc.store.envelopes import write_envelopes
+from abhv_mc.store.flights import (
+    DamagedFileError,
+    FlightRows,
+    flights_schema,
+    parse_block_name,
+    read_block,
+    write_block,
+)
+from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
+from abhv_mc.store.provenance import count_cores
+from abhv_mc.store.samples import SampleReader
+
+_SAVE_INTERVAL = 5.0  # s between states on disk: what a kill costs the envelopes of a large campaign
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """How a run ended."""
+
+    folder: Path
+    manifest: dict[str, Any]
+
+    @property
+    def complete(self) -> bool:
+        return self.manifest["state"] == COMPLETE
+
+
+def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
+    """Fly a campaign, or what its folder misses of it.
+
+    Raises InputError before anything is written for a request that is wrong, and StorageFullError when the disk
+    takes no more. An interrupt ends with a result that is not complete; what was flown is kept.
+    """
+    engine = engine or make_engine()
+    with ExitStack() as stack:
+        open_one = open_campaign(request, engine, stack)
+        stack.enter_context(_terminate_as_interrupt())
+        return _Run(open_one, engine, request.workers).run()
+
+
+class _Run:
+    def __init__(self, opened: OpenCampaign, engine: Engine, workers: int | None) -> None:
+        self.folder, self.campaign, self.plans = opened.folder, opened.campaign, opened.plans
+        self.manifest, self.asked, self.engine = opened.manifest, opened.asked, engine
+        model = self.campaign.model
+        self.workers = workers or model.execution.workers or count_cores()
+        self.batch = model.execution.batch or choose_batch(self.campaign.runs, self.workers)
+        self.samples = SampleReader(self.folder.samples)
+        self.tallies: dict[str, Tally] = make_tallies(self.campaign)
+        self.done = {name: np.zeros(self.campaign.runs, bool) for name in model.controllers}
+        self.collectors: dict[str, Collector] = {}
+        provenance = {"seed": str(model.seed), "campaign_hash": self.manifest["campaign_hash"]}
+        self.schema = flights_schema(self.samples.names, provenance | {"version": self.manifest["versions"]["abhv_mc"]})
+        self.start, self.wall_before = time.monotonic(), float(self.manifest.get("wall_time_s", 0.0))
+
+    def run(self) -> RunResult:
+        """Fly and finish."""
+        self._take_stock()
+        whole = all(mask.all() for mask in self.done.values())
+        if not (self.manifest["state"] == COMPLETE and whole and self.folder.envelopes.exists()):
+            check_source(self.folder, self.manifest, self.engine)
+            try:
+                self._fly()
+                whole = all(mask.all() for mask in self.done.values())
+                if whole:
+                    self._finish()
+                self._write_manifest(COMPLETE if whole else INTERRUPTED)
+            except KeyboardInterrupt:
+                with _no_interrupt():
+                    self._save()
+                    self._write_manifest(INTERRUPTED)
+            except BaseException:
+                with contextlib.suppress(Exception):  # the error counts, not that the full disk takes no manifest
+                    self._write_manifest(INTERRUPTED)
+                raise
+        return RunResult(self.folder.root, self.manifest)
+
+    def _take_stock(self) -> None:
+        """Read every block that is there; what is damaged, foreign or double is flown again."""
+        for path in sorted(self.folder.flights.glob("*.parquet")):
+            try:
+                controller, first, stop = parse_block_name(path)
+                mask = self.done.get(controller)
+                if mask is None or stop > self.campaign.runs or mask[first:stop].any():
+                    raise DamagedFileError(f"{path.name} belongs to no part of this campaign")
+                rows = read_block(path, self.samples.names)
+                if not np.array_equal(rows.samples, self.samples.rows(first, stop)):
+                    raise DamagedFileError(f"{path.name} was flown on other samples")
+            except DamagedFileError:
+                path.rename(path.with_suffix(".damaged"))
+                continue
+            mask[first:stop] = True
+            self.tallies[controller].add(rows, rows.digest())
+
+    def _make_cells(self) -> Cells:
+        keep = self.campaign.model.keep.envelopes
+        plan = next(iter(self.plans.values()))
+        every = record_every(self.campaign.document, plan, keep.rate, "envelopes")
+        times = np.arange(plan.timing.ticks // every + 1).astype(np.float64) * (every * plan.timing.tick)
+        return Cells(keep.channels, tuple(CHANNEL_INDEX[name] for name in keep.channels), times, every)
+
+    def _parameters(self, first: int, stop: int) -> NDArray[np.float64]:
+        return spread_parameters(self.samples.names, self.samples.rows(first, stop))
+
+    def _fly(self) -> None:
+        from joblib import Parallel, delayed
+
+        self.cells = self._make_cells()
+        for name, plan in self.plans.items():
+
+            def pilot(number: int, plan: Any = plan) -> NDArray[np.float32]:
+                block = self.engine.fly(plan, self._parameters(0, number), self.cells.every)
+                return self.cells.cut(block.history)
+
+            self.collectors[name] = make_collector(
+                self.folder.envelope_states, name, self.campaign.runs, self.cells, pilot
+            )
+        missing = {}
+        for name, done in self.done.items():
+            wanted = ~done & (name in self.asked)  # what was flown and is not in the envelopes is wanted anyhow
+            missing[name] = wanted, ~self.collectors[name].covered & (done | wanted)
+        total = sum(int((rows | envelope).sum()) for rows, envelope in missing.values())
+        self._write_manifest(RUNNING)
+        pool = Parallel(
+            n_jobs=self.workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs"
+        )
+        tasks = (
+            delayed(fly_block)(
+                self.engine.fly,
+                self.plans[block.controller],
+                block,
+                self._parameters(block.first, block.stop),
+                self.cells.every,
+            )
+            for block in cut_blocks(missing, self.batch)
+        )
+        saved = time.monotonic()
+        with Progress("flights", total) as progress:
+            for block, flown in pool(tasks):
+                with _no_interrupt():
+                    self._keep(block, flown)
+                progress.add(block.flights)
+                if time.monotonic() - saved > _SAVE_INTERVAL:
+                    self._save()
+                    self._write_manifest(RUNNING)
+                    saved = time.monotonic()
+
+    def _keep(self, block: Block, flown: FlightBlock) -> None:
+        """Write a block that has landed and count it."""
+        if block.envelope:
+            self.collectors[block.controller].add(block.first, self.cells.cut(flown.history))
+        if block.rows:
+            rows = FlightRows(
+                block.controller,
+                block.first,
+                self.samples.names,
+                self.samples.rows(block.first, block.stop),
+                tuple(Outcome(code).code for code in flown.outcome),
+                np.column_stack([flown.metrics, flown.end_time]),
+            )
+            digest = write_block(self.folder.flights, rows, self.schema)
+            self.tallies[block.controller].add(rows, digest)
+            self.done[block.controller][block.first : block.stop] = True
+
+    def _save(self) -> None:
+        for collector in self.collectors.values():
+            collector.save()
+
+    def _finish(self) -> None:
+        """What follows from all flights: envelopes, histories."""
+        tables = {name: self.collectors[name].table() for name in self.plans}
+        write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables)
+        write_kept_histories(self.folder, self.campaign, self.plans, self.tallies, self.samples, self.engine.fly)
+        for collector in self.collectors.values():
+            collector.finish()
+
+    def _write_manifest(self, state: str) -> None:
+        independent = self.campaign.model.sampling.design == "random"
+        failed_code = Outcome.FAILED_TO_RUN.code
+        failed = max((tally.outcomes[failed_code] for tally in self.tallies.values()), default=0)
+        flown = int(np.logical_and.reduce(list(self.done.values())).sum())
+        self.manifest |= {
+            "state": state,
+            "runs_planned": self.campaign.runs,
+            "runs_done": flown - failed,
+            "runs_failed": failed,
+            "wall_time_s": round(self.wall_before + time.monotonic() - self.start, 3),
+            "digest": str(sum((tally.digest for tally in self.tallies.values()), Digest())),
+            "digests": {name: str(tally.digest) for name, tally in self.tallies.items()},
+            "controllers": {
+                name: {"flights_done": int(self.done[name].sum()), "outcomes": dict(sorted(tally.outcomes.items()))}
+                for name, tally in self.tallies.items()
+            },
+            "requirements": judge_requirements(self.tallies, independent),
+        }
+        write_manifest(self.folder.manifest, self.manifest)
+
+
+@contextlib.contextmanager
+def _terminate_as_interrupt() -> Iterator[None]:
+    """Let SIGTERM end a campaign as Ctrl-C does."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextlib.contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """Put off Ctrl-C and SIGTERM until a block is written and counted: both or neither."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    arrived: list[int] = []
+    before = {
+        number: signal.signal(number, lambda got, frame: arrived.append(got))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if arrived:
+        raise KeyboardInterrupt

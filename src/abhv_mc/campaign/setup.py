@@ -1,0 +1,236 @@
+"""Before a campaign flies: everything checked, then its folder made, or found and proven to be the same campaign."""
+
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.batches import Fly
+from abhv_mc.campaign.bite import fly_trials
+from abhv_mc.campaign.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.resolve import ResolvedCampaign, describe_changes, merge_campaigns, read_held, resolve_campaign
+from abhv_mc.campaign.samples import is_extensible, make_samples
+from abhv_mc.documents import Document, InputError
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.histories import write_nominal, write_reference
+from abhv_mc.store.lock import hold_lock
+from abhv_mc.store.manifest import COMPLETE, RUNNING, read_manifest, write_manifest
+from abhv_mc.store.plans import read_plan, write_plan
+from abhv_mc.store.provenance import find_commit, find_machine, find_versions
+from abhv_mc.store.samples import SampleReader, write_samples
+
+Prepare = Callable[[Path, Path, Path, str], FlightPlan]
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the command line asks for."""
+
+    campaign: Path
+    out: Path | None = None  # reports/<campaign name> by default
+    runs: int | None = None
+    seed: int | None = None
+    controllers: tuple[str, ...] | None = None
+    workers: int | None = None
+    fresh: bool = False
+
+
+@dataclass(frozen=True)
+class Engine:
+    """How a plan is made and flown; tests put cheap ones in their place."""
+
+    prepare: Prepare
+    fly: Fly
+    source: str  # hash of the code that flies: two of them never share a campaign
+
+
+@dataclass(frozen=True)
+class OpenCampaign:
+    """A campaign whose folder is ready to fly, and locked."""
+
+    folder: CampaignFolder
+    campaign: CheckedCampaign  # as the folder holds it
+    plans: dict[str, FlightPlan]
+    manifest: dict[str, Any]
+    asked: tuple[str, ...]  # controllers to fly now
+
+
+def make_engine() -> Engine:
+    """The compiled flight."""
+    from abhv_mc.flight.fly import fly
+    from abhv_mc.flight.prepare import prepare
+    from abhv_mc.jit import source_hash
+
+    return Engine(prepare, fly, source_hash())
+
+
+def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -> int:
+    """Control ticks between records at ``rate``. Raises InputError when the control rate is no multiple of it."""
+    ticks = 1.0 / (rate * plan.timing.tick)
+    every = round(ticks)
+    if every < 1 or abs(ticks - every) > 1e-9 * ticks:
+        found = f"{rate:g} Hz with control ticks at {1.0 / plan.timing.tick:g} Hz"
+        raise document.error(("keep", kind, "rate"), found, "a rate that divides the control rate")
+    return every
+
+
+def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCampaign:
+    """Check the request, make or find the campaign's folder, and hold its lock until ``stack`` closes.
+
+    Raises InputError before anything is written when something is wrong.
+    """
+    wanted = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
+    folder = CampaignFolder(request.out or Path("reports") / wanted.model.name)
+    strangers = folder.strangers()
+    if strangers:
+        found = f"a folder with '{strangers[0].name}', which no campaign wrote"
+        raise InputError(folder.root, None, None, found, "an empty folder or a campaign's")
+    started = folder.manifest.exists()
+    if not started and not request.fresh and any(folder.flights.glob("*.parquet")):
+        found = "flights without the manifest that says what they are"
+        raise InputError(folder.root, None, None, found, "another folder (-o DIR), or --fresh to delete them")
+    if started:
+        stack.enter_context(hold_lock(folder.lock))
+    asked = tuple(wanted.model.controllers)
+    if started and not request.fresh:
+        return replace(_resume(folder, wanted, engine), asked=asked)
+    resolved = resolve_campaign(wanted)
+    plans = _make_plans(wanted, asked, engine)
+    nominal = _try_out(wanted, plans, engine)
+    if not started:
+        stack.enter_context(hold_lock(folder.lock))
+        if folder.manifest.exists():
+            found = "a campaign that another process has started meanwhile"
+            raise InputError(folder.root, None, None, found, "the same command once more")
+    folder.clear()
+    resolved.write(folder)
+    for name, plan in plans.items():
+        write_plan(folder.plan(name), plan)
+    _write_samples(folder, wanted)
+    _write_nominal(folder, wanted, plans, nominal)
+    manifest = _new_manifest(wanted, resolved, engine)
+    write_manifest(folder.manifest, manifest)
+    return OpenCampaign(folder, read_campaign(folder.campaign), plans, manifest, asked)
+
+
+def _resume(folder: CampaignFolder, wanted: CheckedCampaign, engine: Engine) -> OpenCampaign:
+    """Go on with a folder that holds the same campaign, perhaps with fewer flights or controllers."""
+    manifest = read_manifest(folder.manifest)
+    held, resolved = read_held(folder, manifest), resolve_campaign(wanted)
+    changes = describe_changes(held, resolved, is_extensible(wanted))
+    if changes:
+        found = "a folder that holds another campaign:\n  " + "\n  ".join(changes)
+        wish = "the same campaign, another folder (-o DIR), or --fresh to delete what was flown"
+        raise InputError(folder.root, None, None, found, wish)
+    folder.sweep()
+    added = [name for name in wanted.model.controllers if name not in held.data["controllers"]]
+    longer = wanted.runs > held.data["runs"]
+    if added or longer or manifest.get("state") != COMPLETE:
+        check_source(folder, manifest, engine)
+    if added:
+        new = _make_plans(wanted, added, engine)
+        _try_out(wanted, new, engine)
+        for name, plan in new.items():
+            write_plan(folder.plan(name), plan)
+    if added or longer:
+        merged = merge_campaigns(held, resolved)
+        merged.write(folder)
+        manifest |= {"state": RUNNING, "runs_planned": wanted.runs, "inputs": merged.hashes}
+        manifest["campaign_hash"] = merged.identity
+    campaign = read_campaign(folder.campaign)
+    campaign = replace(campaign, model=campaign.model.model_copy(update={"execution": wanted.model.execution}))
+    _write_samples(folder, campaign)
+    if added or longer:
+        write_manifest(folder.manifest, manifest)
+    plans = {name: read_plan(folder.plan(name)) for name in campaign.model.controllers}
+    if added or not (folder.nominal.exists() and folder.reference.exists()):
+        _write_nominal(folder, campaign, plans, _try_out(campaign, plans, engine))
+    return OpenCampaign(folder, campaign, plans, manifest, ())
+
+
+def check_source(folder: CampaignFolder, manifest: dict[str, Any], engine: Engine) -> None:
+    """Refuse to go on with other code than the one that flew so far. Raises InputError."""
+    flown = manifest.get("source_hash")
+    if flown != engine.source:
+        found = f"flights of another version of the program (source {flown}, now {engine.source})"
+        raise InputError(folder.root, None, None, found, "that version, another folder (-o DIR), or --fresh")
+
+
+def _make_plans(campaign: CheckedCampaign, names: tuple[str, ...] | list[str], engine: Engine) -> dict[str, FlightPlan]:
+    model = campaign.model
+    return {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
+
+
+def _try_out(
+    campaign: CheckedCampaign, plans: dict[str, FlightPlan], engine: Engine
+) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]]:
+    """Fly the trials; times and history ``[time, channel]`` of each controller's nominal flight."""
+    first = next(iter(plans.values()))
+    record_every(campaign.document, first, campaign.model.keep.envelopes.rate, "envelopes")
+    every = record_every(campaign.document, first, campaign.model.keep.histories.rate, "histories")
+    flown = fly_trials(campaign, plans, engine.fly, every)
+    return {name: (block.times, block.history[0]) for name, block in flown.items()}
+
+
+def _write_nominal(
+    folder: CampaignFolder,
+    campaign: CheckedCampaign,
+    plans: dict[str, FlightPlan],
+    nominal: dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]],
+) -> None:
+    """The nominal flights and the reference, at the rate of the histories."""
+    first = next(iter(plans.values()))
+    every = record_every(campaign.document, first, campaign.model.keep.histories.rate, "histories")
+    times = next(iter(nominal.values()))[0]
+    write_nominal(folder.nominal, times, {name: history for name, (_, history) in nominal.items()})
+    write_reference(folder.reference, first, every)
+
+
+def _write_samples(folder: CampaignFolder, campaign: CheckedCampaign) -> None:
+    """Draw the samples where the folder does not hold them; those that it holds must stay."""
+    source = make_samples(campaign)
+    held = None
+    try:
+        held = SampleReader(folder.samples)
+        if held.names == tuple(source.names) and held.flights == campaign.runs:
+            return
+        shared = min(held.flights, campaign.runs)
+        if held.names != tuple(source.names) or not np.array_equal(held.rows(0, shared), source.draw(0, shared)):
+            found = "samples that this version of the program does not draw"
+            raise InputError(folder.samples, None, None, found, "the versions that the manifest names, or --fresh")
+    except (OSError, ValueError):  # missing or truncated
+        held = None
+    provenance = {"seed": str(campaign.model.seed), "design": campaign.model.sampling.design}
+    write_samples(folder.samples, source.names, campaign.runs, source.draw, provenance)
+
+
+def _new_manifest(campaign: CheckedCampaign, resolved: ResolvedCampaign, engine: Engine) -> dict[str, Any]:
+    from datetime import UTC, datetime
+
+    return {
+        "name": campaign.model.name,
+        "state": RUNNING,
+        "runs_planned": campaign.runs,
+        "runs_done": 0,
+        "runs_failed": 0,
+        "seed": campaign.model.seed,
+        "campaign_hash": resolved.identity,
+        "source_hash": engine.source,
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "wall_time_s": 0.0,
+        "digest": None,
+        "digests": {},
+        "controllers": {},
+        "requirements": [],
+        "versions": find_versions(),
+        "commit": find_commit(),
+        "machine": find_machine(),
+        "command": sys.argv[1:],
+        "inputs": resolved.hashes,
+    }

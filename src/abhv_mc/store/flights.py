@@ -1,0 +1,126 @@
+"""Blocks of flown flights as Parquet: one row per flight and controller, whole and checked."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from abhv_mc.flight.outcome import SENTENCES, Outcome
+from abhv_mc.flight.signals import METRICS, Signal
+from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.store.digest import Digest, digest_rows
+from abhv_mc.store.folder import write_whole
+
+Floats = NDArray[np.float64]
+
+END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
+VALUES = (*METRICS, END_TIME)  # the columns after the samples
+_DIGEST = b"abhv_mc.digest"
+
+
+class DamagedFileError(Exception):
+    """A block file that is truncated or does not hold what its name says; it is flown again."""
+
+
+@dataclass(frozen=True)
+class FlightRows:
+    """The rows of one block of one controller, ascending by flight without gaps."""
+
+    controller: str
+    first: int
+    names: tuple[str, ...]  # of the sampled parameters
+    samples: Floats  # [flight, parameter]
+    outcome: tuple[str, ...]  # codes
+    values: Floats  # [flight, value] in the order of VALUES
+
+    @property
+    def stop(self) -> int:
+        return self.first + len(self.outcome)
+
+    @property
+    def flights(self) -> NDArray[np.int64]:
+        return np.arange(self.first, self.stop)
+
+    def digest(self) -> Digest:
+        columns = {name: self.samples[:, i] for i, name in enumerate(self.names)}
+        columns |= {signal.name: self.values[:, i] for i, signal in enumerate(VALUES)}
+        return digest_rows(self.controller, self.flights, self.outcome, columns)
+
+
+def make_field(name: str, kind: pa.DataType, unit: str, doc: str) -> pa.Field:
+    """A column with its unit and meaning."""
+    return pa.field(name, kind, nullable=False, metadata={"unit": unit, "doc": doc})
+
+
+def flights_schema(names: Sequence[str], provenance: dict[str, str]) -> pa.Schema:
+    """Schema of the flights table with the sample columns ``names``."""
+    outcomes = "; ".join(f"{outcome.code}: {SENTENCES[outcome]}" for outcome in Outcome)
+    parameters = [PARAMETERS[PARAMETER_INDEX[name]] for name in names]
+    fields = [
+        make_field("flight", pa.int64(), "-", "number of the flight"),
+        make_field("controller", pa.string(), "-", "name of the controller"),
+        make_field("outcome", pa.string(), "-", outcomes),
+        *(make_field(p.name, pa.float64(), p.unit, p.doc) for p in parameters),
+        *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in VALUES),
+    ]
+    return pa.schema(fields, metadata={f"abhv_mc.{key}": text for key, text in provenance.items()})
+
+
+def block_path(folder: Path, controller: str, first: int, stop: int) -> Path:
+    """Name of a block's file: the controller and the flights first .. stop - 1."""
+    return folder / f"{controller}-{first:09d}-{stop:09d}.parquet"
+
+
+def parse_block_name(path: Path) -> tuple[str, int, int]:
+    """Controller, first and stop from a block's file name. Raises DamagedFileError."""
+    controller, _, rest = path.stem.rpartition("-")
+    controller, _, first = controller.rpartition("-")
+    if not (controller and first.isdecimal() and rest.isdecimal()):
+        raise DamagedFileError(f"{path.name} is no block's name")
+    return controller, int(first), int(rest)
+
+
+def write_block(folder: Path, rows: FlightRows, schema: pa.Schema) -> Digest:
+    """Write one block's file into ``folder`` and give its digest."""
+    digest = rows.digest()
+    columns: list[Any] = [rows.flights, pa.repeat(rows.controller, len(rows.outcome)), pa.array(rows.outcome)]
+    columns += [np.ascontiguousarray(column) for column in (*rows.samples.T, *rows.values.T)]
+    schema = schema.with_metadata({**(schema.metadata or {}), _DIGEST: str(digest)})
+    table = pa.Table.from_arrays([pa.array(column) for column in columns], schema=schema)
+    floats = [*rows.names, *(signal.name for signal in VALUES)]
+    write_whole(
+        block_path(folder, rows.controller, rows.first, rows.stop),
+        lambda aside: pq.write_table(
+            table,
+            aside,
+            compression="zstd",
+            compression_level=1,
+            use_dictionary=["controller", "outcome"],
+            column_encoding=dict.fromkeys(floats, "BYTE_STREAM_SPLIT"),
+            write_page_checksum=True,
+            write_statistics=["flight"],
+        ),
+    )
+    return digest
+
+
+def read_block(path: Path, names: Sequence[str]) -> FlightRows:
+    """Read a block's file and prove it whole. Raises DamagedFileError."""
+    controller, first, stop = parse_block_name(path)
+    try:
+        table = pq.read_table(path, page_checksum_verification=True, partitioning=None)
+        samples = np.stack([table[name].to_numpy() for name in names], axis=1) if names else np.empty((stop - first, 0))
+        values = np.stack([table[signal.name].to_numpy() for signal in VALUES], axis=1)
+        rows = FlightRows(controller, first, tuple(names), samples, tuple(table["outcome"].to_pylist()), values)
+        whole = np.array_equal(table["flight"].to_numpy(), np.arange(first, stop))
+        digest = (table.schema.metadata or {}).get(_DIGEST, b"").decode()
+    except (pa.ArrowException, OSError, KeyError, ValueError) as error:
+        raise DamagedFileError(f"{path.name}: {str(error).splitlines()[0]}") from error
+    if not whole or str(rows.digest()) != digest:
+        raise DamagedFileError(f"{path.name} does not hold what was written")
+    return rows

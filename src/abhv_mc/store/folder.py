@@ -1,0 +1,154 @@
+"""Where things lie in a campaign's folder, and how a file gets there: whole or not at all."""
+
+import contextlib
+import errno
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from abhv_mc.input_error import InputError
+
+_ASIDE = ".aside"  # ending of a file that is being written
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+_CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
+
+
+class StorageFullError(Exception):
+    """The disk is full; what was flown is kept and the same command resumes."""
+
+
+@dataclass(frozen=True)
+class CampaignFolder:
+    """Paths of a campaign's folder."""
+
+    root: Path
+
+    @property
+    def campaign(self) -> Path:
+        return self.root / "campaign.yaml"
+
+    @property
+    def manifest(self) -> Path:
+        return self.root / "manifest.json"
+
+    @property
+    def samples(self) -> Path:
+        return self.root / "samples.parquet"
+
+    @property
+    def envelopes(self) -> Path:
+        return self.root / "envelopes.parquet"
+
+    @property
+    def nominal(self) -> Path:
+        return self.root / "nominal.parquet"
+
+    @property
+    def reference(self) -> Path:
+        return self.root / "reference.parquet"
+
+    @property
+    def inputs(self) -> Path:
+        return self.root / "inputs"
+
+    @property
+    def plans(self) -> Path:
+        return self.root / "plans"
+
+    @property
+    def flights(self) -> Path:
+        return self.root / "flights"
+
+    @property
+    def histories(self) -> Path:
+        return self.root / "histories"
+
+    @property
+    def envelope_states(self) -> Path:
+        return self.root / "envelope_states"
+
+    @property
+    def lock(self) -> Path:
+        return self.root / ".lock"
+
+    def plan(self, controller: str) -> Path:
+        return self.plans / f"{controller}.npz"
+
+    @property
+    def parts(self) -> tuple[Path, ...]:
+        """Everything that a campaign writes, apart from the lock."""
+        files = (self.campaign, self.manifest, self.samples, self.envelopes, self.nominal, self.reference)
+        report = (self.root / "report.html", self.root / "report.md", self.root / "figures")
+        folders = (self.inputs, self.plans, self.flights, self.histories, self.envelope_states)
+        return (*files, *report, *folders)
+
+    def strangers(self) -> list[Path]:
+        """What lies in the folder that no campaign wrote."""
+        if not self.root.is_dir():
+            return []
+        known = {*self.parts, self.lock}
+        return sorted(p for p in self.root.iterdir() if p not in known and not p.name.endswith(_ASIDE))
+
+    def clear(self) -> None:
+        """Delete what a campaign wrote, the manifest first, so that no half of it looks whole."""
+        import shutil
+
+        self.manifest.unlink(missing_ok=True)
+        for path in self.parts:
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+        self.sweep()
+
+    def sweep(self) -> None:
+        """Delete what a killed process was writing."""
+        if self.root.is_dir():
+            for path in self.root.rglob(f"*{_ASIDE}"):
+                path.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def told_plainly(path: Path) -> Iterator[None]:
+    """Say what a full disk or a closed folder means instead of a bare OSError."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in _FULL:
+            raise StorageFullError(
+                f"{path}: no space left. What was flown is kept: make room and run the same command again."
+            ) from error
+        if error.errno in _CLOSED:
+            raise InputError(path, None, None, f"a place that cannot be written ({error.strerror})",
+                             "a folder that can be written") from error  # fmt: skip
+        raise
+
+
+def write_whole(path: Path, write: Callable[[Path], None], durable: bool = False) -> None:
+    """Let ``write`` make the file aside, then rename it into place; ``durable`` waits until the disk has it.
+
+    Raises StorageFullError or InputError where the folder takes nothing.
+    """
+    aside = path.with_name(f"{path.name}{_ASIDE}")
+    with told_plainly(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            write(aside)
+            if durable:
+                with aside.open("rb") as file:
+                    os.fsync(file.fileno())
+            aside.replace(path)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                aside.unlink(missing_ok=True)
+            raise
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole and durably."""
+
+    def write(aside: Path) -> None:
+        aside.write_text(text, encoding="utf-8")
+
+    write_whole(path, write, durable=True)

@@ -1,0 +1,50 @@
+"""One process per campaign folder: a lock that the system drops when its holder dies."""
+
+import contextlib
+import fcntl
+import json
+import os
+import platform
+from collections.abc import Iterator
+from pathlib import Path
+
+from abhv_mc.input_error import InputError
+from abhv_mc.store.folder import told_plainly
+
+
+@contextlib.contextmanager
+def hold_lock(path: Path) -> Iterator[None]:
+    """Hold the lock file ``path``. Raises InputError, which names the holder, when another process has it."""
+    with told_plainly(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = path.open("a+", encoding="utf-8")  # held open as long as the lock
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            found = f"a campaign that {_holder(path)} is flying"
+            raise InputError(path.parent, None, None, found, "its end, or another folder (-o DIR)") from None
+        file.truncate(0)
+        json.dump({"pid": os.getpid(), "host": platform.node()}, file)
+        file.flush()
+        yield
+
+
+def lock_holder(path: Path) -> str | None:
+    """Who holds the lock, in words; None when nobody does."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            return None
+    except FileNotFoundError:
+        return None
+    except OSError:
+        return _holder(path)
+
+
+def _holder(path: Path) -> str:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return f"process {content['pid']} on {content['host']}"
+    except (OSError, ValueError, KeyError, TypeError):
+        return "another process"

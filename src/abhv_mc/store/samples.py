@@ -1,0 +1,68 @@
+"""The samples of a campaign as Parquet: what is flown is what is stored here."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.store.flights import make_field
+from abhv_mc.store.folder import write_whole
+
+Floats = NDArray[np.float64]
+ROW_GROUP = 65536  # flights drawn, written and read at once
+
+
+def write_samples(
+    path: Path, names: Sequence[str], flights: int, draw: Callable[[int, int], Floats], provenance: dict[str, str]
+) -> None:
+    """Write all samples; ``draw(first, stop)`` gives values ``[flight, parameter]``."""
+    parameters = [PARAMETERS[PARAMETER_INDEX[name]] for name in names]
+    schema = pa.schema(
+        [
+            make_field("flight", pa.int64(), "-", "number of the flight"),
+            *(make_field(p.name, pa.float64(), p.unit, p.doc) for p in parameters),
+        ],
+        metadata={f"abhv_mc.{key}": text for key, text in provenance.items()},
+    )
+
+    def write(aside: Path) -> None:
+        options = {"compression": "zstd", "compression_level": 1, "use_dictionary": False}
+        encoding = dict.fromkeys(names, "BYTE_STREAM_SPLIT")
+        with pq.ParquetWriter(aside, schema, column_encoding=encoding, **options) as writer:
+            for first in range(0, flights, ROW_GROUP):
+                stop = min(first + ROW_GROUP, flights)
+                values = draw(first, stop)
+                columns = [np.arange(first, stop), *(np.ascontiguousarray(column) for column in values.T)]
+                writer.write_table(pa.Table.from_arrays([pa.array(c) for c in columns], schema=schema))
+
+    write_whole(path, write)
+
+
+class SampleReader:
+    """Rows of a samples file by flight number; holds one row group in memory."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = pq.ParquetFile(path)
+        self.names: tuple[str, ...] = tuple(self._file.schema_arrow.names[1:])
+        self.flights: int = self._file.metadata.num_rows
+        self._group = -1
+        self._values = np.empty((0, len(self.names)))
+
+    def rows(self, first: int, stop: int) -> Floats:
+        """Values ``[flight, parameter]`` of the flights ``first`` .. ``stop - 1``."""
+        pieces = []
+        while first < stop:
+            group = first // ROW_GROUP
+            end = min(stop, (group + 1) * ROW_GROUP)
+            if group != self._group:
+                table = self._file.read_row_group(group)
+                columns = [table[name].to_numpy() for name in self.names]
+                self._values = np.stack(columns, axis=1) if columns else np.empty((table.num_rows, 0))
+                self._group = group
+            pieces.append(self._values[first - group * ROW_GROUP : end - group * ROW_GROUP])
+            first = end
+        return np.concatenate(pieces) if pieces else np.empty((0, len(self.names)))
