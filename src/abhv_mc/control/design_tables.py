@@ -1,0 +1,95 @@
+"""The nominal vehicle in plain numpy where an argument may be complex: a complex step gives a cell's exact slope.
+
+The compiled code reads the same arrays; :mod:`abhv_mc.vehicle.evaluate` is the real-valued twin of this file.
+Complex step: Squire and Trapp, SIAM Review 40 (1998). SI and radians.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.vehicle.arrays import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Floats, Tables
+from abhv_mc.vehicle.model import Vehicle
+
+Numbers = NDArray[Any]  # float64 or complex128
+_STEP = 1e-30
+
+
+def slope(function: Callable[[Numbers], Numbers], at: Any) -> Floats:
+    """Jacobian [output, input] at a real vector, by complex step.
+
+    ``function`` takes [input, point] and gives [output, point]; it is called once, with a point for each input.
+    """
+    at = np.asarray(at, dtype=np.float64)
+    return np.asarray(np.imag(function(at[:, None] + 1j * _STEP * np.eye(at.size))) / _STEP)
+
+
+def variables_at(vehicle: Vehicle, **values: Any) -> dict[str, Numbers]:
+    """Every one of VARIABLES: named values broadcast against each other, effectors mixed, the rest zero."""
+    arrays = dict(zip(values, np.broadcast_arrays(*values.values()), strict=True))
+    shape = next(iter(arrays.values())).shape
+    result = {name: np.asarray(arrays.get(name, np.zeros(shape))) for name in VARIABLES}
+    result["one"] = np.ones(shape)
+    for effector, mix in enumerate(vehicle.effector_mix):
+        aileron, rudder, elevator = mix
+        result[f"effector_{effector}"] = np.asarray(
+            aileron * result["aileron"] + rudder * result["rudder"] + elevator * result["elevator"]
+        )
+    return result
+
+
+def table_rows(tables: Tables, variables: dict[str, Numbers]) -> Numbers:
+    """Every table's value, [row, ...]: linear in each axis inside a cell, held outside the grid."""
+    low, weight = [], []
+    for variable, start, length in zip(tables.axis_variable, tables.axis_start, tables.axis_length, strict=True):
+        grid = tables.grid[start : start + length]
+        x = variables[VARIABLES[variable]]
+        cell = np.clip(np.searchsorted(grid, x.real, side="right") - 1, 0, length - 2)
+        fraction = (x - grid[cell]) / (grid[cell + 1] - grid[cell])
+        fraction = np.where(fraction.real < 0.0, 0.0, np.where(fraction.real > 1.0, 1.0, fraction))
+        low.append(cell)
+        weight.append(fraction)
+    shape = variables["one"].shape
+    rows = np.zeros((tables.n_rows, *shape), dtype=np.result_type(*weight, np.float64))
+    for group, width in enumerate(tables.group_width):
+        axes, strides = tables.group_axis[group], tables.group_stride[group]
+        used = [d for d in range(len(strides)) if strides[d]]
+        node = np.full(shape, tables.group_start[group], dtype=np.int64)
+        for d in used:
+            node = node + low[axes[d]] * strides[d]
+        column = np.arange(width).reshape((-1,) + (1,) * len(shape))
+        value: Any = 0.0
+        for corner in range(2 ** len(used)):
+            share: Any = 1.0
+            offset = 0
+            for bit, d in enumerate(used):
+                upper = corner >> bit & 1
+                share = share * (weight[axes[d]] if upper else 1.0 - weight[axes[d]])
+                offset += int(strides[d]) * upper
+            value = value + share * tables.data[column + node + offset]
+        row = int(tables.group_row[group])
+        rows[row : row + width] = value
+    return rows
+
+
+def fixed_values(tables: Tables, rows: Numbers) -> dict[str, Numbers]:
+    """The rows that every vehicle has, by the names of FIXED_TABLE_ROWS."""
+    return {name: rows[row] for name, row in zip(FIXED_TABLE_ROWS, tables.fixed_row, strict=True)}
+
+
+def coefficients_at(vehicle: Vehicle, rows: Numbers, variables: dict[str, Numbers]) -> dict[str, Numbers]:
+    """The nominal vehicle's six coefficients, by the names of COEFFICIENTS."""
+    total: dict[str, Numbers] = {name: np.zeros(rows.shape[1:], dtype=rows.dtype) for name in COEFFICIENTS}
+    terms = vehicle.build_up
+    for coefficient, table, variable in zip(terms.coefficient, terms.table, terms.variable, strict=True):
+        name = COEFFICIENTS[coefficient]
+        total[name] = total[name] + rows[table] * variables[VARIABLES[variable]]
+    return total
+
+
+def thrust_at(vehicle: Vehicle, fixed: dict[str, Numbers], eta: Any, density: Any, speed: Any) -> Numbers:
+    """Magnitude of the thrust, N."""
+    stream = vehicle.constants.capture_thrust * eta * density * speed * fixed["capture_area_ratio"]
+    return np.asarray(stream * fixed["specific_impulse"] + 0.5 * density * speed * speed * fixed["thrust_area"])
