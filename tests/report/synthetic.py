@@ -1,6 +1,5 @@
 """A campaign's folder made by formula, in the format of the contract: the report's tests need no flight."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +7,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from abhv_mc.flight.signals import CHANNELS, METRICS, REFERENCE_CHANNELS
+from abhv_mc.store.digest import Digest
+from abhv_mc.store.envelopes import QUANTILES, EnvelopeTable, write_envelopes
+from abhv_mc.store.flights import VALUES, FlightRows, flights_schema, write_block
+from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.histories import write_histories, write_nominal
+from abhv_mc.store.manifest import write_manifest
 
 CONTROLLERS = ("tlc", "lqr", "lqr_retuned")
 # How far each controller strays (1 = a wide error) and how much surface it uses, beside the first.
 ERROR = {"tlc": 0.06, "lqr": 1.0, "lqr_retuned": 0.3}
 USAGE = {"tlc": 1.1, "lqr": 1.0, "lqr_retuned": 1.08}
-ENVELOPE_COLUMNS = {"q0.135": 0.00135, "q5": 0.05, "q50": 0.5, "q95": 0.95, "q99.865": 0.99865}
 TICK = 0.1  # s between the recorded samples
 
 CAMPAIGN = """\
@@ -146,11 +150,10 @@ def metrics_of(channels, time):
 
 
 def write_campaign(folder: Path, runs: int = 60, sampling: str = "random", failing: int = 0, seed: int = 7) -> Path:
-    """Write a synthetic campaign; of the first controller but one, the `failing` flights with most density fail."""
+    """Write a synthetic campaign; of the controllers after the first, the `failing` flights with most density fail."""
     draw = np.random.default_rng(seed)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "flights").mkdir(exist_ok=True)
-    (folder / "histories").mkdir(exist_ok=True)
+    paths = CampaignFolder(folder)
+    paths.flights.mkdir(parents=True, exist_ok=True)
     time = np.arange(601) * TICK
     samples = {
         "atmosphere.density": draw.uniform(0.90, 1.10, runs),
@@ -158,64 +161,36 @@ def write_campaign(folder: Path, runs: int = 60, sampling: str = "random", faili
         "aero.drag": draw.uniform(0.85, 1.15, runs),
     }
     wobble = draw.normal(size=runs)[:, None]
-    number = np.arange(runs, dtype=np.int64)
-    pq.write_table(pa.table({"flight": number, **samples}), folder / "samples.parquet")
-    envelopes, nominal, rows = [], [], []
+    pq.write_table(pa.table({"flight": np.arange(runs, dtype=np.int64), **samples}), paths.samples)
+    nominal, envelopes, digests = {}, {}, {}
     for name in CONTROLLERS:
         channels = histories_of(name, samples, time, wobble)
         metrics = metrics_of(channels, time)
         outcome = np.full(runs, "ok", dtype=object)
         if name != CONTROLLERS[0] and failing:
             outcome[np.argsort(samples["atmosphere.density"])[-failing:]] = "sideslip_limit"
-        controller = np.full(runs, name)
-        rows.append(
-            pa.table({"flight": number, "controller": controller, "outcome": list(outcome), **samples, **metrics})
+        digests[name] = write_flights(
+            paths.flights, name, samples, outcome, {**metrics, "end_time_s": np.full(runs, 60.0)}
         )
-        worst = np.argsort(metrics["altitude_error_max_m"])[-20:]
-        pq.write_table(
-            pa.table(
-                {
-                    "flight": np.repeat(worst, time.size),
-                    "controller": np.full(worst.size * time.size, name),
-                    "time": np.tile(time, worst.size).astype(np.float32),
-                    **{key: value[worst].ravel() for key, value in channels.items()},
-                }
-            ),
-            folder / "histories" / f"{name}.parquet",
+        worst = np.sort(np.argsort(metrics["altitude_error_max_m"])[-20:])
+        history = np.stack([channels[signal.name] for signal in CHANNELS], axis=2)
+        names = [signal.name for signal in CHANNELS]
+        write_histories(paths.histories / f"{name}.parquet", name, worst, time, history[worst], names)
+        envelopes[name] = EnvelopeTable(
+            count=np.full(history.shape[1:], runs, dtype=np.int64),
+            low=history.min(axis=0).astype(np.float64),
+            high=history.max(axis=0).astype(np.float64),
+            quantiles=np.quantile(history.astype(np.float64), QUANTILES, axis=0),
+            error=np.zeros(history.shape[1:]),
         )
-        for key, value in channels.items():
-            cell = {
-                "controller": np.full(time.size, name),
-                "channel": np.full(time.size, key),
-                "time": time,
-                "count": np.full(time.size, runs, dtype=np.int64),
-                "min": value.min(axis=0).astype(np.float64),
-            }
-            for column, probability in ENVELOPE_COLUMNS.items():
-                cell[column] = np.quantile(value, probability, axis=0)
-            envelopes.append(pa.table({**cell, "max": value.max(axis=0).astype(np.float64)}))
-        undispersed = {key: np.ones(1) for key in samples}
-        flown = histories_of(name, undispersed, time, np.zeros((1, 1)))
-        nominal.append(
-            pa.table(
-                {
-                    "controller": np.full(time.size, name),
-                    "time": time,
-                    **{signal.name: flown[signal.name][0] for signal in CHANNELS},
-                }
-            )
-        )
-    half = runs // 2
-    everything = pa.concat_tables(rows)
-    flights = np.asarray(everything["flight"])
-    pq.write_table(everything.filter(flights < half), folder / "flights" / "block-00000.parquet")
-    pq.write_table(everything.filter(flights >= half), folder / "flights" / "block-00001.parquet")
-    pq.write_table(pa.concat_tables(envelopes), folder / "envelopes.parquet")
-    pq.write_table(pa.concat_tables(nominal), folder / "nominal.parquet")
-    pq.write_table(pa.table({"time": time, **reference_of(time)}), folder / "reference.parquet")
+        flown = histories_of(name, {key: np.ones(1) for key in samples}, time, np.zeros((1, 1)))
+        nominal[name] = np.stack([flown[signal.name][0] for signal in CHANNELS], axis=1)
+    write_envelopes(paths.envelopes, time, names, envelopes)
+    write_nominal(paths.nominal, time, nominal)
+    pq.write_table(pa.table({"time": time, **reference_of(time)}), paths.reference)
     for reference in ("vehicle", "mission", *CONTROLLERS):
         (folder / f"{reference}.yaml").write_text("name: synthetic\n", encoding="utf-8")
-    (folder / "campaign.yaml").write_text(CAMPAIGN.format(runs=runs, sampling=sampling), encoding="utf-8")
+    paths.campaign.write_text(CAMPAIGN.format(runs=runs, sampling=sampling), encoding="utf-8")
     manifest = {
         "state": "complete",
         "runs_planned": runs * len(CONTROLLERS),
@@ -223,12 +198,30 @@ def write_campaign(folder: Path, runs: int = 60, sampling: str = "random", faili
         "runs_failed": 2 * failing,
         "campaign_hash": "0" * 64,
         "seed": 2014,
-        "versions": {"abhv-mc": "0.1.0", "python": "3.12.0", "numpy": "2.4.6", "numba": "0.68.1"},
+        "versions": {"abhv_mc": "0.1.0", "python": "3.12.0", "numpy": "2.4.6", "numba": "0.68.1"},
         "git_commit": "0" * 40,
-        "machine": {"cpu": "synthetic", "cores": 2},
+        "machine": {"system": "synthetic", "processor": "none", "cores": 2},
         "wall_time_s": 12.5,
-        "digest": "1" * 64,
-        "digests": {name: str(i) * 64 for i, name in enumerate(CONTROLLERS)},
+        "digest": str(sum(digests.values(), Digest())),
+        "digests": {name: str(digest) for name, digest in digests.items()},
     }
-    (folder / "manifest.json").write_text(json.dumps(manifest, indent=2), encoding="utf-8")
+    write_manifest(paths.manifest, manifest)
     return folder
+
+
+def write_flights(folder, name, samples, outcome, values):
+    """The flights of one controller as two blocks; returns their digest."""
+    schema = flights_schema(list(samples), {"campaign": "synthetic"})
+    runs = len(outcome)
+    digest = Digest()
+    for first, stop in ((0, runs // 2), (runs // 2, runs)):
+        block = FlightRows(
+            controller=name,
+            first=first,
+            names=tuple(samples),
+            samples=np.stack([column[first:stop] for column in samples.values()], axis=1),
+            outcome=tuple(outcome[first:stop]),
+            values=np.stack([values[signal.name][first:stop] for signal in VALUES], axis=1),
+        )
+        digest = digest + write_block(folder, block, schema)
+    return digest

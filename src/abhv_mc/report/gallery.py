@@ -12,8 +12,7 @@ from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_en
 from abhv_mc.report.figures.evidence import ConvergencePanel, DriverPanel, plot_convergence, plot_drivers
 from abhv_mc.report.figures.paper import FigureText, paper_figures
 from abhv_mc.report.figures.style import controller_colors
-from abhv_mc.report.metrics import FOLLOWING, HEADLINE, HOLDING, USAGE, controller_label, words_of
-from abhv_mc.report.metrics import METRIC_WORDS
+from abhv_mc.report.metrics import FOLLOWING, HEADLINE, HOLDING, METRIC_WORDS, USAGE, controller_label, words_of
 from abhv_mc.report.results import Floats, Results, read_histories
 
 _USAGE_LABEL = "surface usage, rms (deg)"

@@ -33,6 +33,7 @@ def _flight_counts(results: Results) -> dict[str, Any]:
         counts[name] = {
             "flown": int(flights.flight.size),
             "failed": failed,
+            "not_computed": flights.not_computed,
             "outcomes": dict(sorted(outcomes.items())),
             "failure_share": plain(
                 Interval(failed / flights.flight.size, *clopper_pearson(failed, flights.flight.size))

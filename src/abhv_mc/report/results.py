@@ -1,6 +1,5 @@
 """A campaign's folder as plain arrays: what every table, figure and page of a report is made from."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +11,15 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from abhv_mc.documents import InputError
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.signals import METRICS
+from abhv_mc.store.envelopes import QUANTILE_COLUMNS
+from abhv_mc.store.flights import END_TIME
+from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.manifest import read_manifest
 
 Floats = NDArray[np.float64]
-QUANTILE_COLUMNS = ("min", "q0.135", "q5", "q50", "q95", "q99.865", "max")
+BANDS = ("min", *QUANTILE_COLUMNS, "max")
 INDEPENDENT_DESIGNS = ("random",)
 
 
@@ -57,11 +61,13 @@ class CampaignFacts:
 
 @dataclass(frozen=True)
 class ControllerFlights:
-    """The flights of one controller, ascending by number."""
+    """The flights of one controller, ascending by number; those that a machine could not compute are left out."""
 
     flight: NDArray[np.int64]  # [flight]
     outcome: NDArray[np.str_]  # [flight]
     metrics: dict[str, Floats]  # name -> [flight]
+    end_time: Floats  # [flight] s
+    not_computed: int  # flights that say nothing about the vehicle
 
     @property
     def failed(self) -> NDArray[np.bool_]:
@@ -75,7 +81,7 @@ class Envelope:
 
     time: Floats  # [time] s
     count: NDArray[np.int64]  # [time] flights still flying
-    bands: dict[str, Floats]  # QUANTILE_COLUMNS -> [time]
+    bands: dict[str, Floats]  # BANDS -> [time]
 
 
 @dataclass(frozen=True)
@@ -152,29 +158,42 @@ def _read(path: Path, wanted: str) -> pa.Table:
     if not path.is_file():
         raise _missing(path, wanted)
     try:
-        return pq.read_table(path)
+        return pq.read_table(path, partitioning=None)
     except (pa.ArrowInvalid, OSError) as error:
         raise InputError(path, None, None, str(error).splitlines()[0], wanted) from None
 
 
-def _read_flights(folder: Path) -> dict[str, ControllerFlights]:
-    files = sorted((folder / "flights").glob("*.parquet"))
+def _read_flights(folder: CampaignFolder) -> dict[str, ControllerFlights]:
+    files = sorted(folder.flights.glob("*.parquet"))
     if not files:
-        raise _missing(folder / "flights", "at least one flown block (*.parquet)")
+        raise _missing(folder.flights, "at least one flown block (*.parquet)")
     table = pa.concat_tables([_read(file, "a block of flights") for file in files], promote_options="default")
-    samples = [name for name in table.column_names if "." in name]
-    metrics = [n for n in table.column_names if n not in ("flight", "controller", "outcome") and n not in samples]
-    metrics = [name for name in metrics if pa.types.is_floating(table.schema.field(name).type)]
     table = table.sort_by("flight")
-    names = np.asarray(table["controller"].cast(pa.string()).to_numpy(zero_copy_only=False), dtype=str)
-    outcome = np.asarray(table["outcome"].cast(pa.string()).to_numpy(zero_copy_only=False), dtype=str)
+    metrics = [
+        name
+        for name in table.column_names
+        if "." not in name and name != END_TIME.name and pa.types.is_floating(table.schema.field(name).type)
+    ]
+    names = _texts(table, "controller")
+    outcome = _texts(table, "outcome")
     flight = table["flight"].to_numpy().astype(np.int64)
-    columns = {name: table[name].to_numpy().astype(np.float64) for name in metrics}
+    columns = {name: table[name].to_numpy().astype(np.float64) for name in (*metrics, END_TIME.name)}
+    computed = outcome != Outcome.FAILED_TO_RUN.code
     flown = {}
     for name in dict.fromkeys(names.tolist()):
-        rows = np.flatnonzero(names == name)
-        flown[name] = ControllerFlights(flight[rows], outcome[rows], {key: v[rows] for key, v in columns.items()})
+        rows = np.flatnonzero((names == name) & computed)
+        values = {key: column[rows] for key, column in columns.items()}
+        end_time = values.pop(END_TIME.name)
+        lost = int(np.sum((names == name) & ~computed))
+        if rows.size:
+            flown[name] = ControllerFlights(flight[rows], outcome[rows], values, end_time, lost)
+    if not flown:
+        raise _missing(folder.flights, "a flight that was computed")
     return flown
+
+
+def _texts(table: pa.Table, name: str) -> NDArray[np.str_]:
+    return np.asarray(table[name].cast(pa.string()).to_numpy(zero_copy_only=False), dtype=np.str_)
 
 
 def _read_envelopes(path: Path) -> dict[tuple[str, str], Envelope]:
@@ -184,7 +203,7 @@ def _read_envelopes(path: Path) -> dict[tuple[str, str], Envelope]:
     for key in dict.fromkeys(zip(controller.tolist(), channel.tolist(), strict=True)):
         rows = np.flatnonzero((controller == key[0]) & (channel == key[1]))
         rows = rows[np.argsort(columns["time"][rows], kind="stable")]
-        bands = {name: columns[name][rows].astype(np.float64) for name in QUANTILE_COLUMNS}
+        bands = {name: columns[name][rows].astype(np.float64) for name in BANDS}
         cells[key] = Envelope(columns["time"][rows].astype(np.float64), columns["count"][rows].astype(np.int64), bands)
     return cells
 
@@ -198,42 +217,29 @@ def _read_nominal(path: Path) -> dict[str, dict[str, Floats]]:
     }
 
 
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """The manifest of a campaign's folder."""
-    path = folder / "manifest.json"
-    if not path.is_file():
-        raise _missing(path, "the manifest of a campaign's folder")
-    try:
-        manifest: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise InputError(path, None, None, str(error), "JSON") from None
-    return manifest
-
-
-def read_results(folder: Path) -> Results:
+def read_results(root: Path) -> Results:
     """Read a campaign's folder. Raises InputError where a file is missing or unreadable."""
-    reference = _columns(_read(folder / "reference.parquet", "the mission's reference"))
+    folder = CampaignFolder(root)
+    manifest = read_manifest(folder.manifest)
+    reference = _columns(_read(folder.reference, "the mission's reference"))
+    samples = _columns(_read(folder.samples, "the samples of a campaign"))
     return Results(
-        folder=folder,
-        campaign=read_facts(folder / "campaign.yaml"),
-        manifest=read_manifest(folder),
-        samples={
-            name: value.astype(np.float64)
-            for name, value in _columns(_read(folder / "samples.parquet", "the samples of a campaign")).items()
-            if name != "flight"
-        },
+        folder=root,
+        campaign=read_facts(folder.campaign),
+        manifest=manifest,
+        samples={name: value.astype(np.float64) for name, value in samples.items() if name != "flight"},
         flights=_read_flights(folder),
-        envelopes=_read_envelopes(folder / "envelopes.parquet"),
+        envelopes=_read_envelopes(folder.envelopes),
         reference={name: value.astype(np.float64) for name, value in reference.items()},
-        nominal=_read_nominal(folder / "nominal.parquet"),
+        nominal=_read_nominal(folder.nominal),
     )
 
 
-def read_histories(folder: Path, controller: str) -> dict[int, dict[str, Floats]]:
+def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
     """The kept histories of one controller: flight -> "time" and channels -> [time]; empty where none are kept."""
     kept: dict[int, dict[str, Floats]] = {}
-    for path in sorted((folder / "histories").glob("*.parquet")):
-        table = pq.read_table(path, filters=[("controller", "=", controller)])
+    for path in sorted(CampaignFolder(root).histories.glob("*.parquet")):
+        table = pq.read_table(path, filters=[("controller", "=", controller)], partitioning=None)
         if not table.num_rows:
             continue
         columns = _columns(table.drop_columns(["controller"]))

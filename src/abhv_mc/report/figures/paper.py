@@ -36,6 +36,8 @@ class FigureText:
     title: str
     caption: str
     paper: str = ""  # what the paper's single flight shows
+    channel: str = ""  # whose range over all flights goes with it
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,8 @@ PAPER_FIGURES: tuple[PaperFigure, ...] = (
             "Altitude and speed (Fig. 3)",
             "Altitude and speed against their reference. " + _BANDS,
             "altitude 20 ± 0.05 km, speed 1400 ± 5 m/s",
+            "speed_mps",
+            "m/s",
         ),
         (
             Curve("altitude_m", "altitude (km)", "altitude_reference_m", scale=1e-3),
@@ -67,6 +71,8 @@ PAPER_FIGURES: tuple[PaperFigure, ...] = (
             "Heading (Fig. 4)",
             "Heading of the velocity against its reference, clockwise from north. " + _BANDS,
             "84 to 91 deg",
+            "heading_deg",
+            "deg",
         ),
         (Curve("heading_deg", "heading (deg)", "heading_reference_deg"),),
     ),
@@ -76,6 +82,8 @@ PAPER_FIGURES: tuple[PaperFigure, ...] = (
             "Angle of attack (Fig. 5)",
             "Angle of attack beside the command of its own guidance; below, the first seconds. " + _BANDS,
             "2 to 6 deg",
+            "angle_of_attack_deg",
+            "deg",
         ),
         (
             Curve("angle_of_attack_deg", "angle of attack (deg)", command="angle_of_attack_command_deg"),
@@ -94,6 +102,8 @@ PAPER_FIGURES: tuple[PaperFigure, ...] = (
             "Sideslip (Fig. 6)",
             f"Sideslip, which both controllers hold at zero. {_BANDS} {_SIGN}",
             "−0.2 to 0.7 deg",
+            "sideslip_deg",
+            "deg",
         ),
         (Curve("sideslip_deg", "sideslip (deg)"),),
     ),
@@ -103,6 +113,8 @@ PAPER_FIGURES: tuple[PaperFigure, ...] = (
             "Bank angle (Fig. 7)",
             f"Bank beside the command of its own guidance; below, the first seconds. {_BANDS} {_SIGN}",
             "−55 to 55 deg",
+            "bank_deg",
+            "deg",
         ),
         (
             Curve("bank_deg", "bank (deg)", command="bank_command_deg"),
@@ -110,15 +122,36 @@ PAPER_FIGURES: tuple[PaperFigure, ...] = (
         ),
     ),
     PaperFigure(
-        FigureText("fig08_aileron", "Aileron (Fig. 8)", f"Aileron deflection. {_BANDS} {_SIGN}", "−1.2 to 0.8 deg"),
+        FigureText(
+            "fig08_aileron",
+            "Aileron (Fig. 8)",
+            f"Aileron deflection. {_BANDS} {_SIGN}",
+            "−1.2 to 0.8 deg",
+            "aileron_deg",
+            "deg",
+        ),
         (Curve("aileron_deg", "aileron (deg)"),),
     ),
     PaperFigure(
-        FigureText("fig09_rudder", "Rudder (Fig. 9)", f"Rudder deflection. {_BANDS} {_SIGN}", "−0.4 to 0.3 deg"),
+        FigureText(
+            "fig09_rudder",
+            "Rudder (Fig. 9)",
+            f"Rudder deflection. {_BANDS} {_SIGN}",
+            "−0.4 to 0.3 deg",
+            "rudder_deg",
+            "deg",
+        ),
         (Curve("rudder_deg", "rudder (deg)"),),
     ),
     PaperFigure(
-        FigureText("fig10_elevator", "Elevator (Fig. 10)", "Elevator deflection. " + _BANDS, "−0.5 to 2.5 deg"),
+        FigureText(
+            "fig10_elevator",
+            "Elevator (Fig. 10)",
+            "Elevator deflection. " + _BANDS,
+            "−0.5 to 2.5 deg",
+            "elevator_deg",
+            "deg",
+        ),
         (Curve("elevator_deg", "elevator (deg)"),),
     ),
     PaperFigure(
@@ -127,6 +160,8 @@ PAPER_FIGURES: tuple[PaperFigure, ...] = (
             "Fuel equivalence ratio command (Fig. 11)",
             "Commanded fuel equivalence ratio. " + _BANDS,
             "0.8 to 1.25",
+            "equivalence_ratio_command",
+            "",
         ),
         (Curve("equivalence_ratio_command", "equivalence ratio (–)", "equivalence_ratio_reference"),),
     ),

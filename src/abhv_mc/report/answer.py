@@ -1,0 +1,97 @@
+"""The campaign's answer in sentences: verdicts, who wins and by how much, how sure."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from abhv_mc.report.metrics import FOLLOWING, HOLDING, controller_label
+from abhv_mc.report.words import count_of, fixed, percent
+
+_SHORT = {
+    "angle_of_attack_error_rms_deg": "the angle-of-attack command",
+    "sideslip_rms_deg": "zero sideslip",
+    "bank_error_rms_deg": "the bank command",
+    "altitude_error_max_m": "altitude",
+    "speed_error_max_mps": "speed",
+}
+
+
+def joined(words: Sequence[str]) -> str:
+    """'a', 'a and b', 'a, b and c'."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
+
+
+def _requirement_sentence(numbers: Mapping[str, Any], controller: str) -> str:
+    label = controller_label(controller)
+    verdicts = [entry["controllers"][controller] for entry in numbers["requirements"]]
+    counts = {
+        word: sum(verdict["status"] == word for verdict in verdicts)
+        for word in ("PASS", "FAIL", "NOT SHOWN", "ESTIMATE")
+    }
+    total = len(verdicts)
+    if counts["ESTIMATE"]:
+        kept = sum(verdict["failures"] == 0 for verdict in verdicts)
+        return f"{label} kept {count_of(kept, total)} requirements in every flight (an estimate, not a proof)."
+    parts = [f"{counts['PASS']} proven"] if counts["PASS"] else []
+    parts += [f"{counts['FAIL']} failed"] if counts["FAIL"] else []
+    parts += [f"{counts['NOT SHOWN']} not shown"] if counts["NOT SHOWN"] else []
+    return f"{label}: of {total} requirements, {joined(parts)}."
+
+
+def _duel_sentence(duel: Mapping[str, Any]) -> str:
+    a, b = duel["a"], duel["b"]
+    metrics = [m for m in (*FOLLOWING, *HOLDING) if m in duel["metrics"]]
+    if not metrics:
+        return ""
+    won: dict[str | None, list[str]] = {a: [], b: [], None: []}
+    for metric in metrics:
+        won[duel["metrics"][metric]["winner"]].append(_SHORT[metric])
+    parts = []
+    for name, other in ((a, b), (b, a)):
+        if won[name]:
+            parts.append(f"{controller_label(name)} holds {joined(won[name])} closer than {controller_label(other)}")
+    if won[None]:
+        parts.append(f"no difference is shown in {joined(won[None])}")
+    text = f"On the same {fixed(duel['pairs'], 0)} flights {'; '.join(parts)}"
+    usage = next((entry for entry in duel["usage"].values() if entry), None)
+    ratio = usage["usage_ratio"]["value"] if usage else None
+    if ratio is None:
+        return text + "."
+    change = abs(ratio - 1.0)
+    if change < 0.005:
+        return f"{text}; both use the same amount of surface deflection."
+    who = f"{controller_label(a)} uses"
+    if ratio > 2.0:
+        return f"{text}; {who} {fixed(ratio, 1)} times the surface deflection."
+    word = "more" if ratio > 1.0 else "less"
+    return f"{text}; {who} {percent(change, 2)} {word} surface deflection."
+
+
+def answer_sentences(numbers: Mapping[str, Any]) -> list[str]:
+    """What a reader with two minutes should know, most important first."""
+    sentences = [_duel_sentence(duel) for duel in numbers["duels"].values()]
+    if numbers["requirements"]:
+        sentences += [_requirement_sentence(numbers, name) for name in numbers["campaign"]["controllers"]]
+    for name, counts in numbers["flights"].items():
+        if counts["failed"]:
+            failed = count_of(counts["failed"], counts["flown"], "flights")
+            sentences.append(f"{controller_label(name)} ended {failed} early.")
+    return [sentence for sentence in sentences if sentence]
+
+
+def sureness_sentence(numbers: Mapping[str, Any]) -> str:
+    """What the intervals and verdicts rest on."""
+    campaign = numbers["campaign"]
+    flown = {counts["flown"] for counts in numbers["flights"].values()}
+    flights = joined([fixed(count, 0) for count in sorted(flown)])
+    text = f"Based on {flights} flights of each controller, the same dispersions for all; intervals are 95 %."
+    if not campaign["independent_flights"]:
+        text += (
+            f" The flights of a {campaign['sampling']} design are not independent draws: exact binomial statistics do "
+            "not hold, so the numbers are estimates and no verdict is given."
+        )
+    elif numbers["requirements"]:
+        risks = sorted({entry["consumer_risk"] for entry in numbers["requirements"]})
+        text += f" A PASS is wrong with a probability of at most {joined([percent(risk) for risk in risks])}."
+    if numbers["state"] != "complete":
+        text += " The campaign is not complete; all numbers are preliminary."
+    return text

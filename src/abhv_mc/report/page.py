@@ -1,0 +1,196 @@
+"""The report as one HTML file that opens offline, or as Markdown: templates filled with words and numbers."""
+
+import base64
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from markupsafe import Markup
+
+from abhv_mc.report import tables
+from abhv_mc.report.answer import answer_sentences, joined, sureness_sentence
+from abhv_mc.report.figures.paper import FigureText
+from abhv_mc.report.figures.style import controller_colors
+from abhv_mc.report.interactive import envelope_data
+from abhv_mc.report.metrics import FOLLOWING, HOLDING, controller_label
+from abhv_mc.report.parameters import parameter_doc
+from abhv_mc.report.results import Results
+from abhv_mc.report.words import fixed, percent, significant
+
+
+@dataclass(frozen=True)
+class PageFigure:
+    """A figure written to disk, with its words."""
+
+    text: FigureText
+    path: Path
+    width: int  # px
+    height: int
+
+
+def _embedded(figure: PageFigure, numbers: Mapping[str, Any]) -> dict[str, Any]:
+    image = base64.b64encode(figure.path.read_bytes()).decode("ascii")
+    here = _ranges_in_words(figure.text, numbers)
+    paper = f" The paper's single flight: {figure.text.paper}." if figure.text.paper else ""
+    return {
+        "name": figure.text.name,
+        "file": f"figures/{figure.path.name}",
+        "title": figure.text.title,
+        "caption": f"{figure.text.caption}{paper}{' Here: ' + here + '.' if here else ''}",
+        "alt": f"{figure.text.title}. {here + '.' if here else 'The caption and the tables say what it shows.'}",
+        "source": Markup(f"data:image/png;base64,{image}"),  # noqa: S704  letters of base64 only
+        "width": figure.width,
+        "height": figure.height,
+    }
+
+
+def _ranges_in_words(text: FigureText, numbers: Mapping[str, Any]) -> str:
+    if not text.channel:
+        return ""
+    parts = []
+    for name, ranges in numbers["ranges"].items():
+        low, high = ranges.get(text.channel, (None, None))
+        if low is not None:
+            parts.append(f"{controller_label(name)} {_ends(low, high, text.unit)}")
+    return "; ".join(parts)
+
+
+def _ends(low: float, high: float, unit: str) -> str:
+    """Both ends of a range, to a thousandth of the range but no finer than four digits of the larger."""
+    spread = high - low
+    places = 2 if spread <= 0.0 else max(0, 2 - len(str(int(spread)))) if spread >= 1.0 else 3
+    return f"{fixed(low, places)} to {fixed(high, places)}{' ' + unit if unit else ''}"
+
+
+def _script_json(data: Any) -> Markup:
+    """JSON that cannot end the script element which holds it."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return Markup(text.replace("<", "\\u003c"))  # noqa: S704  no markup is left
+
+
+def _plotly() -> Markup:
+    from plotly.offline import get_plotlyjs
+
+    code: str = get_plotlyjs()
+    code = code.replace("</script", "<\\/script")  # the same inside a string, and no end of the element
+    return Markup(code)  # noqa: S704  the library as installed
+
+
+def _dispersions(numbers: Mapping[str, Any]) -> list[dict[str, str]]:
+    rows = []
+    for name, entry in numbers["campaign"]["dispersions"].items():
+        settings = ", ".join(f"{k.replace('_', ' ')} {v}" for k, v in entry.items() if k != "distribution")
+        law = str(entry.get("distribution", "")).replace("_", " ")
+        rows.append({"name": name, "doc": parameter_doc(name), "law": law, "settings": settings})
+    return rows
+
+
+def _provenance(results: Results) -> list[tuple[str, str]]:
+    """What the manifest says, flat, as pairs of words."""
+    rows = []
+    for key, value in results.manifest.items():
+        label = key.replace("_", " ")
+        if isinstance(value, dict):
+            rows += [(f"{label}: {inner.replace('_', ' ')}", _plain_words(item)) for inner, item in value.items()]
+        else:
+            rows.append((label, _plain_words(value)))
+    return rows
+
+
+def _plain_words(value: Any) -> str:
+    if isinstance(value, float):
+        return significant(value, 4)
+    if isinstance(value, list | tuple):
+        return ", ".join(map(str, value))
+    return "\N{EM DASH}" if value is None else str(value)
+
+
+def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
+    campaign = numbers["campaign"]
+    names = campaign["controllers"]
+    folder = shlex.quote(results.folder.as_posix())
+    return {
+        "campaign": campaign,
+        "numbers": numbers,
+        "labels": [controller_label(name) for name in names],
+        "title": campaign["name"].replace("_", " "),
+        "question": campaign["question"] or f"What does the campaign {campaign['name']} show?",
+        "answers": answer_sentences(numbers),
+        "sureness": sureness_sentence(numbers),
+        "verdicts": tables.verdict_rows(numbers),
+        "headline": tables.headline_rows(numbers),
+        "groups": list(tables.metric_groups(numbers)),
+        "duels": tables.duel_tables(numbers),
+        "drivers": tables.driver_rows(numbers),
+        "failure_rules": {
+            controller_label(name): part["failures"]
+            for name, part in numbers["drivers"].get("controllers", {}).items()
+            if part["failures"]
+        },
+        "rates": {
+            "drivers": percent(numbers["drivers"].get("false_discovery_rate"), 1),
+            "rules": percent(numbers["drivers"].get("rules_false_discovery_rate"), 1),
+        },
+        "worst": tables.worst_tables(numbers, folder),
+        "worst_heads": [tables.words(m).label_with_unit for m in (*FOLLOWING, *HOLDING)],
+        "dispersions": _dispersions(numbers),
+        "outcomes": [
+            {
+                "label": controller_label(name),
+                "flown": counts["flown"],
+                "failed": counts["failed"],
+                "not_computed": counts["not_computed"],
+                "outcomes": joined([f"{count} {code.replace('_', ' ')}" for code, count in counts["outcomes"].items()]),
+            }
+            for name, counts in numbers["flights"].items()
+        ],
+        "state": numbers["state"],
+        "provenance": _provenance(results),
+        "folder": folder,
+    }
+
+
+def _environment(html: bool) -> Environment:
+    environment = Environment(
+        loader=PackageLoader("abhv_mc.report", "template"),
+        autoescape=select_autoescape(["html", "j2"]) if html else False,  # noqa: S701  Markdown is escaped below
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["group"] = lambda value: fixed(float(value), 0)
+    environment.filters["cell"] = lambda text: str(text).replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")
+    return environment
+
+
+def make_page(results: Results, numbers: Mapping[str, Any], figures: Sequence[PageFigure]) -> str:
+    """The whole report as one HTML file: no request leaves it."""
+    environment = _environment(html=True)
+    labels = {name: controller_label(name) for name in results.controllers}
+    colors = controller_colors(results.controllers)
+    source = environment.loader.get_source if environment.loader else None
+    if source is None:
+        raise RuntimeError("the report's templates are not installed")
+    embedded = [_embedded(figure, numbers) for figure in figures]
+    return environment.get_template("page.html.j2").render(
+        **_context(results, numbers),
+        figures=embedded,
+        figure_of={figure["name"]: figure for figure in embedded},
+        style=Markup(source(environment, "style.css")[0]),  # noqa: S704  our own files
+        script=Markup(source(environment, "page.js")[0]),  # noqa: S704
+        plotly=_plotly(),
+        envelopes=_script_json(envelope_data(results, labels, colors)),
+    )
+
+
+def make_markdown(results: Results, numbers: Mapping[str, Any], figures: Sequence[PageFigure]) -> str:
+    """The report's words, tables and links to its figures as Markdown."""
+    return (
+        _environment(html=False)
+        .get_template("page.md.j2")
+        .render(**_context(results, numbers), figures=[_embedded(figure, numbers) for figure in figures])
+    )
