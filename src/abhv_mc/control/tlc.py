@@ -150,6 +150,7 @@ def axis_nodes(tables, axis):
 def trim_data(Z, width, trim, hints, low, high):
     """Trimmed lift, drag and thrust coefficients at (Mach, commanded alpha, eta), and their slopes with alpha."""
     s0, s1, s2 = trim.group_stride[0, 0], trim.group_stride[0, 1], trim.group_stride[0, 2]
+    group_width = trim.group_width[0]
     grid_0, step_0 = axis_nodes(trim, 0)
     grid_1, step_1 = axis_nodes(trim, 1)
     grid_2, step_2 = axis_nodes(trim, 2)
@@ -161,8 +162,8 @@ def trim_data(Z, width, trim, hints, low, high):
         hints[1, lane] = i1
         hints[2, lane] = i2
         corner = trim.group_start[0] + i0 * s0 + i1 * s1 + i2 * s2
-        interpolate_3d(trim.data, corner, s0, s1, s2, t0, 0.0, t2, low)
-        interpolate_3d(trim.data, corner, s0, s1, s2, t0, 1.0, t2, high)
+        interpolate_3d(trim.data, corner, s0, s1, s2, t0, 0.0, t2, group_width, low)
+        interpolate_3d(trim.data, corner, s0, s1, s2, t0, 1.0, t2, group_width, high)
         inverse = step_1[i1]
         Z[T_LIFT, lane] = (1.0 - t1) * low[_TRIM_LIFT] + t1 * high[_TRIM_LIFT]
         Z[T_DRAG, lane] = (1.0 - t1) * low[_TRIM_DRAG] + t1 * high[_TRIM_DRAG]
@@ -375,15 +376,15 @@ def solve_3x3(a, b, c, d, e, f, g, h, i, x, y, z):
 
 @lanes
 def tlc_tick(
-    Z, width, vehicle, trim, effectiveness, earth, reference, gains, settings, k, dt, first, scratch, unit_factors
+    Z, T, width, vehicle, trim, effectiveness, earth, reference, gains, settings, k, dt, first, scratch, unit_factors
 ):
     """Commands from the measurement at control tick ``k``."""
     hints, trim_hints, fractions, low, high = scratch
     tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt)
     nominal_variables(Z, width, vehicle, reference, k)
-    look_up(Z, width, vehicle.tables, hints, fractions, low)
-    table_slopes(Z, width, vehicle.tables, effectiveness, hints, fractions, low, high)
-    build_up(Z, width, vehicle.build_up, unit_factors)
-    slopes_of_coefficients(Z, width, effectiveness, SLOPES)
+    look_up(Z, T, width, vehicle.tables, hints, fractions)
+    table_slopes(T, width, vehicle.tables, effectiveness, hints, fractions, low, high)
+    build_up(Z, T, width, vehicle.build_up, unit_factors)
+    slopes_of_coefficients(Z, T, width, effectiveness, SLOPES)
     trim_data(Z, width, trim, trim_hints, low, high)
     tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, first)

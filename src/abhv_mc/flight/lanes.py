@@ -14,10 +14,9 @@ from abhv_mc.control.recorded import recorded_tick
 from abhv_mc.control.tlc import tlc_tick
 from abhv_mc.flight import observe
 from abhv_mc.flight.navigation import navigate
-from abhv_mc.flight.observe import finish_metrics, judge, measure, record, start_observing
+from abhv_mc.flight.observe import finish_metrics, judge, measure, record, record_states, start_observing
 from abhv_mc.flight.start import start_flights
 from abhv_mc.jit import kernel, lanes
-from abhv_mc.numerics.tables import CHUNK
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import build_up, look_up
 from abhv_mc.plant.air_data import air_data, deflections
@@ -34,18 +33,19 @@ _MAX_AXES = 24
 
 
 @lanes
-def evaluate(Z, width, vehicle, earth, hints, fractions, out, weight, step, is_recorded):
+def evaluate(Z, T, width, vehicle, earth, hints, fractions, weight, step, is_recorded):
     """One Runge-Kutta stage at ``XS``."""
     air_data(Z, width, vehicle)
     deflections(Z, width, vehicle)
-    look_up(Z, width, vehicle.tables, hints, fractions, out)
-    build_up(Z, width, vehicle.build_up, vehicle.build_up.factor)
+    look_up(Z, T, width, vehicle.tables, hints, fractions)
+    build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
     equations_of_motion(Z, width, vehicle, earth, weight, step, is_recorded)
 
 
 @lanes
 def fly_groups(
     Z,
+    T,
     O,
     width,
     scratch,
@@ -69,6 +69,7 @@ def fly_groups(
     outcome,
     end_tick,
     history,
+    states,
 ):
     """Every group of ``width`` flights, one after another, in lane memory that the caller allocated."""
     flights = parameters.shape[0]
@@ -91,6 +92,7 @@ def fly_groups(
             if law == TLC:
                 tlc_tick(
                     Z,
+                    T,
                     width,
                     vehicle,
                     trim,
@@ -109,11 +111,13 @@ def fly_groups(
                 lqr_tick(Z, width, vehicle, earth, reference, gains, settings, tick)
             else:
                 recorded_tick(Z, width, gains, tick)
-            evaluate(Z, width, vehicle, earth, hints, fractions, low, 1.0, 0.5 * step, is_recorded)
+            evaluate(Z, T, width, vehicle, earth, hints, fractions, 1.0, 0.5 * step, is_recorded)
             judge(Z, O, width, limits, tick)
             measure(Z, O, width, vehicle, reference, tick, tick_length)
             if record_every > 0 and tick % record_every == 0:
                 record(Z, width, history, first, n, tick // record_every)
+                if states.shape[1] > 0:
+                    record_states(Z, states, first, n, tick // record_every)
             alive = 0.0
             for lane in range(width):
                 alive += O[observe.ALIVE, lane]
@@ -125,7 +129,7 @@ def fly_groups(
                         continue  # already evaluated for the observer
                     weight = 2.0 if stage == 1 or stage == 2 else 1.0
                     stage_step = step if stage == 2 else 0.5 * step
-                    evaluate(Z, width, vehicle, earth, hints, fractions, low, weight, stage_step, is_recorded)
+                    evaluate(Z, T, width, vehicle, earth, hints, fractions, weight, stage_step, is_recorded)
                 finish_step(Z, width, vehicle, step, O[observe.ALIVE], is_recorded)
         finish_metrics(O, width, metrics, first, n)
         for lane in range(n):
@@ -157,18 +161,24 @@ def make_fly_lanes(width: int) -> Callable[..., None]:
         outcome,
         end_tick,
         history,
+        states,
     ):
-        """Fly every row of ``parameters`` [flight, parameter]; fill metrics, outcome, end_tick, history."""
+        """Fly every row of ``parameters`` [flight, parameter]; fill the arrays behind ``initial_state``.
+
+        ``states`` [flight, sample, state] may have no samples; then no state is kept.
+        """
         Z = np.empty((_Z_ROWS, width))
         O = np.empty((observe.N_ROWS, width))
         hints = np.zeros((_MAX_AXES, width), dtype=np.int64)
         trim_hints = np.zeros((3, width), dtype=np.int64)
         fractions = np.zeros((_MAX_AXES, width))
-        low = np.empty(CHUNK)
-        high = np.empty(CHUNK)
+        low = np.empty(s.MAX_TABLE_ROWS)
+        high = np.empty(s.MAX_TABLE_ROWS)
+        T = np.empty((width, s.MAX_TABLE_ROWS))
         unit_factors = np.zeros(vehicle.build_up.factor.size, dtype=np.int64)
         fly_groups(
             Z,
+            T,
             O,
             width,
             (hints, trim_hints, fractions, low, high),
@@ -192,6 +202,7 @@ def make_fly_lanes(width: int) -> Callable[..., None]:
             outcome,
             end_tick,
             history,
+            states,
         )
 
     return fly_lanes  # type: ignore[no-any-return]

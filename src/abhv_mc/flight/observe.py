@@ -235,3 +235,12 @@ def record(Z, width, history, first, n, sample):
             row[24] = Z[s.CMD_RUDDER, lane] * _DEG
             row[25] = Z[s.CMD_ELEVATOR, lane] * _DEG
             row[26] = Z[s.CMD_ETA, lane]
+
+
+@lanes
+def record_states(Z, states, first, n, sample):
+    """The whole state at this tick, in the order of STATES and in double precision, for the flights that still fly."""
+    for lane in range(n):
+        if Z[s.COUNTED, lane] > 0.0:
+            for i in range(s.N_STATES):
+                states[first + lane, sample, i] = Z[X + i, lane]

@@ -1,6 +1,6 @@
 """What one controller's flights need, as plain values: made once by the launching process."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -67,3 +67,4 @@ class FlightBlock:
     metrics: Floats  # [flight, metric] in the order of METRICS
     history: NDArray[np.float32]  # [flight, time, channel] in the order of CHANNELS; NaN after the end
     times: Floats  # [time] s
+    states: Floats = field(default_factory=lambda: np.empty((0, 0, 0)))  # [flight, time, state], where asked for

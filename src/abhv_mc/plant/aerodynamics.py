@@ -1,8 +1,8 @@
 """Tables and build-up in lanes: variables -> table rows -> the six coefficients."""
 
 from abhv_mc.jit import lanes
-from abhv_mc.numerics.tables import CHUNK, bracket, interpolate_2d, interpolate_3d, spread
-from abhv_mc.plant.state import COEF, FIXED, N_COEFFICIENTS, OUTSIDE, TABLE, VAR, P
+from abhv_mc.numerics.tables import bracket, interpolate_2d, interpolate_3d
+from abhv_mc.plant.state import COEF, FIXED, N_COEFFICIENTS, OUTSIDE, VAR, P
 from abhv_mc.vehicle.arrays import FIXED_TABLE_ROWS
 
 N_FIXED = len(FIXED_TABLE_ROWS)
@@ -32,51 +32,51 @@ def find_cells(Z, W, tables, hints, fractions):
 
 
 @lanes
-def interpolate_groups(Z, W, tables, hints, fractions, out):
-    """Every table's row, from the cells and fractions. out [CHUNK] is scratch."""
+def interpolate_groups(T, W, tables, hints, fractions):
+    """Every table's value, T [lane, row], from the cells and fractions.
+
+    Lane by lane, because flights sit in different cells; the tables of a cell are the vector (measured: half the
+    time of rows over lanes, which need gathers or a transposition).
+    """
     for g in range(tables.group_start.size):
         a0, a1, a2 = tables.group_axis[g, 0], tables.group_axis[g, 1], tables.group_axis[g, 2]
         s0, s1, s2 = tables.group_stride[g, 0], tables.group_stride[g, 1], tables.group_stride[g, 2]
         start = tables.group_start[g]
-        row = TABLE + tables.group_row[g]
+        row = tables.group_row[g]
         width = tables.group_width[g]
         if tables.group_dimensions[g] == 2:
             for lane in range(W):
                 corner = start + hints[a0, lane] * s0 + hints[a1, lane] * s1
                 t0, t1 = fractions[a0, lane], fractions[a1, lane]
-                for k in range(0, width, CHUNK):
-                    interpolate_2d(tables.data, corner + k, s0, s1, t0, t1, out)
-                    spread(out, Z[row + k : row + k + CHUNK, lane])
+                interpolate_2d(tables.data, corner, s0, s1, t0, t1, width, T[lane, row : row + width])
         else:
             for lane in range(W):
                 corner = start + hints[a0, lane] * s0 + hints[a1, lane] * s1 + hints[a2, lane] * s2
                 t0, t1, t2 = fractions[a0, lane], fractions[a1, lane], fractions[a2, lane]
-                for k in range(0, width, CHUNK):
-                    interpolate_3d(tables.data, corner + k, s0, s1, s2, t0, t1, t2, out)
-                    spread(out, Z[row + k : row + k + CHUNK, lane])
+                interpolate_3d(tables.data, corner, s0, s1, s2, t0, t1, t2, width, T[lane, row : row + width])
 
 
 @lanes
-def look_up(Z, W, tables, hints, fractions, out):
-    """Fill the table rows of every lane from its variables."""
+def look_up(Z, T, W, tables, hints, fractions):
+    """All tables of every lane at its variables: T [lane, row], and the fixed quantities as rows of Z."""
     find_cells(Z, W, tables, hints, fractions)
-    interpolate_groups(Z, W, tables, hints, fractions, out)
-    for i in range(N_FIXED):  # constant rows for the equations of motion: no look-up by number there
-        row = TABLE + tables.fixed_row[i]
+    interpolate_groups(T, W, tables, hints, fractions)
+    for i in range(N_FIXED):
+        row = tables.fixed_row[i]
         for lane in range(W):
-            Z[FIXED + i, lane] = Z[row, lane]
+            Z[FIXED + i, lane] = T[lane, row]
 
 
 @lanes
-def build_up(Z, W, terms, factors):
+def build_up(Z, T, W, terms, factors):
     """Sum the terms of each coefficient: factor * table * variable. ``factors`` names the parameter rows."""
     for c in range(N_COEFFICIENTS):
         for lane in range(W):
             Z[COEF + c, lane] = 0.0
     for term in range(terms.coefficient.size):
         coefficient = COEF + terms.coefficient[term]
-        table = TABLE + terms.table[term]
+        table = terms.table[term]
         variable = VAR + terms.variable[term]
         factor = P + factors[term]
         for lane in range(W):
-            Z[coefficient, lane] += Z[factor, lane] * (Z[table, lane] * Z[variable, lane])
+            Z[coefficient, lane] += Z[factor, lane] * (T[lane, table] * Z[variable, lane])

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.jit import lanes
-from abhv_mc.numerics.tables import CHUNK, interpolate_3d
-from abhv_mc.plant.state import MAX_TABLE_ROWS, N_COEFFICIENTS, TABLE, VAR
+from abhv_mc.numerics.tables import interpolate_3d
+from abhv_mc.plant.state import MAX_TABLE_ROWS, N_COEFFICIENTS, VAR
 from abhv_mc.vehicle.arrays import VARIABLES, Floats, Ints
 from abhv_mc.vehicle.model import Vehicle
 
@@ -81,10 +81,10 @@ def make_effectiveness(vehicle: Vehicle) -> Effectiveness:
 
 
 @lanes
-def table_slopes(Z, W, tables, effectiveness, hints, fractions, low, high):
+def table_slopes(T, W, tables, effectiveness, hints, fractions, low, high):
     """Slope rows of every lane, from the cells and fractions that the look-up just found.
 
-    low and high [CHUNK] are scratch.
+    low and high [MAX_TABLE_ROWS] are scratch.
     """
     for slope in range(effectiveness.slope_group.size):
         g = effectiveness.slope_group[slope]
@@ -92,48 +92,51 @@ def table_slopes(Z, W, tables, effectiveness, hints, fractions, low, high):
         a0, a1, a2 = tables.group_axis[g, 0], tables.group_axis[g, 1], tables.group_axis[g, 2]
         s0, s1, s2 = tables.group_stride[g, 0], tables.group_stride[g, 1], tables.group_stride[g, 2]
         start = tables.group_start[g]
-        first_row = TABLE + effectiveness.slope_row[slope]
+        width = tables.group_width[g]
+        row = effectiveness.slope_row[slope]
         for lane in range(W):
             corner = start + hints[a0, lane] * s0 + hints[a1, lane] * s1 + hints[a2, lane] * s2
             t0, t1, t2 = fractions[a0, lane], fractions[a1, lane], fractions[a2, lane]
+            on_0, on_1, on_2 = a0 == axis, a1 == axis, a2 == axis
             inverse = tables.inverse_step[tables.axis_start[axis] + hints[axis, lane]]
-            for k in range(0, tables.group_width[g], CHUNK):
-                interpolate_3d(
-                    tables.data,
-                    corner + k,
-                    s0,
-                    s1,
-                    s2,
-                    0.0 if a0 == axis else t0,
-                    0.0 if a1 == axis else t1,
-                    0.0 if a2 == axis else t2,
-                    low,
-                )
-                interpolate_3d(
-                    tables.data,
-                    corner + k,
-                    s0,
-                    s1,
-                    s2,
-                    1.0 if a0 == axis else t0,
-                    1.0 if a1 == axis else t1,
-                    1.0 if a2 == axis else t2,
-                    high,
-                )
-                for i in range(CHUNK):
-                    Z[first_row + k + i, lane] = (high[i] - low[i]) * inverse
+            interpolate_3d(
+                tables.data,
+                corner,
+                s0,
+                s1,
+                s2,
+                0.0 if on_0 else t0,
+                0.0 if on_1 else t1,
+                0.0 if on_2 else t2,
+                width,
+                low,
+            )
+            interpolate_3d(
+                tables.data,
+                corner,
+                s0,
+                s1,
+                s2,
+                1.0 if on_0 else t0,
+                1.0 if on_1 else t1,
+                1.0 if on_2 else t2,
+                width,
+                high,
+            )
+            for k in range(width):
+                T[lane, row + k] = (high[k] - low[k]) * inverse
 
 
 @lanes
-def slopes_of_coefficients(Z, W, effectiveness, first_row):
+def slopes_of_coefficients(Z, T, W, effectiveness, first_row):
     """Rows ``first_row + coefficient * N_INPUTS + input`` of every lane."""
     for i in range(N_COEFFICIENTS * N_INPUTS):
         for lane in range(W):
             Z[first_row + i, lane] = 0.0
     for term in range(effectiveness.coefficient.size):
         out = first_row + effectiveness.coefficient[term] * N_INPUTS + effectiveness.input[term]
-        row = TABLE + effectiveness.row[term]
+        row = effectiveness.row[term]
         variable = VAR + effectiveness.variable[term]
         weight = effectiveness.weight[term]
         for lane in range(W):
-            Z[out, lane] += weight * (Z[row, lane] * Z[variable, lane])
+            Z[out, lane] += weight * (T[lane, row] * Z[variable, lane])

@@ -55,8 +55,7 @@ FIXED = AIR + 9  # the fixed quantities of the tables, in the order of FIXED_TAB
 NAV = FIXED + len(FIXED_TABLE_ROWS)  # what the flight does and what its sensors say
 COUNTED = NAV + 18  # 1 where the sample of this tick counts
 COMMANDS = COUNTED + 1  # what the guidance asks of the attitude loop: flight path angle, angle of attack, bank
-TABLE = COMMANDS + 3  # rows of the look-up
-LAW = TABLE + MAX_TABLE_ROWS  # the control law's own memory follows
+LAW = COMMANDS + 3  # the control law's own memory follows
 
 # Rows of the air data.
 RHO, Q_BAR, AIRSPEED, SIN_ALPHA, COS_ALPHA, SIN_BETA, COS_BETA, OUTSIDE, LOAD = range(AIR, AIR + 9)
