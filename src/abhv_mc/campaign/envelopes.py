@@ -143,6 +143,8 @@ class ExactCollector:
 
     def finish(self) -> None:
         shutil.rmtree(self._folder, ignore_errors=True)
+        with contextlib.suppress(OSError):  # it holds another controller's
+            self._folder.parent.rmdir()
 
     @staticmethod
     def _open(path: Path) -> Singles:
@@ -169,7 +171,7 @@ class HistogramCollector:
 
     def _load(self) -> dict[str, NDArray] | None:
         try:
-            with np.load(self._path, allow_pickle=False) as stored:
+            with self._path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
                 state = dict(stored)
         except (OSError, ValueError, EOFError, zipfile.BadZipFile):
             return None

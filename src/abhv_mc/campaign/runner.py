@@ -114,7 +114,7 @@ class _Run:
                 if not np.array_equal(rows.samples, self.samples.rows(first, stop)):
                     raise DamagedFileError(f"{path.name} was flown on other samples")
             except DamagedFileError:
-                path.rename(path.with_suffix(".damaged"))
+                path.rename(path.with_name(f"_{path.name}.damaged"))  # kept, but hidden from readers of the folder
                 continue
             mask[first:stop] = True
             self.tallies[controller].add(rows, rows.digest())

@@ -87,11 +87,11 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     """
     wanted = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
     folder = CampaignFolder(request.out or Path("reports") / wanted.model.name)
-    strangers = folder.strangers()
+    started = folder.manifest.exists()
+    strangers = [] if started else folder.strangers()
     if strangers:
         found = f"a folder with '{strangers[0].name}', which no campaign wrote"
         raise InputError(folder.root, None, None, found, "an empty folder or a campaign's")
-    started = folder.manifest.exists()
     if not started and not request.fresh and any(folder.flights.glob("*.parquet")):
         found = "flights without the manifest that says what they are"
         raise InputError(folder.root, None, None, found, "another folder (-o DIR), or --fresh to delete them")

@@ -15,7 +15,8 @@ from abhv_mc.cli.errors import exit_code_of
 
 _COMMANDS = {
     "Start": ("new", "validate", "schema"),
-    "Look": ("trim", "version"),
+    "Fly": ("run", "replay"),
+    "Look": ("status", "list", "query", "export", "trim", "version"),
 }
 
 app = typer.Typer(

@@ -79,7 +79,7 @@ class CampaignFolder:
     def parts(self) -> tuple[Path, ...]:
         """Everything that a campaign writes, apart from the lock."""
         files = (self.campaign, self.manifest, self.samples, self.envelopes, self.nominal, self.reference)
-        report = (self.root / "report.html", self.root / "report.md", self.root / "figures")
+        report = (self.root / "report.html", self.root / "report.md", self.root / "report.json", self.root / "figures")
         folders = (self.inputs, self.plans, self.flights, self.histories, self.envelope_states)
         return (*files, *report, *folders)
 
@@ -130,7 +130,7 @@ def write_whole(path: Path, write: Callable[[Path], None], durable: bool = False
 
     Raises StorageFullError or InputError where the folder takes nothing.
     """
-    aside = path.with_name(f"{path.name}{_ASIDE}")
+    aside = path.with_name(f".{path.name}{_ASIDE}")  # the dot hides it from readers of the folder
     with told_plainly(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:

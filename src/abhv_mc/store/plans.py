@@ -2,6 +2,7 @@
 
 import dataclasses
 import typing
+import zipfile
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -50,11 +51,11 @@ def write_plan(path: Path, plan: FlightPlan) -> None:
 def read_plan(path: Path) -> FlightPlan:
     """A stored plan, equal to the bit. Raises InputError."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return rebuild(FlightPlan, dict(stored))
     except FileNotFoundError:
         raise InputError(path, None, None, "no such file", "the plan of a campaign's controller") from None
-    except (OSError, ValueError, KeyError, EOFError) as error:
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(path, None, None, f"a damaged plan ({error})", "a plan as it was written") from None
 
 

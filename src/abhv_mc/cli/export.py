@@ -1,0 +1,19 @@
+"""``abhv-mc export``: a campaign's tables as CSV."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def command(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder.")],
+    out: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where to.", show_default="DIR/csv")
+    ] = None,
+) -> None:
+    """Write every table as a CSV file; numbers read back to the same bits."""
+    from abhv_mc.store.export import export_csv
+
+    for path in export_csv(folder, out or folder / "csv"):
+        print(path)

@@ -1,0 +1,30 @@
+"""``abhv-mc list``: the campaigns that were flown."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def command(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that holds campaigns' folders.")] = Path(
+        "reports"
+    ),
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """List the campaigns in a folder: name, state, flights, when, and the digest's first digits."""
+    import json as writer
+
+    from abhv_mc.campaign.status import find_campaigns
+
+    found = find_campaigns(folder)
+    if json:
+        print(writer.dumps(found, indent=2))
+        return
+    if not found:
+        print(f"no campaigns in {folder}")
+    for status in found:
+        flights = f"{status['runs_done']}/{status['runs_planned']}"
+        names = ",".join(status["controllers"])
+        words = (status["folder"], status["state"], flights, names, status["started"], str(status["digest"])[:12])
+        print("{:<32} {:<12} {:>16}  {:<20} {:<26} {}".format(*words))

@@ -1,0 +1,46 @@
+"""``abhv-mc query``: SQL over a campaign's tables."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def command(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder.")],
+    sql: Annotated[str, typer.Argument(metavar="SQL", help="For example: select count(*) from flights")],
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
+) -> None:
+    """Ask with SQL (duckdb); tables: flights, samples, histories, envelopes, nominal, reference.
+
+    Parameters have a dot in their names: write them in double quotes, as in select "aero.lift" from samples.
+    """
+    import duckdb
+
+    from abhv_mc.input_error import InputError
+    from abhv_mc.store.database import open_database
+
+    connection = open_database(folder)
+    try:
+        answer = connection.sql(sql)
+        if answer is None:
+            return
+        if json or csv:
+            _print_rows(answer.columns, answer.fetchall(), json)
+        else:
+            answer.show(max_rows=200, max_width=200)
+    except duckdb.Error as error:
+        raise InputError("query", None, None, str(error), "SQL that duckdb can answer") from None
+
+
+def _print_rows(columns: list[str], rows: list[tuple[object, ...]], as_json: bool) -> None:
+    import csv
+    import json
+    import sys
+
+    if as_json:
+        print(json.dumps([dict(zip(columns, row, strict=True)) for row in rows], indent=2, default=str))
+    else:
+        writer = csv.writer(sys.stdout, lineterminator="\n")
+        writer.writerows([columns, *rows])

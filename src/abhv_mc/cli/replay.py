@@ -1,0 +1,42 @@
+"""``abhv-mc replay``: fly one flight of a campaign again."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from abhv_mc.cli.errors import ExitCode
+
+
+def command(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder.")],
+    flight: Annotated[int, typer.Option(min=0, help="Number of the flight.")],
+    controller: Annotated[str, typer.Option(help="Name of the controller.")],
+    out: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE.parquet", help="Write its history at full rate.")
+    ] = None,
+) -> None:
+    """Fly one flight again at full rate and compare its metrics with the stored ones, bit for bit.
+
+    Exit code 1 where any differs.
+    """
+    from abhv_mc.campaign.replay import replay_flight
+    from abhv_mc.campaign.setup import make_engine
+    from abhv_mc.flight.signals import CHANNEL_INDEX, METRICS
+    from abhv_mc.store.histories import write_histories
+
+    replay = replay_flight(folder, controller, flight, make_engine().fly)
+    end = f"{replay.outcome.code} after {replay.block.end_time[0]:g} s"
+    print(f"flight {flight} of {controller}: {end}. {replay.sentence}")
+    for name, value in replay.samples.items():
+        print(f"  {name:<40} {value:.10g}")
+    for signal, metric in zip(METRICS, replay.block.metrics[0].tolist(), strict=True):
+        print(f"  {signal.name:<40} {metric:.6g}")
+    if out is not None:
+        block = replay.block
+        write_histories(out, controller, [flight], block.times, block.history, list(CHANNEL_INDEX))
+        print(f"history   {out}")
+    if replay.differences:
+        print("metrics differ from the stored ones:", *replay.differences, sep="\n  ")
+        raise typer.Exit(ExitCode.FAILED)
+    print("metrics equal the stored ones bit for bit")

@@ -1,0 +1,69 @@
+"""``abhv-mc run``: fly a campaign and make its report."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from abhv_mc.cli.errors import ExitCode
+
+if TYPE_CHECKING:
+    from abhv_mc.campaign.runner import RunResult
+
+
+def command(
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.yaml", help="Campaign file.")],
+    out: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Folder.", show_default="reports/NAME")
+    ] = None,
+    runs: Annotated[int | None, typer.Option(min=1, help="Flights of each controller.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed.")] = None,
+    controllers: Annotated[str | None, typer.Option(metavar="A,B", help="Only these of its controllers.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Flights in parallel.", show_default="cores")] = None,
+    no_report: Annotated[bool, typer.Option("--no-report", help="Make no report.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Delete what the folder holds of a campaign first.")] = False,
+) -> None:
+    """Fly a campaign, resuming what its folder already holds, and make the report.
+
+    Ctrl-C keeps what was flown; the same command goes on. Exit code 1 where a requirement has failed.
+    """
+    from abhv_mc.campaign.runner import run_campaign
+    from abhv_mc.campaign.setup import Request
+    from abhv_mc.store.folder import StorageFullError
+
+    names = tuple(name.strip() for name in controllers.split(",")) if controllers else None
+    try:
+        result = run_campaign(Request(campaign, out, runs, seed, names, workers, fresh))
+    except StorageFullError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(ExitCode.INCOMPLETE) from None
+    _print_result(result)
+    if not result.complete:
+        print("incomplete: the same command goes on where this one ended", file=sys.stderr)
+        raise typer.Exit(ExitCode.INCOMPLETE)
+    if not no_report:
+        from abhv_mc.report.build import build_report
+
+        print(f"report    {build_report(result.folder)}")
+    if any(entry["verdict"] == "FAIL" for entry in result.manifest["requirements"]):
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def _print_result(result: "RunResult") -> None:
+    manifest = result.manifest
+    print(f"folder    {result.folder}")
+    print(f"flights   {manifest['runs_done']} of {manifest['runs_planned']}, {manifest['state']}")
+    for name, facts in manifest["controllers"].items():
+        counts = ", ".join(f"{number} {outcome}" for outcome, number in facts["outcomes"].items())
+        print(f"  {name:<12} {counts or 'none'}")
+    for entry in manifest["requirements"]:
+        print(f"  {describe_requirement(entry)}")
+    print(f"digest    {manifest['digest']}")
+
+
+def describe_requirement(entry: dict[str, Any]) -> str:
+    """One line on a requirement: what it asks, what was counted, the verdict."""
+    side = "below" if "below" in entry else "above"
+    asked = f"{entry['metric']} {side} {entry[side]:g} in {100 * entry['probability']:g} %"
+    return f"{entry['controller']:<12} {asked}: {entry['failures']} failures in {entry['flights']}, {entry['verdict']}"

@@ -1,0 +1,33 @@
+"""``abhv-mc status``: what a campaign's folder holds."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def command(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder.")],
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Say how far a campaign is, who flies it, and what was found so far."""
+    import json as writer
+
+    from abhv_mc.campaign.status import read_status
+    from abhv_mc.cli.run import describe_requirement
+
+    status = read_status(folder)
+    if json:
+        print(writer.dumps(status, indent=2))
+        return
+    print(f"{status['name']}: {status['state']}, {status['runs_done']} of {status['runs_planned']} flights")
+    if status["holder"]:
+        print(f"  flown now by {status['holder']}")
+    for name, facts in status["controllers"].items():
+        counts = ", ".join(f"{number} {outcome}" for outcome, number in facts["outcomes"].items())
+        print(f"  {name:<12} {facts['flights_done']} flown: {counts or 'none'}")
+    for entry in status["requirements"]:
+        print(f"  {describe_requirement(entry)}")
+    print(f"  digest       {status['digest']}")
+    print(f"  time flown   {status['wall_time_s']:.1f} s")
+    print(f"  on disk      {status['bytes'] / 1e6:.1f} MB")

@@ -1,0 +1,110 @@
+"""A cheap flight in the place of the compiled one: the campaign engine is under test, not the vehicle.
+
+Every number is a plain function of the flight's parameters, element by element, so that the bits depend on nothing
+else. Density below ``LOST_BELOW`` ends a flight early.
+"""
+
+import time
+import typing
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.campaign.setup import Engine
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock, FlightPlan, Limits, Timing
+from abhv_mc.flight.signals import CHANNELS, METRICS
+from abhv_mc.input_error import InputError
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+
+DENSITY, LIFT, DRAG = (PARAMETER_INDEX[name] for name in ("atmosphere.density", "aero.lift", "aero.drag"))
+LOST_BELOW = 0.91
+TICKS = 20  # of 0.1 s
+
+
+def make_plan(name: str, gain: float = 1.0) -> FlightPlan:
+    """A plan whose arrays are small and whose first gain the fake flight reads."""
+    plan = _fill(FlightPlan)
+    parts = {field: getattr(plan, field) for field in typing.get_type_hints(FlightPlan)}
+    parts |= {
+        "controller": name,
+        "law": "tlc",
+        "timing": Timing(0.05, 2, TICKS),
+        "limits": Limits(0.0, 1e5, -1.0, 1.0, 1.0),
+        "reference": np.zeros((TICKS + 1, 40)),
+        "gains": np.full((TICKS + 1, 3), gain),
+    }
+    return FlightPlan(**parts)
+
+
+def _fill(kind):
+    """A nested record with something of the right type in every place."""
+    if hasattr(kind, "_fields") or hasattr(kind, "__dataclass_fields__"):
+        hints = typing.get_type_hints(kind)
+        return kind(**{name: _fill(hint) for name, hint in hints.items()})
+    if kind in (int, float, str):
+        return kind(3)
+    return np.arange(4.0) / 3.0
+
+
+def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:
+    """The gain is what the controller's file holds."""
+    text = controller.read_text(encoding="utf-8")
+    if "gain:" not in text:
+        raise InputError(controller, 1, 1, "no gain", "gain: 1.0")
+    return make_plan(name, float(text.partition("gain:")[2]))
+
+
+def fly(plan: FlightPlan, parameters: np.ndarray, record_every: int | None = None) -> FlightBlock:
+    """Fly rows of parameters."""
+    density, lift, drag = parameters[:, DENSITY], parameters[:, LIFT], parameters[:, DRAG]
+    error = np.sin(40.0 * density) + np.cos(9.0 * lift) * drag
+    lost = density < LOST_BELOW
+    metrics = error[:, None] * plan.gains[0, 0] + np.arange(len(METRICS)) + np.abs(error[:, None])
+    every = record_every or TICKS + 1
+    times = np.arange(TICKS // every + 1) * every * plan.timing.tick if record_every else np.empty(0)
+    end = np.where(lost, 1.0, TICKS * plan.timing.tick)
+    shape = 1.0 + 0.01 * np.arange(len(CHANNELS))
+    history = (error[:, None, None] * np.cos(times)[None, :, None] * shape).astype(np.float32)
+    history[times[None, :] > end[:, None] + 1e-9] = np.nan
+    outcome = np.where(lost, Outcome.SIDESLIP_LIMIT, Outcome.OK).astype(np.int64)
+    return FlightBlock(outcome, end, metrics, history, times)
+
+
+def fly_slowly(plan: FlightPlan, parameters: np.ndarray, record_every: int | None = None) -> FlightBlock:
+    """The same, slow enough to be interrupted."""
+    time.sleep(0.02)
+    return fly(plan, parameters, record_every)
+
+
+ENGINE = Engine(prepare, fly, "fake")
+SLOW_ENGINE = Engine(prepare, fly_slowly, "fake")
+
+
+def write_campaign(folder: Path, **entries: str) -> Path:
+    """A campaign file with its inputs; ``entries`` replace or add top-level entries, as YAML text."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "tables").mkdir(exist_ok=True)
+    (folder / "tables/cl.csv").write_text("mach,value\n1,2\n", encoding="utf-8")
+    (folder / "vehicle.yaml").write_text("table: tables/cl.csv\n", encoding="utf-8")
+    (folder / "mission.yaml").write_text("kind: level\n", encoding="utf-8")
+    (folder / "one.yaml").write_text("gain: 1.0\n", encoding="utf-8")
+    (folder / "two.yaml").write_text("gain: 2.0\n", encoding="utf-8")
+    lines = {
+        "name": "fake",
+        "vehicle": "vehicle.yaml",
+        "mission": "mission.yaml",
+        "controllers": "{one: one.yaml, two: two.yaml}",
+        "runs": "300",
+        "seed": "5",
+        "sampling": "random",
+        "dispersions": "{atmosphere.density: {distribution: uniform, half_width: 10 %},"
+        " aero.lift: {distribution: normal, sigma: 5 %}}",
+        "requirements": "[{metric: altitude_error_max_m, below: 50, probability: 0.9}]",
+        "keep": "{histories: {flights: [worst 5, 7], rate: 10 Hz}, envelopes: {rate: 5 Hz}}",
+        "execution": "{workers: 2, batch: 64}",
+        **entries,
+    }
+    path = folder / "campaign.yaml"
+    path.write_text("".join(f"{key}: {value}\n" for key, value in lines.items()), encoding="utf-8")
+    return path

@@ -1,0 +1,68 @@
+"""SIGKILL at any moment: the same command completes the campaign, to the same digest."""
+
+import multiprocessing
+import os
+import random
+import signal
+import time
+
+import pyarrow.parquet as pq
+import pytest
+from campaign.fake_flight import ENGINE, SLOW_ENGINE, write_campaign
+
+from abhv_mc.campaign import envelopes
+from abhv_mc.campaign.runner import run_campaign
+from abhv_mc.campaign.setup import Request
+
+KILLS = 12  # of each kind of envelope
+SERVER = multiprocessing.get_context("forkserver")
+SERVER.set_forkserver_preload(["campaign.fake_flight", "abhv_mc.campaign.runner", "scipy.stats", "joblib"])
+
+
+def fly_in_child(campaign, out, exact):
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    envelopes.EXACT_FLIGHTS = exact
+    run_campaign(Request(campaign, out, workers=2), SLOW_ENGINE)
+
+
+@pytest.mark.parametrize("exact", [4096, 0])
+def test_random_kills_lose_nothing(tmp_path, exact, monkeypatch, capfd):
+    monkeypatch.setattr(envelopes, "EXACT_FLIGHTS", exact)
+    campaign = write_campaign(tmp_path / "files", execution="{batch: 16}")
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    moments, kills, folders = random.Random(exact), 0, 0
+    while kills < KILLS:
+        out, folders, attempts = tmp_path / f"out{folders}", folders + 1, 0
+        while True:
+            child = SERVER.Process(target=fly_in_child, args=(campaign, out, exact))
+            child.start()
+            if attempts < 5:  # then let it end
+                child.join(moments.uniform(0.05, 0.5))
+            else:
+                child.join()
+            attempts += 1
+            if child.exitcode is not None:
+                assert child.exitcode == 0
+                break
+            os.kill(child.pid, signal.SIGKILL)
+            child.join()
+            kills += 1
+        done = run_campaign(Request(campaign, out), ENGINE)  # complete: reads and proves every block
+        assert done.complete and done.manifest["digest"] == whole["digest"]
+        for name in ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet"):
+            assert pq.read_table(out / name).equals(pq.read_table(tmp_path / "whole" / name))
+        assert not list(out.rglob("*.aside"))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_polite_signal_ends_with_a_manifest_that_says_so(tmp_path, number, capfd):
+    campaign = write_campaign(tmp_path / "files", execution="{batch: 16}")
+    child = SERVER.Process(target=fly_in_child, args=(campaign, tmp_path / "out", 4096))
+    child.start()
+    while not list((tmp_path / "out/flights").glob("*.parquet")):
+        time.sleep(0.01)
+    os.kill(child.pid, number)
+    child.join()
+    assert child.exitcode == 0
+    result = run_campaign(Request(campaign, tmp_path / "out", runs=None), ENGINE)
+    assert result.complete

@@ -1,0 +1,153 @@
+"""The commands around a campaign: run, status, list, replay, query, export, and their exit codes."""
+
+import csv
+import json
+import sys
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from campaign.fake_flight import ENGINE, fly, write_campaign
+
+from abhv_mc.cli.app import main
+
+
+@pytest.fixture(autouse=True)
+def fake_engine(monkeypatch, tmp_path):
+    """Cheap flights, in a folder of their own."""
+    monkeypatch.setattr("abhv_mc.campaign.runner.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.campaign.setup.make_engine", lambda: ENGINE)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def abhv_mc(monkeypatch, capfd):
+    """Run the program; gives exit code, standard output and standard error."""
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["abhv-mc", *map(str, words)])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        out, err = capfd.readouterr()
+        return caught.value.code or 0, out, err
+
+    return call
+
+
+@pytest.fixture
+def flown(abhv_mc, tmp_path):
+    """A campaign's folder."""
+    campaign = write_campaign(tmp_path / "files")
+    assert abhv_mc("run", campaign, "--no-report", "--runs", 60)[0] == 0
+    return tmp_path / "reports/fake"
+
+
+def test_run_says_what_came_of_it(abhv_mc, tmp_path):
+    code, out, err = abhv_mc("run", write_campaign(tmp_path / "files"), "--no-report")
+    manifest = json.loads((tmp_path / "reports/fake/manifest.json").read_text())
+    assert code == 0
+    assert f"digest    {manifest['digest']}" in out
+    assert "289 ok, 11 sideslip_limit" in out
+    assert "11 failures in 300, PASS" in out
+    assert "flights: 600 of 600" in err
+
+
+def test_a_failed_requirement_is_exit_code_1(abhv_mc, tmp_path):
+    bad = "[{metric: altitude_error_max_m, below: 0.5, probability: 0.9}]"
+    code, out, _ = abhv_mc("run", write_campaign(tmp_path / "files", requirements=bad), "--no-report")
+    assert code == 1 and "FAIL" in out
+    other = "[{metric: altitude_error_max_m, below: 0.5, probability: 0.9, controllers: [one]}]"
+    campaign = write_campaign(tmp_path / "files", requirements=other)
+    assert abhv_mc("run", campaign, "--no-report", "--controllers", "two", "-o", tmp_path / "two")[0] == 0
+
+
+def test_an_interrupt_is_exit_code_3_and_the_same_command_resumes(abhv_mc, tmp_path, monkeypatch):
+    count = iter(range(100))
+
+    def some(plan, parameters, every=None):
+        if next(count) > 4:
+            raise KeyboardInterrupt
+        return fly(plan, parameters, every)
+
+    campaign = write_campaign(tmp_path / "files")
+    with monkeypatch.context() as patched:
+        patched.setattr("abhv_mc.campaign.runner.make_engine", lambda: type(ENGINE)(ENGINE.prepare, some, "fake"))
+        code, out, err = abhv_mc("run", campaign)
+    assert code == 3 and "interrupted" in out and "same command" in err
+    assert not (tmp_path / "reports/fake/report.html").exists()
+    assert "interrupted" in abhv_mc("status", "reports/fake")[1]
+    assert abhv_mc("run", campaign, "--no-report")[0] == 0
+
+
+def test_unknown_controller_is_bad_input(abhv_mc, tmp_path):
+    code, _, err = abhv_mc("run", write_campaign(tmp_path / "files"), "--controllers", "three")
+    assert code == 2 and "no controller 'three'" in err and "files/campaign.yaml:4:" in err
+    assert not (tmp_path / "reports").exists()
+
+
+def test_status_and_list(abhv_mc, flown):
+    code, out, _ = abhv_mc("status", flown, "--json")
+    status = json.loads(out)
+    assert code == 0 and status["state"] == "complete" and status["runs_done"] == 60 and status["holder"] is None
+    assert "complete, 60 of 60" in abhv_mc("status", flown)[1]
+    (flown.parent / "other").mkdir()
+    (flown.parent / "other/manifest.json").write_text("{}")
+    listed = json.loads(abhv_mc("list", "--json")[1])
+    assert [entry["name"] for entry in listed] == ["fake"]
+    assert status["digest"][:12] in abhv_mc("list")[1]
+    assert abhv_mc("status", flown.parent)[0] == 2
+
+
+def test_a_killed_campaign_is_not_called_running(abhv_mc, flown):
+    manifest = json.loads((flown / "manifest.json").read_text()) | {"state": "running"}
+    (flown / "manifest.json").write_text(json.dumps(manifest))
+    assert json.loads(abhv_mc("status", flown, "--json")[1])["state"] == "interrupted"
+
+
+def test_replay_is_the_same_flight_at_full_rate(abhv_mc, flown, tmp_path):
+    code, out, _ = abhv_mc("replay", flown, "--flight", 17, "--controller", "two", "-o", tmp_path / "h.parquet")
+    assert code == 0 and "equal the stored ones bit for bit" in out
+    history = pq.read_table(tmp_path / "h.parquet")
+    np.testing.assert_allclose(np.diff(history["time"].to_numpy()), 0.1)
+    assert set(history["flight"].to_pylist()) == {17}
+
+
+def test_replay_names_what_differs(abhv_mc, flown, monkeypatch):
+    def other(plan, parameters, every=None):
+        block = fly(plan, parameters, every)
+        block.metrics[:, 3] = np.nextafter(block.metrics[:, 3], 1e9)
+        return block
+
+    monkeypatch.setattr("abhv_mc.campaign.setup.make_engine", lambda: type(ENGINE)(ENGINE.prepare, other, "fake"))
+    code, out, _ = abhv_mc("replay", flown, "--flight", 17, "--controller", "two")
+    assert code == 1 and "speed_error_max_mps" in out and "differ" in out
+
+
+@pytest.mark.parametrize("words", [("--flight", 60, "--controller", "one"), ("--flight", 1, "--controller", "tow")])
+def test_replay_of_what_is_not_there(abhv_mc, flown, words):
+    assert abhv_mc("replay", flown, *words)[0] == 2
+
+
+def test_query(abhv_mc, flown):
+    sql = 'select controller, count(*) n, max(abs("aero.lift" - 1)) d from flights group by controller order by 1'
+    code, out, _ = abhv_mc("query", flown, sql, "--json")
+    rows = json.loads(out)
+    assert code == 0 and [(row["controller"], row["n"]) for row in rows] == [("one", 60), ("two", 60)]
+    samples = pq.read_table(flown / "samples.parquet")["aero.lift"].to_numpy()
+    assert rows[0]["d"] == np.abs(samples - 1).max()
+    assert abhv_mc("query", flown, "select count(*) from samples", "--csv")[1].split() == ["count_star()", "60"]
+    assert "60" in abhv_mc("query", flown, "select count(*) from samples")[1]
+    for table in ("envelopes", "histories", "nominal", "reference"):
+        assert abhv_mc("query", flown, f"from {table} limit 1")[0] == 0
+    assert abhv_mc("query", flown, "selekt 1")[0] == 2
+
+
+def test_export_keeps_every_bit(abhv_mc, flown, tmp_path):
+    code, out, _ = abhv_mc("export", flown, "-o", tmp_path / "csv")
+    assert code == 0 and str(tmp_path / "csv/flights.csv") in out
+    with (tmp_path / "csv/flights.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    table = pq.read_table(flown / "flights").to_pylist()
+    assert len(rows) == 120
+    assert [float(row["aileron_rms_deg"]) for row in rows] == [row["aileron_rms_deg"] for row in table]
+    assert {path.name for path in (tmp_path / "csv").iterdir()} >= {"samples.csv", "envelopes.csv", "histories.csv"}
