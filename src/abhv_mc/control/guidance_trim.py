@@ -290,7 +290,7 @@ def trim_along(
         alpha_high - alpha_low,
         2,
     )
-    points = GuidancePoints(*(np.ascontiguousarray(x, dtype=np.float64) for x in np.broadcast_arrays(*points)))
+    points = GuidancePoints(*(np.array(x, dtype=np.float64) for x in np.broadcast_arrays(*points)))
     solution = np.empty((points.speed.size, 7))
     held = -1.0 if held_equivalence_ratio is None else held_equivalence_ratio
     rows = len(TRIM_ROWS)
@@ -299,3 +299,19 @@ def trim_along(
     _trim_along(trim_tables, constants, points, mass, tick, held, warm_start, bounds, cut, solution)
     alpha, bank, eta, elevator, masses, status, iterations = np.ascontiguousarray(solution.T)
     return GuidanceTrim(alpha, bank, eta, elevator, masses, status.astype(np.int64), iterations.astype(np.int64))
+
+
+def trim_faults(trim: GuidanceTrim, times: Floats) -> list[str]:
+    """A sentence for each equation that nominal controls within their limits do not fulfil at some point."""
+    words = {
+        NO_EQUIVALENCE_RATIO: "no equivalence ratio within the engine's limits holds the speed",
+        NO_ANGLE_OF_ATTACK: "no angle of attack in the trim tables carries the vehicle",
+        NO_BANK: f"no bank within {np.rad2deg(BANK_LIMIT):.0f} deg turns the velocity",
+        NO_ELEVATOR: "no elevator within its limit balances the pitching moment",
+    }
+    faults = []
+    for flag, sentence in words.items():
+        where = np.flatnonzero(trim.status & flag)
+        if where.size:
+            faults.append(f"{sentence} at {where.size} of {times.size} points, first at {times[where[0]]:.2f} s")
+    return faults

@@ -170,7 +170,7 @@ class Mission(StrictModel):
         """The Earth record of the plant."""
         if isinstance(self.earth, str):
             return WGS84
-        return Earth(**{name: getattr(self.earth, name) for name in Earth._fields})
+        return Earth(**{name: getattr(self.earth, name) for name in EarthNumbers.model_fields})
 
 
 def read_mission(path: str | Path) -> Mission:

@@ -1,0 +1,42 @@
+"""One vehicle, mission and reference for the tests of this folder."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from abhv_mc.control.columns import REFERENCE
+from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.control.reference import make_mission_trim_tables, make_reference
+from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.vehicle.arrays import Tables
+from abhv_mc.vehicle.model import Vehicle
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+TICK, TICKS = 0.01, 6000
+
+
+@pytest.fixture(scope="session")
+def vehicle() -> Vehicle:
+    return load_vehicle(CONFIGS / "vehicle" / "ghame_x_coupled.yaml")  # thrust inclined and offset: every term counts
+
+
+@pytest.fixture(scope="session")
+def mission() -> Mission:
+    return read_mission(CONFIGS / "mission" / "s_manoeuvre.yaml")
+
+
+@pytest.fixture(scope="session")
+def trim_tables(vehicle: Vehicle, mission: Mission) -> Tables:
+    return make_mission_trim_tables(mission, vehicle)
+
+
+@pytest.fixture(scope="session")
+def reference(mission: Mission, vehicle: Vehicle, trim_tables: Tables) -> NDArray[np.float64]:
+    return make_reference(mission, vehicle, trim_tables, TICK, TICKS)
+
+
+@pytest.fixture(scope="session")
+def column(reference: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    return {name: reference[:, i] for i, name in enumerate(REFERENCE)}

@@ -1,0 +1,79 @@
+"""Controller files: refused where wrong, warned where the loops are not separated."""
+
+from pathlib import Path
+
+import pytest
+
+from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
+from abhv_mc.documents import write_document
+from abhv_mc.input_error import InputError
+
+CONFIGS = Path(__file__).parents[2] / "configs" / "control"
+TLC = (CONFIGS / "tlc.yaml").read_text()
+
+
+def test_the_shipped_weights_are_the_papers() -> None:
+    """Zhu and Shen 2014, section 7."""
+    lqr = read_controller(CONFIGS / "lqr.yaml")
+    assert isinstance(lqr, LqrController)
+    assert [value for _, value in lqr.guidance.states] == [0.1, 5.28e6, 1.28e6, 1.0]
+    assert [value for _, value in lqr.guidance.inputs] == [1.31e4, 3.28e3, 1e4]
+    assert [value for _, value in lqr.longitudinal.states] == [2.28e7, 0.0]
+    assert lqr.longitudinal.inputs.elevator == 800.0
+    assert [value for _, value in lqr.lateral.states] == [2.28e5, 1.28e7, 3.28e3, 3.28e4]
+    assert [value for _, value in lqr.lateral.inputs] == [1e3, 3e3]
+
+
+@pytest.mark.parametrize("name", ["tlc", "lqr"])
+def test_written_and_read_again_it_is_the_same(name: str, tmp_path: Path) -> None:
+    controller = read_controller(CONFIGS / f"{name}.yaml")
+    write_document(tmp_path / "again.yaml", controller.model_dump(mode="json"))
+    assert read_controller(tmp_path / "again.yaml") == controller
+
+
+def test_the_papers_gains_give_no_warning_and_a_fast_outer_loop_does(tmp_path: Path) -> None:
+    assert read_controller(CONFIGS / "tlc.yaml").warnings() == []
+    path = tmp_path / "tlc.yaml"
+    path.write_text(
+        TLC.replace("bank: {damping: 3.4, bandwidth: 0.3 rad/s}", "bank: {damping: 3.4, bandwidth: 2 rad/s}")
+    )
+    (warning,) = read_controller(path).warnings()
+    assert "attitude.bank (2 rad/s) is not below that of rates.roll_rate (1.2 rad/s)" in warning
+    schedule = "{over_time: [{time: 0 s, bandwidth: 0.1 rad/s}, {time: 9 s, bandwidth: 0.05 rad/s}]}"
+    path.write_text(
+        TLC.replace("bank: {damping: 3.4, bandwidth: 0.3 rad/s}", f"bank: {{damping: 3.4, bandwidth: {schedule}}}")
+    )
+    (warning,) = read_controller(path).warnings()
+    assert "velocity.heading (0.08 rad/s) is not below that of attitude.bank (0.05 rad/s)" in warning
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("law: tlc", "law: pid", 5, "one of tlc, lqr"),
+        ("0.03 rad/s", "0.03", 9, "without a unit"),
+        ("damping: 2.4, bandwidth: 0.1", "damping: -2.4, bandwidth: 0.1", 13, "more than 0"),
+        ("speed: {damping", "speed: {dampnig", 15, "dampnig"),
+        ("bank: 70 deg", "bank: 70 m", None, "an angle"),
+        ("[-1 deg, 12 deg]", "[12 deg, -1 deg]", None, "empty range"),
+        ("rate: 100 Hz", "rate: 0 Hz", 6, "more than 0"),
+        ("0.2 rad/s}\n\n", "{over_time: [{time: 0 s, bandwidth: 1 rad/s}]}}\n\n", 15, "at least 2"),
+    ],
+)
+def test_a_bad_file_is_refused_in_its_place(tmp_path: Path, old: str, new: str, line: int | None, words: str) -> None:
+    path = tmp_path / "tlc.yaml"
+    assert old in TLC
+    path.write_text(TLC.replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        read_controller(path)
+    assert words in str(caught.value)
+    if line:
+        assert caught.value.line == line
+
+
+def test_models_are_the_laws(tmp_path: Path) -> None:
+    assert isinstance(read_controller(CONFIGS / "tlc.yaml"), TlcController)
+    path = tmp_path / "mixed.yaml"
+    path.write_text(TLC.replace("law: tlc", "law: lqr"))
+    with pytest.raises(InputError, match="guidance"):
+        read_controller(path)
