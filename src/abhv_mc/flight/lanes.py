@@ -35,7 +35,7 @@ _MAX_AXES = 24
 @lanes
 def evaluate(Z, T, width, vehicle, earth, hints, fractions, weight, step, is_recorded):
     """One Runge-Kutta stage at ``XS``."""
-    air_data(Z, width, vehicle)
+    air_data(Z, width, vehicle, earth)
     deflections(Z, width, vehicle)
     look_up(Z, T, width, vehicle.tables, hints, fractions)
     build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)

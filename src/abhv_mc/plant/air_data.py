@@ -4,7 +4,7 @@ import math
 
 from abhv_mc.jit import lanes, scalar
 from abhv_mc.numerics.angles import clamp
-from abhv_mc.numerics.lane_math import atan2
+from abhv_mc.numerics.lane_math import atan2, sincos
 from abhv_mc.numerics.quaternion import rotate_to_body
 from abhv_mc.plant.state import (
     AILERON,
@@ -12,8 +12,13 @@ from abhv_mc.plant.state import (
     ALTITUDE,
     COS_ALPHA,
     COS_BETA,
+    COS_LAT,
+    EARTH_X,
+    EARTH_Y,
+    EARTH_Z,
     ELEVATOR,
     ETA,
+    LATITUDE,
     MASS,
     PITCH_RATE,
     Q0,
@@ -26,11 +31,12 @@ from abhv_mc.plant.state import (
     RUDDER,
     SIN_ALPHA,
     SIN_BETA,
+    SIN_LAT,
+    XS,
+    YAW_RATE,
     U,
     V,
     W,
-    XS,
-    YAW_RATE,
     parameter_row,
     variable_row,
 )
@@ -96,8 +102,11 @@ def set_effectors(Z, width, mix):
 
 
 @lanes
-def air_data(Z, width, vehicle):
-    """Air data and variables of the stage's state ``XS``, dispersions included."""
+def air_data(Z, width, vehicle, earth):
+    """Air data and variables of the stage's state ``XS``, dispersions included.
+
+    The damping terms feel the body rates relative to the Earth, with which the air turns.
+    """
     constants = vehicle.constants
     for lane in range(width):
         q0, q1, q2, q3 = Z[XS + Q0, lane], Z[XS + Q1, lane], Z[XS + Q2, lane], Z[XS + Q3, lane]
@@ -118,15 +127,24 @@ def air_data(Z, width, vehicle):
         Z[COS_ALPHA, lane] = cos_alpha
         Z[SIN_BETA, lane] = sin_beta
         Z[COS_BETA, lane] = cos_beta
+        sin_lat, cos_lat = sincos(Z[XS + LATITUDE, lane])
+        earth_x, earth_y, earth_z = rotate_to_body(
+            q0, q1, q2, q3, earth.rotation_rate * cos_lat, 0.0, -earth.rotation_rate * sin_lat
+        )
+        Z[SIN_LAT, lane] = sin_lat
+        Z[COS_LAT, lane] = cos_lat
+        Z[EARTH_X, lane] = earth_x
+        Z[EARTH_Y, lane] = earth_y
+        Z[EARTH_Z, lane] = earth_z
         half_inverse = 0.5 / (speed if speed > 1e-9 else 1.0)
         half_inverse = half_inverse if speed > 1e-9 else 0.0
         Z[_ONE, lane] = 1.0
         Z[_MACH, lane] = speed / speed_of_sound
         Z[_ALPHA, lane] = alpha
         Z[_BETA, lane] = beta
-        Z[_P_HAT, lane] = Z[XS + ROLL_RATE, lane] * constants.span * half_inverse
-        Z[_Q_HAT, lane] = Z[XS + PITCH_RATE, lane] * constants.chord * half_inverse
-        Z[_R_HAT, lane] = Z[XS + YAW_RATE, lane] * constants.span * half_inverse
+        Z[_P_HAT, lane] = (Z[XS + ROLL_RATE, lane] - earth_x) * constants.span * half_inverse
+        Z[_Q_HAT, lane] = (Z[XS + PITCH_RATE, lane] - earth_y) * constants.chord * half_inverse
+        Z[_R_HAT, lane] = (Z[XS + YAW_RATE, lane] - earth_z) * constants.span * half_inverse
         Z[_ALTITUDE, lane] = altitude
         Z[_MASS, lane] = Z[XS + MASS, lane] / Z[_MASS_FACTOR, lane]
 

@@ -8,7 +8,6 @@ import math
 
 from abhv_mc.jit import lanes, scalar
 from abhv_mc.numerics.angles import clamp
-from abhv_mc.numerics.lane_math import sincos
 from abhv_mc.numerics.quaternion import quaternion_rate, rotate_to_body, rotate_to_ned
 from abhv_mc.plant import state as s
 from abhv_mc.plant.state import SUM, XS, X, parameter_row
@@ -164,14 +163,12 @@ def equations_of_motion(Z, width, vehicle, earth, weight, step, recorded):
         accumulate(Z, lane, s.YAW_RATE, r_dot, weight, step)
 
         # Translation over the ellipsoid.
-        sin_lat, cos_lat = sincos(Z[XS + s.LATITUDE, lane])
+        sin_lat, cos_lat = Z[s.SIN_LAT, lane], Z[s.COS_LAT, lane]
         meridian, vertical = radii(earth, sin_lat)
         v_n, v_e, v_d = rotate_to_ned(q0, q1, q2, q3, u, v, w)
         g_n, g_d = gravity_ned(earth, altitude, sin_lat, cos_lat)
         g_x, g_y, g_z = rotate_to_body(q0, q1, q2, q3, g_n, 0.0, g_d)
-        earth_n = earth.rotation_rate * cos_lat
-        earth_d = -earth.rotation_rate * sin_lat
-        we_x, we_y, we_z = rotate_to_body(q0, q1, q2, q3, earth_n, 0.0, earth_d)
+        we_x, we_y, we_z = Z[s.EARTH_X, lane], Z[s.EARTH_Y, lane], Z[s.EARTH_Z, lane]
         inverse_mass = 1.0 / mass
         # Body rate to inertial plus Earth rate: transport and Coriolis terms together.
         a, b, c = p + we_x, q + we_y, r + we_z
@@ -236,10 +233,12 @@ def finish_step(Z, width, vehicle, step, alive, recorded):
     A flight that has ended (``alive`` 0) keeps its state.
     """
     constants = vehicle.constants
-    for lane in range(width):
-        for i in range(s.N_STATES):
-            Z[XS + i, lane] = Z[X + i, lane] + step / 6.0 * Z[SUM + i, lane]
+    sixth = step / 6.0
+    for i in range(s.N_STATES):
+        for lane in range(width):
+            Z[XS + i, lane] = Z[X + i, lane] + sixth * Z[SUM + i, lane]
             Z[SUM + i, lane] = 0.0
+    for lane in range(width):
         q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
         norm = 1.0 / math.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
         Z[XS + s.Q0, lane] = q0 * norm
@@ -264,7 +263,8 @@ def finish_step(Z, width, vehicle, step, alive, recorded):
             )
             Z[XS + s.ETA, lane] = eta
             Z[XS + s.ETA_RATE, lane] = eta_rate
-        for i in range(s.N_STATES):
+    for i in range(s.N_STATES):
+        for lane in range(width):
             kept = Z[XS + i, lane] if alive[lane] > 0.0 else Z[X + i, lane]
             Z[X + i, lane] = kept
             Z[XS + i, lane] = kept

@@ -51,7 +51,7 @@ VAR = P + len(PARAMETERS)  # variables of the tables and of the build-up
 COEF = VAR + len(VARIABLES)  # coefficients
 CMD = COEF + len(COEFFICIENTS)  # commands held over the tick: aileron, rudder, elevator, eta
 AIR = CMD + 4  # air data of the stage
-FIXED = AIR + 9  # the fixed quantities of the tables, in the order of FIXED_TABLE_ROWS
+FIXED = AIR + 14  # the fixed quantities of the tables, in the order of FIXED_TABLE_ROWS
 NAV = FIXED + len(FIXED_TABLE_ROWS)  # what the flight does and what its sensors say
 COUNTED = NAV + 18  # 1 where the sample of this tick counts
 COMMANDS = COUNTED + 1  # what the guidance asks of the attitude loop: flight path angle, angle of attack, bank
@@ -59,6 +59,7 @@ LAW = COMMANDS + 3  # the control law's own memory follows
 
 # Rows of the air data.
 RHO, Q_BAR, AIRSPEED, SIN_ALPHA, COS_ALPHA, SIN_BETA, COS_BETA, OUTSIDE, LOAD = range(AIR, AIR + 9)
+SIN_LAT, COS_LAT, EARTH_X, EARTH_Y, EARTH_Z = range(AIR + 9, AIR + 14)  # latitude; the Earth's rotation in body axes
 
 CAPTURE, ISP, THRUST_AREA, INERTIA_XX, INERTIA_YY, INERTIA_ZZ, INERTIA_13, CG_X, CG_Z = range(FIXED, FIXED + 9)
 

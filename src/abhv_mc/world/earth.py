@@ -14,6 +14,7 @@ class Earth(NamedTuple):
     gravitational_parameter: float  # GM, m3/s2
     j2: float  # 0 for a central field
     rotation_rate: float  # rad/s, 0 for a still Earth
+    j2_meridional: float = 1.0  # factor of J2's pull towards the equator; other than 1 only to replay a faulty model
 
 
 WGS84 = Earth(6378137.0, 1.0 / 298.257223563, 3.986004418e14, 1.08262982e-3, 7.292115e-5)
@@ -46,4 +47,8 @@ def gravity_ned(earth: Earth, altitude: float, sin_lat: float, cos_lat: float) -
     tilt = 5.0 * z * z * inverse_square
     g_rho = (earth.rotation_rate * earth.rotation_rate - central * (1.0 + j2_term * (1.0 - tilt))) * rho
     g_z = -central * (1.0 + j2_term * (3.0 - tilt)) * z
+    # Along the meridian the attraction is -2 j2_term central rho z / r: what the factor takes of it, or adds.
+    taken = 2.0 * (1.0 - earth.j2_meridional) * j2_term * central * inverse_square * rho * z
+    g_rho -= taken * z
+    g_z += taken * rho
     return g_z * cos_lat - g_rho * sin_lat, -(g_rho * cos_lat + g_z * sin_lat)
