@@ -14,7 +14,7 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
 
@@ -53,19 +53,22 @@ numba.config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]
 
 # Without numba's reference counting (``_nrt``): nothing in here allocates, and an atomic count on each
 # array of a named tuple in each lane costs three times the physics.
-_INLINED: dict[str, Any] = {"forceinline": True, "error_model": "numpy", "fastmath": False, "_nrt": False}
+_INLINED: dict[str, Any] = {"cache": True, "forceinline": True, "error_model": "numpy", "_nrt": False}
 
 
 def scalar(function: F) -> F:
-    """Compile a pure function of scalars; always inlined into the lane loop that calls it."""
-    return numba.njit(**_INLINED)(function)
+    """Compile a pure function of scalars; inlined into the lane loop that calls it, callable from Python too."""
+    return cast("F", numba.njit(**_INLINED)(function))
 
 
 def lanes(function: F) -> F:
-    """Compile a function that loops over lanes; inlined, so that the loop sees where its blocks live."""
-    return numba.njit(**_INLINED)(function)
+    """Compile a function that loops over lanes; inlined, so that the loop sees where its blocks live.
+
+    Only kernels call it: it has no entry from Python.
+    """
+    return cast("F", numba.njit(**_INLINED, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function))
 
 
 def kernel(function: F) -> F:
     """Compile an entry point called from Python: cached on disk, releases the interpreter's lock."""
-    return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=False)(function)
+    return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy")(function))

@@ -46,6 +46,7 @@ def fly(
     history = np.full((flights, samples, len(CHANNELS)), np.nan, dtype=np.float32)
     states = np.full((flights, samples if keep_states else 0, N_STATES), np.nan)
     _lanes(lanes)(
+        lanes,
         plan.vehicle,
         plan.trim_tables,
         plan.effectiveness,

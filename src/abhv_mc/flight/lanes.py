@@ -137,11 +137,16 @@ def fly_groups(
             end_tick[first + lane] = int(O[observe.END, lane])
 
 
-def make_fly_lanes(width: int) -> Callable[..., None]:
-    """The compiled flight for ``width`` lanes (compiled at its first call, cached on disk)."""
+def make_fly_lanes(capacity: int) -> Callable[..., None]:
+    """The compiled flight for ``capacity`` lanes (compiled at its first call, cached on disk).
+
+    The kernel takes the number of lanes again at run time: a constant row length tells the compiler that rows do not
+    overlap, but loops of a constant length are unrolled into scalar code before they could become vectors.
+    """
 
     @kernel
     def fly_lanes(
+        width,
         vehicle,
         trim,
         effectiveness,
@@ -167,14 +172,14 @@ def make_fly_lanes(width: int) -> Callable[..., None]:
 
         ``states`` [flight, sample, state] may have no samples; then no state is kept.
         """
-        Z = np.empty((_Z_ROWS, width))
-        O = np.empty((observe.N_ROWS, width))
-        hints = np.zeros((_MAX_AXES, width), dtype=np.int64)
-        trim_hints = np.zeros((3, width), dtype=np.int64)
-        fractions = np.zeros((_MAX_AXES, width))
+        Z = np.empty((_Z_ROWS, capacity))
+        O = np.empty((observe.N_ROWS, capacity))
+        hints = np.zeros((_MAX_AXES, capacity), dtype=np.int64)
+        trim_hints = np.zeros((3, capacity), dtype=np.int64)
+        fractions = np.zeros((_MAX_AXES, capacity))
         low = np.empty(s.MAX_TABLE_ROWS)
         high = np.empty(s.MAX_TABLE_ROWS)
-        T = np.empty((width, s.MAX_TABLE_ROWS))
+        T = np.empty((capacity, s.MAX_TABLE_ROWS))
         unit_factors = np.zeros(vehicle.build_up.factor.size, dtype=np.int64)
         fly_groups(
             Z,
