@@ -20,21 +20,16 @@ def joined(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
 
 
-def _requirement_sentence(numbers: Mapping[str, Any], controller: str) -> str:
-    label = controller_label(controller)
-    verdicts = [entry["controllers"][controller] for entry in numbers["requirements"]]
-    counts = {
-        word: sum(verdict["status"] == word for verdict in verdicts)
-        for word in ("PASS", "FAIL", "NOT SHOWN", "ESTIMATE")
-    }
-    total = len(verdicts)
-    if counts["ESTIMATE"]:
-        kept = sum(verdict["failures"] == 0 for verdict in verdicts)
-        return f"{label} kept {count_of(kept, total)} requirements in every flight (an estimate, not a proof)."
-    parts = [f"{counts['PASS']} proven"] if counts["PASS"] else []
-    parts += [f"{counts['FAIL']} failed"] if counts["FAIL"] else []
-    parts += [f"{counts['NOT SHOWN']} not shown"] if counts["NOT SHOWN"] else []
-    return f"{label}: of {total} requirements, {joined(parts)}."
+def _requirements_sentence(numbers: Mapping[str, Any]) -> str:
+    parts = []
+    for name in numbers["campaign"]["controllers"]:
+        words = [entry["controllers"][name]["status"] for entry in numbers["requirements"]]
+        counts = [f"{words.count(word)} {word}" for word in ("PASS", "FAIL", "NOT SHOWN") if word in words]
+        if "ESTIMATE" in words:
+            kept = sum(entry["controllers"][name]["failures"] == 0 for entry in numbers["requirements"])
+            counts = [f"{count_of(kept, len(words))} kept in every flight"]
+        parts.append(f"{controller_label(name)} {joined(counts)}")
+    return f"Requirements: {'; '.join(parts)}."
 
 
 def _duel_sentence(duel: Mapping[str, Any]) -> str:
@@ -70,7 +65,7 @@ def answer_sentences(numbers: Mapping[str, Any]) -> list[str]:
     """What a reader with two minutes should know, most important first."""
     sentences = [_duel_sentence(duel) for duel in numbers["duels"].values()]
     if numbers["requirements"]:
-        sentences += [_requirement_sentence(numbers, name) for name in numbers["campaign"]["controllers"]]
+        sentences.append(_requirements_sentence(numbers))
     for name, counts in numbers["flights"].items():
         if counts["failed"]:
             failed = count_of(counts["failed"], counts["flown"], "flights")

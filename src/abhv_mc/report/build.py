@@ -3,7 +3,7 @@
 import hashlib
 import json
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from abhv_mc.report.results import read_results
 
@@ -21,13 +21,6 @@ def hash_files(folder: Path) -> dict[str, str]:
             with path.open("rb") as file:
                 hashes[path.relative_to(folder).as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
     return hashes
-
-
-def make_report_numbers(folder: Path) -> dict[str, Any]:
-    """Every number of the report with the hashes of the files behind it, as `report.json` holds them."""
-    from abhv_mc.report.numbers import make_numbers
-
-    return {**make_numbers(read_results(folder)), "files": hash_files(folder)}
 
 
 def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002

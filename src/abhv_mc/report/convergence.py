@@ -24,7 +24,7 @@ def convergence_numbers(results: Results) -> dict[str, Any]:
         counts = looks(results.flights[controller].flight.size)
         metrics = {}
         for metric in results.metrics:
-            traces = quantile_traces(severities(results, controller, metric), counts)
+            traces = quantile_traces(severities(results.flights[controller], metric), counts)
             sense = words_of(metric).sense
             metrics[metric] = {
                 level_name(level): _series(trace, sense) for level, trace in zip(LEVELS, traces, strict=True)
@@ -33,7 +33,7 @@ def convergence_numbers(results: Results) -> dict[str, Any]:
             "flights": counts.tolist(),
             "metrics": metrics,
             "requirements": [
-                _series(failure_trace(requirement_failures(results, controller, item), counts))
+                _series(failure_trace(requirement_failures(results.flights[controller], item), counts))
                 for item in results.campaign.requirements
             ],
         }

@@ -49,7 +49,7 @@ def driver_numbers(results: Results) -> dict[str, Any]:
 
 def _coefficients(results: Results, controller: str, names: list[str], inputs: Floats) -> dict[str, Any]:
     metrics = list(results.metrics)
-    outputs = np.column_stack([severities(results, controller, metric) for metric in metrics])
+    outputs = np.column_stack([severities(results.flights[controller], metric) for metric in metrics])
     drivers = rank_drivers(inputs[:_MOST_FLIGHTS], outputs[:_MOST_FLIGHTS])
     if drivers is None:
         return {}

@@ -1,14 +1,15 @@
-"""The first controller of a campaign against each other one, flight by flight."""
+"""One controller against another, flight by flight, on the same dispersions."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abhv_mc.report.failures import requirement_failures
 from abhv_mc.report.metrics import HEADLINE, USAGE, words_of
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
-from abhv_mc.report.results import Floats, Results
+from abhv_mc.report.results import ControllerFlights, Floats, Requirement, Results
 from abhv_mc.report.severities import common_rows, severities
 from abhv_mc.statistics.bootstrap import PairedBootstrap
 from abhv_mc.statistics.duel import failure_duel, metric_duel, usage_duel
@@ -17,53 +18,68 @@ _LISTED = 10  # flights where only one failed
 
 
 def duel_numbers(results: Results) -> dict[str, Any]:
-    """Every metric, every requirement and the control usage of the first controller against each other one."""
+    """The first controller of a campaign against each other one."""
     duels: dict[str, Any] = {}
     for a, b in results.pairs:
-        flights_a, flights_b = results.flights[a], results.flights[b]
-        rows_a, rows_b = common_rows(flights_a, flights_b)
-        if not rows_a.size:
-            continue
-        bootstrap = PairedBootstrap(rows_a.size)
-        metrics: dict[str, Any] = {}
-        for metric in results.metrics:
-            duel = metric_duel(
-                severities(results, a, metric)[rows_a], severities(results, b, metric)[rows_b], bootstrap
-            )
-            sense = words_of(metric).sense
-            metrics[metric] = {
-                "a_better": duel.a_better,
-                "b_better": duel.b_better,
-                "ties": duel.ties,
-                "winner": {"a": a, "b": b, "": None}[duel.winner],
-                "median_difference": interval_in_sense(duel.median_difference, sense),
-                "pairing_gain": plain(duel.pairing_gain),
-                **{
-                    level_name(level): interval_in_sense(interval, sense)
-                    for level, interval in zip(duel.levels, duel.quantile_differences, strict=True)
-                },
-            }
-        missed = {
-            name: [requirement_failures(results, name, item) for item in results.campaign.requirements]
-            for name in (a, b)
-        }
-        duels[f"{a} - {b}"] = {
-            "a": a,
-            "b": b,
-            "pairs": int(rows_a.size),
-            "replicates": bootstrap.replicates,
-            "metrics": metrics,
-            "requirements": [
-                _failures(mine[rows_a], theirs[rows_b], flights_a.flight[rows_a])
-                for mine, theirs in zip(missed[a], missed[b], strict=True)
-            ],
-            "ended_early": _failures(flights_a.failed[rows_a], flights_b.failed[rows_b], flights_a.flight[rows_a]),
-            "usage": _usage(results, a, b, rows_a, rows_b),
-        }
+        found = pair_numbers(
+            results.flights[a], results.flights[b], (a, b), results.metrics, results.campaign.requirements
+        )
+        if found is not None:
+            duels[f"{a} - {b}"] = found
     return duels
 
 
-def _failures(a: Any, b: Any, flight: Any) -> dict[str, Any]:
+def pair_numbers(
+    flights_a: ControllerFlights,
+    flights_b: ControllerFlights,
+    names: tuple[str, str],
+    metrics: Iterable[str],
+    requirements: Sequence[Requirement],
+) -> dict[str, Any] | None:
+    """Every metric, every requirement and the control usage of `a` against `b`; None without a common flight."""
+    rows_a, rows_b = common_rows(flights_a, flights_b)
+    if not rows_a.size:
+        return None
+    bootstrap = PairedBootstrap(rows_a.size)
+    numbers = flights_a.flight[rows_a]
+    return {
+        "a": names[0],
+        "b": names[1],
+        "pairs": int(rows_a.size),
+        "replicates": bootstrap.replicates,
+        "metrics": {
+            metric: _metric(
+                severities(flights_a, metric)[rows_a], severities(flights_b, metric)[rows_b], metric, names, bootstrap
+            )
+            for metric in metrics
+        },
+        "requirements": [
+            _failures(
+                requirement_failures(flights_a, item)[rows_a], requirement_failures(flights_b, item)[rows_b], numbers
+            )
+            for item in requirements
+        ],
+        "ended_early": _failures(flights_a.failed[rows_a], flights_b.failed[rows_b], numbers),
+        "usage": _usage(flights_a, flights_b, rows_a, rows_b),
+    }
+
+
+def _metric(a: Floats, b: Floats, metric: str, names: tuple[str, str], bootstrap: PairedBootstrap) -> dict[str, Any]:
+    duel = metric_duel(a, b, bootstrap)
+    sense = words_of(metric).sense
+    levels = zip(duel.levels, duel.quantile_differences, strict=True)
+    return {
+        "a_better": duel.a_better,
+        "b_better": duel.b_better,
+        "ties": duel.ties,
+        "winner": {"a": names[0], "b": names[1], "": None}[duel.winner],
+        "median_difference": interval_in_sense(duel.median_difference, sense),
+        "pairing_gain": plain(duel.pairing_gain),
+        **{level_name(level): interval_in_sense(interval, sense) for level, interval in levels},
+    }
+
+
+def _failures(a: NDArray[np.bool_], b: NDArray[np.bool_], flight: NDArray[np.int64]) -> dict[str, Any]:
     found = plain(failure_duel(a, b))
     found["flights_only_a"] = flight[a & ~b][:_LISTED].tolist()
     found["flights_only_b"] = flight[b & ~a][:_LISTED].tolist()
@@ -76,20 +92,14 @@ def total_usage(metrics: Mapping[str, Floats]) -> Floats:
     return np.sqrt(squares)
 
 
-def _usage(results: Results, a: str, b: str, rows_a: Any, rows_b: Any) -> dict[str, Any]:
-    mine, theirs = results.flights[a], results.flights[b]
-    if not {*USAGE, *HEADLINE} <= set(results.metrics):
+def _usage(
+    a: ControllerFlights, b: ControllerFlights, rows_a: NDArray[np.intp], rows_b: NDArray[np.intp]
+) -> dict[str, Any]:
+    if not {*USAGE, *HEADLINE} <= set(a.metrics) & set(b.metrics):
         return {}
-    use_a, use_b = total_usage(mine.metrics)[rows_a], total_usage(theirs.metrics)[rows_b]
-    flown = ~(mine.failed[rows_a] | theirs.failed[rows_b])
+    flown = ~(a.failed[rows_a] | b.failed[rows_b])
+    use_a, use_b = total_usage(a.metrics)[rows_a][flown], total_usage(b.metrics)[rows_b][flown]
     return {
-        metric: plain(
-            usage_duel(
-                mine.metrics[metric][rows_a][flown],
-                theirs.metrics[metric][rows_b][flown],
-                use_a[flown],
-                use_b[flown],
-            )
-        )
+        metric: plain(usage_duel(a.metrics[metric][rows_a][flown], b.metrics[metric][rows_b][flown], use_a, use_b))
         for metric in HEADLINE
     }

@@ -4,15 +4,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.report.metrics import METRIC_WORDS, words_of
-from abhv_mc.report.results import Requirement, Results
+from abhv_mc.report.results import ControllerFlights, Requirement, Results
 
 
-def requirement_failures(results: Results, controller: str, requirement: Requirement) -> NDArray[np.bool_]:
+def requirement_failures(flights: ControllerFlights, requirement: Requirement) -> NDArray[np.bool_]:
     """Which flights [flight] of a controller miss a requirement.
 
     A flight that ended early misses it, unless the requirement takes such flights as measured.
     """
-    flights = results.flights[controller]
     missed = ~requirement.held(flights.metrics[requirement.metric])
     return missed | flights.failed if requirement.early_is_failure else missed
 
@@ -29,7 +28,7 @@ def failure_kinds(results: Results, controller: str) -> list[tuple[str, NDArray[
     early = results.flights[controller].failed
     kinds = [("ended early", early)]
     kinds += [
-        (f"missed: {requirement_words(item)}", requirement_failures(results, controller, item))
+        (f"missed: {requirement_words(item)}", requirement_failures(results.flights[controller], item))
         for item in results.campaign.requirements
     ]
     return [(words, failed) for words, failed in kinds if failed.any()]

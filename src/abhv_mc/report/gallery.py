@@ -119,9 +119,18 @@ def _worst(results: Results, numbers: Mapping[str, Any], colors: Mapping[str, st
         yield text, plot_envelopes(rows, [controller_label(name) for name in names], list(colors.values()))
 
 
-def _drivers(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
+def _short_names(parameters: list[str]) -> dict[str, str]:
+    """Parameters without their group, where that leaves no two alike."""
+    last = [name.split(".", 1)[-1] for name in parameters]
+    return {name: word for name, word in zip(parameters, last, strict=True) if last.count(word) == 1}
+
+
+def _drivers(
+    results: Results, numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]
+) -> Iterator[Any]:
     found = {name: part["metrics"] for name, part in numbers["drivers"].get("controllers", {}).items()}
     panels = []
+    short = _short_names(sorted(results.samples))
     for metric in HEADLINE:
         tables = {
             name: {e["parameter"]: e for e in part[metric]["parameters"]}
@@ -138,7 +147,7 @@ def _drivers(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapp
         panels.append(
             DriverPanel(
                 _label(metric).split(" (")[0],
-                ranked,
+                [short.get(parameter, parameter) for parameter in ranked],
                 {
                     name: np.array([table.get(p, missing)["srrc"] for p in ranked], float)
                     for name, table in tables.items()
@@ -187,5 +196,5 @@ def make_figures(results: Results, numbers: Mapping[str, Any]) -> Iterator[tuple
     yield from _distributions(results, labels, colors)
     yield from _trade(results, labels, colors)
     yield from _worst(results, numbers, colors)
-    yield from _drivers(numbers, labels, colors)
+    yield from _drivers(results, numbers, labels, colors)
     yield from _convergence(numbers, labels, colors)

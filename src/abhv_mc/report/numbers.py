@@ -58,7 +58,7 @@ def _requirements(results: Results) -> list[dict[str, Any]]:
             "controllers": {},
         }
         for name in results.controllers:
-            missed = requirement_failures(results, name, requirement)
+            missed = requirement_failures(results.flights[name], requirement)
             verdict = judge(
                 int(missed.sum()),
                 int(missed.size),
@@ -79,7 +79,7 @@ def _metric_table(results: Results) -> dict[str, Any]:
         entry: dict[str, Any] = {}
         for name in results.controllers:
             flights = results.flights[name]
-            values = severities(results, name, metric)
+            values = severities(results.flights[name], metric)
             cell: dict[str, Any] = {
                 level_name(level): interval_in_sense(quantile(values, level), words.sense) for level in LEVELS
             }
@@ -111,7 +111,7 @@ def _worst_flights(results: Results) -> dict[str, Any]:
         if not scores:
             for metric in HEADLINE:
                 if metric in flights.metrics:
-                    value = severities(results, name, metric)
+                    value = severities(results.flights[name], metric)
                     middle = float(np.median(value[np.isfinite(value)])) if np.isfinite(value).any() else 1.0
                     scores[metric] = value / (middle or 1.0)
         table = np.nan_to_num(np.stack(list(scores.values())), nan=np.inf)

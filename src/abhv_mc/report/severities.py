@@ -5,13 +5,12 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.report.metrics import words_of
-from abhv_mc.report.results import ControllerFlights, Floats, Results
+from abhv_mc.report.results import ControllerFlights, Floats
 from abhv_mc.statistics.estimates import severity
 
 
-def severities(results: Results, controller: str, metric: str) -> Floats:
+def severities(flights: ControllerFlights, metric: str) -> Floats:
     """Severities [flight] of a metric."""
-    flights = results.flights[controller]
     return severity(flights.metrics[metric], words_of(metric).sense, flights.failed)
 
 

@@ -43,7 +43,7 @@ def verdict_rows(numbers: Mapping[str, Any]) -> list[Row]:
                     "controller": controller_label(name),
                     "binds": name in entry["binds"],
                     "status": verdict["status"],
-                    "failures": count_of(verdict["failures"], verdict["runs"], "failed"),
+                    "failures": count_of(verdict["failures"], verdict["runs"]),
                     "lower_bound": percent(verdict["lower_bound"]),
                     "consumer_risk": percent(verdict["consumer_risk"]),
                     "producer_risk": percent(verdict["producer_risk"]),

@@ -40,27 +40,30 @@ def half_width(interval: Mapping[str, Any]) -> float | None:
     return None if end is None else abs(float(value - end))
 
 
-def estimate(interval: Mapping[str, Any]) -> str:
-    """The value of an interval to the digits its width allows."""
+def _places(interval: Mapping[str, Any]) -> int | None:
+    """Decimal places for an interval: its width's first digit, within one and four digits of its largest number."""
     value, error = interval["value"], half_width(interval)
     if value is None or not error:
-        return significant(value)
-    # An error beyond the value itself still leaves its first digit to read.
-    places = _decimals(error)
-    if value:
-        places = max(places, -math.floor(math.log10(abs(value))))
-    return fixed(value, min(places, 8))
+        return None
+    largest = max(abs(end) for end in (value, interval["low"], interval["high"]) if end is not None)
+    leading = -math.floor(math.log10(largest)) if largest else 0
+    return min(max(_decimals(error), leading), leading + 3)
+
+
+def estimate(interval: Mapping[str, Any]) -> str:
+    """The value of an interval to the digits its width allows, four at most."""
+    places = _places(interval)
+    return significant(interval["value"]) if places is None else fixed(interval["value"], places)
 
 
 def bounds(interval: Mapping[str, Any]) -> str:
     """The ends of an interval, to the digits of its value; says where an end is open."""
-    error = half_width(interval)
-    if interval["value"] is None or error is None:
+    places, low, high = _places(interval), interval["low"], interval["high"]
+    if interval["value"] is None or (low is None and high is None):
         return ""
-    low, high = interval["low"], interval["high"]
 
     def text(end: float) -> str:
-        return fixed(end, min(_decimals(error), 8)) if error else significant(end)
+        return significant(end) if places is None else fixed(end, places)
 
     if low is None:
         return f"at most {text(high)}"
@@ -74,6 +77,8 @@ def percent(share: float | None, digits: int = 3) -> str:
     if share is None:
         return "\N{EM DASH}"
     rest = 100.0 * min(abs(share), abs(1.0 - share))
+    if 0.0 < rest < 1e-4:
+        return f"< 0.0001{THIN}%" if share < 0.5 else f"> 99.9999{THIN}%"
     places = 0 if rest == 0.0 else min(max(0, digits - 1 - math.floor(math.log10(rest))), 6)
     text = fixed(100.0 * share, places)
     return f"{text.rstrip('0').rstrip('.') if '.' in text else text}{THIN}%"

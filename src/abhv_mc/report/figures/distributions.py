@@ -68,16 +68,14 @@ def plot_distributions(spreads: Sequence[Spread], labels: Mapping[str, str], col
         if _log_if_wide(axes, "x", list(spread.values.values())):
             finite = np.concatenate(list(spread.values.values()))
             axes.set_xlim(left=0.5 * float(np.quantile(finite[np.isfinite(finite)], 0.02)))
+        far = []
         for limit in spread.limits:
             low, high = axes.get_xlim()
             if low - 0.5 * (high - low) <= limit <= high + 0.5 * (high - low):
                 axes.axvline(limit, color=INK, linewidth=0.8, linestyle=(0, (1, 1)), label="required limit")
             else:
-                side = "right" if limit > high else "left"
-                axes.text(
-                    0.03, 0.93, f"limit {limit:g}, off to the {side}", transform=axes.transAxes, fontsize=7, color=INK
-                )
-        axes.set_xlabel(spread.label)
+                far.append(f"limit {limit:g} {'right' if limit > high else 'left'} of here")
+        axes.set_xlabel("\n".join([spread.label, *far]))
         axes.set_ylim(-0.02, 1.02)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0))
     for axes in grid.flat[len(spreads) :]:

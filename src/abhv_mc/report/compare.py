@@ -1,0 +1,75 @@
+"""Two campaigns flown on the same samples, compared flight by flight."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.documents import InputError
+from abhv_mc.report.duels import pair_numbers
+from abhv_mc.report.failures import requirement_words
+from abhv_mc.report.results import Results, read_results
+from abhv_mc.store.folder import CampaignFolder
+
+
+def require_same_samples(a: Results, b: Results) -> None:
+    """Raises InputError that names the first parameter and flight where the samples of two campaigns differ."""
+    path = CampaignFolder(b.folder).samples
+    wanted = f"the samples of {a.folder}"
+    for name in a.samples:
+        if name not in b.samples:
+            raise InputError(path, None, None, f"no column '{name}'", wanted)
+    for name in b.samples:
+        if name not in a.samples:
+            raise InputError(path, None, None, f"a column '{name}'", f"{wanted}, which have none")
+    for name, mine in a.samples.items():
+        theirs = b.samples[name]
+        both = min(mine.size, theirs.size)
+        differ = np.flatnonzero(mine[:both] != theirs[:both])
+        if differ.size:
+            k = int(differ[0])
+            found = f"{name} = {float(theirs[k])!r} in flight {k}"
+            raise InputError(path, None, None, found, f"{float(mine[k])!r} as in {a.folder}")
+
+
+def compare_folders(folder_a: Path, folder_b: Path, controllers: Sequence[str] = ()) -> dict[str, Any]:
+    """Compare each controller that both campaigns flew: `a` is the first folder's.
+
+    `controllers` names two to compare across, the first folder's and the second's. Where the numbers of flights
+    differ, those that both flew are compared. Raises InputError where the samples differ or nothing is in common.
+    """
+    a, b = read_results(folder_a), read_results(folder_b)
+    require_same_samples(a, b)
+    pairs = list(_pairs(a, b, controllers))
+    metrics = [name for name in a.metrics if name in b.metrics]
+    requirements = [item for item in a.campaign.requirements if item.metric in metrics]
+    duels = []
+    for one, other in pairs:
+        names = (f"{folder_a}: {one}", f"{folder_b}: {other}")
+        found = pair_numbers(a.flights[one], b.flights[other], names, metrics, requirements)
+        if found is not None:
+            duels.append(found)
+    if not duels:
+        raise InputError(folder_b, None, None, "no flight that both campaigns flew", f"flights of {folder_a}")
+    return {"requirements": [requirement_words(item) for item in requirements], "duels": duels}
+
+
+def _pairs(a: Results, b: Results, controllers: Sequence[str]) -> Iterator[tuple[str, str]]:
+    if controllers:
+        if len(controllers) != 2:
+            found = f"{len(controllers)} controllers"
+            raise InputError("--controllers", None, None, found, "two: the first folder's and the second's")
+        for name, results in zip(controllers, (a, b), strict=True):
+            if name not in results.flights:
+                raise InputError(
+                    results.folder, None, None, f"no flights of '{name}'", " or ".join(results.controllers)
+                )
+        yield controllers[0], controllers[1]
+        return
+    common = [name for name in a.controllers if name in b.flights]
+    if not common:
+        raise InputError(
+            b.folder, None, None, f"the controllers {', '.join(b.controllers)}", f"one of {', '.join(a.controllers)}"
+        )
+    yield from ((name, name) for name in common)

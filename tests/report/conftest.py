@@ -1,0 +1,44 @@
+"""Synthetic campaigns, each made once."""
+
+import json
+
+import pytest
+from report.synthetic import write_campaign
+
+from abhv_mc.report.build import build_report
+from abhv_mc.report.numbers import make_numbers
+from abhv_mc.report.results import read_results
+
+
+@pytest.fixture(scope="session")
+def failing_folder(tmp_path_factory):
+    """100 flights of three controllers; 12 of each but the first ended early."""
+    return write_campaign(tmp_path_factory.mktemp("failing") / "campaign", runs=100, failing=12)
+
+
+@pytest.fixture(scope="session")
+def failing(failing_folder):
+    return read_results(failing_folder)
+
+
+@pytest.fixture(scope="session")
+def failing_numbers(failing):
+    return make_numbers(failing)
+
+
+@pytest.fixture(scope="session")
+def report_folder(tmp_path_factory):
+    """80 flights with their report."""
+    folder = write_campaign(tmp_path_factory.mktemp("whole") / "a campaign", runs=80)
+    build_report(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def report_page(report_folder):
+    return (report_folder / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="session")
+def report_json(report_folder):
+    return json.loads((report_folder / "report.json").read_text(encoding="utf-8"))

@@ -1,0 +1,27 @@
+from abhv_mc.report.answer import answer_sentences, joined, sureness_sentence
+
+
+def test_the_first_sentence_says_who_wins_and_at_what_usage(report_json):
+    first = answer_sentences(report_json)[0]
+    assert "TLC holds the angle-of-attack command, zero sideslip, the bank command and speed closer than LQR" in first
+    assert "no difference is shown in altitude" in first
+    assert "TLC uses 10\u202f% more surface deflection" in first
+
+
+def test_early_ends_are_told(failing_numbers):
+    assert "LQR ended 12 of 100 flights early." in answer_sentences(failing_numbers)
+
+
+def test_an_unfinished_campaign_is_preliminary(report_json):
+    assert "preliminary" not in sureness_sentence(report_json)
+    assert "preliminary" in sureness_sentence({**report_json, "state": "interrupted"})
+
+
+def test_dependent_flights_are_told(report_json):
+    campaign = {**report_json["campaign"], "independent_flights": False, "sampling": "sobol"}
+    assert "no verdict" in sureness_sentence({**report_json, "campaign": campaign})
+
+
+def test_lists_read_as_english():
+    assert joined([]) == ""
+    assert joined(["a", "b", "c"]) == "a, b and c"

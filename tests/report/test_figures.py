@@ -1,0 +1,92 @@
+import matplotlib as mpl
+import numpy as np
+import pytest
+from PIL import Image
+
+from abhv_mc.report.figures.distributions import Spread, plot_distributions
+from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
+from abhv_mc.report.figures.style import BLUE, CYCLE, VERMILION, controller_colors, write_png
+from abhv_mc.report.results import BANDS
+
+FILES = [
+    "convergence",
+    "distribution_tracking",
+    "distribution_usage",
+    "drivers",
+    "error_against_usage",
+    "fig02_ground_track",
+    "fig03_altitude_speed",
+    "fig04_heading",
+    "fig05_angle_of_attack",
+    "fig06_sideslip",
+    "fig07_bank",
+    "fig08_aileron",
+    "fig09_rudder",
+    "fig10_elevator",
+    "fig11_equivalence_ratio",
+    "worst_flights",
+]
+
+
+def _panel(shift=0.0):
+    x = np.linspace(0.0, 10.0, 50)
+    return EnvelopePanel(x, {name: np.sin(x) + 0.1 * i + shift for i, name in enumerate(BANDS)}, command=(x, np.cos(x)))
+
+
+def test_the_report_holds_every_figure_at_print_resolution(report_folder):
+    assert sorted(path.stem for path in (report_folder / "figures").glob("*.png")) == FILES
+    for path in (report_folder / "figures").glob("*.png"):
+        with Image.open(path) as image:
+            assert image.width == 2160  # 7.2 in at 300 dpi
+            assert image.info["dpi"] == pytest.approx((300, 300), abs=0.1)
+        assert path.stat().st_size < 250_000
+
+
+def test_rows_share_their_axes_so_that_controllers_compare():
+    figure = plot_envelopes([EnvelopeRow("y (m)", [_panel(), _panel(5.0)])], ["A", "B"], [BLUE, VERMILION])
+    left, right = figure.axes
+    assert left.get_ylim() == right.get_ylim()
+    assert left.get_ylim()[1] > 6.0
+    assert left.get_ylabel() == "y (m)"
+    assert left.get_xlabel() == "time (s)"
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words == ["all flights", "0.135–99.865 %", "5–95 %", "median", "command (median)"]
+
+
+def test_bands_are_drawn_where_they_say():
+    panel = _panel()
+    figure = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE])
+    areas = figure.axes[0].collections
+    for area, (low, high) in zip(areas, [("min", "max"), ("q0.135", "q99.865"), ("q5", "q95")], strict=True):
+        corners = area.get_paths()[0].vertices[:, 1]
+        assert corners.min() == pytest.approx(panel.bands[low].min())
+        assert corners.max() == pytest.approx(panel.bands[high].max())
+
+
+def test_a_zoomed_row_takes_its_limits_from_inside():
+    figure = plot_envelopes([EnvelopeRow("y", [_panel()], x_range=(0.0, 1.0))], ["A"], [BLUE])
+    assert figure.axes[0].get_ylim()[0] > -0.2  # sin falls to -1 only later
+
+
+def test_text_stays_inside_the_figure():
+    figure = plot_envelopes([EnvelopeRow("y (m)", [_panel(), _panel()])], ["A", "B"], [BLUE, VERMILION])
+    box = figure.get_tightbbox()
+    assert box.x0 >= -0.01
+    assert box.x1 <= figure.get_figwidth() + 0.01
+
+
+def test_failed_flights_keep_the_curve_from_100_percent():
+    values = np.array([1.0, 2.0, 3.0, np.inf])
+    figure = plot_distributions([Spread("x", {"a": values})], {"a": "A"}, {"a": BLUE})
+    assert figure.axes[0].lines[0].get_ydata().max() == 0.75
+
+
+def test_the_callers_settings_survive(tmp_path):
+    before = dict(mpl.rcParams)
+    write_png(plot_envelopes([EnvelopeRow("y", [_panel()])], ["A"], [BLUE]), tmp_path / "a.png")
+    assert dict(mpl.rcParams) == before
+
+
+def test_controllers_have_colours_of_their_own():
+    colors = controller_colors(["a", "b", "c"])
+    assert list(colors.values()) == list(CYCLE[:3])

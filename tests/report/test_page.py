@@ -1,0 +1,135 @@
+"""The page as text: structure, accessibility, escaping. What a browser makes of it is in test_browser."""
+
+import itertools
+import json
+import re
+from html.parser import HTMLParser
+
+import pytest
+from report.synthetic import CAMPAIGN, write_campaign
+
+from abhv_mc.report.numbers import make_numbers
+from abhv_mc.report.page import make_markdown, make_page
+from abhv_mc.report.results import read_results
+
+VOID = {"area", "base", "br", "col", "embed", "hr", "img", "input", "link", "meta", "source", "track", "wbr"}
+
+
+class Outline(HTMLParser):
+    """Elements in order, and whether each that opens closes."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.elements, self.errors = [], [], []
+
+    def handle_starttag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes), tuple(self.open)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.errors.append((tag, self.getpos()))
+
+    def all(self, tag):
+        return [attributes for name, attributes, _ in self.elements if name == tag]
+
+
+@pytest.fixture(scope="module")
+def outline(report_page):
+    parser = Outline()
+    parser.feed(report_page)
+    parser.close()
+    return parser
+
+
+def test_every_element_closes(outline):
+    assert outline.errors == []
+    assert outline.open == []
+
+
+def test_ids_are_unique_and_links_lead_somewhere(outline):
+    ids = [attributes["id"] for _, attributes, _ in outline.elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    inside = [attributes["href"][1:] for attributes in outline.all("a") if attributes["href"].startswith("#")]
+    assert set(inside) <= set(ids)
+    assert "main" in inside  # the skip link
+    labelled = [a["aria-labelledby"] for _, a, _ in outline.elements if "aria-labelledby" in a]
+    assert set(labelled) <= set(ids)
+
+
+def test_headings_skip_no_level(outline):
+    levels = [int(tag[1]) for tag, _, _ in outline.elements if re.fullmatch("h[1-6]", tag)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(b - a <= 1 for a, b in itertools.pairwise(levels))
+
+
+def test_figures_have_words_and_sizes(outline):
+    images = outline.all("img")
+    assert len(images) == 16
+    assert all(len(image["alt"]) > 20 and image["src"].startswith("data:image/png;base64,") for image in images)
+    assert all(int(image["width"]) > 0 and int(image["height"]) > 0 for image in images)
+    assert sum(tag == "figcaption" for tag, _, _ in outline.elements) == 16
+
+
+def test_tables_have_captions_and_scopes(outline):
+    tables = outline.all("table")
+    assert len(outline.all("caption")) == len(tables)
+    assert all("scope" in attributes for attributes in outline.all("th"))
+    regions = [a for a in outline.all("div") if a.get("class") == "scroll"]
+    assert len(regions) == len(tables)
+    assert all(a["tabindex"] == "0" and a["aria-label"] for a in regions)
+
+
+def test_nothing_is_loaded_from_elsewhere(outline, report_page):
+    for _, attributes, _ in outline.elements:
+        for name in ("src", "href", "action", "data", "poster"):
+            assert not re.match(r"(?!data:|#)", attributes.get(name) or "#")
+    assert "default-src 'none'" in report_page
+    assert len(report_page.encode()) < 10_000_000
+    assert len(re.findall("plotly.js v", report_page)) == 1
+
+
+def test_every_command_is_there(report_page):
+    assert report_page.count("abhv-mc replay ") == 30
+    assert re.search(r"abhv-mc replay &#39;[^&]*a campaign&#39; --flight \d+ --controller lqr_retuned", report_page)
+    assert "abhv-mc verify campaign" in report_page
+
+
+def test_what_a_campaign_says_is_text_only(tmp_path):
+    folder = write_campaign(tmp_path / "c", runs=12)
+    path = folder / "campaign.yaml"
+    evil = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
+    path.write_text(
+        path.read_text(encoding="utf-8").replace("Does TLC hold", f"{evil} Does TLC hold"), encoding="utf-8"
+    )
+    results = read_results(folder)
+    numbers = {**make_numbers(results), "files": {}}
+    page = make_page(results, numbers, [])
+    assert evil not in page
+    assert "&lt;img src=x onerror=alert(1)&gt;" in page
+
+
+def test_the_embedded_data_are_the_envelopes(report_page, report_folder):
+    text = re.search(r'<script type="application/json" id="envelope-data">(.*?)</script>', report_page).group(1)
+    data = json.loads(text)
+    bank = next(c for c in data["channels"] if c["name"] == "bank_deg")
+    assert bank["command"] == "bank_command_deg"
+    assert bank["reference"] == "bank_reference_deg"
+    envelope = read_results(report_folder).envelopes["lqr", "bank_deg"]
+    lqr = next(c for c in data["controllers"] if c["name"] == "lqr")
+    assert len(lqr["time"]) == len(lqr["curves"]["bank_deg"]["q5"]) == 301
+    assert lqr["curves"]["bank_deg"]["q5"] == pytest.approx(envelope.bands["q5"][::2], abs=1e-3)
+
+
+def test_markdown_says_the_same_and_needs_no_question(tmp_path):
+    folder = write_campaign(tmp_path / "c", runs=8)
+    text = CAMPAIGN.format(runs=8, sampling="random")
+    lines = [line for line in text.splitlines() if not line.startswith("question")]
+    (folder / "campaign.yaml").write_text("\n".join(lines), encoding="utf-8")
+    results = read_results(folder)
+    markdown = make_markdown(results, {**make_numbers(results), "files": {}}, [])
+    assert markdown.startswith("# What does the campaign synthetic_s show?")
+    assert "## Requirements" in markdown
+    assert "| **NOT SHOWN** | 0 of 8 |" in markdown
