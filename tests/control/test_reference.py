@@ -1,6 +1,7 @@
 """The reference: what the S asks for, and that its nominal controls fly it."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,12 +10,15 @@ from scipy.integrate import solve_ivp
 
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.design_model import Surroundings, guidance_rates
-from abhv_mc.control.mission import Mission
-from abhv_mc.control.reference import make_reference, make_start_trim, solve_reference
+from abhv_mc.control.guidance_trim import trim_faults
+from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.control.reference import make_mission_trim_tables, make_reference, make_start_trim, solve_reference
+from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 
 Floats = NDArray[np.float64]
+CONFIGS = Path(__file__).parents[2] / "configs"
 Columns = dict[str, Floats]
 
 
@@ -110,3 +114,26 @@ def test_mass_and_latitude_along_the_s(column: Columns) -> None:
     assert 0.03 < 1.0 - mass[-1] / mass[0] < 0.08  # about 5 % in a minute
     meridian = (column["north"][5000]) / (column["latitude"][5000] - column["latitude"][0])
     assert meridian == pytest.approx(6350.73e3 + 20e3, abs=50.0)  # M of WGS-84 at 29.32 deg, and the altitude
+
+
+@pytest.mark.parametrize(
+    ("vehicle_name", "mission_name"),
+    [
+        *((vehicle, name) for vehicle in ("ghame", "ghame_x", "winged_cone") for name in ("level", "climb", "turn")),
+        ("ghame", "s_manoeuvre"),
+        ("ghame_x", "s_manoeuvre"),
+        ("winged_cone", "level_mach15"),
+        ("winged_cone", "turn_mach15"),
+    ],
+)
+def test_shipped_missions_have_nominal_controls(vehicle_name: str, mission_name: str) -> None:
+    """Within the command limits of the shipped controllers, too: -1..12 deg of angle of attack, 70 deg of bank."""
+    vehicle = load_vehicle(CONFIGS / "vehicle" / f"{vehicle_name}.yaml")
+    mission = read_mission(CONFIGS / "mission" / f"{mission_name}.yaml")
+    tables = make_mission_trim_tables(mission, vehicle)
+    ticks = round(mission.duration / 0.1)
+    reference, trim = solve_reference(mission, vehicle, tables, 0.1, ticks)
+    assert trim_faults(trim, reference[:, 0]) == []
+    assert np.isfinite(reference).all()
+    assert np.rad2deg(trim.angle_of_attack).max() < 12.0
+    assert np.rad2deg(np.abs(trim.bank)).max() < 60.0
