@@ -5,7 +5,7 @@ def test_the_first_sentence_says_who_wins_and_at_what_usage(report_json):
     first = answer_sentences(report_json)[0]
     assert "TLC holds the angle-of-attack command, zero sideslip, the bank command and speed closer than LQR" in first
     assert "no difference is shown in altitude" in first
-    assert "TLC uses 10\u202f% more surface deflection" in first
+    assert "TLC uses 10\u202f% more aileron, 10\u202f% more rudder and 10\u202f% more elevator (rms)" in first
 
 
 def test_early_ends_are_told(failing_numbers):

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from abhv_mc.report.metrics import FOLLOWING, HOLDING, controller_label
-from abhv_mc.report.words import count_of, fixed, percent
+from abhv_mc.report.words import count_of, fixed, percent, significant
 
 _SHORT = {
     "angle_of_attack_error_rms_deg": "the angle-of-attack command",
@@ -46,19 +46,24 @@ def _duel_sentence(duel: Mapping[str, Any]) -> str:
             parts.append(f"{controller_label(name)} holds {joined(won[name])} closer than {controller_label(other)}")
     if won[None]:
         parts.append(f"no difference is shown in {joined(won[None])}")
-    text = f"On the same {fixed(duel['pairs'], 0)} flights {'; '.join(parts)}"
-    usage = next((entry for entry in duel["usage"].values() if entry), None)
-    ratio = usage["usage_ratio"]["value"] if usage else None
-    if ratio is None:
-        return text + "."
-    change = abs(ratio - 1.0)
-    if change < 0.005:
-        return f"{text}; both use the same amount of surface deflection."
-    who = f"{controller_label(a)} uses"
-    if ratio > 2.0:
-        return f"{text}; {who} {fixed(ratio, 1)} times the surface deflection."
-    word = "more" if ratio > 1.0 else "less"
-    return f"{text}; {who} {percent(change, 2)} {word} surface deflection."
+    return f"On the same {fixed(duel['pairs'], 0)} flights {'; '.join(parts)}{_usage_words(duel)}."
+
+
+def _usage_words(duel: Mapping[str, Any]) -> str:
+    """'; it uses 1.2 times the aileron, as much rudder, and 0.3 times the elevator', from the medians of the ratios."""
+    parts = []
+    for metric, ratio in duel["surfaces"].items():
+        if ratio is None:
+            continue
+        surface = metric.split("_", 1)[0]
+        value = ratio["value"]
+        if abs(value - 1.0) < 0.01:
+            parts.append(f"as much {surface}")
+        elif abs(value - 1.0) < 0.2:
+            parts.append(f"{percent(abs(value - 1.0), 2)} {'more' if value > 1.0 else 'less'} {surface}")
+        else:
+            parts.append(f"{significant(value, 2)} times the {surface}")
+    return f"; {controller_label(duel['a'])} uses {joined(parts)} (rms)" if parts else ""
 
 
 def answer_sentences(numbers: Mapping[str, Any]) -> list[str]:

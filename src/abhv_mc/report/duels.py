@@ -12,7 +12,7 @@ from abhv_mc.report.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.results import ControllerFlights, Floats, Requirement, Results
 from abhv_mc.report.severities import common_rows, severities
 from abhv_mc.statistics.bootstrap import PairedBootstrap
-from abhv_mc.statistics.duel import failure_duel, metric_duel, usage_duel
+from abhv_mc.statistics.duel import failure_duel, median_ratio, metric_duel, usage_duel
 
 _LISTED = 10  # flights where only one failed
 
@@ -61,6 +61,11 @@ def pair_numbers(
         ],
         "ended_early": _failures(flights_a.failed[rows_a], flights_b.failed[rows_b], numbers),
         "usage": _usage(flights_a, flights_b, rows_a, rows_b),
+        "surfaces": {
+            metric: plain(median_ratio(flights_a.metrics[metric][rows_a], flights_b.metrics[metric][rows_b]))
+            for metric in USAGE
+            if metric in flights_a.metrics and metric in flights_b.metrics
+        },
     }
 
 

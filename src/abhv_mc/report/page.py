@@ -93,6 +93,8 @@ def _provenance(results: Results) -> list[tuple[str, str]]:
     """What the manifest says, flat, as pairs of words."""
     rows = []
     for key, value in results.manifest.items():
+        if key in ("controllers", "requirements"):  # shown in tables of their own
+            continue
         label = key.replace("_", " ")
         if isinstance(value, dict):
             rows += [(f"{label}: {inner.replace('_', ' ')}", _plain_words(item)) for inner, item in value.items()]
@@ -105,7 +107,7 @@ def _plain_words(value: Any) -> str:
     if isinstance(value, float):
         return significant(value, 4)
     if isinstance(value, list | tuple):
-        return ", ".join(map(str, value))
+        return " ".join(map(str, value))
     return "\N{EM DASH}" if value is None else str(value)
 
 

@@ -47,7 +47,11 @@ def _places(interval: Mapping[str, Any]) -> int | None:
         return None
     largest = max(abs(end) for end in (value, interval["low"], interval["high"]) if end is not None)
     leading = -math.floor(math.log10(largest)) if largest else 0
-    return min(max(_decimals(error), leading), leading + 3)
+    places = min(max(_decimals(error), leading), leading + 3)
+    ends = [end for end in (interval["low"], interval["high"]) if end]
+    if any(round(end, places) == 0.0 for end in ends):  # an end that is not zero should not read as zero
+        places += 1
+    return places
 
 
 def estimate(interval: Mapping[str, Any]) -> str:

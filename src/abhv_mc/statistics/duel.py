@@ -96,6 +96,12 @@ class UsageDuel:
     more_error_more_usage: int
 
 
+def median_ratio(a: Floats, b: Floats) -> Interval | None:
+    """Median of `a / b` over the pairs with its exact interval; None where too few can be divided."""
+    kept = np.isfinite(a) & np.isfinite(b) & (a > 0.0) & (b > 0.0)
+    return quantile(a[kept] / b[kept], 0.5) if kept.sum() >= 3 else None
+
+
 def usage_duel(error_a: Floats, error_b: Floats, usage_a: Floats, usage_b: Floats) -> UsageDuel | None:
     """Whether the smaller error is bought with more control; None where too few pairs can be divided."""
     values = np.stack([error_a, error_b, usage_a, usage_b])

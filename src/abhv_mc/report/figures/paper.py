@@ -100,12 +100,15 @@ PAPER_FIGURES: tuple[PaperFigure, ...] = (
         FigureText(
             "fig06_sideslip",
             "Sideslip (Fig. 6)",
-            f"Sideslip, which both controllers hold at zero. {_BANDS} {_SIGN}",
+            f"Sideslip, which every controller holds at zero; below, the first seconds. {_BANDS} {_SIGN}",
             "−0.2 to 0.7 deg",
             "sideslip_deg",
             "deg",
         ),
-        (Curve("sideslip_deg", "sideslip (deg)"),),
+        (
+            Curve("sideslip_deg", "sideslip (deg)"),
+            Curve("sideslip_deg", "sideslip (deg)", x_range=_START, note="first 8 s"),
+        ),
     ),
     PaperFigure(
         FigureText(
@@ -125,23 +128,26 @@ PAPER_FIGURES: tuple[PaperFigure, ...] = (
         FigureText(
             "fig08_aileron",
             "Aileron (Fig. 8)",
-            f"Aileron deflection. {_BANDS} {_SIGN}",
+            f"Aileron deflection; below, the first seconds. {_BANDS} {_SIGN}",
             "−1.2 to 0.8 deg",
             "aileron_deg",
             "deg",
         ),
-        (Curve("aileron_deg", "aileron (deg)"),),
+        (
+            Curve("aileron_deg", "aileron (deg)"),
+            Curve("aileron_deg", "aileron (deg)", x_range=_START, note="first 8 s"),
+        ),
     ),
     PaperFigure(
         FigureText(
             "fig09_rudder",
             "Rudder (Fig. 9)",
-            f"Rudder deflection. {_BANDS} {_SIGN}",
+            f"Rudder deflection; below, the first seconds. {_BANDS} {_SIGN}",
             "−0.4 to 0.3 deg",
             "rudder_deg",
             "deg",
         ),
-        (Curve("rudder_deg", "rudder (deg)"),),
+        (Curve("rudder_deg", "rudder (deg)"), Curve("rudder_deg", "rudder (deg)", x_range=_START, note="first 8 s")),
     ),
     PaperFigure(
         FigureText(
