@@ -16,7 +16,7 @@ from abhv_mc.cli.errors import exit_code_of
 _COMMANDS = {
     "Start": ("new", "validate", "schema"),
     "Fly": ("run", "replay"),
-    "Look": ("status", "list", "query", "export", "trim", "version"),
+    "Look": ("report", "compare", "status", "list", "query", "export", "trim", "version"),
 }
 
 app = typer.Typer(
