@@ -17,6 +17,7 @@ _COMMANDS = {
     "Start": ("new", "validate", "schema"),
     "Fly": ("run", "replay"),
     "Look": ("report", "compare", "status", "list", "query", "export", "trim", "version"),
+    "Prove": ("verify",),
 }
 
 app = typer.Typer(

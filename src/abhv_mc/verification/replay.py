@@ -1,0 +1,106 @@
+"""Fly with recorded surfaces and engine through the compiled flight, and look at the whole state."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from abhv_mc.control.columns import REFERENCE
+from abhv_mc.control.recorded import RECORDED_GAINS
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.plan import FlightPlan, Limits, Timing
+from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
+from abhv_mc.plant import state as s
+from abhv_mc.plant.effectiveness import make_effectiveness
+from abhv_mc.vehicle.arrays import Floats
+from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.world.earth import Earth
+
+_INF = math.inf
+_NO_LIMITS = Limits(-_INF, _INF, -_INF, _INF, _INF)
+
+
+def make_start(
+    altitude: float,
+    velocity_ned: tuple[float, float, float],
+    heading: float,
+    rates: tuple[float, float, float],
+    mass: float,
+    latitude: float = 0.0,
+) -> Floats:
+    """A state ``[state]`` level at a heading, longitude 0, SI and radians; inertial body rates."""
+    x = np.zeros(s.N_STATES)
+    x[s.ALTITUDE], x[s.LATITUDE], x[s.MASS] = altitude, latitude, mass
+    attitude = from_euler(heading, 0.0, 0.0)
+    x[s.Q0 : s.Q3 + 1] = attitude
+    x[s.U : s.W + 1] = rotate_to_body(*attitude, *velocity_ned)
+    x[s.ROLL_RATE : s.YAW_RATE + 1] = rates
+    return x
+
+
+def make_replay_plan(vehicle: Vehicle, earth: Earth, start: Floats, controls: Floats, timing: Timing) -> FlightPlan:
+    """A plan without control law or limits.
+
+    ``controls`` [tick, 4]: aileron, rudder, elevator (rad) and equivalence ratio, linear between the ticks.
+    """
+    ticks = timing.ticks + 1
+    gains = np.zeros((ticks, len(RECORDED_GAINS)))
+    gains[:, :4] = controls
+    gains[:-1, 4:] = np.diff(controls, axis=0) / timing.tick
+    return FlightPlan(
+        controller="recorded",
+        law="recorded",
+        vehicle=vehicle,
+        trim_tables=vehicle.tables,  # guidance has none
+        effectiveness=make_effectiveness(vehicle),
+        earth=earth,
+        timing=timing,
+        limits=_NO_LIMITS,
+        initial_state=start,
+        reference=np.zeros((ticks, len(REFERENCE))),
+        gains=gains,
+        settings=np.zeros(1),
+    )
+
+
+def replay(plan: FlightPlan, parameters: Floats | None = None) -> Floats:
+    """States ``[tick, state]`` of one flight; ``parameters`` [parameter] are nominal by default."""
+    flown = nominal_parameters() if parameters is None else parameters[np.newaxis]
+    return fly(plan, flown, record_every=1, keep_states=True).states[0]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """States in the quantities that other simulators publish, SI and radians; rows are times."""
+
+    altitude: Floats  # [time]
+    longitude: Floats
+    latitude: Floats
+    velocity_ned: Floats  # [time, 3]
+    euler: Floats  # [time, 3] yaw, pitch, roll
+    rates: Floats  # [time, 3] inertial body rates
+    mass: Floats
+
+
+def make_motion(states: Floats) -> Motion:
+    """From states ``[time, state]``."""
+    from scipy.spatial.transform import Rotation
+
+    attitude = Rotation.from_quat(states[:, s.Q0 : s.Q3 + 1], scalar_first=True)
+    return Motion(
+        altitude=states[:, s.ALTITUDE],
+        longitude=states[:, s.LONGITUDE],
+        latitude=states[:, s.LATITUDE],
+        velocity_ned=attitude.apply(states[:, s.U : s.W + 1]),
+        euler=attitude.as_euler("ZYX"),
+        rates=states[:, s.ROLL_RATE : s.YAW_RATE + 1],
+        mass=states[:, s.MASS],
+    )
+
+
+def at_times(tick: float, states: Floats, times: Floats) -> Floats:
+    """States ``[time, state]`` at any times within the flight, by a cubic spline through the ticks."""
+    from scipy.interpolate import CubicSpline
+
+    spline = CubicSpline(tick * np.arange(len(states)), states, axis=0)
+    return np.asarray(spline(times), dtype=np.float64)
