@@ -1,0 +1,105 @@
+"""Looking often must not make it easier to pass: 20,000 campaigns at the boundary."""
+
+import numpy as np
+import pytest
+
+from abhv_mc.statistics import judge
+from abhv_mc.statistics.sequential import (
+    choose_looks,
+    make_sequential_plan,
+    sequential_verdict,
+    stopping_look,
+)
+
+CAMPAIGNS = 20_000
+PROBABILITY, RISK = 0.9973, 0.10
+LOOKS = choose_looks(PROBABILITY, RISK, 10_000)
+PLAN = make_sequential_plan(LOOKS, PROBABILITY, RISK)
+
+
+def failures_at_looks(success, seed):
+    """Failures so far [campaign, look] of campaigns with a success probability."""
+    draw = np.random.default_rng(seed)
+    more = np.diff(LOOKS, prepend=0)
+    return np.cumsum(draw.binomial(more, 1.0 - success, (CAMPAIGNS, len(LOOKS))), axis=1)
+
+
+def share_that_pass(failures):
+    """By the plan: first look that settles decides."""
+    passed, failed = failures <= np.array(PLAN.accept), failures >= np.array(PLAN.reject)
+    never = len(LOOKS)
+    first_pass = np.where(passed.any(axis=1), passed.argmax(axis=1), never)
+    first_fail = np.where(failed.any(axis=1), failed.argmax(axis=1), never)
+    return np.mean(first_pass < first_fail), np.mean(first_fail < first_pass)
+
+
+def test_false_verdicts_at_the_boundary_stay_within_the_risk():
+    passed, failed = share_that_pass(failures_at_looks(PROBABILITY, 21))
+    error = 3.0 * np.sqrt(RISK * (1.0 - RISK) / CAMPAIGNS)
+    assert passed <= RISK + error
+    assert failed <= RISK + error
+    # ... and is what the exact sum says: paths that fail first are all that it does not take out.
+    assert passed <= PLAN.false_pass + error
+    assert 0.05 < PLAN.false_pass <= RISK
+    assert 0.05 < PLAN.false_fail <= RISK
+
+
+def test_naive_peeking_does_not():
+    counts = failures_at_looks(PROBABILITY, 22)
+    statuses = {
+        (look, k): judge(int(k), look, PROBABILITY, RISK).status == "PASS"
+        for i, look in enumerate(LOOKS)
+        for k in np.unique(counts[:, i])
+    }
+    passed = [[statuses[look, k] for look, k in zip(LOOKS, row, strict=True)] for row in counts[:4000]]
+    assert np.mean(np.any(passed, axis=1)) > 0.20
+
+
+def test_good_and_bad_systems_are_settled():
+    assert share_that_pass(failures_at_looks(0.9995, 23))[0] > 0.99
+    assert share_that_pass(failures_at_looks(0.99, 24))[1] > 0.99
+
+
+@pytest.mark.parametrize("low", [True, False])
+def test_the_exact_chance_is_that_of_every_path(low):
+    looks, success = (2, 4, 6), 0.7
+    plan = make_sequential_plan(looks, success, 0.3)
+    crossed = 0.0
+    for path in np.ndindex(*(2,) * 6):
+        totals = np.cumsum(path)[[1, 3, 5]]
+        hit = totals <= np.array(plan.accept) if low else totals >= np.array(plan.reject)
+        crossed += np.prod([1.0 - success if step else success for step in path]) * hit.any()
+    assert (plan.false_pass if low else plan.false_fail) == pytest.approx(crossed, abs=1e-12)
+
+
+def test_one_look_is_the_verdict_of_one_look():
+    plan = make_sequential_plan((1440,), PROBABILITY, RISK)
+    assert plan.accept == (1,)  # 1440 flights prove 99.73 % with one failure, NASA/TP-2010-216447
+    assert make_sequential_plan((1439,), PROBABILITY, RISK).accept == (0,)
+
+
+def test_the_verdict_is_that_of_the_first_settling_look():
+    failed = np.zeros(20_000, dtype=bool)
+    clean = sequential_verdict(failed, PLAN)
+    first = next(look for look, accept in zip(LOOKS, PLAN.accept, strict=True) if accept >= 0)
+    assert (clean.status, clean.flights, clean.failures) == ("PASS", first, 0)
+    assert first > 852  # more than one look's worth: the price of looking
+    failed[:30] = True
+    assert sequential_verdict(failed, PLAN).status == "FAIL"
+    early = sequential_verdict(failed[:100], PLAN)
+    assert (early.status, early.flights) == ("NOT SHOWN", 0)
+
+
+def test_flights_beyond_the_stopping_look_change_nothing():
+    draw = np.random.default_rng(25)
+    failed = draw.random(10_000) < 0.0005
+    stop = stopping_look([failed, failed], [PLAN, PLAN])
+    assert sequential_verdict(failed[:stop], PLAN) == sequential_verdict(failed, PLAN)
+    assert stopping_look([failed[:100]], [PLAN]) is None
+
+
+def test_looks_must_ascend():
+    with pytest.raises(ValueError, match="ascend"):
+        make_sequential_plan((100, 100), 0.9, 0.1)
+    with pytest.raises(ValueError, match="between"):
+        make_sequential_plan((100,), 1.0, 0.1)
