@@ -5,7 +5,6 @@ reference alone, so their gains come per tick from the launching process; sub-lo
 the commands of this flight, here. The law sees the nominal vehicle and the measurement only.
 """
 
-
 from abhv_mc.control import columns as ref
 from abhv_mc.control.columns import TLC_ATTITUDE, TLC_K1, TLC_K2, TLC_RATE
 from abhv_mc.control.tlc_loops import (
@@ -150,7 +149,7 @@ def axis_nodes(tables, axis):
 def trim_data(Z, width, trim, hints, low, high):
     """Trimmed lift, drag and thrust coefficients at (Mach, commanded alpha, eta), and their slopes with alpha."""
     s0, s1, s2 = trim.group_stride[0, 0], trim.group_stride[0, 1], trim.group_stride[0, 2]
-    group_width = trim.group_width[0]
+    used = trim.group_used[0]
     grid_0, step_0 = axis_nodes(trim, 0)
     grid_1, step_1 = axis_nodes(trim, 1)
     grid_2, step_2 = axis_nodes(trim, 2)
@@ -162,8 +161,8 @@ def trim_data(Z, width, trim, hints, low, high):
         hints[1, lane] = i1
         hints[2, lane] = i2
         corner = trim.group_start[0] + i0 * s0 + i1 * s1 + i2 * s2
-        interpolate_3d(trim.data, corner, s0, s1, s2, t0, 0.0, t2, group_width, low)
-        interpolate_3d(trim.data, corner, s0, s1, s2, t0, 1.0, t2, group_width, high)
+        interpolate_3d(trim.data, corner, s0, s1, s2, t0, 0.0, t2, used, low)
+        interpolate_3d(trim.data, corner, s0, s1, s2, t0, 1.0, t2, used, high)
         inverse = step_1[i1]
         Z[T_LIFT, lane] = (1.0 - t1) * low[_TRIM_LIFT] + t1 * high[_TRIM_LIFT]
         Z[T_DRAG, lane] = (1.0 - t1) * low[_TRIM_DRAG] + t1 * high[_TRIM_DRAG]
@@ -241,12 +240,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         int_beta = Z[I_ATTITUDE + 1, lane] + dt * beta_err
         int_bank = Z[I_ATTITUDE + 2, lane] + dt * bank_err
         p_cmd = p_nom - (
-            a[0] * int_alpha
-            + a[1] * alpha_err
-            + a[2] * int_beta
-            + a[3] * beta_err
-            + a[4] * int_bank
-            + a[5] * bank_err
+            a[0] * int_alpha + a[1] * alpha_err + a[2] * int_beta + a[3] * beta_err + a[4] * int_bank + a[5] * bank_err
         )
         q_cmd = q_nom - (
             a[6] * int_alpha
@@ -379,10 +373,10 @@ def tlc_tick(
     Z, T, width, vehicle, trim, effectiveness, earth, reference, gains, settings, k, dt, first, scratch, unit_factors
 ):
     """Commands from the measurement at control tick ``k``."""
-    hints, trim_hints, fractions, low, high = scratch
+    hints, trim_hints, fractions, weights, low, high = scratch
     tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt)
     nominal_variables(Z, width, vehicle, reference, k)
-    look_up(Z, T, width, vehicle.tables, hints, fractions)
+    look_up(Z, T, width, vehicle.tables, hints, fractions, weights, low)
     table_slopes(T, width, vehicle.tables, effectiveness, hints, fractions, low, high)
     build_up(Z, T, width, vehicle.build_up, unit_factors)
     slopes_of_coefficients(Z, T, width, effectiveness, SLOPES)

@@ -20,7 +20,7 @@ from abhv_mc.jit import kernel, lanes
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import build_up, look_up
 from abhv_mc.plant.air_data import air_data, deflections
-from abhv_mc.plant.equations import equations_of_motion, finish_step
+from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
 
 LANES = 16
 
@@ -33,13 +33,13 @@ _MAX_AXES = 24
 
 
 @lanes
-def evaluate(Z, T, width, vehicle, earth, hints, fractions, weight, step, is_recorded):
+def evaluate(Z, T, width, vehicle, earth, hints, fractions, weights, scratch, stage, is_recorded):
     """One Runge-Kutta stage at ``XS``."""
     air_data(Z, width, vehicle, earth)
     deflections(Z, width, vehicle)
-    look_up(Z, T, width, vehicle.tables, hints, fractions)
+    look_up(Z, T, width, vehicle.tables, hints, fractions, weights, scratch)
     build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
-    equations_of_motion(Z, width, vehicle, earth, weight, step, is_recorded)
+    equations_of_motion(Z, width, vehicle, earth, stage, is_recorded)
 
 
 @lanes
@@ -73,7 +73,7 @@ def fly_groups(
 ):
     """Every group of ``width`` flights, one after another, in lane memory that the caller allocated."""
     flights = parameters.shape[0]
-    hints, trim_hints, fractions, low, high = scratch
+    hints, _, fractions, weights, low, _ = scratch
     is_recorded = law == RECORDED
     tick_length = step * steps_per_tick
     for first in range(0, flights, width):
@@ -111,7 +111,9 @@ def fly_groups(
                 lqr_tick(Z, width, vehicle, earth, reference, gains, settings, tick)
             else:
                 recorded_tick(Z, width, gains, tick)
-            evaluate(Z, T, width, vehicle, earth, hints, fractions, 1.0, 0.5 * step, is_recorded)
+            evaluate(
+                Z, T, width, vehicle, earth, hints, fractions, weights, low, runge_kutta_stage(0, step), is_recorded
+            )
             judge(Z, O, width, limits, tick)
             measure(Z, O, width, vehicle, reference, tick, tick_length)
             if record_every > 0 and tick % record_every == 0:
@@ -127,10 +129,9 @@ def fly_groups(
                 for stage in range(4):
                     if inner == 0 and stage == 0:
                         continue  # already evaluated for the observer
-                    weight = 2.0 if stage == 1 or stage == 2 else 1.0
-                    stage_step = step if stage == 2 else 0.5 * step
-                    evaluate(Z, T, width, vehicle, earth, hints, fractions, weight, stage_step, is_recorded)
-                finish_step(Z, width, vehicle, step, O[observe.ALIVE], is_recorded)
+                    rule = runge_kutta_stage(stage, step)
+                    evaluate(Z, T, width, vehicle, earth, hints, fractions, weights, low, rule, is_recorded)
+                finish_step(Z, width, vehicle, O[observe.ALIVE], is_recorded)
         finish_metrics(O, width, metrics, first, n)
         for lane in range(n):
             outcome[first + lane] = int(O[observe.OUTCOME, lane])
@@ -179,14 +180,15 @@ def make_fly_lanes(capacity: int) -> Callable[..., None]:
         fractions = np.zeros((_MAX_AXES, capacity))
         low = np.empty(s.MAX_TABLE_ROWS)
         high = np.empty(s.MAX_TABLE_ROWS)
-        T = np.empty((capacity, s.MAX_TABLE_ROWS))
+        T = np.empty((s.MAX_TABLE_ROWS, capacity))
+        weights = np.empty((4, capacity))
         unit_factors = np.zeros(vehicle.build_up.factor.size, dtype=np.int64)
         fly_groups(
             Z,
             T,
             O,
             width,
-            (hints, trim_hints, fractions, low, high),
+            (hints, trim_hints, fractions, weights, low, high),
             unit_factors,
             vehicle,
             trim,

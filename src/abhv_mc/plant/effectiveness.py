@@ -92,7 +92,7 @@ def table_slopes(T, W, tables, effectiveness, hints, fractions, low, high):
         a0, a1, a2 = tables.group_axis[g, 0], tables.group_axis[g, 1], tables.group_axis[g, 2]
         s0, s1, s2 = tables.group_stride[g, 0], tables.group_stride[g, 1], tables.group_stride[g, 2]
         start = tables.group_start[g]
-        width = tables.group_width[g]
+        used = tables.group_used[g]
         row = effectiveness.slope_row[slope]
         for lane in range(W):
             corner = start + hints[a0, lane] * s0 + hints[a1, lane] * s1 + hints[a2, lane] * s2
@@ -108,7 +108,7 @@ def table_slopes(T, W, tables, effectiveness, hints, fractions, low, high):
                 0.0 if on_0 else t0,
                 0.0 if on_1 else t1,
                 0.0 if on_2 else t2,
-                width,
+                used,
                 low,
             )
             interpolate_3d(
@@ -120,11 +120,11 @@ def table_slopes(T, W, tables, effectiveness, hints, fractions, low, high):
                 1.0 if on_0 else t0,
                 1.0 if on_1 else t1,
                 1.0 if on_2 else t2,
-                width,
+                used,
                 high,
             )
-            for k in range(width):
-                T[lane, row + k] = (high[k] - low[k]) * inverse
+            for k in range(used):
+                T[row + k, lane] = (high[k] - low[k]) * inverse
 
 
 @lanes
@@ -139,4 +139,4 @@ def slopes_of_coefficients(Z, T, W, effectiveness, first_row):
         variable = VAR + effectiveness.variable[term]
         weight = effectiveness.weight[term]
         for lane in range(W):
-            Z[out, lane] += weight * (T[lane, row] * Z[variable, lane])
+            Z[out, lane] += weight * (T[row, lane] * Z[variable, lane])

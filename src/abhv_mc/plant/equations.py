@@ -5,6 +5,7 @@ in the frame and signs of docs/flight-model.md.
 """
 
 import math
+from typing import NamedTuple
 
 from abhv_mc.jit import lanes, scalar
 from abhv_mc.numerics.angles import clamp
@@ -83,16 +84,37 @@ def second_order(command, position, rate, bandwidth, damping, rate_limit):
     return limited, bandwidth * bandwidth * (command - position) - 2.0 * damping * bandwidth * rate
 
 
-@lanes
-def accumulate(Z, lane, i, derivative, weight, step):
-    """Put one derivative into the Runge-Kutta sum and into the next stage's state."""
-    Z[SUM + i, lane] += weight * derivative
-    Z[XS + i, lane] = Z[X + i, lane] + step * derivative
+class Stage(NamedTuple):
+    """One stage of the integrator: ``sum = keep sum + weight k``, next state ``x + by_sum sum + by_slope k``."""
+
+    keep: float
+    weight: float
+    by_sum: float
+    by_slope: float
+
+
+@scalar
+def runge_kutta_stage(stage, step):
+    """The four stages of the classical method of order 4; after the last the next state is the step's result."""
+    return Stage(
+        0.0 if stage == 0 else 1.0,
+        2.0 if abs(stage - 1.5) < 1.0 else 1.0,  # the two in the middle
+        step / 6.0 if stage == 3 else 0.0,
+        0.0 if stage == 3 else (step if stage == 2 else 0.5 * step),
+    )
 
 
 @lanes
-def equations_of_motion(Z, width, vehicle, earth, weight, step, recorded):
-    """Derivatives at the stage ``XS``, summed with ``weight``; ``XS`` becomes ``X + step * derivative``.
+def accumulate(Z, lane, i, derivative, stage):
+    """Put one derivative into the Runge-Kutta sum and into the next state."""
+    total = stage.keep * Z[SUM + i, lane] + stage.weight * derivative
+    Z[SUM + i, lane] = total
+    Z[XS + i, lane] = Z[X + i, lane] + (stage.by_sum * total + stage.by_slope * derivative)
+
+
+@lanes
+def equations_of_motion(Z, width, vehicle, earth, stage, recorded):
+    """Derivatives at the stage's state ``XS``, which becomes the state of the next stage.
 
     ``recorded``: surfaces and engine follow prescribed rates held in the command rows (verification).
     """
@@ -158,9 +180,9 @@ def equations_of_motion(Z, width, vehicle, earth, weight, step, recorded):
         izz = Z[s.INERTIA_ZZ, lane] * Z[_K_ZZ, lane]
         i13 = Z[s.INERTIA_13, lane] * Z[_K_13, lane]
         p_dot, q_dot, r_dot = angular_acceleration(ixx, iyy, izz, i13, p, q, r, mx, my, mz)
-        accumulate(Z, lane, s.ROLL_RATE, p_dot, weight, step)
-        accumulate(Z, lane, s.PITCH_RATE, q_dot, weight, step)
-        accumulate(Z, lane, s.YAW_RATE, r_dot, weight, step)
+        accumulate(Z, lane, s.ROLL_RATE, p_dot, stage)
+        accumulate(Z, lane, s.PITCH_RATE, q_dot, stage)
+        accumulate(Z, lane, s.YAW_RATE, r_dot, stage)
 
         # Translation over the ellipsoid.
         sin_lat, cos_lat = Z[s.SIN_LAT, lane], Z[s.COS_LAT, lane]
@@ -174,28 +196,28 @@ def equations_of_motion(Z, width, vehicle, earth, weight, step, recorded):
         a, b, c = p + we_x, q + we_y, r + we_z
         specific_x, specific_y, specific_z = (fx + tx) * inverse_mass, fy * inverse_mass, (fz + tz) * inverse_mass
         Z[s.LOAD, lane] = math.sqrt(specific_x * specific_x + specific_y * specific_y + specific_z * specific_z)
-        accumulate(Z, lane, s.U, specific_x + g_x - (b * w - c * v), weight, step)
-        accumulate(Z, lane, s.V, specific_y + g_y - (c * u - a * w), weight, step)
-        accumulate(Z, lane, s.W, specific_z + g_z - (a * v - b * u), weight, step)
+        accumulate(Z, lane, s.U, specific_x + g_x - (b * w - c * v), stage)
+        accumulate(Z, lane, s.V, specific_y + g_y - (c * u - a * w), stage)
+        accumulate(Z, lane, s.W, specific_z + g_z - (a * v - b * u), stage)
         lat_rate = v_n / (meridian + altitude)
         lon_rate = v_e / ((vertical + altitude) * cos_lat)
-        accumulate(Z, lane, s.ALTITUDE, -v_d, weight, step)
-        accumulate(Z, lane, s.LATITUDE, lat_rate, weight, step)
-        accumulate(Z, lane, s.LONGITUDE, lon_rate, weight, step)
+        accumulate(Z, lane, s.ALTITUDE, -v_d, stage)
+        accumulate(Z, lane, s.LATITUDE, lat_rate, stage)
+        accumulate(Z, lane, s.LONGITUDE, lon_rate, stage)
 
         # Attitude: body rate to the local frame, which itself turns with the Earth and with the flight over it.
         n_x, n_y, n_z = rotate_to_body(q0, q1, q2, q3, lon_rate * cos_lat, -lat_rate, -lon_rate * sin_lat)
         d0, d1, d2, d3 = quaternion_rate(q0, q1, q2, q3, p - we_x - n_x, q - we_y - n_y, r - we_z - n_z)
-        accumulate(Z, lane, s.Q0, d0, weight, step)
-        accumulate(Z, lane, s.Q1, d1, weight, step)
-        accumulate(Z, lane, s.Q2, d2, weight, step)
-        accumulate(Z, lane, s.Q3, d3, weight, step)
-        accumulate(Z, lane, s.MASS, -fuel_flow, weight, step)
-    actuators(Z, width, constants, weight, step, recorded)
+        accumulate(Z, lane, s.Q0, d0, stage)
+        accumulate(Z, lane, s.Q1, d1, stage)
+        accumulate(Z, lane, s.Q2, d2, stage)
+        accumulate(Z, lane, s.Q3, d3, stage)
+        accumulate(Z, lane, s.MASS, -fuel_flow, stage)
+    actuators(Z, width, constants, stage, recorded)
 
 
 @lanes
-def actuators(Z, width, constants, weight, step, recorded):
+def actuators(Z, width, constants, stage, recorded):
     """Surfaces and engine: second order towards the held command, or the recorded rate."""
     for lane in range(width):
         bandwidth = constants.surface_bandwidth * Z[_K_BANDWIDTH, lane]
@@ -204,8 +226,8 @@ def actuators(Z, width, constants, weight, step, recorded):
         for i in range(3):
             position, rate = Z[XS + s.AILERON + i, lane], Z[XS + s.AILERON_RATE + i, lane]
             d_position, d_rate = second_order(Z[s.CMD + i, lane], position, rate, bandwidth, damping, rate_limit)
-            accumulate(Z, lane, s.AILERON + i, Z[s.CMD + i, lane] if recorded else d_position, weight, step)
-            accumulate(Z, lane, s.AILERON_RATE + i, 0.0 if recorded else d_rate, weight, step)
+            accumulate(Z, lane, s.AILERON + i, Z[s.CMD + i, lane] if recorded else d_position, stage)
+            accumulate(Z, lane, s.AILERON_RATE + i, 0.0 if recorded else d_rate, stage)
         d_position, d_rate = second_order(
             Z[s.CMD_ETA, lane],
             Z[XS + s.ETA, lane],
@@ -214,8 +236,8 @@ def actuators(Z, width, constants, weight, step, recorded):
             constants.engine_damping * Z[_K_ENGINE_DAMPING, lane],
             constants.engine_rate_limit * Z[_K_ENGINE_RATE, lane],
         )
-        accumulate(Z, lane, s.ETA, Z[s.CMD_ETA, lane] if recorded else d_position, weight, step)
-        accumulate(Z, lane, s.ETA_RATE, 0.0 if recorded else d_rate, weight, step)
+        accumulate(Z, lane, s.ETA, Z[s.CMD_ETA, lane] if recorded else d_position, stage)
+        accumulate(Z, lane, s.ETA_RATE, 0.0 if recorded else d_rate, stage)
 
 
 @scalar
@@ -227,17 +249,12 @@ def limited(position, rate, low, high, rate_limit):
 
 
 @lanes
-def finish_step(Z, width, vehicle, step, alive, recorded):
-    """The new state from the Runge-Kutta sums; unit quaternion, actuators inside their limits.
+def finish_step(Z, width, vehicle, alive, recorded):
+    """The new state from the last stage; unit quaternion, actuators inside their limits.
 
     A flight that has ended (``alive`` 0) keeps its state.
     """
     constants = vehicle.constants
-    sixth = step / 6.0
-    for i in range(s.N_STATES):
-        for lane in range(width):
-            Z[XS + i, lane] = Z[X + i, lane] + sixth * Z[SUM + i, lane]
-            Z[SUM + i, lane] = 0.0
     for lane in range(width):
         q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
         norm = 1.0 / math.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)

@@ -76,6 +76,7 @@ class Tables(NamedTuple):
     group_stride: Ints  # [group, 3]
     group_start: Ints  # [group]
     group_width: Ints  # [group] a multiple of CHUNK: the look-up's vector loop has no remainder; spare rows hold zeros
+    group_used: Ints  # [group] tables without the spare ones of the padding
     group_row: Ints  # [group]
     data: Floats  # [value]
     fixed_row: Ints  # [entry] table row of each of FIXED_TABLE_ROWS

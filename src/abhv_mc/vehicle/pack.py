@@ -85,12 +85,13 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
     lengths = np.array([axis.grid.size for axis in axes.values()], dtype=np.int64)
 
     n_groups = len(members)
-    dimensions, start, width, first_row = (np.zeros(n_groups, dtype=np.int64) for _ in range(4))
+    dimensions, start, width, used, first_row = (np.zeros(n_groups, dtype=np.int64) for _ in range(5))
     group_axis, stride = (np.zeros((n_groups, MAX_DIMENSIONS), dtype=np.int64) for _ in range(2))
     rows = np.zeros(len(everything), dtype=np.int64)
     blocks: list[Floats] = []
     for g, (group_key, entries) in enumerate(members.items()):
         dimensions[g] = max(2, len(group_key))
+        used[g] = len(entries)
         width[g] = -(-len(entries) // CHUNK) * CHUNK
         block = np.zeros((*everything[entries[0]].values.shape, width[g]))
         block[..., : len(entries)] = np.stack([everything[entry].values for entry in entries], axis=-1)
@@ -113,6 +114,7 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
         group_stride=stride,
         group_start=start,
         group_width=width,
+        group_used=used,
         group_row=first_row,
         data=np.concatenate(blocks),
         fixed_row=np.array([rows[entry_of[name]] for name in FIXED_TABLE_ROWS], dtype=np.int64),
