@@ -33,6 +33,7 @@ def driver_numbers(results: Results) -> dict[str, Any]:
             "failures": [
                 {
                     "kind": kind,
+                    "flights": int(failed.size),
                     "failures": int(failed.sum()),
                     "rules": [_rule(rule, names) for rule in find_rules(inputs, failed)],
                 }
@@ -50,7 +51,11 @@ def driver_numbers(results: Results) -> dict[str, Any]:
 def _coefficients(results: Results, controller: str, names: list[str], inputs: Floats) -> dict[str, Any]:
     metrics = list(results.metrics)
     outputs = np.column_stack([severities(results.flights[controller], metric) for metric in metrics])
-    drivers = rank_drivers(inputs[:_MOST_FLIGHTS], outputs[:_MOST_FLIGHTS])
+    # A largest absolute error often grows with a parameter's distance from its middle, whichever way; ranks of the
+    # parameter alone do not see that.
+    folded = np.abs(inputs - np.median(inputs, axis=0))
+    both = np.concatenate([inputs, folded], axis=1)
+    drivers = rank_drivers(both[:_MOST_FLIGHTS], outputs[:_MOST_FLIGHTS])
     if drivers is None:
         return {}
     table = {}
@@ -62,7 +67,8 @@ def _coefficients(results: Results, controller: str, names: list[str], inputs: F
             "explained": plain(drivers.explained[column]),
             "parameters": [
                 {
-                    "parameter": names[row],
+                    "parameter": names[row % len(names)],
+                    "either_way": bool(row >= len(names)),
                     "srrc": plain(
                         [drivers.srrc[row, column], drivers.srrc_low[row, column], drivers.srrc_high[row, column]]
                     ),

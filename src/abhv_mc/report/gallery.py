@@ -13,7 +13,9 @@ from abhv_mc.report.figures.evidence import ConvergencePanel, DriverPanel, plot_
 from abhv_mc.report.figures.paper import FigureText, paper_figures
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.metrics import FOLLOWING, HEADLINE, HOLDING, METRIC_WORDS, USAGE, controller_label, words_of
+from abhv_mc.report.parameters import short_names
 from abhv_mc.report.results import Floats, Results, read_histories
+from abhv_mc.report.worst import rank_worst
 
 _USAGE_LABEL = "surface usage, rms (deg)"
 _SHOWN_WORST = 3
@@ -84,13 +86,14 @@ _WORST_CHANNELS = (
 )
 
 
-def _worst(results: Results, numbers: Mapping[str, Any], colors: Mapping[str, str]) -> Iterator[Any]:
+def _worst(results: Results, colors: Mapping[str, str]) -> Iterator[Any]:
     names = results.controllers
     kept = {name: read_histories(results.folder, name) for name in names}
-    listed = {
-        name: [e["flight"] for e in numbers["worst"][name] if e["flight"] in kept[name]][:_SHOWN_WORST]
-        for name in names
-    }
+    listed = {}
+    for name in names:
+        flights = results.flights[name]
+        ranked = flights.flight[rank_worst(flights, results.campaign.requirements)].tolist()
+        listed[name] = [number for number in ranked if number in kept[name]][:_SHOWN_WORST]
     if not any(listed.values()):
         return
     rows = []
@@ -119,21 +122,15 @@ def _worst(results: Results, numbers: Mapping[str, Any], colors: Mapping[str, st
         yield text, plot_envelopes(rows, [controller_label(name) for name in names], list(colors.values()))
 
 
-def _short_names(parameters: list[str]) -> dict[str, str]:
-    """Parameters without their group, where that leaves no two alike."""
-    last = [name.split(".", 1)[-1] for name in parameters]
-    return {name: word for name, word in zip(parameters, last, strict=True) if last.count(word) == 1}
-
-
 def _drivers(
     results: Results, numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> Iterator[Any]:
     found = {name: part["metrics"] for name, part in numbers["drivers"].get("controllers", {}).items()}
     panels = []
-    short = _short_names(sorted(results.samples))
+    short = short_names(results.samples)
     for metric in HEADLINE:
         tables = {
-            name: {e["parameter"]: e for e in part[metric]["parameters"]}
+            name: {(e["parameter"], e["either_way"]): e for e in part[metric]["parameters"]}
             for name, part in found.items()
             if metric in part
         }
@@ -147,7 +144,7 @@ def _drivers(
         panels.append(
             DriverPanel(
                 _label(metric).split(" (")[0],
-                [short.get(parameter, parameter) for parameter in ranked],
+                [short[name] + (", either way" if either else "") for name, either in ranked],
                 {
                     name: np.array([table.get(p, missing)["srrc"] for p in ranked], float)
                     for name, table in tables.items()
@@ -195,6 +192,6 @@ def make_figures(results: Results, numbers: Mapping[str, Any]) -> Iterator[tuple
     yield from paper_figures(results)
     yield from _distributions(results, labels, colors)
     yield from _trade(results, labels, colors)
-    yield from _worst(results, numbers, colors)
+    yield from _worst(results, colors)
     yield from _drivers(results, numbers, labels, colors)
     yield from _convergence(numbers, labels, colors)

@@ -13,15 +13,15 @@ from abhv_mc.report.convergence import convergence_numbers
 from abhv_mc.report.drivers import driver_numbers
 from abhv_mc.report.duels import duel_numbers
 from abhv_mc.report.failures import requirement_failures, requirement_words
-from abhv_mc.report.metrics import HEADLINE, USAGE, words_of
+from abhv_mc.report.metrics import words_of
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
-from abhv_mc.report.results import Floats, Results
+from abhv_mc.report.results import Results
 from abhv_mc.report.severities import severities
+from abhv_mc.report.worst import worst_numbers
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
 from abhv_mc.statistics.verdicts import clopper_pearson, judge
 
 FORMAT = 1
-WORST = 10  # flights listed
 
 
 def _flight_counts(results: Results) -> dict[str, Any]:
@@ -95,42 +95,6 @@ def _metric_table(results: Results) -> dict[str, Any]:
     return table
 
 
-def _worst_flights(results: Results) -> dict[str, Any]:
-    """The ten worst flights of each controller: failed ones, then by the largest share of any requirement's limit.
-
-    Without requirements the rank is by the largest headline metric relative to its own median.
-    """
-    worst = {}
-    for name in results.controllers:
-        flights = results.flights[name]
-        scores: dict[str, Floats] = {}
-        for item in results.campaign.requirements:
-            value = flights.metrics[item.metric]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                scores[item.metric] = value / item.limit if item.below else item.limit / value
-        if not scores:
-            for metric in HEADLINE:
-                if metric in flights.metrics:
-                    value = severities(results.flights[name], metric)
-                    middle = float(np.median(value[np.isfinite(value)])) if np.isfinite(value).any() else 1.0
-                    scores[metric] = value / (middle or 1.0)
-        table = np.nan_to_num(np.stack(list(scores.values())), nan=np.inf)
-        total = np.where(flights.failed, np.inf, table.max(axis=0))
-        rows = np.lexsort((flights.flight, -np.max(table, axis=0), -total))[:WORST]
-        worst[name] = [
-            {
-                "flight": int(flights.flight[row]),
-                "outcome": str(flights.outcome[row]),
-                "by": list(scores)[int(np.argmax(table[:, row]))],
-                "share": plain(float(table[:, row].max())),
-                "metrics": {m: plain(flights.metrics[m][row]) for m in (*HEADLINE, *USAGE) if m in flights.metrics},
-                "samples": {key: plain(value[flights.flight[row]]) for key, value in results.samples.items()},
-            }
-            for row in rows
-        ]
-    return worst
-
-
 def _ranges(results: Results) -> dict[str, Any]:
     """Smallest and largest value of each channel over all flights and times."""
     ranges: dict[str, Any] = {}
@@ -153,6 +117,7 @@ def make_numbers(results: Results) -> dict[str, Any]:
             "seed": campaign.seed,
             "sampling": campaign.sampling,
             "independent_flights": campaign.independent,
+            "parameters": list(results.samples),
             "dispersions": plain(campaign.dispersions),
         },
         "state": manifest.get("state"),
@@ -162,7 +127,7 @@ def make_numbers(results: Results) -> dict[str, Any]:
         "requirements": _requirements(results),
         "metrics": _metric_table(results),
         "duels": duel_numbers(results),
-        "worst": _worst_flights(results),
+        "worst": worst_numbers(results),
         "ranges": _ranges(results),
         "drivers": driver_numbers(results),
         "convergence": convergence_numbers(results),

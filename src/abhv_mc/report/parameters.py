@@ -1,6 +1,7 @@
 """How a report speaks of a dispersed parameter and its values."""
 
 import math
+from collections.abc import Iterable
 
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.report.words import fixed, significant
@@ -26,3 +27,10 @@ def shown_value(name: str, value: float) -> str:
 def parameter_doc(name: str) -> str:
     """What it is, in words."""
     return PARAMETERS[PARAMETER_INDEX[name]].doc if name in PARAMETER_INDEX else ""
+
+
+def short_names(parameters: Iterable[str]) -> dict[str, str]:
+    """Parameters without their group where that leaves no two alike: 'density' for 'atmosphere.density'."""
+    names = list(parameters)
+    last = [name.split(".", 1)[-1] for name in names]
+    return {name: word if last.count(word) == 1 else name for name, word in zip(names, last, strict=True)}

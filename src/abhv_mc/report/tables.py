@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from abhv_mc.report.metrics import FOLLOWING, HOLDING, METRIC_WORDS, USAGE, MetricWords, controller_label, words_of
-from abhv_mc.report.parameters import parameter_doc, shown_value
+from abhv_mc.report.parameters import parameter_doc, short_names, shown_value
 from abhv_mc.report.words import bounds, count_of, estimate, p_value, percent, significant
 
 GROUPS = {
@@ -212,6 +212,7 @@ def driver_rows(numbers: Mapping[str, Any]) -> list[Row]:
                     "drivers": [
                         {
                             "parameter": entry["parameter"],
+                            "either_way": entry["either_way"],
                             "doc": parameter_doc(entry["parameter"]),
                             "srrc": _cell(dict(zip(("value", "low", "high"), entry["srrc"], strict=True))),
                             "prcc": _cell(dict(zip(("value", "low", "high"), entry["prcc"], strict=True))),
@@ -226,6 +227,7 @@ def driver_rows(numbers: Mapping[str, Any]) -> list[Row]:
 def worst_tables(numbers: Mapping[str, Any], folder: str) -> list[Row]:
     """The worst flights of each controller, each with the command that replays it."""
     tables = []
+    short = short_names(numbers["campaign"]["parameters"])
     for name, flights in numbers["worst"].items():
         rows = []
         for entry in flights:
@@ -233,10 +235,12 @@ def worst_tables(numbers: Mapping[str, Any], folder: str) -> list[Row]:
                 {
                     "flight": entry["flight"],
                     "outcome": entry["outcome"].replace("_", " "),
-                    "by": words(entry["by"]).label,
+                    "by": words(entry["by"]).label if entry["by"] else "",
                     "share": percent(entry["share"], 2) if entry["share"] is not None else "\N{EM DASH}",
                     "values": [significant(entry["metrics"].get(m)) for m in (*FOLLOWING, *HOLDING)],
-                    "samples": ", ".join(f"{key} {shown_value(key, value)}" for key, value in entry["samples"].items()),
+                    "samples": ", ".join(
+                        f"{short[key]} {shown_value(key, value)}" for key, value in entry["samples"].items()
+                    ),
                     "command": f"abhv-mc replay {folder} --flight {entry['flight']} --controller {name}",
                 }
             )

@@ -7,7 +7,6 @@ the Benjamini-Hochberg procedure.
 """
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ FALSE_DISCOVERY_RATE = 0.05
 FEWEST_FAILURES = 5
 _BINS = 10
 _MOST_RULES = 20
+_CHUNK = 4096
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,9 @@ def find_rules(inputs: Floats, failed: NDArray[np.bool_]) -> list[Rule]:
     if failures < FEWEST_FAILURES or flights - failures < FEWEST_FAILURES:
         return []
     edges = np.quantile(inputs, np.arange(1, _BINS) / _BINS, axis=0)  # [threshold, input]
-    moving = [j for j in range(count) if edges[0, j] < edges[-1, j]]
     bins = np.stack([np.searchsorted(edges[:, j], inputs[:, j], side="left") for j in range(count)], axis=1)
-    candidates = [_best_half_line(j, bins[:, j], failed, edges[:, j]) for j in moving]
-    candidates += [_best_corner(i, j, bins, failed, edges) for i, j in combinations(moving, 2)]
+    candidates = [line for j in range(count) for line in _best_half_lines(j, bins[:, j], failed, edges[:, j])]
+    candidates += _best_corners(bins, failed, edges)
     if not candidates:
         return []
     p_values = _p_values(candidates)
@@ -127,28 +126,60 @@ def _condition(column: int, side: int, edges: Floats) -> Condition:
     return Condition(column, side >= lines, float(edges[side % lines]))
 
 
-def _best_half_line(column: int, bins: NDArray[np.intp], failed: NDArray[np.bool_], edges: Floats) -> _Candidate:
+def _best_half_lines(column: int, bins: NDArray[np.intp], failed: NDArray[np.bool_], edges: Floats) -> list[_Candidate]:
+    """The best half-line below and the best above: failures may live at both ends."""
     inside = _sides(np.bincount(bins, minlength=_BINS), 0)
     bad = _sides(np.bincount(bins[failed], minlength=_BINS), 0)
     flights, failures = float(failed.size), float(failed.sum())
-    side = int(np.argmax(_score(inside.astype(float), bad.astype(float), np.array(flights), np.array(failures))))
-    table = (float(inside[side]), float(bad[side]), flights, failures)
-    return _Candidate((_condition(column, side, edges),), (table,), inside.size)
+    score = _score(inside.astype(float), bad.astype(float), np.array(flights), np.array(failures))
+    lines = _BINS - 1
+    candidates = []
+    for first in (0, lines):
+        side = first + int(np.argmax(score[first : first + lines]))
+        table = (float(inside[side]), float(bad[side]), flights, failures)
+        candidates.append(_Candidate((_condition(column, side, edges),), (table,), lines))
+    return candidates
 
 
-def _best_corner(i: int, j: int, bins: NDArray[np.intp], failed: NDArray[np.bool_], edges: Floats) -> _Candidate:
-    cell = bins[:, i] * _BINS + bins[:, j]
-    shape = (_BINS, _BINS)
-    all_cells = np.bincount(cell, minlength=_BINS * _BINS).reshape(shape)
-    bad_cells = np.bincount(cell[failed], minlength=_BINS * _BINS).reshape(shape)
-    inside = _sides(_sides(all_cells, 0), 1).astype(float)  # [side of i, side of j]
-    bad = _sides(_sides(bad_cells, 0), 1).astype(float)
-    in_i, bad_i = _sides(all_cells.sum(1), 0).astype(float), _sides(bad_cells.sum(1), 0).astype(float)
-    in_j, bad_j = _sides(all_cells.sum(0), 0).astype(float), _sides(bad_cells.sum(0), 0).astype(float)
-    given_i = _score(inside, bad, in_i[:, None], bad_i[:, None])
-    given_j = _score(inside, bad, in_j[None, :], bad_j[None, :])
-    side_i, side_j = np.unravel_index(int(np.argmax(np.minimum(given_i, given_j))), inside.shape)
-    n, k = inside[side_i, side_j], bad[side_i, side_j]
-    conditions = (_condition(i, int(side_i), edges[:, i]), _condition(j, int(side_j), edges[:, j]))
-    tables = ((n, k, in_i[side_i], bad_i[side_i]), (n, k, in_j[side_j], bad_j[side_j]))
-    return _Candidate(conditions, tables, inside.size)
+def _joint_counts(bins: NDArray[np.intp]) -> NDArray[np.int64]:
+    """How many flights fall into each pair of bins of each pair of inputs: [input, bin, input, bin]."""
+    flights, count = bins.shape
+    total = np.zeros((count * _BINS, count * _BINS))
+    for start in range(0, flights, _CHUNK):
+        part = bins[start : start + _CHUNK]
+        marks = np.zeros((part.shape[0], count * _BINS), dtype=np.float32)  # sums to _CHUNK stay exact
+        marks[np.arange(part.shape[0])[:, None], np.arange(count) * _BINS + part] = 1.0
+        total += marks.T @ marks
+    return total.reshape(count, _BINS, count, _BINS).astype(np.int64)
+
+
+def _best_corners(bins: NDArray[np.intp], failed: NDArray[np.bool_], edges: Floats) -> list[_Candidate]:
+    """The best corner of each pair of inputs (columns of `bins` and `edges`)."""
+    first, second = np.triu_indices(bins.shape[1], 1)
+    if not first.size:
+        return []
+
+    def sides(counts: NDArray[np.int64]) -> tuple[Floats, Floats, Floats]:
+        """Inside both conditions [pair, side, side], and inside one [pair, side, 1] and the other [pair, 1, side]."""
+        pairs = counts[first, :, second, :]
+        alone = _sides(pairs.sum(axis=2), 1)[:, :, None], _sides(pairs.sum(axis=1), 1)[:, None, :]
+        return _sides(_sides(pairs, 1), 2).astype(float), alone[0].astype(float), alone[1].astype(float)
+
+    inside, in_first, in_second = sides(_joint_counts(bins))
+    bad, bad_first, bad_second = sides(_joint_counts(bins[failed]))
+    score = np.minimum(_score(inside, bad, in_first, bad_first), _score(inside, bad, in_second, bad_second))
+    best = score.reshape(first.size, -1).argmax(axis=1)
+    tried = inside.shape[1] * inside.shape[2]
+    candidates = []
+    for k, (a, b) in enumerate(np.transpose(np.unravel_index(best, inside.shape[1:])).tolist()):
+        n, bad_n = inside[k, a, b], bad[k, a, b]
+        tables = (
+            (n, bad_n, in_first[k, a, 0], bad_first[k, a, 0]),
+            (n, bad_n, in_second[k, 0, b], bad_second[k, 0, b]),
+        )
+        conditions = (
+            _condition(int(first[k]), a, edges[:, first[k]]),
+            _condition(int(second[k]), b, edges[:, second[k]]),
+        )
+        candidates.append(_Candidate(conditions, tables, tried))
+    return candidates
