@@ -54,6 +54,7 @@ numba.config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]
 # Without numba's reference counting (``_nrt``): nothing in here allocates, and an atomic count on each
 # array of a named tuple in each lane costs three times the physics.
 _INLINED: dict[str, Any] = {"cache": True, "forceinline": True, "error_model": "numpy", "_nrt": False}
+_NO_ENTRY: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def scalar(function: F) -> F:
@@ -66,7 +67,7 @@ def lanes(function: F) -> F:
 
     Only kernels call it: it has no entry from Python.
     """
-    return cast("F", numba.njit(**_INLINED, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function))
+    return cast("F", numba.njit(**_INLINED, **_NO_ENTRY)(function))
 
 
 def kernel(function: F) -> F:

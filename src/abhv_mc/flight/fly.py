@@ -68,5 +68,6 @@ def fly(
         history,
         states,
     )
-    times = np.arange(samples) * every * timing.tick
-    return FlightBlock(outcome, end_tick * timing.tick, metrics, history, times, states)
+    end_time = np.asarray(end_tick * timing.tick, dtype=np.float64)
+    times = np.asarray(np.arange(samples) * every * timing.tick, dtype=np.float64)
+    return FlightBlock(outcome, end_time, metrics, history, times, states)

@@ -212,4 +212,4 @@ def make_fly_lanes(capacity: int) -> Callable[..., None]:
             states,
         )
 
-    return fly_lanes  # type: ignore[no-any-return]
+    return fly_lanes

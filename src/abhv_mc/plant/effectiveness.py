@@ -71,12 +71,18 @@ def make_effectiveness(vehicle: Vehicle) -> Effectiveness:
                     weight = weights[tables.axis_variable[axis], i]
                     if weight:
                         found.append((int(c), i, first_row + offset, int(variable), float(weight)))
-    columns = list(zip(*found, strict=True)) if found else [(), (), (), (), ()]
-    slope_columns = list(zip(*slopes, strict=True)) if slopes else [(), (), ()]
+    terms_table = np.array(found, dtype=np.float64).reshape(-1, 5)
+    slopes_table = np.array(slopes, dtype=np.int64).reshape(-1, 3)
+    coefficient, inputs, row, variable = (terms_table[:, i].astype(np.int64) for i in range(4))
     return Effectiveness(
-        *(np.array(column, dtype=np.int64) for column in columns[:4]),
-        np.array(columns[4], dtype=np.float64),
-        *(np.array(column, dtype=np.int64) for column in slope_columns),
+        coefficient=coefficient,
+        input=inputs,
+        row=row,
+        variable=variable,
+        weight=np.ascontiguousarray(terms_table[:, 4]),
+        slope_group=np.ascontiguousarray(slopes_table[:, 0]),
+        slope_axis=np.ascontiguousarray(slopes_table[:, 1]),
+        slope_row=np.ascontiguousarray(slopes_table[:, 2]),
     )
 
 
