@@ -1,5 +1,6 @@
 """Work units: blocks of consecutive flights of one controller, cut from whatever is still missing."""
 
+import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -65,3 +66,30 @@ def _uniform_runs(rows: Mask, envelope: Mask, size: int) -> Iterator[tuple[int, 
 def fly_block(fly: Fly, plan: FlightPlan, block: Block, parameters: Floats, every: int) -> tuple[Block, FlightBlock]:
     """What a worker does: nothing but flying; it touches no file."""
     return block, fly(plan, parameters, every if block.envelope else None)
+
+
+class Slots:
+    """Room for so many blocks between their take-off and their place on disk.
+
+    Without it, workers that are faster than the disk would fill the memory with blocks that have landed.
+    """
+
+    def __init__(self, number: int) -> None:
+        self._free = threading.Semaphore(number)
+        self._closed = False
+
+    def fly(
+        self, fly: Fly, plan: FlightPlan, block: Block, parameters: Floats, every: int
+    ) -> tuple[Block, FlightBlock | None]:
+        """:func:`fly_block` once there is room; nothing after :meth:`close`."""
+        self._free.acquire()
+        return (block, None) if self._closed else fly_block(fly, plan, block, parameters, every)
+
+    def free(self) -> None:
+        """Make room: a block is on disk."""
+        self._free.release()
+
+    def close(self) -> None:
+        """Let every waiting worker go home."""
+        self._closed = True
+        self._free.release(1_000_000)

@@ -4,7 +4,8 @@ import contextlib
 import signal
 import threading
 import time
-from collections.abc import Iterator
+import warnings
+from collections.abc import Generator, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.batches import Block, choose_batch, cut_blocks, fly_block
+from abhv_mc.campaign.batches import Block, Slots, choose_batch, cut_blocks
 from abhv_mc.campaign.envelopes import Cells, Collector, make_collector
 from abhv_mc.campaign.progress import Progress
 from abhv_mc.campaign.retention import write_kept_histories
@@ -151,8 +152,9 @@ class _Run:
         pool = Parallel(
             n_jobs=self.workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs"
         )
+        slots = Slots(2 * self.workers)
         tasks = (
-            delayed(fly_block)(
+            delayed(slots.fly)(
                 self.engine.fly,
                 self.plans[block.controller],
                 block,
@@ -162,10 +164,12 @@ class _Run:
             for block in cut_blocks(missing, self.batch)
         )
         saved = time.monotonic()
-        with Progress("flights", total) as progress:
-            for block, flown in pool(tasks):
+        results = pool(tasks)
+        with Progress("flights", total) as progress, _closing_quietly(results), contextlib.closing(slots):
+            for block, flown in results:
                 with _no_interrupt():
                     self._keep(block, flown)
+                slots.free()
                 progress.add(block.flights)
                 if time.monotonic() - saved > _SAVE_INTERVAL:
                     self._save()
@@ -221,6 +225,17 @@ class _Run:
             "requirements": judge_requirements(self.tallies, independent),
         }
         write_manifest(self.folder.manifest, self.manifest)
+
+
+@contextlib.contextmanager
+def _closing_quietly(results: Generator[Any, None, None]) -> Iterator[None]:
+    """Stop the workers at the end; joblib's warning that not all was used is what an interrupt means."""
+    try:
+        yield
+    finally:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            results.close()
 
 
 @contextlib.contextmanager
