@@ -16,6 +16,7 @@ from abhv_mc.control.lqr_design import (
     lateral_model,
     longitudinal_model,
     make_lqr_gains,
+    make_models,
     make_nominal,
 )
 from abhv_mc.control.mission import Mission
@@ -104,9 +105,9 @@ def test_gains_are_not_interpolated_across_a_step(
     """At 50 s the bank steps by 46 deg, and the bank's share of the path error with it."""
     assert gains.shape == (len(reference), len(LQR_GAINS))
     for knot in (0, 4999, 5000, 6000):
-        exact = gains_at(controller, vehicle, trim_tables, make_nominal(mission, reference[knot]))
+        exact = gains_at(controller, make_models(vehicle, trim_tables, make_nominal(mission, reference[knot])))
         np.testing.assert_allclose(gains[knot], exact, rtol=1e-12)
-    between = gains_at(controller, vehicle, trim_tables, make_nominal(mission, reference[2350]))
+    between = gains_at(controller, make_models(vehicle, trim_tables, make_nominal(mission, reference[2350])))
     np.testing.assert_allclose(gains[2350], between, rtol=0.02, atol=0.02 * np.abs(between).max())
     jump = np.abs(gains[5000] - gains[4999])
     usual = np.abs(np.diff(gains[:5000], axis=0)).max(axis=0)

@@ -7,9 +7,15 @@ thrust included, both by complex steps of :mod:`abhv_mc.control.design_model`; t
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abhv_mc.control.columns import LQR_GAINS, REFERENCE
-from abhv_mc.control.controller_file import LqrController
+from abhv_mc.control.controller_file import (
+    GuidanceWeights,
+    LateralWeights,
+    LongitudinalWeights,
+    LqrController,
+)
 from abhv_mc.control.design_model import (
     Surroundings,
     attitude_rates,
@@ -21,7 +27,6 @@ from abhv_mc.control.design_tables import Numbers, slope
 from abhv_mc.control.mission import Mission
 from abhv_mc.control.profile import step_times
 from abhv_mc.control.surroundings import make_surroundings
-from abhv_mc.documents import StrictModel
 from abhv_mc.vehicle.arrays import Floats, Tables
 from abhv_mc.vehicle.model import Vehicle
 
@@ -48,6 +53,23 @@ class Nominal(NamedTuple):
         return -turn * np.sin(alpha), turn * np.tan(self.bank), turn * np.cos(alpha)
 
 
+class LinearModels(NamedTuple):
+    """A and B of each regulator at one point, SI and radians."""
+
+    guidance: tuple[Floats, Floats]
+    longitudinal: tuple[Floats, Floats]
+    lateral: tuple[Floats, Floats]
+
+
+class Piece(NamedTuple):
+    """Linear models along a stretch of the reference without a step."""
+
+    first: int  # tick
+    end: int  # tick after the last
+    knots: NDArray[np.int64]  # ticks
+    models: list[LinearModels]  # at each knot
+
+
 def make_lqr_settings(controller: LqrController) -> Floats:
     """The law's constants in the order of LQR_SETTINGS."""
     return np.array([*controller.limits.angle_of_attack, controller.limits.bank])
@@ -62,16 +84,30 @@ def make_lqr_gains(
     in time between, never across a step. Raises numpy.linalg.LinAlgError where a Riccati equation has no stabilising
     solution.
     """
-    gains = np.empty((len(reference), len(LQR_GAINS)))
-    times = reference[:, REFERENCE.index("time")]
-    tick = times[1] - times[0]
-    stride = max(1, round(controller.spacing / tick))
+    pieces = make_lqr_models(controller.spacing, mission, reference, vehicle, trim_tables)
+    return gains_of_models(controller, pieces, reference[:, REFERENCE.index("time")])
+
+
+def make_lqr_models(
+    spacing: float, mission: Mission, reference: Floats, vehicle: Vehicle, trim_tables: Tables
+) -> list[Piece]:
+    """The linear models along the reference, a piece for each stretch between its steps."""
+    tick = reference[1, 0] - reference[0, 0]
+    stride = max(1, round(spacing / tick))
     starts = sorted({0, *(int(np.ceil(step / tick - 1e-6)) for step in step_times(mission))})
+    pieces = []
     for first, end in zip(starts, [*starts[1:], len(reference)], strict=True):
         knots = np.unique([*range(first, end, stride), end - 1])
-        at_knots = np.array(
-            [gains_at(controller, vehicle, trim_tables, make_nominal(mission, reference[knot])) for knot in knots]
-        )
+        models = [make_models(vehicle, trim_tables, make_nominal(mission, reference[knot])) for knot in knots]
+        pieces.append(Piece(first, end, knots, models))
+    return pieces
+
+
+def gains_of_models(controller: LqrController, pieces: list[Piece], times: Floats) -> Floats:
+    """``[tick, gain]`` from the models; see :func:`make_lqr_gains`."""
+    gains = np.empty((times.size, len(LQR_GAINS)))
+    for first, end, knots, models in pieces:
+        at_knots = np.array([gains_at(controller, model) for model in models])
         for gain in range(len(LQR_GAINS)):
             gains[first:end, gain] = np.interp(times[first:end], times[knots], at_knots[:, gain])
     return gains
@@ -87,21 +123,29 @@ def make_nominal(mission: Mission, row: Floats) -> Nominal:
     )
 
 
-def gains_at(controller: LqrController, vehicle: Vehicle, trim_tables: Tables, nominal: Nominal) -> Floats:
-    """All gains at one point, in the order of LQR_GAINS."""
-    guidance, longitudinal, lateral = controller.guidance, controller.longitudinal, controller.lateral
-
-    def weights(model: StrictModel) -> Floats:
-        return np.diag(np.array([value for _, value in model], dtype=np.float64))
-
-    A, B = guidance_model(vehicle, trim_tables, nominal)
-    guide = regulator(A, B, weights(guidance.states), weights(guidance.inputs))
+def make_models(vehicle: Vehicle, trim_tables: Tables, nominal: Nominal) -> LinearModels:
+    """The three linear models at one point."""
     slopes = attitude_slopes(vehicle, nominal)
-    A, B = longitudinal_model(slopes)
-    pitch = _DEGREE * regulator(A, B * _DEGREE, weights(longitudinal.states), weights(longitudinal.inputs))
-    A, B = lateral_model(slopes)
-    roll_yaw = _DEGREE * regulator(A, B * _DEGREE, weights(lateral.states), weights(lateral.inputs))
+    return LinearModels(
+        guidance_model(vehicle, trim_tables, nominal), longitudinal_model(slopes), lateral_model(slopes)
+    )
+
+
+def gains_at(controller: LqrController, models: LinearModels) -> Floats:
+    """All gains at one point, in the order of LQR_GAINS."""
+    guide = _gain(controller.guidance, models.guidance, 1.0)
+    pitch = _gain(controller.longitudinal, models.longitudinal, _DEGREE)
+    roll_yaw = _gain(controller.lateral, models.lateral, _DEGREE)
     return np.concatenate([guide.ravel(), pitch.ravel(), roll_yaw.ravel()])
+
+
+def _gain(
+    weights: GuidanceWeights | LongitudinalWeights | LateralWeights, model: tuple[Floats, Floats], unit: float
+) -> Floats:
+    """A regulator's gain in SI; ``unit``: the input's unit that the weights are meant for."""
+    A, B = model
+    Q, R = (np.diag(np.array([w for _, w in part], dtype=np.float64)) for part in (weights.states, weights.inputs))
+    return unit * regulator(A, B * unit, Q, R)
 
 
 def regulator(A: Floats, B: Floats, Q: Floats, R: Floats) -> Floats:
