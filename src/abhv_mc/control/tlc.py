@@ -6,6 +6,7 @@ the commands of this flight, here. The law sees the nominal vehicle and the meas
 """
 
 from abhv_mc.control import columns as ref
+from abhv_mc.control.allocation import moment_slope, nominal_moment, side_force_slope, solve_3x3
 from abhv_mc.control.columns import TLC_ATTITUDE, TLC_K1, TLC_K2, TLC_RATE
 from abhv_mc.control.tlc_loops import (
     AttitudePoint,
@@ -26,7 +27,6 @@ from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import build_up, look_up
 from abhv_mc.plant.air_data import set_effectors
 from abhv_mc.plant.effectiveness import N_INPUTS, slopes_of_coefficients, table_slopes
-from abhv_mc.plant.equations import aerodynamic_force, thrust
 from abhv_mc.plant.state import LAW, N_COEFFICIENTS, variable_row
 from abhv_mc.world.atmosphere import atmosphere
 
@@ -207,9 +207,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         t_slope = q_s * Z[T_THRUST_SLOPE, lane]
         sin_ae = sin_a * constants.thrust_cos + cos_a * constants.thrust_sin
         cos_ae = cos_a * constants.thrust_cos - sin_a * constants.thrust_sin
-        side_slope = q_s * Z[SLOPES + 2 * N_INPUTS + 3, lane] + (
-            0.0 if constants.drag_in_wind_axes > 0.0 else q_s * Z[T_DRAG, lane]
-        )
+        side_slope = side_force_slope(constants, q_s, Z[SLOPES + 2 * N_INPUTS + 3, lane], Z[T_DRAG, lane])
         point = AttitudePoint(
             mass * speed,
             gravity_speed,
@@ -283,24 +281,11 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         m_z -= b[12] * int_p + b[13] * p_err + b[14] * int_q + b[15] * q_err + b[16] * int_r + b[17] * r_err
 
         # Allocation (19): what is asked for beyond the moment of the last commands.
-        now_x, now_y, now_z = nominal_moment(Z, lane, constants, q_bar, speed)
-        roll = q_s * constants.span
-        pitch = q_s * constants.chord
-        e = SLOPES + 3 * N_INPUTS
-        da, dr, de = solve_3x3(
-            roll * Z[e, lane],
-            roll * Z[e + 1, lane],
-            roll * Z[e + 2, lane],
-            pitch * Z[e + N_INPUTS, lane],
-            pitch * Z[e + N_INPUTS + 1, lane],
-            pitch * Z[e + N_INPUTS + 2, lane],
-            roll * Z[e + 2 * N_INPUTS, lane],
-            roll * Z[e + 2 * N_INPUTS + 1, lane],
-            roll * Z[e + 2 * N_INPUTS + 2, lane],
-            m_x - now_x,
-            m_y - now_y,
-            m_z - now_z,
-        )
+        now_x, now_y, now_z = nominal_moment(Z, lane, constants, Z[RHO_NOM, lane], q_bar, speed)
+        a_x, a_y, a_z = moment_slope(Z, lane, constants, q_bar, SLOPES, 0)
+        b_x, b_y, b_z = moment_slope(Z, lane, constants, q_bar, SLOPES, 1)
+        c_x, c_y, c_z = moment_slope(Z, lane, constants, q_bar, SLOPES, 2)
+        da, dr, de = solve_3x3(a_x, b_x, c_x, a_y, b_y, c_y, a_z, b_z, c_z, m_x - now_x, m_y - now_y, m_z - now_z)
         aileron = Z[s.CMD_AILERON, lane] + da
         rudder = Z[s.CMD_RUDDER, lane] + dr
         elevator = Z[s.CMD_ELEVATOR, lane] + de
@@ -322,50 +307,13 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
 
 
 @lanes
-def nominal_moment(Z, lane, constants, q_bar, speed):
-    """Moment of the nominal vehicle about its centre of gravity at the measured state and the last commands, N m."""
-    sin_a, cos_a = sincos(Z[_ALPHA, lane])
-    sin_b, cos_b = sincos(Z[_BETA, lane])
-    fx, fy, fz = aerodynamic_force(
-        constants, q_bar, Z[s.COEF, lane], Z[s.COEF + 1, lane], Z[s.COEF + 2, lane], sin_a, cos_a, sin_b, cos_b
-    )
-    t = thrust(
-        constants,
-        Z[_ETA, lane],
-        Z[RHO_NOM, lane],
-        speed,
-        q_bar,
-        Z[s.CAPTURE, lane],
-        Z[s.ISP, lane],
-        Z[s.THRUST_AREA, lane],
-    )
-    tx, tz = t * constants.thrust_cos, -t * constants.thrust_sin
-    cg_x, cg_z = Z[s.CG_X, lane], Z[s.CG_Z, lane]
-    q_s = q_bar * constants.area
-    return (
-        q_s * constants.span * Z[s.COEF + 3, lane] + cg_z * fy,
-        q_s * constants.chord * Z[s.COEF + 4, lane]
-        + cg_x * (fz + tz)
-        - cg_z * fx
-        + (constants.thrust_offset_z - cg_z) * tx,
-        q_s * constants.span * Z[s.COEF + 5, lane] - cg_x * fy,
-    )
-
-
-@scalar
-def solve_3x3(a, b, c, d, e, f, g, h, i, x, y, z):
-    """Solution of [[a, b, c], [d, e, f], [g, h, i]] u = (x, y, z); zero where the matrix is singular."""
-    c_0 = e * i - f * h
-    c_1 = f * g - d * i
-    c_2 = d * h - e * g
-    determinant = a * c_0 + b * c_1 + c * c_2
-    inverse = 1.0 / (determinant if determinant != 0.0 else 1.0)
-    inverse = inverse if determinant != 0.0 else 0.0
-    return (
-        inverse * (c_0 * x + (c * h - b * i) * y + (b * f - c * e) * z),
-        inverse * (c_1 * x + (a * i - c * g) * y + (c * d - a * f) * z),
-        inverse * (c_2 * x + (b * g - a * h) * y + (a * e - b * d) * z),
-    )
+def nominal_vehicle(Z, T, width, vehicle, effectiveness, scratch, unit_factors):
+    """Coefficients, fixed quantities and slopes (rows from ``SLOPES``) of the nominal vehicle at its variables."""
+    hints, _, fractions, weights, low, high = scratch
+    look_up(Z, T, width, vehicle.tables, hints, fractions, weights, low)
+    table_slopes(T, width, vehicle.tables, effectiveness, hints, fractions, low, high)
+    build_up(Z, T, width, vehicle.build_up, unit_factors)
+    slopes_of_coefficients(Z, T, width, effectiveness, SLOPES)
 
 
 @lanes
@@ -373,12 +321,9 @@ def tlc_tick(
     Z, T, width, vehicle, trim, effectiveness, earth, reference, gains, settings, k, dt, first, scratch, unit_factors
 ):
     """Commands from the measurement at control tick ``k``."""
-    hints, trim_hints, fractions, weights, low, high = scratch
+    _, trim_hints, _, _, low, high = scratch
     tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt)
     nominal_variables(Z, width, vehicle, reference, k)
-    look_up(Z, T, width, vehicle.tables, hints, fractions, weights, low)
-    table_slopes(T, width, vehicle.tables, effectiveness, hints, fractions, low, high)
-    build_up(Z, T, width, vehicle.build_up, unit_factors)
-    slopes_of_coefficients(Z, T, width, effectiveness, SLOPES)
+    nominal_vehicle(Z, T, width, vehicle, effectiveness, scratch, unit_factors)
     trim_data(Z, width, trim, trim_hints, low, high)
     tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, first)
