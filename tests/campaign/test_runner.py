@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -335,3 +336,35 @@ def test_envelopes_are_numpys_over_all_flights(tmp_path):
             found = row[["min", "q0.135", "q5", "q50", "q95", "q99.865", "max"]].to_numpy(float)
             np.testing.assert_allclose(found, wanted, rtol=1e-12)
     assert list(CHANNEL_INDEX) and (envelope["quantile_error"] == 0).all()
+
+
+def test_fresh_from_the_folders_own_campaign_file(campaign, tmp_path):
+    """Its inputs are deleted with the folder's content; they must have been read before."""
+    first = run(campaign, tmp_path / "out").manifest
+    again = run(tmp_path / "out/campaign.yaml", tmp_path / "out", fresh=True)
+    assert again.complete and again.manifest["digest"] == first["digest"]
+    assert (tmp_path / "out/inputs/vehicle/tables/cl.csv").exists()
+
+
+def test_memory_does_not_fill_when_the_disk_is_slower_than_the_flights(campaign, tmp_path, monkeypatch):
+    """Blocks between take-off and disk are bounded by the workers, not by the campaign."""
+    flying, most = [0], [0]
+
+    def count(plan, parameters, every=None):
+        flying[0] += 1
+        most[0] = max(most[0], flying[0])
+        return fly(plan, parameters, every)
+
+    write = runner.write_block
+
+    def slow(*arguments):
+        time.sleep(0.01)
+        flying[0] -= 1
+        return write(*arguments)
+
+    monkeypatch.setattr(runner, "write_block", slow)
+    monkeypatch.setattr(runner, "write_kept_histories", lambda *_: None)
+    campaign = write_campaign(tmp_path / "files", execution="{batch: 16}")
+    trials = 2
+    run(campaign, tmp_path / "out", replace(ENGINE, fly=count), workers=2)
+    assert most[0] - trials <= 2 * 2 + 2

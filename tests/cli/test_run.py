@@ -151,3 +151,10 @@ def test_export_keeps_every_bit(abhv_mc, flown, tmp_path):
     assert len(rows) == 120
     assert [float(row["aileron_rms_deg"]) for row in rows] == [row["aileron_rms_deg"] for row in table]
     assert {path.name for path in (tmp_path / "csv").iterdir()} >= {"samples.csv", "envelopes.csv", "histories.csv"}
+
+
+def test_dry_run_says_what_it_costs_and_leaves_nothing(abhv_mc, tmp_path, monkeypatch):
+    monkeypatch.setattr("abhv_mc.campaign.inputs.check_inputs", lambda file: [])
+    code, out, _ = abhv_mc("validate", "--dry-run", write_campaign(tmp_path / "files"))
+    assert code == 0 and "300 flights of 2 controllers" in out and "MB at most" in out
+    assert [path.name for path in tmp_path.iterdir()] == ["files"]

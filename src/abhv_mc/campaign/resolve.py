@@ -13,7 +13,7 @@ from typing import Any
 
 from abhv_mc.campaign.check import CheckedCampaign, select_requirements
 from abhv_mc.documents import InputError, read_document, write_document
-from abhv_mc.store.folder import CampaignFolder, write_whole
+from abhv_mc.store.folder import CampaignFolder, write_bytes, write_whole
 
 _YAML = (".yaml", ".yml")
 _DATA = (".csv", ".parquet", ".pq", ".json", ".gz")
@@ -26,7 +26,7 @@ class ResolvedCampaign:
     """A campaign's plain data with references into its own folder, and the files to copy there."""
 
     data: dict[str, Any]
-    copies: dict[str, Path]  # place in the folder -> file
+    copies: dict[str, bytes]  # place in the folder -> content; read before anything there may be deleted
     hashes: dict[str, str]  # place in the folder -> SHA-256
 
     @property
@@ -38,9 +38,8 @@ class ResolvedCampaign:
 
     def write(self, folder: CampaignFolder) -> None:
         """Write the copies and the resolved file into the folder."""
-        for place, source in self.copies.items():
-            content = source.read_bytes()
-            write_whole(folder.root / place, lambda aside, content=content: aside.write_bytes(content) and None)  # type: ignore[misc]
+        for place, content in self.copies.items():
+            write_bytes(folder.root / place, content)
         write_whole(folder.campaign, lambda aside: write_document(aside, self.data, _HEAD), durable=True)
 
 
@@ -48,7 +47,7 @@ def resolve_campaign(campaign: CheckedCampaign) -> ResolvedCampaign:
     """Resolve every reference of a checked campaign."""
     model = campaign.model
     data: dict[str, Any] = dict(campaign.document.data)  # type: ignore[arg-type]
-    copies: dict[str, Path] = {}
+    copies: dict[str, bytes] = {}
     data["vehicle"] = _take(model.vehicle, "inputs/vehicle", copies)
     data["mission"] = _take(model.mission, "inputs/mission", copies)
     data["controllers"] = {
@@ -59,16 +58,16 @@ def resolve_campaign(campaign: CheckedCampaign) -> ResolvedCampaign:
     if model.sampling.path:
         place = _take(model.sampling.path, "inputs/samples", copies)
         data["sampling"] = {**data["sampling"], "path": place}
-    hashes = {place: hashlib.sha256(path.read_bytes()).hexdigest() for place, path in copies.items()}
+    hashes = {place: hashlib.sha256(content).hexdigest() for place, content in copies.items()}
     return ResolvedCampaign(data, copies, hashes)
 
 
-def _take(path: Path, place: str, copies: dict[str, Path]) -> str:
+def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
     """Put ``path`` and all that it refers to under ``place``, in the same positions to each other."""
     files = {path.resolve(): None, **dict.fromkeys(_references(path.resolve()))}
     root = Path(os.path.commonpath([file.parent for file in files]))
     for file in files:
-        copies[f"{place}/{file.relative_to(root).as_posix()}"] = file
+        copies[f"{place}/{file.relative_to(root).as_posix()}"] = file.read_bytes()
     return f"{place}/{path.resolve().relative_to(root).as_posix()}"
 
 

@@ -8,6 +8,9 @@ import typer
 
 def command(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Campaign, vehicle, mission or controller.")],
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Fly a few flights of each campaign; say what all of them will cost.")
+    ] = False,
 ) -> None:
     """Check files, and the files that they name, without flying."""
     from abhv_mc.campaign.inputs import check_inputs
@@ -26,3 +29,25 @@ def command(
                 print(f"{found.path}: warning: {warning}")
     if errors:
         raise InputErrors(errors)
+    if dry_run:
+        for file in files:
+            _estimate(file)
+
+
+def _estimate(file: Path) -> None:
+    """Print what a campaign will cost; nothing for another kind of file."""
+    from abhv_mc.campaign.check import read_campaign
+    from abhv_mc.campaign.estimate import estimate_campaign
+    from abhv_mc.campaign.inputs import find_kind
+    from abhv_mc.campaign.setup import make_engine
+
+    if find_kind(file) != "campaign":
+        return
+    cost = estimate_campaign(read_campaign(file), make_engine())
+    print(f"{file}: {cost.flights} flights of {cost.controllers} controllers, blocks of {cost.batch}")
+    print(
+        f"  time    {cost.flying_s:.0f} s with {cost.workers} workers ({1e3 * cost.flight_s:.2f} ms a flight and core)"
+    )
+    kept, flying = f"{cost.kept} histories {cost.histories_bytes / 1e6:.1f}", f"{cost.envelope_bytes / 1e6:.1f}"
+    print(f"  disk    {cost.disk_bytes / 1e6:.1f} MB at most", end="")
+    print(f" (rows {cost.rows_bytes / 1e6:.1f}, {kept}, envelopes while flying {flying})")

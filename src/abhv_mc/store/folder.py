@@ -145,10 +145,15 @@ def write_whole(path: Path, write: Callable[[Path], None], durable: bool = False
             raise
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text file whole and durably."""
+def write_bytes(path: Path, content: bytes, durable: bool = False) -> None:
+    """Write a file whole."""
 
     def write(aside: Path) -> None:
-        aside.write_text(text, encoding="utf-8")
+        aside.write_bytes(content)
 
-    write_whole(path, write, durable=True)
+    write_whole(path, write, durable)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole and durably."""
+    write_bytes(path, text.encode(), durable=True)
