@@ -31,8 +31,8 @@ def compute(vehicle, effectiveness, width, variables, density, speed, moments, s
     """Moments [axis, lane], their slopes [axis, deflection, lane] and the slope of CY with sideslip [lane]."""
     Z = np.zeros((_Z_ROWS, _CAPACITY))
     T = np.zeros((s.MAX_TABLE_ROWS, _CAPACITY))
-    hints = np.zeros((32, _CAPACITY), dtype=np.int64)
-    fractions, weights = np.zeros((32, _CAPACITY)), np.zeros((4, _CAPACITY))
+    hints = np.zeros((s.MAX_AXES, _CAPACITY), dtype=np.int64)
+    fractions, weights = np.zeros((s.MAX_AXES, _CAPACITY)), np.zeros((4, _CAPACITY))
     low, high = np.empty(s.MAX_TABLE_ROWS), np.empty(s.MAX_TABLE_ROWS)
     unit_factors = np.zeros(vehicle.build_up.factor.size, dtype=np.int64)
     for lane in range(width):

@@ -5,7 +5,7 @@ import pytest
 
 from abhv_mc.documents import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.plant.state import MAX_TABLE_ROWS
+from abhv_mc.plant.state import MAX_AXES, MAX_TABLE_ROWS
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
 from abhv_mc.vehicle.file import read_mass_points, read_vehicle, read_vehicle_file
@@ -138,12 +138,28 @@ def test_a_bad_table_is_named_with_its_own_line(write, tmp_path):
     assert (caught.value.line, caught.value.column) == (3, 3)
 
 
+def with_tables(tables):
+    """SMALL with more lift terms: each table ``name: entry`` under ``tables``."""
+    text = SMALL.replace(
+        "aerodynamics:\n", "".join(f"  {name}: {entry}\n" for name, entry in tables) + "aerodynamics:\n"
+    )
+    return text + "".join(f"    - {{table: {name}}}\n" for name, _ in tables)
+
+
 def test_too_many_tables_for_a_lane_are_refused(write):
-    names = [f"t{i}" for i in range(MAX_TABLE_ROWS)]
-    tables = "".join(f"  {name}: {{constant: {i}}}\n" for i, name in enumerate(names))
-    text = SMALL.replace("aerodynamics:\n", f"{tables}aerodynamics:\n")
+    tables = [(f"t{i}", f"{{constant: {i}}}") for i in range(MAX_TABLE_ROWS)]
     with pytest.raises(InputError, match=f"at most {MAX_TABLE_ROWS}"):
-        load_vehicle(write(text + "".join(f"    - {{table: {name}}}\n" for name in names)))
+        load_vehicle(write(with_tables(tables)))
+
+
+def test_many_grids_fly_and_too_many_are_refused(write, tmp_path):
+    """Each table on its own Mach grid, as decks come; SMALL itself has three grids."""
+    for i in range(MAX_AXES):
+        (tmp_path / f"t{i}.csv").write_text(f"mach,value\n{i / 10},{i}\n40,1\n")
+    tables = [(f"t{i}", f"{{file: t{i}.csv}}") for i in range(MAX_AXES)]
+    assert load_vehicle(write(with_tables(tables[: MAX_AXES // 2]))).tables.axis_variable.size == MAX_AXES // 2 + 3
+    with pytest.raises(InputError, match="different grids"):
+        load_vehicle(write(with_tables(tables)))
 
 
 def test_mass_points_from_csv(tmp_path):

@@ -11,8 +11,8 @@ from abhv_mc.campaign.config import Campaign
 from abhv_mc.control.controller_file import ControllerFile, LqrController, TlcController, read_controller
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.documents import InputError, InputErrors, describe, one_of, read_document
+from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.document import VehicleDocument
-from abhv_mc.vehicle.file import read_vehicle_file
 
 MODELS: dict[str, type[BaseModel]] = {
     "campaign": Campaign,
@@ -80,7 +80,7 @@ def _check(file: Path, kind: str, pending: list[tuple[Path, str | None]]) -> Ite
         pending += [(campaign.vehicle, "vehicle"), (campaign.mission, "mission")]
         pending += [(controller, "controller") for controller in campaign.controllers.values()]
     elif kind == "vehicle":
-        read_vehicle_file(file)
+        load_vehicle(file)
     elif kind == "mission":
         read_mission(file)
     else:

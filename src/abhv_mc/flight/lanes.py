@@ -29,7 +29,6 @@ TLC, LQR, RECORDED = range(3)
 LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED}
 
 _Z_ROWS = s.LAW + tlc.N_ROWS
-_MAX_AXES = 24
 
 
 @lanes
@@ -175,9 +174,9 @@ def make_fly_lanes(capacity: int) -> Callable[..., None]:
         """
         Z = np.empty((_Z_ROWS, capacity))
         O = np.empty((observe.N_ROWS, capacity))
-        hints = np.zeros((_MAX_AXES, capacity), dtype=np.int64)
+        hints = np.zeros((s.MAX_AXES, capacity), dtype=np.int64)
         trim_hints = np.zeros((3, capacity), dtype=np.int64)
-        fractions = np.zeros((_MAX_AXES, capacity))
+        fractions = np.zeros((s.MAX_AXES, capacity))
         low = np.empty(s.MAX_TABLE_ROWS)
         high = np.empty(s.MAX_TABLE_ROWS)
         T = np.empty((s.MAX_TABLE_ROWS, capacity))

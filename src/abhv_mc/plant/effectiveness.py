@@ -10,7 +10,7 @@ import numpy as np
 
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.tables import interpolate_3d
-from abhv_mc.plant.state import MAX_TABLE_ROWS, N_COEFFICIENTS, VAR
+from abhv_mc.plant.state import N_COEFFICIENTS, VAR
 from abhv_mc.vehicle.arrays import VARIABLES, Floats, Ints
 from abhv_mc.vehicle.model import Vehicle
 
@@ -42,23 +42,31 @@ def _input_weights(vehicle: Vehicle) -> Floats:
     return weights
 
 
-def make_effectiveness(vehicle: Vehicle) -> Effectiveness:
-    """Work out the slopes of a vehicle; raises ValueError when they do not fit the lane memory."""
-    weights = _input_weights(vehicle)
-    tables, terms = vehicle.tables, vehicle.build_up
-    found: list[tuple[int, int, int, int, float]] = []
-    slopes: list[tuple[int, int, int]] = []
-    next_row = tables.n_rows
-    slope_rows: dict[tuple[int, int], int] = {}
+def _slope_rows(vehicle: Vehicle, weights: Floats) -> tuple[dict[tuple[int, int], int], int]:
+    """First row of the slopes of each (group, axis) that an input moves, behind the tables; the rows in all."""
+    tables = vehicle.tables
+    rows: dict[tuple[int, int], int] = {}
+    end = int(tables.n_rows)
     for group in range(tables.group_start.size):
         for d in range(tables.group_dimensions[group]):
             axis = int(tables.group_axis[group, d])
             if tables.group_stride[group, d] and weights[tables.axis_variable[axis]].any():
-                slopes.append((group, axis, next_row))
-                slope_rows[group, axis] = next_row
-                next_row += int(tables.group_width[group])
-    if next_row > MAX_TABLE_ROWS:
-        raise ValueError(f"the vehicle needs {next_row} table rows, at most {MAX_TABLE_ROWS} are possible")
+                rows[group, axis] = end
+                end += int(tables.group_width[group])
+    return rows, end
+
+
+def count_rows(vehicle: Vehicle) -> int:
+    """Rows that the vehicle's tables and their slopes fill."""
+    return _slope_rows(vehicle, _input_weights(vehicle))[1]
+
+
+def make_effectiveness(vehicle: Vehicle) -> Effectiveness:
+    """Work out the slopes of a vehicle that fits the lane memory (:func:`count_rows`)."""
+    weights = _input_weights(vehicle)
+    tables, terms = vehicle.tables, vehicle.build_up
+    found: list[tuple[int, int, int, int, float]] = []
+    slope_rows, _ = _slope_rows(vehicle, weights)
     one = VARIABLES.index("one")
     for c, table, variable in zip(terms.coefficient, terms.table, terms.variable, strict=True):
         for i in range(N_INPUTS):
@@ -72,6 +80,7 @@ def make_effectiveness(vehicle: Vehicle) -> Effectiveness:
                     if weight:
                         found.append((int(c), i, first_row + offset, int(variable), float(weight)))
     terms_table = np.array(found, dtype=np.float64).reshape(-1, 5)
+    slopes = [(group, axis, row) for (group, axis), row in slope_rows.items()]
     slopes_table = np.array(slopes, dtype=np.int64).reshape(-1, 3)
     coefficient, inputs, row, variable = (terms_table[:, i].astype(np.int64) for i in range(4))
     return Effectiveness(

@@ -40,7 +40,9 @@ ALTITUDE, LONGITUDE, LATITUDE, U, V, W, Q0, Q1, Q2, Q3 = range(10)
 ROLL_RATE, PITCH_RATE, YAW_RATE, MASS, AILERON, RUDDER, ELEVATOR = range(10, 17)
 AILERON_RATE, RUDDER_RATE, ELEVATOR_RATE, ETA, ETA_RATE = range(17, 22)
 
-MAX_TABLE_ROWS = 96  # tables of a vehicle, spare rows of the padding counted
+# Room of a lane for any vehicle; load_vehicle refuses one that needs more. What a vehicle does not use costs nothing.
+MAX_TABLE_ROWS = 1024  # tables and their slopes with the deflections, spare rows of the padding counted
+MAX_AXES = 64  # different grids
 
 # Blocks of the lane memory Z.
 X = 0  # the state at the beginning of the step

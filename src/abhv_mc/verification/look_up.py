@@ -24,8 +24,8 @@ def _look_up_points(tables: Any, variables: Any, rows: Any) -> None:
     T = np.zeros((s.MAX_TABLE_ROWS, 16))
     weights = np.zeros((4, 16))
     scratch = np.zeros(s.MAX_TABLE_ROWS)
-    hints = np.zeros((24, 16), dtype=np.int64)
-    fractions = np.zeros((24, 16))
+    hints = np.zeros((s.MAX_AXES, 16), dtype=np.int64)
+    fractions = np.zeros((s.MAX_AXES, 16))
     for first in range(0, variables.shape[1], 16):
         for i in range(variables.shape[0]):
             for lane in range(16):
