@@ -36,7 +36,7 @@ def _log_if_wide(axes: Axes, way: Literal["x", "y"], values: Sequence[Floats]) -
         return False
     axis = axes.xaxis if way == "x" else axes.yaxis
     axes.set(**{f"{way}scale": "log"})
-    subs = (1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,)
+    subs = (1.0, 2.0, 5.0) if high < 50.0 * low else (1.0, 3.0) if high < 500.0 * low else (1.0,)
     axis.set_major_locator(LogLocator(base=10.0, subs=subs, numticks=12))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())

@@ -26,7 +26,8 @@ class DriverPanel:
 @styled
 def plot_drivers(panels: Sequence[DriverPanel], labels: Mapping[str, str], colors: Mapping[str, str]) -> Figure:
     """Standardized rank regression coefficients with their intervals; hollow where chance can explain them."""
-    columns = min(len(panels), 3)
+    longest = max(len(name) for panel in panels for name in panel.parameters)
+    columns = min(len(panels), 3 if longest <= 16 else 2)
     rows = -(-len(panels) // columns)
     most = max(len(panel.parameters) for panel in panels)
     figure = new_figure(0.5 + rows * (0.6 + 0.17 * most * max(1.0, len(labels) / 2.0)))
@@ -52,13 +53,13 @@ def plot_drivers(panels: Sequence[DriverPanel], labels: Mapping[str, str], color
         axes.set_yticks(place, panel.parameters)
         axes.set_ylim(len(panel.parameters) - 0.5, -0.5)
         axes.set_xlim(-1.05, 1.05)
-        axes.set_title(panel.title, fontsize=8)
+        axes.set_title(panel.title, fontsize=8, loc="left")
         axes.grid(visible=False, axis="y")
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
     for axes in grid.flat[max(0, len(panels) - columns) : len(panels)]:
-        axes.set_xlabel("rank coefficient (SRRC)")
         axes.tick_params(labelbottom=True)
+        axes.set_xlabel("SRRC")
     handles, words = grid.flat[0].get_legend_handles_labels()
     figure.legend(handles, words, loc="outside lower center", ncols=len(words))
     return figure

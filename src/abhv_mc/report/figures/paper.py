@@ -11,7 +11,7 @@ from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.metrics import controller_label
 from abhv_mc.report.results import Floats, Results
 
-_BANDS = "Bands over all flights: all, 0.135 to 99.865 %, 5 to 95 %; line: median."
+_BANDS = "Bands over the flights that still fly: all, 0.135 to 99.865 %, 5 to 95 %; line: median."
 _SIGN = "The paper plots the mirrored sign (its first bank is positive); its time is ours plus 180 s."
 
 

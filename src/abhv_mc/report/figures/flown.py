@@ -1,0 +1,64 @@
+"""The paper's figures of single flights: every controller in the same axes, beside reference and command."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from abhv_mc.report.figures.paper import GROUND_TRACK, PAPER_FIGURES, Curve
+from abhv_mc.report.figures.style import INK, controller_colors, new_figure, pad_if_flat, styled
+from abhv_mc.report.metrics import controller_label
+
+Floats = NDArray[np.float64]
+Columns = Mapping[str, Floats]  # time and channels of one flight, or of the reference
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One pair of axes."""
+
+    curve: Curve
+    x: str = "time"
+    x_label: str = "time (s)"
+    x_scale: float = 1.0
+
+
+def plot_flown(flights: Mapping[str, Columns], reference: Columns) -> Iterator[tuple[str, Figure]]:
+    """Name and figure of Figures 2 to 11 with one flight of each controller."""
+    track = _Row(Curve("north_m", "north (km)", "north_reference_m", scale=1e-3), "east", "east (km)", 1e-3)
+    yield GROUND_TRACK.name, _plot([track], flights, reference)
+    for figure in PAPER_FIGURES:
+        yield figure.text.name, _plot([_Row(curve) for curve in figure.curves], flights, reference)
+
+
+def _x(row: _Row, columns: Columns, ending: str) -> Floats:
+    return columns["time"] if row.x == "time" else columns[row.x + ending] * row.x_scale
+
+
+@styled
+def _plot(rows: list[_Row], flights: Mapping[str, Columns], reference: Columns) -> Figure:
+    figure = new_figure(0.55 + 1.9 * len(rows), 5.0)
+    grid = figure.subplots(len(rows), 1, squeeze=False)[:, 0]
+    colors = controller_colors(list(flights))
+    for axes, row in zip(grid, rows, strict=True):
+        curve = row.curve
+        if curve.reference:
+            x, y = _x(row, reference, "_reference_m"), reference[curve.reference] * curve.scale
+            axes.plot(x, y, color=INK, linewidth=0.7, label="reference")
+        for name, flight in flights.items():
+            x = _x(row, flight, "_m")
+            label = controller_label(name)
+            axes.plot(x, flight[curve.channel] * curve.scale, color=colors[name], label=label)
+            if curve.command:
+                command = flight[curve.command] * curve.scale
+                axes.plot(x, command, color=colors[name], linewidth=0.8, linestyle=":", label=f"{label} command")
+        axes.set_xlabel(row.x_label)
+        axes.set_ylabel(curve.label)
+        if curve.x_range:
+            axes.set_xlim(*curve.x_range)
+        pad_if_flat(axes)
+    handles, labels = grid[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(handles))
+    return figure
