@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core import event
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -47,6 +48,8 @@ def cache_folder() -> Path:
     return folder
 
 
+_KERNELS: set[Callable[..., Any]] = set()
+
 # numba decides on the cache's place when it decorates, so this comes before any decorator.
 numba.config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]
 
@@ -72,4 +75,23 @@ def lanes(function: F) -> F:
 
 def kernel(function: F) -> F:
     """Compile an entry point called from Python: cached on disk, releases the interpreter's lock."""
+    _KERNELS.add(function)
     return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+class _FirstCompile(event.Listener):
+    def __init__(self, called: Callable[[], None]) -> None:
+        self._called: Callable[[], None] | None = called
+
+    def on_start(self, started: Any) -> None:
+        if self._called is not None and started.data["dispatcher"].py_func in _KERNELS:
+            called, self._called = self._called, None
+            called()
+
+    def on_end(self, ended: Any) -> None:
+        pass
+
+
+def on_first_compile(called: Callable[[], None]) -> None:
+    """Have ``called`` called once, at the moment when numba sets out to compile a kernel that its cache lacks."""
+    event.register("numba:compile", _FirstCompile(called))

@@ -15,8 +15,8 @@ from abhv_mc.cli.errors import exit_code_of
 
 _COMMANDS = {
     "Start": ("new", "validate", "schema"),
-    "Fly": ("run", "replay"),
-    "Look": ("report", "compare", "status", "list", "query", "export", "trim", "version"),
+    "Fly": ("run", "fly", "replay"),
+    "Look": ("report", "compare", "status", "list", "query", "export", "trim", "parameters", "version"),
     "Prove": ("verify",),
 }
 

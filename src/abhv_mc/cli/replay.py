@@ -22,9 +22,11 @@ def command(
     """
     from abhv_mc.campaign.replay import replay_flight
     from abhv_mc.campaign.setup import make_engine
+    from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.flight.signals import CHANNEL_INDEX, METRICS
     from abhv_mc.store.histories import write_histories
 
+    announce_compiling()
     replay = replay_flight(folder, controller, flight, make_engine().fly)
     end = f"{replay.outcome.code} after {replay.block.end_time[0]:g} s"
     print(f"flight {flight} of {controller}: {end}. {replay.sentence}")

@@ -30,9 +30,11 @@ def command(
     """
     from abhv_mc.campaign.runner import run_campaign
     from abhv_mc.campaign.setup import Request
+    from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.store.folder import StorageFullError
 
     names = tuple(name.strip() for name in controllers.split(",")) if controllers else None
+    announce_compiling()
     try:
         result = run_campaign(Request(campaign, out, runs, seed, names, workers, fresh))
     except StorageFullError as error:

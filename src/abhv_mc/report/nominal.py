@@ -25,7 +25,7 @@ def write_nominal_report(
 
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     plan = next(iter(plans.values()))
-    times = np.arange(plan.timing.ticks + 1) * plan.timing.tick
+    times = np.arange(plan.timing.ticks + 1).astype(np.float64) * plan.timing.tick
     write_nominal(folder / "nominal.parquet", times, dict(histories))
     yield folder / "nominal.parquet"
     write_reference(folder / "reference.parquet", plan, 1)

@@ -1,0 +1,83 @@
+"""``abhv-mc fly``: one nominal flight of each controller."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from abhv_mc.flight.plan import FlightBlock
+
+
+def command(
+    mission: Annotated[str, typer.Argument(metavar="MISSION", help="Mission file, or the name of a shipped one.")],
+    vehicle: Annotated[str, typer.Option(metavar="V", help="Vehicle file, or the name of a shipped one.")] = "ghame_x",
+    controller: Annotated[
+        list[str] | None,
+        typer.Option(metavar="C", help="Controller file or shipped name; may be repeated.", show_default="tlc and lqr"),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write history and figures here.")
+    ] = None,
+) -> None:
+    """Fly a mission once with each controller, nothing dispersed, and print how it went."""
+    from abhv_mc.cli.announce import announce_compiling
+    from abhv_mc.documents import InputError
+    from abhv_mc.flight.fly import fly, nominal_parameters
+    from abhv_mc.flight.prepare import prepare
+
+    files = [_find("control", name) for name in controller or ("tlc", "lqr")]
+    names = [file.stem for file in files]
+    if len(set(names)) < len(names):
+        raise InputError("--controller", None, None, ", ".join(names), "files of different names")
+    if out is not None and out.exists() and not out.is_dir():
+        raise InputError(out, None, None, "a file", "a folder, or the name of a new one")
+    announce_compiling()
+    paths = _find("vehicle", vehicle), _find("mission", mission)
+    plans = {file.stem: prepare(*paths, file, file.stem) for file in files}
+    if out is not None and len({plan.timing.tick for plan in plans.values()}) > 1:
+        raise InputError("--output", None, None, "controllers of different rates", "one folder for each rate")
+    blocks = {name: fly(plan, nominal_parameters(), record_every=1) for name, plan in plans.items()}
+    _print_table(f"{paths[1].stem} with {paths[0].stem}, nominal", blocks)
+    if out is not None:
+        from abhv_mc.report.nominal import write_nominal_report
+
+        for path in write_nominal_report(out, plans, {name: block.history[0] for name, block in blocks.items()}):
+            print(path)
+
+
+def _find(kind: str, name: str) -> Path:
+    """The file that is meant: a path, or the name of one that comes with the program."""
+    from abhv_mc.documents import InputError
+    from abhv_mc.shipped import shipped_configs
+
+    shipped = shipped_configs() / kind / f"{name}.yaml"
+    if Path(name).exists() or "/" in name or name.endswith(".yaml"):
+        return Path(name)
+    if not shipped.exists():
+        known = ", ".join(sorted(path.stem for path in shipped.parent.glob("*.yaml")))
+        raise InputError(name, None, None, "no such file", f"a file, or one of {known}")
+    return shipped
+
+
+def _print_table(title: str, blocks: "dict[str, FlightBlock]") -> None:
+    from rich.box import SIMPLE
+    from rich.console import Console
+    from rich.table import Table
+
+    from abhv_mc.flight.outcome import SENTENCES, Outcome
+    from abhv_mc.flight.signals import METRICS
+
+    table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0))
+    table.add_column("metric", no_wrap=True)
+    for name in blocks:
+        table.add_column(name, justify="right")
+    outcomes = {name: Outcome(int(block.outcome[0])) for name, block in blocks.items()}
+    table.add_row("outcome", *(outcome.code for outcome in outcomes.values()))
+    table.add_row("end_time_s", *(f"{block.end_time[0]:g}" for block in blocks.values()), end_section=True)
+    for i, metric in enumerate(METRICS):
+        table.add_row(metric.name, *(f"{block.metrics[0, i]:.4g}" for block in blocks.values()))
+    console = Console()
+    console.print(table)
+    for name, outcome in outcomes.items():
+        console.print(f"{name}: {SENTENCES[outcome]}", highlight=False)
