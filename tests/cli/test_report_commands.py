@@ -1,0 +1,41 @@
+"""report, compare and verify campaign, as a user calls them."""
+
+import json
+
+import pytest
+from report.synthetic import write_campaign
+from typer.testing import CliRunner
+
+from abhv_mc.cli.app import app
+from abhv_mc.documents import InputError
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return write_campaign(tmp_path_factory.mktemp("cli") / "c", runs=12)
+
+
+def run(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def test_report_and_its_verification(folder):
+    made = run("report", folder, "--format", "md")
+    assert made.exit_code == 0
+    assert made.stdout.split() == [str(folder / "report.md")]
+    assert run("verify", "campaign", folder).exit_code == 0
+    numbers = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    numbers["flights"]["tlc"]["flown"] = 13
+    (folder / "report.json").write_text(json.dumps(numbers), encoding="utf-8")
+    told = run("verify", "campaign", folder)
+    assert told.exit_code == 1
+    assert told.stdout == "flights.tlc.flown: 13 in the report, 12 from the data\n"
+
+
+def test_compare(folder, tmp_path):
+    shown = run("compare", folder, folder)
+    assert shown.exit_code == 0
+    assert "Bank error, rms (deg)" in shown.stdout
+    assert len(json.loads(run("compare", folder, folder, "--json").stdout)["duels"]) == 3
+    other = write_campaign(tmp_path / "other", runs=12, seed=8)
+    assert isinstance(run("compare", folder, other).exception, InputError)
