@@ -62,13 +62,11 @@ class OpenCampaign:
 
 
 def make_engine() -> Engine:
-    """The compiled flight; says so where it is still to be compiled."""
+    """The compiled flight."""
     from abhv_mc.flight.fly import fly
     from abhv_mc.flight.prepare import prepare
-    from abhv_mc.jit import cache_folder, source_hash
+    from abhv_mc.jit import source_hash
 
-    if not any(cache_folder().rglob("*fly_lanes*.nbi")):
-        print("compiling the flight, once per machine and source: up to half a minute", file=sys.stderr)
     return Engine(prepare, fly, source_hash())
 
 

@@ -40,9 +40,11 @@ def _estimate(file: Path) -> None:
     from abhv_mc.campaign.estimate import estimate_campaign
     from abhv_mc.campaign.inputs import find_kind
     from abhv_mc.campaign.setup import make_engine
+    from abhv_mc.cli.announce import announce_compiling
 
     if find_kind(file) != "campaign":
         return
+    announce_compiling()
     cost = estimate_campaign(read_campaign(file), make_engine())
     print(f"{file}: {cost.flights} flights of {cost.controllers} controllers, blocks of {cost.batch}")
     print(

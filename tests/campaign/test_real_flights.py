@@ -1,0 +1,84 @@
+"""The compiled flight under the campaign engine: the promises that fake flights cannot keep for it."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from abhv_mc.campaign.replay import replay_flight
+from abhv_mc.campaign.runner import run_campaign
+from abhv_mc.campaign.setup import Request, make_engine
+from abhv_mc.shipped import shipped_campaigns
+from abhv_mc.store.plans import flatten, read_plan
+
+CAMPAIGN = shipped_campaigns() / "s_manoeuvre.yaml"
+RUNS = 40
+
+
+@pytest.fixture(scope="module")
+def engine():
+    compiled = make_engine()
+    return replace(compiled, prepare=cache(compiled.prepare))
+
+
+@pytest.fixture(scope="module")
+def flown(engine, tmp_path_factory):
+    """The default campaign, shortened."""
+    return run_campaign(Request(CAMPAIGN, tmp_path_factory.mktemp("real") / "a", RUNS, workers=2), engine)
+
+
+def test_the_digest_is_the_same_however_it_is_flown(flown, engine, tmp_path):
+    count = iter(range(100))
+
+    def stop(plan, parameters, every=None):
+        if next(count) > 4:
+            raise KeyboardInterrupt
+        return engine.fly(plan, parameters, every)
+
+    text = CAMPAIGN.read_text(encoding="utf-8").replace("batch: auto", "batch: 7")
+    other = tmp_path / "other.yaml"
+    other.write_text(text.replace("../configs", str(CAMPAIGN.parents[1] / "configs")), encoding="utf-8")
+    first = run_campaign(Request(other, tmp_path / "b", RUNS, workers=1), replace(engine, fly=stop))
+    assert not first.complete
+    second = run_campaign(Request(other, tmp_path / "b", RUNS, workers=1), engine)
+    assert second.manifest["digest"] == flown.manifest["digest"]
+    alone = run_campaign(Request(CAMPAIGN, tmp_path / "c", RUNS, controllers=("tlc",)), engine)
+    assert alone.manifest["digests"]["tlc"] == flown.manifest["digests"]["tlc"]
+    tables = [pq.read_table(folder / "envelopes.parquet") for folder in (flown.folder, tmp_path / "b")]
+    assert tables[0].equals(tables[1])
+
+
+@pytest.mark.parametrize("controller", ["tlc", "lqr"])
+def test_stored_plans_replay_to_the_bit(flown, engine, controller):
+    replay = replay_flight(flown.folder, controller, 23, engine.fly)
+    assert not replay.differences
+    assert len(replay.block.times) == 6001
+    configs = CAMPAIGN.parents[1] / "configs"
+    fresh = engine.prepare(
+        configs / "vehicle/ghame_x.yaml", configs / "mission/s_manoeuvre.yaml", configs / f"control/{controller}.yaml",
+        controller,
+    )  # fmt: skip
+    stored = flatten(read_plan(flown.folder / f"plans/{controller}.npz"))
+    for name, value in flatten(fresh).items():
+        assert value.tobytes() == stored[name].tobytes(), name
+
+
+def test_kept_histories_are_the_replayed_ones(flown, engine):
+    table = pq.read_table(flown.folder / "histories/tlc-000000.parquet")
+    flight = table["flight"][0].as_py()
+    rows = table.filter(np.array(table["flight"]) == flight)
+    block = replay_flight(flown.folder, "tlc", flight, engine.fly, every=10).block
+    np.testing.assert_array_equal(rows["time"].to_numpy(), block.times)
+    np.testing.assert_array_equal(rows["altitude_m"].to_numpy(), block.history[0, :, 0])
+
+
+def test_nominal_and_reference_stand_on_the_same_times(flown):
+    nominal = pq.read_table(flown.folder / "nominal.parquet").to_pandas()
+    reference = pq.read_table(flown.folder / "reference.parquet").to_pandas()
+    for controller in ("tlc", "lqr"):
+        flight = nominal[nominal.controller == controller]
+        np.testing.assert_allclose(flight.time, reference.time, atol=1e-9)
+        assert np.abs(flight.altitude_m.to_numpy() - reference.altitude_reference_m.to_numpy()).max() < 100.0
+        assert np.abs(flight.bank_deg.to_numpy() - reference.bank_reference_deg.to_numpy()).max() < 60.0
