@@ -1,4 +1,4 @@
-"""The shipped retuned LQR keeps to TLC's control usage on the nominal S, and is a worthier baseline than the paper's."""
+"""The shipped retuned LQR keeps to TLC's control usage on the nominal S and tracks better than the paper's weights."""
 
 from pathlib import Path
 
