@@ -34,19 +34,31 @@ def brent(
     The root is within ``x_tolerance`` (absolute) and a few roundings. Iterations count the function calls after
     the two ends. Without a change of sign (or with NaN at an end) the root is the end with the smaller residual.
     """
-    # b is the best point so far, c the other end of the bracket, a the point before b
-    a, b = low, high
-    fa, fb = function(a, *arguments), function(b, *arguments)
-    if fa == 0.0:
-        return a, 0, CONVERGED
-    if fb == 0.0:
-        return b, 0, CONVERGED
-    if not ((fa < 0.0 and fb > 0.0) or (fa > 0.0 and fb < 0.0)):
-        return (a if abs(fa) < abs(fb) or math.isnan(fb) else b), 0, NO_SIGN_CHANGE
-    c, fc = a, fa
-    step = before = b - a
-    iterations = 0
+    # b is the best point so far, c the other end of the bracket, a the point before b.
+    # One call of the function serves the ends and the search: each call site would be compiled anew.
+    a, b, c = low, low, low
+    fa, fb, fc = 0.0, 0.0, 0.0
+    step, before = 0.0, 0.0
+    iterations = -2
     while True:
+        fb = function(b, *arguments)
+        iterations += 1
+        if iterations == -1:
+            a, fa, b = low, fb, high
+            continue
+        if iterations == 0:
+            if fa == 0.0:
+                return a, 0, CONVERGED
+            if fb == 0.0:
+                return b, 0, CONVERGED
+            if not ((fa < 0.0 and fb > 0.0) or (fa > 0.0 and fb < 0.0)):
+                return (a if abs(fa) < abs(fb) or math.isnan(fb) else b), 0, NO_SIGN_CHANGE
+        elif math.isnan(fb):
+            return b, iterations, NOT_A_NUMBER
+        if iterations == 0 or (fb > 0.0) == (fc > 0.0):
+            c, fc = a, fa
+            step = before = b - a
+
         if abs(fc) < abs(fb):
             a, b, c = b, c, b
             fa, fb, fc = fb, fc, fb
@@ -82,10 +94,3 @@ def brent(
 
         a, fa = b, fb
         b += step if abs(step) > tolerance else math.copysign(tolerance, half)
-        fb = function(b, *arguments)
-        iterations += 1
-        if math.isnan(fb):
-            return b, iterations, NOT_A_NUMBER
-        if (fb > 0.0) == (fc > 0.0):
-            c, fc = a, fa
-            step = before = b - a
