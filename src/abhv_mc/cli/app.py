@@ -17,7 +17,7 @@ _COMMANDS = {
     "Start": ("new", "validate", "schema"),
     "Fly": ("run", "fly", "replay"),
     "Look": ("report", "compare", "status", "list", "query", "export", "trim", "parameters", "version"),
-    "Prove": ("verify",),
+    "Prove": ("verify", "bench"),
 }
 
 app = typer.Typer(

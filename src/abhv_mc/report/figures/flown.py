@@ -46,7 +46,7 @@ def _plot(rows: list[_Row], flights: Mapping[str, Columns], reference: Columns) 
         curve = row.curve
         if curve.reference:
             x, y = _x(row, reference, "_reference_m"), reference[curve.reference] * curve.scale
-            axes.plot(x, y, color=INK, linewidth=0.7, label="reference")
+            axes.plot(x, y, color=INK, linewidth=0.7, zorder=3, label="reference")
         for name, flight in flights.items():
             x = _x(row, flight, "_m")
             label = controller_label(name)

@@ -1,0 +1,105 @@
+"""Speed of the compiled flight: abreast, alone, on two workers, and against what the core can do.
+
+Times of one core are the thread's own, so that other programs on the machine count for little; two workers are
+measured by the clock on the wall. The measurements take turns, so that a machine that slows down slows all of them.
+"""
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from statistics import median
+
+from abhv_mc.bench.operations import Operations, count_operations
+from abhv_mc.bench.peak import measure_peak
+from abhv_mc.campaign.check import read_campaign
+from abhv_mc.campaign.samples import make_samples, spread_parameters
+from abhv_mc.flight.fly import fly
+from abhv_mc.flight.lanes import LANES
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.shipped import shipped_campaigns
+from abhv_mc.vehicle.arrays import Floats
+
+CONTROLLERS = ("tlc", "lqr")
+_ALONE = 4  # flights one at a time in a repetition
+
+
+@dataclass(frozen=True)
+class ControllerSpeed:
+    """One controller's flights on one core."""
+
+    seconds: float  # a flight, flown abreast
+    alone_seconds: float  # a flight, one at a time
+    operations: Operations
+
+    def times_the_floor(self, peak: float) -> float:
+        """Time over what the operations alone take at ``peak`` operations per second."""
+        return self.seconds * peak / self.operations.total
+
+
+@dataclass(frozen=True)
+class Speed:
+    """What :func:`measure_speed` found."""
+
+    peak: float  # additions and multiplications per second and core
+    controllers: dict[str, ControllerSpeed]
+    two_workers_over_one: float
+    plan: FlightPlan  # of one of them
+    flights: int  # of each controller, flown abreast in all
+
+
+def measure_speed(repetitions: int, flights: int = 64) -> Speed:
+    """Medians of ``repetitions`` flights of the default campaign, ``flights`` at a time.
+
+    ``flights`` should be a multiple of the lanes, so that none flies empty.
+    """
+    plans, parameters = make_work(flights)
+    operations = count_operations(plans)
+    for plan in plans.values():
+        fly(plan, parameters[:LANES])
+        fly(plan, parameters[:1], lanes=1)
+    peaks: list[float] = []
+    abreast: dict[str, list[float]] = {name: [] for name in plans}
+    alone: dict[str, list[float]] = {name: [] for name in plans}
+    gains: list[float] = []
+    for _ in range(repetitions):
+        for name, plan in plans.items():
+            peaks.append(measure_peak())
+            abreast[name].append(_time(plan, parameters, LANES) / flights)
+            alone[name].append(_time(plan, parameters[:_ALONE], 1) / _ALONE)
+        gains.append(_gain_of_two(next(iter(plans.values())), parameters))
+    return Speed(
+        median(peaks),
+        {name: ControllerSpeed(median(abreast[name]), median(alone[name]), operations[name]) for name in plans},
+        median(gains),
+        next(iter(plans.values())),
+        flights * repetitions,
+    )
+
+
+def make_work(flights: int) -> tuple[dict[str, FlightPlan], Floats]:
+    """The default campaign's plans, and the parameters of its first flights."""
+    campaign = read_campaign(shipped_campaigns() / "s_manoeuvre.yaml")
+    model = campaign.model
+    plans = {name: prepare(model.vehicle, model.mission, model.controllers[name], name) for name in CONTROLLERS}
+    samples = make_samples(campaign)
+    return plans, spread_parameters(samples.names, samples.draw(0, flights))
+
+
+def _time(plan: FlightPlan, parameters: Floats, lanes: int) -> float:
+    start = time.thread_time()
+    fly(plan, parameters, lanes=lanes)
+    return time.thread_time() - start
+
+
+def _gain_of_two(plan: FlightPlan, parameters: Floats) -> float:
+    """Flights per second of two threads over those of one, by the wall's clock."""
+    with ThreadPoolExecutor(2) as pool:
+        start = time.perf_counter()
+        pool.submit(fly, plan, parameters).result()
+        one = time.perf_counter() - start
+        start = time.perf_counter()
+        for flown in [pool.submit(fly, plan, parameters) for _ in range(2)]:
+            flown.result()
+        two = time.perf_counter() - start
+    return 2.0 * one / two

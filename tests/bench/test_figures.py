@@ -1,0 +1,81 @@
+"""The benchmark's record: its fields, and that its ratios follow from its measurements."""
+
+import json
+import subprocess
+
+import numpy as np
+import pytest
+
+from abhv_mc.bench.figures import make_figures
+from abhv_mc.bench.operations import Operations
+from abhv_mc.bench.peak import measure_peak, multiply_and_add
+from abhv_mc.bench.speed import ControllerSpeed, Speed, make_work
+from abhv_mc.bench.start import Start, _peak_memory
+from abhv_mc.cli.bench import command
+
+OPERATIONS = Operations(additions=10e6, multiplications=20e6, divisions=1e6, square_roots=1e6)
+
+
+@pytest.fixture(scope="module")
+def speed():
+    """Figures that are easy to check."""
+    one = ControllerSpeed(seconds=2e-3, alone_seconds=8e-3, operations=OPERATIONS)
+    return Speed(64e9, {"tlc": one, "lqr": one}, 1.9, make_work(1)[0]["tlc"], 640)
+
+
+def test_fields_and_ratios(speed):
+    figures = make_figures(speed, Start(cold=20.0, warm=1.0, importing=0.01, peak_memory=500.0))
+    assert figures["controllers"]["lqr"] == {
+        "flights_per_second_per_core": 500.0,
+        "ms_per_flight": 2.0,
+        "one_at_a_time_ms": 8.0,
+        "abreast_over_one": 4.0,
+        "flops_per_flight": 32_000_000,
+        "times_the_floor": 4.0,  # 32 M at 64 G a second: 0.5 ms
+    }
+    machine = figures.pop("machine")
+    assert machine.keys() == {"cpu", "cores", "simd"} and machine["cores"] >= 1
+    del figures["controllers"]
+    assert figures == {
+        "peak_gflops_per_core": 64.0,
+        "two_workers_over_one": 1.9,
+        "cold_start_s": 20.0,
+        "warm_start_s": 1.0,
+        "import_s": 0.01,
+        "peak_memory_mb": 500.0,
+        "step_s": 0.01,
+        "control_rate_hz": 100.0,
+        "flights": 640,
+    }
+
+
+def test_the_command_prints_a_table_and_writes_the_record(speed, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr("abhv_mc.bench.speed.measure_speed", lambda repetitions: speed)
+    monkeypatch.setattr("abhv_mc.bench.start.measure_start", lambda repetitions: Start(20.0, 1.0, 0.01, 500.0))
+    command(json=tmp_path / "bench.json", repetitions=1)
+    assert json.loads((tmp_path / "bench.json").read_text())["two_workers_over_one"] == 1.9
+    out = capsys.readouterr().out
+    assert "500 flights per second and core" in out and "20.00 M multiplications" in out
+
+
+def test_the_yardstick_does_the_arithmetic_that_it_counts():
+    x = np.linspace(-1.0, 1.0, 128)
+    expected = x.copy()
+    for _ in range(3 * 8):
+        expected = expected * 0.3 + 0.1
+    multiply_and_add(x, 0.3, 0.1, 3)
+    assert np.array_equal(x, expected)  # a fused multiply-add would round once, not twice
+    assert measure_peak() > 1e8  # slower, and the loop is not compiled
+
+
+def test_peak_memory_is_that_of_the_process():
+    held = np.ones(50_000_000)  # 400 MB of our own
+    small = _peak_memory(["-c", "pass"])
+    large = _peak_memory(["-c", "x = b'1' * 200_000_000"])
+    assert held[-1] and small < 100.0
+    assert large - small == pytest.approx(200.0, rel=0.15)
+
+
+def test_a_campaign_that_breaks_down_is_no_measurement():
+    with pytest.raises(subprocess.CalledProcessError):
+        _peak_memory(["-c", "raise SystemExit(70)"])
