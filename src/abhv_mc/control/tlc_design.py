@@ -17,6 +17,7 @@ from abhv_mc.vehicle.model import Vehicle
 GUIDANCE_STATES = ("flight_path_angle", "heading", "speed")
 ATTITUDE_CHANNELS = ("angle_of_attack", "sideslip", "bank")
 RATE_CHANNELS = ("roll_rate", "pitch_rate", "yaw_rate")
+_LARGEST_CONDITION = 1e12  # of B: what is left of an input without effect is rounding
 _COLUMN = {name: i for i, name in enumerate(REFERENCE)}
 
 
@@ -120,7 +121,12 @@ def velocity_loop(reference: Floats, vehicle: Vehicle, trim_tables: Tables) -> t
 
 
 def velocity_gains(A: Floats, B: Floats, spectra: list[tuple[Floats, Floats]]) -> Floats:
-    """K2 ``[tick, 3, 6]`` on (integral, state) of each of gamma, chi, V, such that ``B K = A - A_c``."""
+    """K2 ``[tick, 3, 6]`` on (integral, state) of each of gamma, chi, V, such that ``B K = A - A_c``.
+
+    Raises numpy.linalg.LinAlgError where the inputs do not rule all three, as without any thrust.
+    """
+    if np.linalg.cond(B).max() > _LARGEST_CONDITION:
+        raise np.linalg.LinAlgError("Singular matrix B")
     wanted = np.zeros((len(A), 3, 6))
     wanted[:, :, 1::2] = A
     for i, (a1, a2) in enumerate(spectra):
