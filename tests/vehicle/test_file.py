@@ -51,6 +51,8 @@ COUPLING = "phi,value\n0,0\n1,0.006\n"
 def write(tmp_path):
     (tmp_path / "push.csv").write_text(PUSH)
     (tmp_path / "coupling.csv").write_text(COUPLING)
+    (tmp_path / "slow.csv").write_text("mach,value\n4,900\n6,-1\n")
+    (tmp_path / "tons.csv").write_text("mass_kg,value\n0.05,1\n0.15,2\n")
 
     def write(text):
         path = tmp_path / "vehicle.yaml"
@@ -113,6 +115,11 @@ def test_reads_name_and_files(write):
         pytest.param("unit: ft2", "unit: ft", (23, 32), "'m2'", id="unit of another quantity"),
         pytest.param("unit: 1/deg, ", "", (25, 10), "1/deg or 1/rad", id="derivative without a unit"),
         pytest.param("unit: 1/deg", "unit: 1/dog", (25, 33), "'dog'", id="unknown unit"),
+        pytest.param("constant: 1000", "constant: 30000", (24, 12), "is its unit right?", id="exhaust velocity"),
+        pytest.param(
+            "constant: 1000, unit: s", "file: slow.csv, unit: s", (24, 12), "-1 to 900 s", id="negative impulse"
+        ),
+        pytest.param("file: coupling.csv", "file: tons.csv", (26, 13), "0.05 to 0.15 kg", id="tonnes as kilograms"),
         pytest.param("constant: 1000", "constant: .nan", (24, 23), "nan", id="nan"),
         pytest.param("constant: 1000", "constant: .inf", (24, 23), "inf", id="inf"),
         pytest.param("{file: coupling.csv}", "{unit: m}", (26, 13), "neither", id="no values"),

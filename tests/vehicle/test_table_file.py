@@ -37,6 +37,11 @@ def test_altitude_in_kilometres_and_a_byte_order_mark(tmp_path):
     assert table.axes[0].grid == pytest.approx([2e4, 3e4])
 
 
+def test_a_narrow_axis_in_metres_can_be_insisted_on(tmp_path):
+    table = read(tmp_path, "altitude_m,value\n0,1\n50,2\n", {"altitude_m": "altitude m"})
+    assert table.axes[0].grid.tolist() == [0.0, 50.0]
+
+
 @pytest.mark.parametrize(
     ("text", "line", "column", "words"),
     [
@@ -67,6 +72,7 @@ def test_altitude_in_kilometres_and_a_byte_order_mark(tmp_path):
         pytest.param("mach,alpha_deg,value\n4,0,1\n4,.2,2\n6,0,1\n6,.2,2\n", 2, 3, "over 0.2 degrees", id="rad as deg"),
         pytest.param("mach,beta_deg,value\n4,0,1\n4,200,2\n6,0,1\n6,200,2\n", 3, 3, "sideslip 200", id="beyond 180"),
         pytest.param("mach,value\n1200,1\n1800,2\n", 2, 1, "mach 1200", id="speed as mach"),
+        pytest.param("altitude_m,value\n20,1\n30,2\n", 2, 1, "metres over 10 m only", id="km as metres"),
         pytest.param("altitude_km,value\n20000,1\n30000,2\n", 2, 1, "altitude 20000", id="metres as km"),
         pytest.param("mach,value\n", 1, None, "no rows", id="no rows"),
         pytest.param("", 1, None, "no rows", id="empty"),

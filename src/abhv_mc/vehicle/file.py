@@ -25,6 +25,7 @@ from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
 from abhv_mc.vehicle.table_file import parse_role, read_rows, read_table
 
 N_EFFECTORS = 4
+_LARGEST_IMPULSE = 1e4  # s: no air-breathing engine comes near; an exhaust velocity in m/s lies beyond
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ def read_vehicle_file(path: str | Path) -> VehicleFile:
         else:
             table = make_constant(entry.constant or 0.0)
         tables[name] = table.scaled(parse_unit(entry.unit)[0] * entry.scale)
+        _check_meaning(document, content, name, tables[name])
     points = content.mass.points or read_mass_points(content.mass.file or Path())
     _check_mass(document, content, points)
     files = [entry.file for entry in content.tables.values() if entry.file]
@@ -96,6 +98,22 @@ def read_mass_points(path: Path) -> list[MassPoint]:
             raise rows.error(row, None, refusal.found, refusal.wanted) from None
         points.append(point)
     return points
+
+
+def _check_meaning(document: Document, content: VehicleDocument, name: str, table: Table) -> None:
+    """Refuse a table whose numbers cannot be what they are used for: most often another unit."""
+    for axis in table.axes:
+        low, high = axis.grid[[0, -1]]
+        if VARIABLES[axis.variable] == "mass" and not low <= content.mass.start <= high:
+            found = f"a table over masses from {low:g} to {high:g} kg"
+            wanted = f"an axis that holds the mass at the start, {content.mass.start:g} kg: is its unit right?"
+            raise document.error(("tables", name), found, wanted)
+    if any(quantity == "specific_impulse" and used == name for used, quantity, _ in content.uses()):
+        low, high = float(table.values.min()), float(table.values.max())
+        if low < 0.0 or high > _LARGEST_IMPULSE:
+            found = f"a specific impulse from {low:g} to {high:g} s"
+            wanted = f"0 to {_LARGEST_IMPULSE:g} s: is its unit right?"
+            raise document.error(("tables", name), found, wanted)
 
 
 def _check_mass(document: Document, content: VehicleDocument, points: Sequence[MassPoint]) -> None:

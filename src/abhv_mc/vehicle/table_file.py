@@ -40,6 +40,7 @@ _PLAUSIBLE = {
     "angle": (-math.pi, math.pi),
 }
 _NARROWEST_ANGLE_DEG = 1.0  # a degree axis narrower than this holds radians
+_NARROWEST_ALTITUDE_M = 200.0  # an axis in metres narrower than this holds kilometres
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
@@ -157,6 +158,10 @@ def _check_plausible(rows: Rows, column: int, role: Role, numbers: Floats, facto
     if factor == math.radians(1.0) and not said and np.ptp(numbers) < _NARROWEST_ANGLE_DEG:
         found = f"{role.name} in degrees over {np.ptp(numbers):g} degrees only"
         wanted = f"degrees (if they are, say '{rows.header[column]}: {role.name} deg' under columns)"
+        raise rows.error(0, column, found, wanted)
+    if role.name == "altitude" and factor == 1.0 and not said and np.ptp(numbers) < _NARROWEST_ALTITUDE_M:
+        found = f"altitude in metres over {np.ptp(numbers):g} m only"
+        wanted = f"metres (if they are, say '{rows.header[column]}: altitude m' under columns)"
         raise rows.error(0, column, found, wanted)
 
 

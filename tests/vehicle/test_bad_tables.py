@@ -1,0 +1,53 @@
+"""A user's own table set that is wrong: validate and run name file and line, exit with 2 and write nothing."""
+
+import shutil
+import sys
+
+import pytest
+
+from abhv_mc.cli.app import main
+
+# File, what stands there (once), what is put there, line and column that must be named, words.
+MISTAKES = [
+    pytest.param("winged_cone/cl_re.csv", "\n4,-1,-10,0.0036434\n", "\n", 4, None, "a hole", id="hole"),
+    pytest.param("winged_cone/cd_basic.csv", "\n5,8,", "\n5,6.5,", 39, 3, "falling from 7 to 6.5", id="falling axis"),
+    pytest.param("winged_cone/cd_basic.csv", "\n5,8,", "\n5,7,", 39, None, "a second time", id="repeated point"),
+    pytest.param("winged_cone/cyb.csv", "-0.5297489", "nan", 4, 5, "'nan'", id="nan"),
+    pytest.param("winged_cone/cyb.csv", "alpha_deg", "alpha_rad", 7, 3, "in another unit", id="degrees as radians"),
+    pytest.param("winged_cone/mass.csv", "_yy_kg_m2", "_yy_lb_ft2", 3, None, "no body", id="inertia in another unit"),
+    pytest.param("winged_cone.yaml", "unit: ft2", "unit: ft", 68, 58, "'m2'", id="thrust area in feet"),
+    pytest.param("winged_cone.yaml", "area: 3603 ft2", "area: 3603", 7, 9, "without a unit", id="area without unit"),
+]
+
+
+@pytest.fixture
+def campaign(repository, tmp_path):
+    """The winged cone's campaign with files of its own."""
+    for name in ("configs", "campaigns"):
+        shutil.copytree(repository / name, tmp_path / "files" / name)
+    return tmp_path / "files/campaigns/winged_cone.yaml"
+
+
+def call(monkeypatch, capsys, *words):
+    monkeypatch.setattr(sys, "argv", ["abhv-mc", *map(str, words)])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    return caught.value.code, capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("name", "old", "new", "line", "column", "words"), MISTAKES)
+def test_validate_and_run_refuse_it(campaign, monkeypatch, capsys, name, old, new, line, column, words):
+    root = campaign.parents[1]
+    path = root / "configs/vehicle" / name
+    text = path.read_text()
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new))
+    place = f"/{path.name}:{line}:{column}: found" if column else f"/{path.name}:{line}: found"
+    before = sorted(root.rglob("*"))
+    monkeypatch.chdir(root)
+    for command in (["validate", root / "configs/vehicle/winged_cone.yaml"], ["validate", campaign], ["run", campaign]):
+        code, said = call(monkeypatch, capsys, *command)
+        assert code == 2
+        assert place in said
+        assert words in said
+    assert sorted(root.rglob("*")) == before
