@@ -18,6 +18,7 @@ from abhv_mc.flight.observe import finish_metrics, judge, measure, record, recor
 from abhv_mc.flight.start import start_flights
 from abhv_mc.jit import kernel, lanes
 from abhv_mc.plant import state as s
+from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
 from abhv_mc.plant.aerodynamics import build_up, look_up
 from abhv_mc.plant.air_data import air_data, deflections
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
@@ -32,13 +33,13 @@ _Z_ROWS = s.LAW + tlc.N_ROWS
 
 
 @lanes
-def evaluate(Z, T, width, vehicle, earth, hints, fractions, weights, scratch, stage, is_recorded):
+def evaluate(Z, T, width, vehicle, earth, hints, fractions, weights, scratch, stage):
     """One Runge-Kutta stage at ``XS``."""
     air_data(Z, width, vehicle, earth)
     deflections(Z, width, vehicle)
     look_up(Z, T, width, vehicle.tables, hints, fractions, weights, scratch)
     build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
-    equations_of_motion(Z, width, vehicle, earth, stage, is_recorded)
+    equations_of_motion(Z, width, vehicle, earth, stage)
 
 
 @lanes
@@ -85,6 +86,7 @@ def fly_groups(
             for i in range(s.N_PARAMETERS):
                 Z[s.P + i, lane] = parameters[flight, i]
         start_flights(Z, width, initial_state)
+        prepare_actuators(Z, width, vehicle.constants, step)
         start_observing(Z, O, width)
         for tick in range(ticks + 1):
             navigate(Z, width, tick_length, tick == 0)
@@ -110,9 +112,7 @@ def fly_groups(
                 lqr_tick(Z, width, vehicle, earth, reference, gains, settings, tick)
             else:
                 recorded_tick(Z, width, gains, tick)
-            evaluate(
-                Z, T, width, vehicle, earth, hints, fractions, weights, low, runge_kutta_stage(0, step), is_recorded
-            )
+            evaluate(Z, T, width, vehicle, earth, hints, fractions, weights, low, runge_kutta_stage(0, step))
             judge(Z, O, width, limits, tick)
             measure(Z, O, width, vehicle, reference, tick, tick_length)
             if record_every > 0 and tick % record_every == 0:
@@ -126,11 +126,14 @@ def fly_groups(
                 break
             for inner in range(steps_per_tick):
                 for stage in range(4):
-                    if inner == 0 and stage == 0:
-                        continue  # already evaluated for the observer
-                    rule = runge_kutta_stage(stage, step)
-                    evaluate(Z, T, width, vehicle, earth, hints, fractions, weights, low, rule, is_recorded)
-                finish_step(Z, width, vehicle, O[observe.ALIVE], is_recorded)
+                    if inner > 0 or stage > 0:  # the first is evaluated already, for the observer
+                        rule = runge_kutta_stage(stage, step)
+                        evaluate(Z, T, width, vehicle, earth, hints, fractions, weights, low, rule)
+                    if stage == 0:
+                        run_actuators(Z, width, vehicle.constants, step, is_recorded)
+                    elif stage == 2:
+                        set_actuators(Z, width)
+                finish_step(Z, width, O[observe.ALIVE])
         finish_metrics(O, width, metrics, first, n)
         for lane in range(n):
             outcome[first + lane] = int(O[observe.OUTCOME, lane])

@@ -3,7 +3,6 @@
 import math
 
 from abhv_mc.jit import lanes, scalar
-from abhv_mc.numerics.angles import clamp
 from abhv_mc.numerics.lane_math import atan2, sincos
 from abhv_mc.numerics.quaternion import rotate_to_body
 from abhv_mc.plant.state import (
@@ -53,7 +52,6 @@ _MASS_FACTOR = parameter_row("mass.total")
 _AILERON_EFFECTIVENESS = parameter_row("control.aileron_effectiveness")
 _RUDDER_EFFECTIVENESS = parameter_row("control.rudder_effectiveness")
 _ELEVATOR_EFFECTIVENESS = parameter_row("control.elevator_effectiveness")
-_DEFLECTION_LIMIT = parameter_row("actuator.deflection_limit")
 
 _ONE = variable_row("one")
 _MACH = variable_row("mach")
@@ -153,9 +151,8 @@ def air_data(Z, width, vehicle, earth):
 def deflections(Z, width, vehicle):
     """What the aerodynamics feel of the stage's surfaces and engine."""
     for lane in range(width):
-        limit = vehicle.constants.surface_limit * Z[_DEFLECTION_LIMIT, lane]
-        Z[_DELTA_A, lane] = Z[_AILERON_EFFECTIVENESS, lane] * clamp(Z[XS + AILERON, lane], -limit, limit)
-        Z[_DELTA_R, lane] = Z[_RUDDER_EFFECTIVENESS, lane] * clamp(Z[XS + RUDDER, lane], -limit, limit)
-        Z[_DELTA_E, lane] = Z[_ELEVATOR_EFFECTIVENESS, lane] * clamp(Z[XS + ELEVATOR, lane], -limit, limit)
+        Z[_DELTA_A, lane] = Z[_AILERON_EFFECTIVENESS, lane] * Z[XS + AILERON, lane]
+        Z[_DELTA_R, lane] = Z[_RUDDER_EFFECTIVENESS, lane] * Z[XS + RUDDER, lane]
+        Z[_DELTA_E, lane] = Z[_ELEVATOR_EFFECTIVENESS, lane] * Z[XS + ELEVATOR, lane]
         Z[_ETA, lane] = Z[XS + ETA, lane]
     set_effectors(Z, width, vehicle.effector_mix)

@@ -8,7 +8,6 @@ import math
 from typing import NamedTuple
 
 from abhv_mc.jit import lanes, scalar
-from abhv_mc.numerics.angles import clamp
 from abhv_mc.numerics.quaternion import quaternion_rate, rotate_to_body, rotate_to_ned
 from abhv_mc.plant import state as s
 from abhv_mc.plant.state import SUM, XS, X, parameter_row
@@ -35,13 +34,6 @@ _K_13 = parameter_row("mass.inertia_13")
 _CG_X = parameter_row("mass.center_of_gravity_x")
 _CG_Y = parameter_row("mass.center_of_gravity_y")
 _CG_Z = parameter_row("mass.center_of_gravity_z")
-_K_BANDWIDTH = parameter_row("actuator.bandwidth")
-_K_DAMPING = parameter_row("actuator.damping")
-_K_LIMIT = parameter_row("actuator.deflection_limit")
-_K_RATE = parameter_row("actuator.rate_limit")
-_K_ENGINE_BANDWIDTH = parameter_row("engine.bandwidth")
-_K_ENGINE_DAMPING = parameter_row("engine.damping")
-_K_ENGINE_RATE = parameter_row("engine.rate_limit")
 
 
 @scalar
@@ -77,13 +69,6 @@ def angular_acceleration(ixx, iyy, izz, i13, p, q, r, mx, my, mz):
     return (izz * tx - i13 * tz) * inverse, ty / iyy, (ixx * tz - i13 * tx) * inverse
 
 
-@scalar
-def second_order(command, position, rate, bandwidth, damping, rate_limit):
-    """Derivatives of a second-order actuator with a rate limit (eq. (4)): (position', rate')."""
-    limited = clamp(rate, -rate_limit, rate_limit)
-    return limited, bandwidth * bandwidth * (command - position) - 2.0 * damping * bandwidth * rate
-
-
 class Stage(NamedTuple):
     """One stage of the integrator: ``sum = keep sum + weight k``, next state ``x + by_sum sum + by_slope k``."""
 
@@ -113,11 +98,8 @@ def accumulate(Z, lane, i, derivative, stage):
 
 
 @lanes
-def equations_of_motion(Z, width, vehicle, earth, stage, recorded):
-    """Derivatives at the stage's state ``XS``, which becomes the state of the next stage.
-
-    ``recorded``: surfaces and engine follow prescribed rates held in the command rows (verification).
-    """
+def equations_of_motion(Z, width, vehicle, earth, stage):
+    """Derivatives at the stage's state ``XS``, which becomes the state of the next stage; the actuators run apart."""
     constants = vehicle.constants
     for lane in range(width):
         altitude = Z[XS + s.ALTITUDE, lane]
@@ -213,48 +195,14 @@ def equations_of_motion(Z, width, vehicle, earth, stage, recorded):
         accumulate(Z, lane, s.Q2, d2, stage)
         accumulate(Z, lane, s.Q3, d3, stage)
         accumulate(Z, lane, s.MASS, -fuel_flow, stage)
-    actuators(Z, width, constants, stage, recorded)
 
 
 @lanes
-def actuators(Z, width, constants, stage, recorded):
-    """Surfaces and engine: second order towards the held command, or the recorded rate."""
-    for lane in range(width):
-        bandwidth = constants.surface_bandwidth * Z[_K_BANDWIDTH, lane]
-        damping = constants.surface_damping * Z[_K_DAMPING, lane]
-        rate_limit = constants.surface_rate_limit * Z[_K_RATE, lane]
-        for i in range(3):
-            position, rate = Z[XS + s.AILERON + i, lane], Z[XS + s.AILERON_RATE + i, lane]
-            d_position, d_rate = second_order(Z[s.CMD + i, lane], position, rate, bandwidth, damping, rate_limit)
-            accumulate(Z, lane, s.AILERON + i, Z[s.CMD + i, lane] if recorded else d_position, stage)
-            accumulate(Z, lane, s.AILERON_RATE + i, 0.0 if recorded else d_rate, stage)
-        d_position, d_rate = second_order(
-            Z[s.CMD_ETA, lane],
-            Z[XS + s.ETA, lane],
-            Z[XS + s.ETA_RATE, lane],
-            constants.engine_bandwidth * Z[_K_ENGINE_BANDWIDTH, lane],
-            constants.engine_damping * Z[_K_ENGINE_DAMPING, lane],
-            constants.engine_rate_limit * Z[_K_ENGINE_RATE, lane],
-        )
-        accumulate(Z, lane, s.ETA, Z[s.CMD_ETA, lane] if recorded else d_position, stage)
-        accumulate(Z, lane, s.ETA_RATE, 0.0 if recorded else d_rate, stage)
-
-
-@scalar
-def limited(position, rate, low, high, rate_limit):
-    """Position and rate of an actuator held inside its limits; at a stop it does not push on."""
-    rate = clamp(rate, -rate_limit, rate_limit)
-    inside = clamp(position, low, high)
-    return inside, rate if inside == position else 0.0
-
-
-@lanes
-def finish_step(Z, width, vehicle, alive, recorded):
-    """The new state from the last stage; unit quaternion, actuators inside their limits.
+def finish_step(Z, width, alive):
+    """The new state from the last stage; unit quaternion.
 
     A flight that has ended (``alive`` 0) keeps its state.
     """
-    constants = vehicle.constants
     for lane in range(width):
         q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
         norm = 1.0 / math.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
@@ -262,24 +210,6 @@ def finish_step(Z, width, vehicle, alive, recorded):
         Z[XS + s.Q1, lane] = q1 * norm
         Z[XS + s.Q2, lane] = q2 * norm
         Z[XS + s.Q3, lane] = q3 * norm
-        if not recorded:
-            limit = constants.surface_limit * Z[_K_LIMIT, lane]
-            rate_limit = constants.surface_rate_limit * Z[_K_RATE, lane]
-            for i in range(3):
-                position, rate = limited(
-                    Z[XS + s.AILERON + i, lane], Z[XS + s.AILERON_RATE + i, lane], -limit, limit, rate_limit
-                )
-                Z[XS + s.AILERON + i, lane] = position
-                Z[XS + s.AILERON_RATE + i, lane] = rate
-            eta, eta_rate = limited(
-                Z[XS + s.ETA, lane],
-                Z[XS + s.ETA_RATE, lane],
-                constants.equivalence_ratio_min,
-                constants.equivalence_ratio_max,
-                constants.engine_rate_limit * Z[_K_ENGINE_RATE, lane],
-            )
-            Z[XS + s.ETA, lane] = eta
-            Z[XS + s.ETA_RATE, lane] = eta_rate
     for i in range(s.N_STATES):
         for lane in range(width):
             kept = Z[XS + i, lane] if alive[lane] > 0.0 else Z[X + i, lane]

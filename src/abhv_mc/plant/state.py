@@ -57,7 +57,9 @@ FIXED = AIR + 14  # the fixed quantities of the tables, in the order of FIXED_TA
 NAV = FIXED + len(FIXED_TABLE_ROWS)  # what the flight does and what its sensors say
 COUNTED = NAV + 18  # 1 where the sample of this tick counts
 COMMANDS = COUNTED + 1  # what the guidance asks of the attitude loop: flight path angle, angle of attack, bank
-LAW = COMMANDS + 3  # the control law's own memory follows
+ACTUATORS = COMMANDS + 3  # what surfaces and engine need for a step, by flight
+LIMITS = ACTUATORS + 28  # of the actuator at work: lowest, highest, fastest
+LAW = LIMITS + 3  # the control law's own memory follows
 
 # Rows of the air data.
 RHO, Q_BAR, AIRSPEED, SIN_ALPHA, COS_ALPHA, SIN_BETA, COS_BETA, OUTSIDE, LOAD = range(AIR, AIR + 9)
