@@ -1,0 +1,33 @@
+"""The vehicle of docs/vehicles.md, written from the page, is valid and flies."""
+
+import re
+
+import pytest
+
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.flight.signals import METRIC_INDEX
+
+
+@pytest.fixture(scope="module")
+def arrow(repository, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "arrow").mkdir()
+    page = (repository / "docs/vehicles.md").read_text()
+    for name, text in re.findall(r"```\w+\n# (arrow[\w/]*\.(?:yaml|csv))(.*?)```", page, re.DOTALL):
+        (folder / name).write_text(f"# {name}{text}")
+    return folder / "arrow.yaml"
+
+
+@pytest.mark.parametrize(("mission", "altitude_error"), [("level", 5.0), ("turn", 10.0)])
+def test_it_flies(repository, arrow, mission, altitude_error):
+    configs = repository / "configs"
+    plan = prepare(arrow, configs / f"mission/{mission}.yaml", configs / "control/tlc.yaml", "tlc")
+    block = fly(plan, nominal_parameters())
+    metric = {name: block.metrics[0, i] for name, i in METRIC_INDEX.items()}
+    assert block.outcome[0] == Outcome.OK
+    assert metric["altitude_error_max_m"] < altitude_error
+    assert metric["speed_error_max_mps"] < 0.5
+    assert metric["surface_saturation_s"] == 0.0
+    assert metric["outside_tables_s"] == 0.0
