@@ -15,12 +15,14 @@ from abhv_mc.control.tlc import tlc_tick
 from abhv_mc.flight import observe
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.observe import finish_metrics, judge, measure, record, record_states, start_observing
+from abhv_mc.flight.sensors import sense
 from abhv_mc.flight.start import start_flights
 from abhv_mc.jit import kernel, lanes
 from abhv_mc.plant import state as s
 from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
 from abhv_mc.plant.aerodynamics import build_up, look_up
 from abhv_mc.plant.air_data import air_data, deflections
+from abhv_mc.plant.disturbance import disturb
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
 
 LANES = 16
@@ -90,6 +92,8 @@ def fly_groups(
         start_observing(Z, O, width)
         for tick in range(ticks + 1):
             navigate(Z, width, tick_length, tick == 0)
+            disturb(Z, width, tick * tick_length, tick_length, tick == 0)
+            sense(Z, width, tick_length, tick)
             if law == TLC:
                 tlc_tick(
                     Z,

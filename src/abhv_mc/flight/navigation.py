@@ -1,4 +1,4 @@
-"""Once a tick: the motion to the Earth, and what the sensors make of it."""
+"""Once a tick: the motion to the Earth, from which the sensors measure."""
 
 import math
 
@@ -7,9 +7,7 @@ from abhv_mc.numerics.lane_math import atan2
 from abhv_mc.numerics.quaternion import rotate_to_body, rotate_to_ned
 from abhv_mc.plant import state as s
 from abhv_mc.plant.air_data import flow_angles
-from abhv_mc.plant.state import X, parameter_row
-
-_BIAS = parameter_row("sensor.altitude_bias")  # ten biases in the order of the measured rows
+from abhv_mc.plant.state import X
 
 
 @scalar
@@ -23,7 +21,7 @@ def bank_angle(q0, q1, q2, q3, sin_alpha, cos_alpha, sin_beta, cos_beta):
 
 @lanes
 def navigate(Z, width, tick, first):
-    """Truth and measurement at the tick; the track is integrated by the trapezoidal rule."""
+    """Truth at the tick, also in the rows to be measured; the track is integrated by the trapezoidal rule."""
     for lane in range(width):
         u, v, w = Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane]
         q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]
@@ -41,13 +39,13 @@ def navigate(Z, width, tick, first):
         Z[s.GAMMA, lane] = gamma
         Z[s.CHI, lane] = chi
         Z[s.BANK, lane] = bank
-        Z[s.M_ALTITUDE, lane] = Z[X + s.ALTITUDE, lane] + Z[_BIAS, lane]
-        Z[s.M_SPEED, lane] = speed + Z[_BIAS + 1, lane]
-        Z[s.M_GAMMA, lane] = gamma + Z[_BIAS + 2, lane]
-        Z[s.M_CHI, lane] = chi + Z[_BIAS + 3, lane]
-        Z[s.M_ALPHA, lane] = alpha + Z[_BIAS + 4, lane]
-        Z[s.M_BETA, lane] = beta + Z[_BIAS + 5, lane]
-        Z[s.M_BANK, lane] = bank + Z[_BIAS + 6, lane]
-        Z[s.M_P, lane] = Z[X + s.ROLL_RATE, lane] + Z[_BIAS + 7, lane]
-        Z[s.M_Q, lane] = Z[X + s.PITCH_RATE, lane] + Z[_BIAS + 8, lane]
-        Z[s.M_R, lane] = Z[X + s.YAW_RATE, lane] + Z[_BIAS + 9, lane]
+        Z[s.M_ALTITUDE, lane] = Z[X + s.ALTITUDE, lane]
+        Z[s.M_SPEED, lane] = speed
+        Z[s.M_GAMMA, lane] = gamma
+        Z[s.M_CHI, lane] = chi
+        Z[s.M_ALPHA, lane] = alpha
+        Z[s.M_BETA, lane] = beta
+        Z[s.M_BANK, lane] = bank
+        Z[s.M_P, lane] = Z[X + s.ROLL_RATE, lane]
+        Z[s.M_Q, lane] = Z[X + s.PITCH_RATE, lane]
+        Z[s.M_R, lane] = Z[X + s.YAW_RATE, lane]

@@ -21,6 +21,7 @@ _K_RATE = parameter_row("actuator.rate_limit")
 _K_ENGINE_BANDWIDTH = parameter_row("engine.bandwidth")
 _K_ENGINE_DAMPING = parameter_row("engine.damping")
 _K_ENGINE_RATE = parameter_row("engine.rate_limit")
+_K_ETA_LIMIT = parameter_row("engine.equivalence_ratio_limit")
 
 # Rows of an actuator's own block.
 _STIFFNESS, _FRICTION = range(2)  # wn^2, 2 zeta wn
@@ -179,7 +180,8 @@ def run_actuators(Z, width, constants, step, recorded):
             Z, width, s.AILERON + i, s.AILERON_RATE + i, s.CMD + i, s.ACTUATORS, low, high, rate_limit, step, recorded
         )
     for lane in range(width):
-        low[lane], high[lane] = constants.equivalence_ratio_min, constants.equivalence_ratio_max
+        low[lane] = constants.equivalence_ratio_min
+        high[lane] = constants.equivalence_ratio_max * Z[_K_ETA_LIMIT, lane]
         rate_limit[lane] = constants.engine_rate_limit * Z[_K_ENGINE_RATE, lane]
     run_actuator(Z, width, s.ETA, s.ETA_RATE, s.CMD_ETA, s.ACTUATORS + _BLOCK, low, high, rate_limit, step, recorded)
 

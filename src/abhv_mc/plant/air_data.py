@@ -12,11 +12,15 @@ from abhv_mc.plant.state import (
     COS_ALPHA,
     COS_BETA,
     COS_LAT,
+    DENSITY_PROFILE,
     EARTH_X,
     EARTH_Y,
     EARTH_Z,
     ELEVATOR,
     ETA,
+    GUST_U,
+    GUST_V,
+    GUST_W,
     LATITUDE,
     MASS,
     PITCH_RATE,
@@ -114,10 +118,12 @@ def air_data(Z, width, vehicle, earth):
         )
         wind_u, wind_v, wind_w = rotate_to_body(q0, q1, q2, q3, wind_n, wind_e, 0.0)
         speed, sin_alpha, cos_alpha, sin_beta, cos_beta, alpha, beta = flow_angles(
-            Z[XS + U, lane] - wind_u, Z[XS + V, lane] - wind_v, Z[XS + W, lane] - wind_w
+            Z[XS + U, lane] - (wind_u + Z[GUST_U, lane]),
+            Z[XS + V, lane] - (wind_v + Z[GUST_V, lane]),
+            Z[XS + W, lane] - (wind_w + Z[GUST_W, lane]),
         )
         density, _, _, speed_of_sound = atmosphere(altitude)
-        rho = density * Z[_DENSITY, lane]
+        rho = density * (Z[_DENSITY, lane] * Z[DENSITY_PROFILE, lane])
         Z[RHO, lane] = rho
         Z[Q_BAR, lane] = 0.5 * rho * speed * speed
         Z[AIRSPEED, lane] = speed

@@ -55,6 +55,8 @@ _NAVIGATION = {
     "yaw_rate": "rad/s",
 }
 
+DENSITY_KNOTS_KM = (10, 15, 20, 25, 30, 35, 40)
+
 PARAMETERS: tuple[Parameter, ...] = (
     _factor("one", "not dispersible: the factor of a term that no parameter touches"),
     _factor("atmosphere.density", "air density, at every altitude"),
@@ -99,6 +101,28 @@ PARAMETERS: tuple[Parameter, ...] = (
         _error(f"sensor.{name}_bias", unit, f"constant error of the measured {name.replace('_', ' ')}")
         for name, unit in _NAVIGATION.items()
     ),
+    # New parameters go to the end: the dimension of a Sobol or Halton sequence is the place in this table.
+    _factor("engine.equivalence_ratio_limit", "upper limit of the equivalence ratio"),
+    *(
+        _factor(
+            f"atmosphere.density_at_{km}km", f"air density at {km} km, linear in altitude between the profile's knots"
+        )
+        for km in DENSITY_KNOTS_KM
+    ),
+    _error("wind.gust_north", "m/s", "1-cosine gust: what the wind gains towards the north"),
+    _error("wind.gust_east", "m/s", "1-cosine gust: what the wind gains towards the east"),
+    _error("wind.gust_down", "m/s", "1-cosine gust: what the wind gains downwards"),
+    Parameter("wind.gust_start", "s", 0.0, "1-cosine gust: time at which the flight enters it"),
+    Parameter("wind.gust_length", "m", 1000.0, "1-cosine gust: distance over which it builds up"),
+    _error("wind.turbulence", "m/s", "Dryden turbulence: rms of each of the three components"),
+    Parameter("wind.turbulence_length", "m", 533.4, "Dryden turbulence: scale length (1750 ft at altitude)"),
+    Parameter("wind.turbulence_seed", "-", 0.5, "which turbulence a flight meets, 0..1: draw it uniformly"),
+    *(
+        _error(f"sensor.{name}_noise", unit, f"rms of the white noise on the measured {name.replace('_', ' ')}")
+        for name, unit in _NAVIGATION.items()
+    ),
+    Parameter("sensor.noise_seed", "-", 0.5, "which sensor noise a flight meets, 0..1: draw it uniformly"),
+    _error("sensor.delay", "s", "age of every measurement, in whole control periods, at most 25 of them"),
 )
 
 PARAMETER_INDEX: dict[str, int] = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}

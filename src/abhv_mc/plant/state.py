@@ -44,6 +44,9 @@ AILERON_RATE, RUDDER_RATE, ELEVATOR_RATE, ETA, ETA_RATE = range(17, 22)
 MAX_TABLE_ROWS = 1024  # tables and their slopes with the deflections, spare rows of the padding counted
 MAX_AXES = 64  # different grids
 
+N_MEASURED = 10
+MAX_DELAY_TICKS = 25
+
 # Blocks of the lane memory Z.
 X = 0  # the state at the beginning of the step
 XS = X + N_STATES  # the state at the stage of the integrator
@@ -57,7 +60,11 @@ FIXED = AIR + 14  # the fixed quantities of the tables, in the order of FIXED_TA
 NAV = FIXED + len(FIXED_TABLE_ROWS)  # what the flight does and what its sensors say
 COUNTED = NAV + 18  # 1 where the sample of this tick counts
 COMMANDS = COUNTED + 1  # what the guidance asks of the attitude loop: flight path angle, angle of attack, bank
-ACTUATORS = COMMANDS + 3  # what surfaces and engine need for a step, by flight
+GUST = COMMANDS + 3  # gust and turbulence of the tick in body axes, and the profile's factor on the density
+TURBULENCE = GUST + 4  # random numbers and filters of the turbulence
+NOISE = TURBULENCE + 11  # random numbers of the sensors
+DELAY = NOISE + 6  # the last measurements, a ring
+ACTUATORS = DELAY + (MAX_DELAY_TICKS + 1) * N_MEASURED  # what surfaces and engine need for a step, by flight
 LIMITS = ACTUATORS + 28  # of the actuator at work: lowest, highest, fastest
 LAW = LIMITS + 3  # the control law's own memory follows
 
@@ -71,6 +78,8 @@ CAPTURE, ISP, THRUST_AREA, INERTIA_XX, INERTIA_YY, INERTIA_ZZ, INERTIA_13, CG_X,
 SPEED, GAMMA, CHI, BANK, NORTH, EAST, V_NORTH_LAST, V_EAST_LAST = range(NAV, NAV + 8)
 MEASURED = NAV + 8
 M_ALTITUDE, M_SPEED, M_GAMMA, M_CHI, M_ALPHA, M_BETA, M_BANK, M_P, M_Q, M_R = range(MEASURED, MEASURED + 10)
+
+GUST_U, GUST_V, GUST_W, DENSITY_PROFILE = range(GUST, GUST + 4)
 
 GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, COMMANDS + 3)
 CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, CMD + 4)

@@ -1,0 +1,163 @@
+"""Once a tick: what gusts, turbulence and the density profile do to the air around each flight.
+
+Held over the control period. A flight without them gets exact zeros and ones, so its bits do not change.
+"""
+
+from abhv_mc.jit import lanes
+from abhv_mc.numerics.quaternion import rotate_to_body
+from abhv_mc.numerics.random_numbers import N_STATE, next_uniform, normal_pair, seed_word
+from abhv_mc.plant import state as s
+from abhv_mc.plant.parameters import DENSITY_KNOTS_KM
+from abhv_mc.plant.state import TURBULENCE, X, parameter_row
+from abhv_mc.world.turbulence import (
+    dryden_first,
+    dryden_second,
+    dryden_second_output,
+    dryden_second_start,
+    one_minus_cosine,
+)
+
+_GUST_NORTH = parameter_row("wind.gust_north")
+_GUST_EAST = parameter_row("wind.gust_east")
+_GUST_DOWN = parameter_row("wind.gust_down")
+_GUST_START = parameter_row("wind.gust_start")
+_GUST_LENGTH = parameter_row("wind.gust_length")
+_SIGMA = parameter_row("wind.turbulence")
+_LENGTH = parameter_row("wind.turbulence_length")
+_SEED = parameter_row("wind.turbulence_seed")
+_PROFILE = parameter_row(f"atmosphere.density_at_{DENSITY_KNOTS_KM[0]}km")
+_KNOTS = len(DENSITY_KNOTS_KM)
+_FIRST_KNOT = 1000.0 * DENSITY_KNOTS_KM[0]
+_KNOT_STEP = 1000.0 * (DENSITY_KNOTS_KM[1] - DENSITY_KNOTS_KM[0])
+_M1 = 4294967087.0
+_M2 = 4294944443.0
+
+_FILTER = TURBULENCE + N_STATE  # u, then two states each of v and w
+
+
+@lanes
+def any_lane(Z, width, row, value):
+    """Whether a row differs from a value in any lane."""
+    different = 0
+    for lane in range(width):
+        different += Z[row, lane] != value
+    return different > 0
+
+
+@lanes
+def seed_stream(Z, width, first_row, seed_row):
+    """Start a stream of random numbers in six rows from the flight's seed."""
+    for word in range(N_STATE):
+        modulus = _M1 if word < 3 else _M2
+        for lane in range(width):
+            Z[first_row + word, lane] = seed_word(Z[seed_row, lane], float(word), modulus)
+    for _ in range(8):  # away from the start, which is a plain function of the seed
+        for lane in range(width):
+            draw(Z, lane, first_row)
+
+
+@lanes
+def draw(Z, lane, r):
+    """The next uniform number of a lane's stream."""
+    u, s0, s1, s2, s3, s4, s5 = next_uniform(
+        Z[r, lane], Z[r + 1, lane], Z[r + 2, lane], Z[r + 3, lane], Z[r + 4, lane], Z[r + 5, lane]
+    )
+    Z[r, lane] = s0
+    Z[r + 1, lane] = s1
+    Z[r + 2, lane] = s2
+    Z[r + 3, lane] = s3
+    Z[r + 4, lane] = s4
+    Z[r + 5, lane] = s5
+    return u
+
+
+@lanes
+def draw_normals(Z, lane, r):
+    """Two standard normal numbers of a lane's stream."""
+    u1 = draw(Z, lane, r)
+    u2 = draw(Z, lane, r)
+    return normal_pair(u1, u2)
+
+
+@lanes
+def disturb(Z, width, time, dt, first):
+    """Gust velocity in body axes and density factor of the tick that begins at ``time`` (s)."""
+    for lane in range(width):
+        Z[s.GUST_U, lane] = 0.0
+        Z[s.GUST_V, lane] = 0.0
+        Z[s.GUST_W, lane] = 0.0
+        Z[s.DENSITY_PROFILE, lane] = 1.0
+    gusty = any_lane(Z, width, _GUST_NORTH, 0.0) or any_lane(Z, width, _GUST_EAST, 0.0)
+    if gusty or any_lane(Z, width, _GUST_DOWN, 0.0):
+        gust(Z, width, time)
+    if any_lane(Z, width, _SIGMA, 0.0):
+        turbulence(Z, width, dt, first)
+    uneven = 0
+    for knot in range(_KNOTS):
+        uneven += any_lane(Z, width, _PROFILE + knot, 1.0)
+    if uneven > 0:
+        density_profile(Z, width)
+
+
+@lanes
+def gust(Z, width, time):
+    """The discrete 1-cosine gust, built up along the distance flown."""
+    for lane in range(width):
+        distance = Z[s.SPEED, lane] * (time - Z[_GUST_START, lane])
+        share = one_minus_cosine(distance, Z[_GUST_LENGTH, lane])
+        u, v, w = rotate_to_body(
+            Z[X + s.Q0, lane],
+            Z[X + s.Q1, lane],
+            Z[X + s.Q2, lane],
+            Z[X + s.Q3, lane],
+            share * Z[_GUST_NORTH, lane],
+            share * Z[_GUST_EAST, lane],
+            share * Z[_GUST_DOWN, lane],
+        )
+        Z[s.GUST_U, lane] += u
+        Z[s.GUST_V, lane] += v
+        Z[s.GUST_W, lane] += w
+
+
+@lanes
+def turbulence(Z, width, dt, first):
+    """Dryden turbulence along body axes; its states start in their stationary law."""
+    if first:
+        seed_stream(Z, width, TURBULENCE, _SEED)
+    for lane in range(width):
+        a = Z[s.SPEED, lane] / Z[_LENGTH, lane]
+        n0, n1 = draw_normals(Z, lane, TURBULENCE)
+        n2, n3 = draw_normals(Z, lane, TURBULENCE)
+        n4, _ = draw_normals(Z, lane, TURBULENCE)
+        u = n0 if first else dryden_first(Z[_FILTER, lane], a, dt, n0)
+        v1_new, v2_new = dryden_second(Z[_FILTER + 1, lane], Z[_FILTER + 2, lane], a, dt, n1, n2)
+        w1_new, w2_new = dryden_second(Z[_FILTER + 3, lane], Z[_FILTER + 4, lane], a, dt, n3, n4)
+        v1_start, v2_start = dryden_second_start(a, n1, n2)
+        w1_start, w2_start = dryden_second_start(a, n3, n4)
+        v1 = v1_start if first else v1_new
+        v2 = v2_start if first else v2_new
+        w1 = w1_start if first else w1_new
+        w2 = w2_start if first else w2_new
+        Z[_FILTER, lane] = u
+        Z[_FILTER + 1, lane] = v1
+        Z[_FILTER + 2, lane] = v2
+        Z[_FILTER + 3, lane] = w1
+        Z[_FILTER + 4, lane] = w2
+        sigma = Z[_SIGMA, lane]
+        Z[s.GUST_U, lane] += sigma * u
+        Z[s.GUST_V, lane] += sigma * dryden_second_output(v1, v2, a)
+        Z[s.GUST_W, lane] += sigma * dryden_second_output(w1, w2, a)
+
+
+@lanes
+def density_profile(Z, width):
+    """Factor on the density: linear in altitude between the knots, constant beyond them."""
+    for lane in range(width):
+        x = (Z[X + s.ALTITUDE, lane] - _FIRST_KNOT) / _KNOT_STEP
+        x = 0.0 if x < 0.0 else x
+        x = _KNOTS - 1.0 if x > _KNOTS - 1.0 else x
+        factor = 1.0
+        for knot in range(_KNOTS):
+            near = 1.0 - abs(x - knot)
+            factor += (Z[_PROFILE + knot, lane] - 1.0) * (near if near > 0.0 else 0.0)
+        Z[s.DENSITY_PROFILE, lane] = factor

@@ -1,0 +1,114 @@
+"""Gust, turbulence, density profile and sensors in flight: each acts as declared, none when it is not."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.flight.signals import CHANNEL_INDEX, METRIC_INDEX
+from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.shipped import shipped_configs
+
+
+@pytest.fixture(scope="module")
+def plan() -> FlightPlan:
+    configs = Path(shipped_configs())
+    whole = prepare(
+        configs / "vehicle" / "ghame_x.yaml",
+        configs / "mission" / "level.yaml",
+        configs / "control" / "tlc.yaml",
+        "tlc",
+    )
+    return replace(whole, timing=whole.timing._replace(ticks=600))
+
+
+def _fly(plan: FlightPlan, *cases: dict[str, float], every: int | None = None):
+    parameters = nominal_parameters(len(cases))
+    for row, case in zip(parameters, cases, strict=True):
+        for name, value in case.items():
+            row[PARAMETER_INDEX[name]] = value
+    return fly(plan, parameters, every)
+
+
+def test_every_noise_and_gust_parameter_bites(plan: FlightPlan) -> None:
+    base = {
+        "wind.turbulence": 1.0,
+        "wind.gust_east": 5.0,
+        "sensor.altitude_noise": 1.0,
+        "atmosphere.density_at_20km": 1.02,
+    }
+    moved = {
+        name: 0.3 if "seed" in name else (2.0 if parameter.unit in {"s", "m"} and "gust" in name else 0.02)
+        for name, parameter in ((p.name, p) for p in PARAMETERS)
+        if "gust" in name or "turbulence" in name or "noise" in name or name == "sensor.delay"
+    }
+    moved["wind.turbulence_length"] = 900.0
+    moved["atmosphere.density_at_25km"] = 1.1
+    block = _fly(plan, base, *(base | {name: value} for name, value in moved.items()))
+    still = [
+        name
+        for name, metrics in zip(moved, block.metrics[1:], strict=True)
+        if np.array_equal(metrics, block.metrics[0])
+    ]
+    assert still == []
+
+
+def test_neighbours_do_not_matter(plan: FlightPlan) -> None:
+    """A calm flight beside a turbulent one is the calm flight alone, bit for bit, and the other way round."""
+    calm, rough = {}, {"wind.turbulence": 3.0, "sensor.bank_noise": 0.01, "sensor.delay": 0.03}
+    together = _fly(plan, calm, rough)
+    assert np.array_equal(_fly(plan, calm).metrics[0], together.metrics[0])
+    assert np.array_equal(_fly(plan, rough).metrics[0], together.metrics[1])
+
+
+def test_turbulence_has_its_rms_from_the_start(plan: FlightPlan) -> None:
+    """At the first tick sideslip and angle of attack to the air are the gust over the speed."""
+    cases = [{"wind.turbulence": 2.0, "wind.turbulence_seed": (k + 0.5) / 800} for k in range(800)]
+    instant = replace(plan, timing=plan.timing._replace(ticks=1))
+    block = _fly(instant, {}, *cases, every=1)
+    lateral = np.deg2rad(block.history[1:, 0, CHANNEL_INDEX["sideslip_deg"]]) * 1400.0
+    alpha = block.history[:, 0, CHANNEL_INDEX["angle_of_attack_deg"]]
+    vertical = np.deg2rad(alpha[1:] - alpha[0]) * 1400.0
+    assert lateral.std() == pytest.approx(2.0, rel=0.1)
+    assert vertical.std() == pytest.approx(2.0, rel=0.1)
+    assert abs(np.corrcoef(lateral, vertical)[0, 1]) < 0.12
+
+
+def test_gust_pushes_the_way_it_blows(plan: FlightPlan) -> None:
+    """Flying east with body y to the south: air that moves north makes the sideslip positive."""
+    gust = {"wind.gust_north": 20.0, "wind.gust_start": 0.02, "wind.gust_length": 1.0}
+    instant = replace(plan, timing=plan.timing._replace(ticks=4))
+    block = _fly(instant, {}, gust, every=1)
+    beta = block.history[1, :, CHANNEL_INDEX["sideslip_deg"]] - block.history[0, :, CHANNEL_INDEX["sideslip_deg"]]
+    assert (beta[:3] == 0.0).all()
+    assert np.deg2rad(beta[3]) * 1400.0 == pytest.approx(20.0, rel=0.01)
+
+
+def test_profile_is_the_density_factor_at_its_knots(plan: FlightPlan) -> None:
+    """At 20 km the knot's factor is the factor on the whole density."""
+    block = _fly(plan, {"atmosphere.density_at_20km": 1.1}, {"atmosphere.density": 1.1}, every=100)
+    q_bar = block.history[:, 0, CHANNEL_INDEX["dynamic_pressure_pa"]]
+    assert q_bar[0] == pytest.approx(q_bar[1], rel=1e-6)
+
+
+def test_delay_reaches_the_controller(plan: FlightPlan) -> None:
+    """A short delay changes the commands, not the first of them; one beyond the ring is the longest it holds."""
+    block = _fly(plan, {"initial.bank": 0.02}, {"initial.bank": 0.02, "sensor.delay": 0.05}, every=1)
+    aileron = block.history[:, :, CHANNEL_INDEX["aileron_command_deg"]]
+    assert aileron[0, 0] == aileron[1, 0]
+    assert not np.array_equal(aileron[0], aileron[1])
+    longest = _fly(plan, {"sensor.delay": 0.25}, {"sensor.delay": 5.0})
+    assert np.array_equal(longest.metrics[0], longest.metrics[1])
+
+
+def test_noise_of_a_channel_that_is_not_flown_on_changes_nothing_else(plan: FlightPlan) -> None:
+    """Noise on altitude shakes the elevator; the same seed shakes it the same way again."""
+    case = {"sensor.altitude_noise": 5.0, "sensor.noise_seed": 0.7}
+    block = _fly(plan, {}, case, case)
+    travel = block.metrics[:, METRIC_INDEX["elevator_travel_deg"]]
+    assert travel[1] > 2.0 * travel[0]
+    assert np.array_equal(block.metrics[1], block.metrics[2])
