@@ -11,7 +11,7 @@ from abhv_mc.numerics.lane_math import exp
 from abhv_mc.plant import state as s
 from abhv_mc.plant.state import SUM, XS, X, parameter_row
 
-SUBSTEPS = 8  # short steps of an integrator step
+SUBSTEPS = 16  # short steps of an integrator step
 _TERMS = 40  # of the matrix exponential's series
 
 _K_BANDWIDTH = parameter_row("actuator.bandwidth")
