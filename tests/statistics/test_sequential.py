@@ -3,10 +3,14 @@
 import numpy as np
 import pytest
 
-from abhv_mc.statistics import judge
+from abhv_mc.statistics import consumer_risk, judge, producer_risk, success_lower_bound
 from abhv_mc.statistics.sequential import (
+    SequentialVerdict,
+    at_least_as_bad,
+    at_least_as_good,
     choose_looks,
     make_sequential_plan,
+    sequential_lower_bound,
     sequential_verdict,
     stopping_look,
 )
@@ -103,3 +107,41 @@ def test_looks_must_ascend():
         make_sequential_plan((100, 100), 0.9, 0.1)
     with pytest.raises(ValueError, match="between"):
         make_sequential_plan((100,), 1.0, 0.1)
+
+
+def test_bounds_that_allow_for_the_looks_are_wrong_as_seldom_as_promised():
+    success, looks = 0.92, (40, 80, 160)
+    plan = make_sequential_plan(looks, 0.9, RISK)
+    draw = np.random.default_rng(26)
+    failed = draw.random((4000, looks[-1])) < 1.0 - success
+    bounds = {}
+    wrong = 0
+    for flags in failed:
+        verdict = sequential_verdict(flags, plan)
+        if verdict not in bounds:
+            bounds[verdict] = sequential_lower_bound(verdict, plan)
+        wrong += bounds[verdict] > success
+    assert wrong / 4000 <= RISK + 3.0 * np.sqrt(RISK * (1.0 - RISK) / 4000)
+    assert wrong > 0
+    assert all(bound >= 0.9 for verdict, bound in bounds.items() if verdict.status == "PASS")
+
+
+def test_one_look_has_the_bound_and_risks_of_one_look():
+    plan = make_sequential_plan((2000,), PROBABILITY, RISK)
+    verdict = SequentialVerdict("NOT SHOWN", 2000, 3)
+    assert sequential_lower_bound(verdict, plan) == pytest.approx(success_lower_bound(3, 2000, RISK), abs=1e-12)
+    assert at_least_as_good(verdict, plan, PROBABILITY) == pytest.approx(consumer_risk(3, 2000, PROBABILITY))
+    assert at_least_as_bad(verdict, plan, PROBABILITY) == pytest.approx(producer_risk(3, 2000, PROBABILITY))
+
+
+def test_every_outcome_is_as_good_or_worse():
+    """The chances of the outcomes, from the order's two tails, add up to one."""
+    looks, success = (2, 4, 6), 0.7
+    plan = make_sequential_plan(looks, success, 0.3)
+    seen = {}
+    for path in np.ndindex(*(2,) * 6):
+        verdict = sequential_verdict(np.array(path, dtype=bool), plan)
+        seen[verdict] = seen.get(verdict, 0.0) + np.prod([1.0 - success if step else success for step in path])
+    for verdict, chance in seen.items():
+        both = at_least_as_good(verdict, plan, success) + at_least_as_bad(verdict, plan, success)
+        assert both - 1.0 == pytest.approx(chance, abs=1e-12)

@@ -83,7 +83,10 @@ class Slots:
     ) -> tuple[Block, FlightBlock | None]:
         """:func:`fly_block` once there is room; nothing after :meth:`close`."""
         self._free.acquire()
-        return (block, None) if self._closed else fly_block(fly, plan, block, parameters, every)
+        if self._closed:
+            self.free()  # the next one may go home, too
+            return block, None
+        return fly_block(fly, plan, block, parameters, every)
 
     def free(self) -> None:
         """Make room: a block is on disk."""
@@ -92,4 +95,4 @@ class Slots:
     def close(self) -> None:
         """Let every waiting worker go home."""
         self._closed = True
-        self._free.release(1_000_000)
+        self.free()

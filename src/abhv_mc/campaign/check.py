@@ -9,9 +9,10 @@ import numpy as np
 
 from abhv_mc.campaign.config import Campaign, Requirement
 from abhv_mc.campaign.correlation import Copula, make_copula, normal_correlation
-from abhv_mc.campaign.designs import FACTORIAL, count_flights
+from abhv_mc.campaign.designs import FACTORIAL, INDEPENDENT, count_flights
 from abhv_mc.campaign.laws import Law
 from abhv_mc.campaign.sample_file import SampleFile, read_sample_file
+from abhv_mc.campaign.stopping import find_looks
 from abhv_mc.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
 from abhv_mc.flight.signals import METRIC_INDEX, METRICS
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
@@ -31,6 +32,7 @@ class CheckedCampaign:
     copula: Copula
     sample_file: SampleFile | None
     limits: tuple[float, ...]  # of the requirements, in their metrics' units
+    looks: tuple[int, ...] = ()  # flights after which a campaign that stops when proven is looked at; the last is runs
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -67,9 +69,10 @@ def read_campaign(
         if isinstance(item, int) and item >= number:
             where = ("keep", "histories", "flights")
             errors.append(document.error(where, f"flight {item}", f"flights from 0 to {number - 1}"))
+    _check_stop(document, model, number, errors)
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
-    return CheckedCampaign(document, model, number, laws, copula, sample_file, limits)
+    return CheckedCampaign(document, model, number, laws, copula, sample_file, limits, find_looks(model, number))
 
 
 def _override(document: Document, runs: int | None, seed: int | None, controllers: Sequence[str] | None) -> Document:
@@ -170,6 +173,20 @@ def _limit(entry: Requirement) -> float:
     if unit == "g":
         raise Refusal(f"'{value}'", "a plain number, in g")
     return parse_quantity(value or "", dimension_of(unit), bare_unit=unit) / parse_unit(unit)[0]
+
+
+def _check_stop(document: Document, model: Campaign, runs: int, errors: list[InputError]) -> None:
+    """Stopping early needs requirements to prove, independent flights, and a last look at all of them."""
+    if model.stop is None:
+        return
+    if not model.requirements:
+        errors.append(document.key_error(("stop",), "'stop' without requirements", "requirements that can be proven"))
+    if model.sampling.design != INDEPENDENT:
+        found = f"'stop' with the design '{model.sampling.design}', whose flights are not independent"
+        errors.append(document.key_error(("stop",), found, f"sampling: {INDEPENDENT}, or no 'stop'"))
+    if model.stop.looks is not None and model.stop.looks[-1] != runs:
+        found = f"a last look after {model.stop.looks[-1]} flights"
+        errors.append(document.error(("stop", "looks"), found, f"{runs}, the most flights there may be ('runs')"))
 
 
 def _check_runs(

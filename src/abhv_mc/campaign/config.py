@@ -1,5 +1,6 @@
 """The campaign file as a model: keys, types and what can be checked within one entry."""
 
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -155,6 +156,29 @@ class Keep(StrictModel):
 
 
 class Execution(StrictModel):
+class Stop(StrictModel):
+    """When to stop before ``runs`` flights; in the file, ``when proven`` will do."""
+
+    when: Literal["proven"]
+    looks: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1)] | None = None  # flights, ascending
+
+    @model_validator(mode="after")
+    def _ascending(self) -> "Stop":
+        looks = self.looks or ()
+        for i, (before, look) in enumerate(pairwise(looks)):
+            if look <= before:
+                raise Refusal(f"{look} after {before}", "numbers of flights that ascend", ("looks", i + 1))
+        return self
+
+
+def _stop(value: Any) -> Any:
+    if isinstance(value, str):
+        if value != "when proven":
+            raise Refusal(describe(value), "'when proven', or nothing")
+        return {"when": "proven"}
+    return value
+
+
     """How it is flown; no result depends on it."""
 
     workers: Auto = None
@@ -177,3 +201,4 @@ class Campaign(StrictModel):
     requirements: tuple[Requirement, ...] = ()
     keep: Keep = Keep()
     execution: Execution = Execution()
+    stop: Annotated[Stop | None, BeforeValidator(_stop, json_schema_input_type=str | Stop | None)] = None

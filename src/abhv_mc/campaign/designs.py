@@ -16,6 +16,7 @@ from abhv_mc.plant.parameters import PARAMETER_INDEX
 
 Floats = NDArray[np.float64]
 
+INDEPENDENT = "random"  # the design whose flights are independent draws, so that binomial statistics hold
 EXTENSIBLE = frozenset({"random", "sobol", "halton"})
 FACTORIAL = frozenset({"corners", "grid", "one_at_a_time"})
 DESIGNS = ("random", "lhs", "sobol", "halton", "corners", "grid", "one_at_a_time", "file")

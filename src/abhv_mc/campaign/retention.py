@@ -28,7 +28,7 @@ def choose_kept(items: tuple[int | str, ...], flights: int, tally: Tally) -> lis
     for item in items:
         words = str(item).split()
         if isinstance(item, int):
-            kept.add(item)
+            kept.update({item} & set(range(flights)))  # a campaign may have stopped before it
         elif item == "all":
             kept.update(range(flights))
         elif item == "failed":

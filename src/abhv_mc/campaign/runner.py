@@ -7,7 +7,7 @@ import time
 import warnings
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from abhv_mc.campaign.setup import Engine, OpenCampaign, Request, check_source, 
 from abhv_mc.campaign.tally import Tally, judge_requirements, make_tallies
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.campaign.stopping import find_goal
 from abhv_mc.flight.signals import CHANNEL_INDEX
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.envelopes import write_envelopes
@@ -84,12 +85,11 @@ class _Run:
     def run(self) -> RunResult:
         """Fly and finish."""
         self._take_stock()
-        whole = all(mask.all() for mask in self.done.values())
-        if not (self.manifest["state"] == COMPLETE and whole and self.folder.envelopes.exists()):
+        if not (self.manifest["state"] == COMPLETE and self._whole() and self.folder.envelopes.exists()):
             check_source(self.folder, self.manifest, self.engine)
             try:
                 self._fly()
-                whole = all(mask.all() for mask in self.done.values())
+                whole = self._whole()
                 if whole:
                     self._finish()
                 self._write_manifest(COMPLETE if whole else INTERRUPTED)
@@ -110,6 +110,19 @@ class _Run:
                 controller, first, stop = parse_block_name(path)
                 mask = self.done.get(controller)
                 if mask is None or stop > self.campaign.runs or mask[first:stop].any():
+    def _goal(self) -> int:
+        """Number of flights to have: all, or up to the look at which a campaign that stops when proven stops."""
+        if not self.campaign.looks:
+            return self.campaign.runs
+        counts = [count for tally in self.tallies.values() for count in tally.requirements]
+        missed = [count.missed for count in counts if count.missed is not None]
+        demands = [(count.requirement.probability, count.requirement.consumer_risk) for count in counts]
+        return find_goal(self.campaign.looks, self.done, missed, demands)
+
+    def _whole(self) -> bool:
+        goal = self._goal()
+        return all(mask[:goal].all() for mask in self.done.values())
+
                     raise DamagedFileError(f"{path.name} belongs to no part of this campaign")
                 rows = read_block(path, self.samples.names)
                 if not np.array_equal(rows.samples, self.samples.rows(first, stop)):
@@ -131,8 +144,7 @@ class _Run:
         return spread_parameters(self.samples.names, self.samples.rows(first, stop))
 
     def _fly(self) -> None:
-        from joblib import Parallel, delayed
-
+        """Fly what is missing, from look to look where the campaign stops when proven."""
         self.cells = self._make_cells()
         for name, plan in self.plans.items():
 
@@ -145,15 +157,26 @@ class _Run:
             )
         missing = {}
         for name, done in self.done.items():
-            wanted = ~done & (name in self.asked)  # what was flown and is not in the envelopes is wanted anyhow
+            wanted = ~done & below & (name in self.asked)  # what was flown and is in no envelope is wanted anyhow
             missing[name] = wanted, ~self.collectors[name].covered & (done | wanted)
         total = sum(int((rows | envelope).sum()) for rows, envelope in missing.values())
         self._write_manifest(RUNNING)
         pool = Parallel(
+        while missing := self._find_missing():
+            self._fly_missing(missing)
+
+    def _find_missing(self) -> dict[str, tuple[Mask, Mask]]:
+        """Rows and parts of the envelopes that are missing up to the goal, by controller; empty when none is."""
             n_jobs=self.workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs"
+        below = np.arange(self.campaign.runs) < self._goal()
         )
         slots = Slots(2 * self.workers)
         tasks = (
+        return missing if any(mask.any() for masks in missing.values() for mask in masks) else {}
+
+    def _fly_missing(self, missing: dict[str, tuple[Mask, Mask]]) -> None:
+        from joblib import Parallel, delayed
+
             delayed(slots.fly)(
                 self.engine.fly,
                 self.plans[block.controller],
@@ -201,15 +224,16 @@ class _Run:
         """What follows from all flights: envelopes, histories."""
         tables = {name: self.collectors[name].table() for name in self.plans}
         write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables)
-        write_kept_histories(self.folder, self.campaign, self.plans, self.tallies, self.samples, self.engine.fly)
+        flown = replace(self.campaign, runs=self._goal())
+        write_kept_histories(self.folder, flown, self.plans, self.tallies, self.samples, self.engine.fly, self.workers)
         for collector in self.collectors.values():
             collector.finish()
 
     def _write_manifest(self, state: str) -> None:
-        independent = self.campaign.model.sampling.design == "random"
         failed_code = Outcome.FAILED_TO_RUN.code
         failed = max((tally.outcomes[failed_code] for tally in self.tallies.values()), default=0)
-        flown = int(np.logical_and.reduce(list(self.done.values())).sum())
+        together = np.logical_and.reduce(list(self.done.values()))
+        flown, gapless = int(together.sum()), int(np.argmin(np.append(together, False)))
         self.manifest |= {
             "state": state,
             "runs_planned": self.campaign.runs,
@@ -222,7 +246,7 @@ class _Run:
                 name: {"flights_done": int(self.done[name].sum()), "outcomes": dict(sorted(tally.outcomes.items()))}
                 for name, tally in self.tallies.items()
             },
-            "requirements": judge_requirements(self.tallies, independent),
+            "requirements": judge_requirements(self.tallies, self.campaign, gapless),
         }
         write_manifest(self.folder.manifest, self.manifest)
 
@@ -234,6 +258,8 @@ def _closing_quietly(results: Generator[Any, None, None]) -> Iterator[None]:
         yield
     finally:
         with warnings.catch_warnings():
+        if self.campaign.looks:
+            self.manifest["stopped_at"] = gapless if state == COMPLETE else None
             warnings.simplefilter("ignore", UserWarning)
             results.close()
 

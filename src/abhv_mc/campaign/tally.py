@@ -8,9 +8,11 @@ import numpy as np
 
 from abhv_mc.campaign.check import CheckedCampaign
 from abhv_mc.campaign.config import Requirement
+from abhv_mc.campaign.designs import INDEPENDENT
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.signals import METRIC_INDEX
-from abhv_mc.statistics.verdicts import judge
+from abhv_mc.statistics.sequential import SequentialVerdict, make_sequential_plan, sequential_verdict
+from abhv_mc.statistics.verdicts import Verdict, judge
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.flights import FlightRows
 
@@ -27,8 +29,9 @@ class RequirementCount:
     failures: int = 0
     failures_ended_early: int = 0  # failures that are such because the flight ended early
     failures_measured: int = 0  # failures by the metric alone, up to wherever the flight came
+    missed: np.ndarray | None = None  # [flight] whether it failed, where the campaign stops when proven
 
-    def add(self, values: np.ndarray, early: np.ndarray) -> None:
+    def add(self, values: np.ndarray, early: np.ndarray, flights: np.ndarray) -> None:
         """Count flights by their metric; not-a-number fails."""
         held = values < self.limit if self.requirement.below is not None else values > self.limit
         failed = ~held
@@ -36,6 +39,8 @@ class RequirementCount:
         if self.requirement.ended_early == "failure":
             self.failures_ended_early += int((early & held).sum())
             failed |= early
+        if self.missed is not None:
+            self.missed[flights] = failed
         self.flights += len(values)
         self.failures += int(failed.sum())
 
@@ -62,7 +67,7 @@ class Tally:
         early = (outcome != _OK) & flown
         self.failed += rows.flights[early].tolist()
         for count in self.requirements:
-            count.add(rows.values[flown, METRIC_INDEX[count.requirement.metric]], early[flown])
+            count.add(rows.values[flown, METRIC_INDEX[count.requirement.metric]], early[flown], rows.flights[flown])
         if self.worst_kept:
             metric = rows.values[:, METRIC_INDEX[self.worst_by]]
             metric = np.where(np.isnan(metric), np.inf, metric)
@@ -84,7 +89,8 @@ def make_tallies(campaign: CheckedCampaign) -> dict[str, Tally]:
     tallies = {}
     for name in model.controllers:
         counts = [
-            RequirementCount(entry, limit)
+            # A flight that could not be computed stays a failure in a test: nothing shows that it held.
+            RequirementCount(entry, limit, missed=np.ones(campaign.runs, bool) if campaign.looks else None)
             for entry, limit in zip(model.requirements, campaign.limits, strict=True)
             if name in (entry.controllers or (first,))
         ]
@@ -92,14 +98,18 @@ def make_tallies(campaign: CheckedCampaign) -> dict[str, Tally]:
     return tallies
 
 
-def judge_requirements(tallies: dict[str, Tally], independent: bool) -> list[dict[str, Any]]:
-    """Failure counts and verdicts as the manifest holds them."""
+def judge_requirements(tallies: dict[str, Tally], campaign: CheckedCampaign, flown: int) -> list[dict[str, Any]]:
+    """Failure counts and verdicts, after so many flights without gaps, as the manifest holds them."""
+    independent = campaign.model.sampling.design == INDEPENDENT
     found = []
     for name, tally in tallies.items():
         for count in tally.requirements:
             entry = count.requirement
             side = "below" if entry.below is not None else "above"
-            verdict = judge(count.failures, count.flights, entry.probability, entry.consumer_risk, independent)
+            asked = entry.probability, entry.consumer_risk
+            verdict: Verdict | SequentialVerdict = judge(count.failures, count.flights, *asked, independent)
+            if count.missed is not None:
+                verdict = sequential_verdict(count.missed[:flown], make_sequential_plan(campaign.looks, *asked))
             found.append(
                 {
                     "metric": entry.metric,

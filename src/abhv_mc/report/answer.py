@@ -78,6 +78,18 @@ def answer_sentences(numbers: Mapping[str, Any]) -> list[str]:
     return [sentence for sentence in sentences if sentence]
 
 
+def _stopping_sentence(campaign: Mapping[str, Any], flown: int) -> str:
+    """When it was looked at, and when it stopped."""
+    most = fixed(campaign["runs"], 0)
+    passed = [look for look in campaign["looks"] if look <= flown]
+    if flown == campaign["runs"]:
+        return f"The requirements were looked at {len(passed)} times, the last time after all {most} flights allowed."
+    return (
+        f"The campaign stopped at look {len(passed)} of {len(campaign['looks'])}, after {fixed(flown, 0)} of at most "
+        f"{most} flights, because every requirement was settled; the other intervals do not allow for that."
+    )
+
+
 def sureness_sentence(numbers: Mapping[str, Any]) -> str:
     """What the intervals and verdicts rest on."""
     campaign = numbers["campaign"]
@@ -91,7 +103,12 @@ def sureness_sentence(numbers: Mapping[str, Any]) -> str:
         )
     elif numbers["requirements"]:
         risks = sorted({entry["consumer_risk"] for entry in numbers["requirements"]})
-        text += f" A PASS is wrong with a probability of at most {joined([percent(risk) for risk in risks])}."
+        text += f" A PASS is wrong with a probability of at most {joined([percent(risk) for risk in risks])}"
+        text += ", however often it was looked at." if campaign["looks"] else "."
+    if campaign["looks"] and len(flown) == 1:
+        text += " " + _stopping_sentence(campaign, flown.pop())
+    for warning in numbers["warnings"]:
+        text += f" The reference itself is not flyable everywhere: {warning}."
     if numbers["state"] != "complete":
         text += " The campaign is not complete; all numbers are preliminary."
     return text

@@ -5,6 +5,14 @@ from numpy.typing import NDArray
 
 from abhv_mc.report.metrics import METRIC_WORDS, words_of
 from abhv_mc.report.results import ControllerFlights, Requirement, Results
+from abhv_mc.statistics.sequential import (
+    at_least_as_bad,
+    at_least_as_good,
+    make_sequential_plan,
+    sequential_lower_bound,
+    sequential_verdict,
+)
+from abhv_mc.statistics.verdicts import Verdict
 
 
 def requirement_failures(flights: ControllerFlights, requirement: Requirement) -> NDArray[np.bool_]:
@@ -14,6 +22,29 @@ def requirement_failures(flights: ControllerFlights, requirement: Requirement) -
     """
     missed = ~requirement.held(flights.metrics[requirement.metric])
     return missed | flights.failed if requirement.early_is_failure else missed
+
+
+def sequential_evidence(flights: ControllerFlights, requirement: Requirement, looks: tuple[int, ...]) -> Verdict:
+    """The verdict of a campaign that stops when proven, with bounds and risks that allow for the looks.
+
+    A flight that could not be computed counts as a failure: nothing shows that it held.
+    """
+    last = int(flights.flight[-1]) + 1
+    missed = np.ones(last, dtype=np.bool_)
+    missed[flights.flight] = requirement_failures(flights, requirement)
+    plan = make_sequential_plan(looks, requirement.probability, requirement.consumer_risk)
+    found = sequential_verdict(missed, plan)
+    return Verdict(
+        found.status,
+        found.failures,
+        found.flights,
+        requirement.probability,
+        requirement.consumer_risk,
+        sequential_lower_bound(found, plan),
+        at_least_as_good(found, plan, requirement.probability),
+        at_least_as_bad(found, plan, requirement.probability),
+        0 if found.status == "PASS" else None,
+    )
 
 
 def requirement_words(requirement: Requirement) -> str:

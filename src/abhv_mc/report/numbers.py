@@ -12,7 +12,7 @@ import numpy as np
 from abhv_mc.report.convergence import convergence_numbers
 from abhv_mc.report.drivers import driver_numbers
 from abhv_mc.report.duels import duel_numbers
-from abhv_mc.report.failures import requirement_failures, requirement_words
+from abhv_mc.report.failures import requirement_failures, requirement_words, sequential_evidence
 from abhv_mc.report.metrics import words_of
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.results import Results
@@ -66,6 +66,8 @@ def _requirements(results: Results) -> list[dict[str, Any]]:
                 requirement.consumer_risk,
                 results.campaign.independent,
             )
+            if results.campaign.looks:
+                verdict = sequential_evidence(results.flights[name], requirement, results.campaign.looks)
             failed = results.flights[name].failed
             entry["controllers"][name] = {**plain(verdict), "ended_early": int(failed.sum())}
         listed.append(entry)
@@ -116,11 +118,13 @@ def make_numbers(results: Results) -> dict[str, Any]:
             "runs": campaign.runs,
             "seed": campaign.seed,
             "sampling": campaign.sampling,
+            "looks": list(campaign.looks),
             "independent_flights": campaign.independent,
             "parameters": list(results.samples),
             "dispersions": plain(campaign.dispersions),
         },
         "state": manifest.get("state"),
+        "warnings": list(manifest.get("warnings") or []),
         "digest": manifest.get("digest"),
         "digests": plain(manifest.get("digests") or {}),
         "flights": _flight_counts(results),

@@ -52,6 +52,7 @@ class CampaignFacts:
     sampling: str
     dispersions: dict[str, dict[str, Any]]
     requirements: tuple[Requirement, ...]
+    looks: tuple[int, ...] = ()  # where it stops when proven: after which flights the verdicts are looked at
 
     @property
     def independent(self) -> bool:
@@ -134,6 +135,7 @@ def read_facts(path: Path) -> CampaignFacts:
         runs=campaign.runs,
         seed=model.seed,
         sampling=model.sampling.design,
+        looks=campaign.looks,
         dispersions=dict(plain.get("dispersions") or {}) if isinstance(plain, dict) else {},
         requirements=tuple(
             Requirement(

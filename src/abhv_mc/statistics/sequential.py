@@ -8,10 +8,12 @@ look would not: the chances of the looks add up.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 from scipy.stats import binom
 
 from abhv_mc.statistics.verdicts import runs_needed
@@ -48,13 +50,14 @@ def choose_looks(probability: float, risk: float, most: int) -> tuple[int, ...]:
     first = runs_needed(0, probability, risk)
     looks: list[int] = []
     count = float(first)
-    while round(count) < most:
+    while count * (1.0 + _RATIO) / 2.0 < most:  # no look just before the last
         looks.append(round(count))
         count *= _RATIO
     return (*looks, most)
 
 
-def make_sequential_plan(looks: Sequence[int], probability: float, risk: float) -> SequentialPlan:
+@lru_cache(maxsize=256)
+def make_sequential_plan(looks: tuple[int, ...], probability: float, risk: float) -> SequentialPlan:
     """Acceptance and rejection numbers for flights looked at after `looks` of them."""
     if not looks or any(b <= a for a, b in zip((0, *looks), looks, strict=False)):
         raise ValueError(f"looks must ascend from 1, found {list(looks)}")
@@ -134,6 +137,55 @@ def sequential_verdict(failed: NDArray[np.bool_], plan: SequentialPlan) -> Seque
         if failures >= reject:
             return SequentialVerdict("FAIL", look, failures)
     return SequentialVerdict("NOT SHOWN", flights, int(totals[flights]))
+
+
+def at_least_as_good(verdict: SequentialVerdict, plan: SequentialPlan, probability: float) -> float:
+    """Chance of an outcome at least as good as this one when the success probability is `probability`.
+
+    Outcomes in order of looks (Jennison & Turnbull, "Group Sequential Methods", 2000, chapter 12): the earlier a PASS
+    the better, the earlier a FAIL the worse, and at the same look the fewer failures the better.
+    """
+    return _as_good(verdict.flights, verdict.failures, plan, probability)
+
+
+def at_least_as_bad(verdict: SequentialVerdict, plan: SequentialPlan, probability: float) -> float:
+    """Chance of an outcome at least as bad as this one when the success probability is `probability`."""
+    return 1.0 - _as_good(verdict.flights, verdict.failures - 1, plan, probability)
+
+
+def sequential_lower_bound(verdict: SequentialVerdict, plan: SequentialPlan) -> float:
+    """One-sided lower bound on the success probability, wrong with at most the plan's risk in spite of the looks."""
+    if verdict.failures >= verdict.flights:
+        return 0.0
+    least = 1e-12
+    if at_least_as_good(verdict, plan, least) >= plan.risk:
+        return 0.0
+    bound = brentq(lambda p: at_least_as_good(verdict, plan, p) - plan.risk, least, 1.0 - 1e-15, xtol=1e-14)
+    return float(bound)
+
+
+def _as_good(flights: int, failures: int, plan: SequentialPlan, probability: float) -> float:
+    """Chance to pass before the look at `flights`, or to reach it with at most so many failures."""
+    if flights == 0:
+        return 1.0
+    earlier = [i for i, look in enumerate(plan.looks) if look < flights]
+    # More failures than these neither pass nor count; failures only grow.
+    size = 1 + max([failures, *(plan.accept[i] for i in earlier)])
+    if size < 1:
+        return 0.0
+    inside = np.zeros(size)
+    inside[0] = 1.0
+    passed, before = 0.0, 0
+    for i in earlier:
+        more = binom.pmf(np.arange(size), plan.looks[i] - before, 1.0 - probability)
+        inside = np.convolve(inside, more)[:size]
+        stop = max(plan.accept[i] + 1, 0)
+        passed += float(inside[:stop].sum())
+        inside[:stop] = 0.0
+        inside[plan.reject[i] :] = 0.0
+        before = plan.looks[i]
+    more = binom.pmf(np.arange(size), flights - before, 1.0 - probability)
+    return passed + float(np.convolve(inside, more)[: max(failures + 1, 0)].sum())
 
 
 def stopping_look(failed: Sequence[NDArray[np.bool_]], plans: Sequence[SequentialPlan]) -> int | None:
