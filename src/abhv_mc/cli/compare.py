@@ -35,6 +35,7 @@ def _print(found: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from abhv_mc.cli.printing import print_table
     from abhv_mc.report.metrics import METRIC_WORDS, words_of
     from abhv_mc.report.words import bounds, estimate, p_value
 
@@ -49,7 +50,7 @@ def _print(found: dict[str, Any]) -> None:
             median, high = numbers["median_difference"], numbers["q95"]
             row = (estimate(median), bounds(median), estimate(high), str(numbers["a_better"]), str(numbers["b_better"]))
             table.add_row(words.label_with_unit, *row)
-        console.print(table)
+        print_table(table)
         listed = [*found["requirements"], "reached the end of the mission"]
         for words_, failed in zip(listed, [*duel["requirements"], duel["ended_early"]], strict=True):
             console.print(

@@ -113,8 +113,9 @@ def _print_json(vehicle: Path, altitude: float, speed: float, mass: float, point
 
 def _print_table(vehicle: Path, altitude: float, speed: float, points: list[dict[str, Any]]) -> None:
     from rich.box import SIMPLE
-    from rich.console import Console
     from rich.table import Table
+
+    from abhv_mc.cli.printing import print_table
 
     mach, pressure = points[0]["mach"], points[0]["dynamic_pressure_pa"]
     title = f"{vehicle.stem}: {altitude / 1e3:g} km, {speed:g} m/s, Mach {mach:.3f}, {pressure / 1e3:.2f} kPa"
@@ -123,8 +124,7 @@ def _print_table(vehicle: Path, altitude: float, speed: float, points: list[dict
         table.add_column(f"{heading}\n{unit}", justify="right", no_wrap=True)
     for point in points:
         table.add_row(*(f"{point[name] / divisor:.{digits}f}" for name, _, _, divisor, digits in _COLUMNS))
-    console = Console()
-    console.print(table)
+    print_table(table)
     for point in points:
         if point["fault"]:
-            console.print(f"no trim at {point['bank_deg']:g} deg of bank: {point['fault']}")
+            print(f"no trim at {point['bank_deg']:g} deg of bank: {point['fault']}")

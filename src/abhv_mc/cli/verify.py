@@ -24,8 +24,10 @@ def nesc(
     tolerance_scale: _Scale = 1.0,
 ) -> None:
     """Fly the NESC check-cases of a folder; exit 1 where a difference is outside its tolerance."""
+    from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.verification.nesc import verify_nesc
 
+    announce_compiling()
     _show(verify_nesc(folder, tolerance_scale), json)
 
 
@@ -36,8 +38,10 @@ def ghame6(
     tolerance_scale: _Scale = 1.0,
 ) -> None:
     """Replay a recorded flight of CADAC++ GHAME6; exit 1 where a difference is outside its tolerance."""
+    from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.verification.ghame6 import verify_ghame6
 
+    announce_compiling()
     _show(verify_ghame6(file, tolerance_scale), json)
 
 
@@ -51,8 +55,10 @@ def everything(
     tolerance_scale: _Scale = 1.0,
 ) -> None:
     """Show all the proof that needs no data of others, and with --references that against others' data."""
+    from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.verification.everything import verify_references, verify_sections
 
+    announce_compiling()
     rows = [row for _, section in verify_sections(tolerance_scale) for row in section]
     if references is not None:
         rows += [row for _, section in verify_references(references, tolerance_scale) for row in section]
@@ -61,9 +67,9 @@ def everything(
 
 def _show(rows: "list[Row]", json: Path | None) -> None:
     from rich.box import SIMPLE
-    from rich.console import Console
     from rich.table import Table
 
+    from abhv_mc.cli.printing import print_table
     from abhv_mc.verification.rows import all_ok, write_rows
 
     table = Table(box=SIMPLE)
@@ -72,7 +78,7 @@ def _show(rows: "list[Row]", json: Path | None) -> None:
     for row in rows:
         numbers = (f"{row.difference:.3g}", f"{row.tolerance:.3g}", "ok" if row.ok else "OUTSIDE")
         table.add_row(row.case, row.simulator, row.quantity, row.unit, *numbers)
-    Console().print(table)
+    print_table(table)
     if json is not None:
         write_rows(json, rows)
     if not all_ok(rows):
