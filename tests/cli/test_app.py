@@ -76,6 +76,7 @@ def test_exit_codes(error: BaseException, code: int | None, said: str, capsys: p
 def test_interrupt_leaves_with_incomplete() -> None:
     code = (
         "import os, signal, typer\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell has it ignored in what it runs aside
         "from abhv_mc.cli import app\n"
         "app.app.command('wait')(lambda: os.kill(os.getpid(), signal.SIGINT))\n"
         "import sys; sys.argv = ['abhv-mc', 'wait']; app.main()\n"

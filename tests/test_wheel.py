@@ -1,0 +1,58 @@
+"""The package as a user has it: a wheel in an environment of its own, away from the checkout."""
+
+import json
+import os
+import subprocess
+import sys
+import sysconfig
+import venv
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def installed(repository, tmp_path_factory):
+    """The bin folder of an environment that holds the package's wheel; the libraries are those of the tests."""
+    folder = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    subprocess.run(build, cwd=repository, check=True, capture_output=True)
+    (wheel,) = folder.glob("*.whl")
+    venv.create(folder / "venv", with_pip=False)
+    python = folder / "venv" / "bin" / "python"
+    pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--no-deps", "--no-index", str(wheel)]
+    subprocess.run(pip, check=True, capture_output=True)
+    (site,) = (folder / "venv" / "lib").glob("python*/site-packages")
+    libraries = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
+    # A path in a .pth file is not searched for other .pth files: the checkout's editable installation stays out.
+    (site / "libraries.pth").write_text("\n".join(sorted(libraries)))
+    return python.parent
+
+
+def test_a_new_user_flies_a_campaign(installed, tmp_path):
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    environment |= {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+
+    def abhv_mc(*words, folder=tmp_path):
+        command = [installed / "abhv-mc", *words]
+        return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+    where = "import abhv_mc; print(abhv_mc.__file__)"
+    python = [installed / "python", "-c", where]
+    imported = subprocess.run(python, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    assert installed.parent in Path(imported.stdout).parents
+
+    assert abhv_mc("new", "demo").returncode == 0
+    first = abhv_mc("run", "campaign.yaml", "--runs", "32", folder=tmp_path / "demo")
+    assert first.returncode == 0, first.stderr
+    assert first.stderr.count("compiling the flight") == 1
+    report = tmp_path / "demo" / first.stdout.splitlines()[-1].split()[-1]
+    assert report.name == "report.html" and report.stat().st_size > 100_000
+    manifest = json.loads((report.parent / "manifest.json").read_text())
+    assert manifest["state"] == "complete" and manifest["runs_done"] == 32
+    assert manifest["commit"] is None
+
+    again = abhv_mc("run", "campaign.yaml", "--runs", "32", "--fresh", folder=tmp_path / "demo")
+    assert again.returncode == 0, again.stderr
+    assert "compiling" not in again.stderr
+    assert json.loads((report.parent / "manifest.json").read_text())["digest"] == manifest["digest"]
