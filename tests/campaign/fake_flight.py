@@ -33,6 +33,7 @@ def make_plan(name: str, gain: float = 1.0) -> FlightPlan:
         "limits": Limits(0.0, 1e5, -1.0, 1.0, 1.0),
         "reference": np.zeros((TICKS + 1, 40)),
         "gains": np.full((TICKS + 1, 3), gain),
+        "warnings": np.empty(0, dtype=np.str_),
     }
     return FlightPlan(**parts)
 

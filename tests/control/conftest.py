@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.control.reference import make_mission_trim_tables, make_reference
+from abhv_mc.control.reference import make_mission_trim_tables, solve_reference
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
@@ -34,7 +34,7 @@ def trim_tables(vehicle: Vehicle, mission: Mission) -> Tables:
 
 @pytest.fixture(scope="session")
 def reference(mission: Mission, vehicle: Vehicle, trim_tables: Tables) -> NDArray[np.float64]:
-    return make_reference(mission, vehicle, trim_tables, TICK, TICKS)
+    return solve_reference(mission, vehicle, trim_tables, TICK, TICKS)[0]
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.design_model import Surroundings, guidance_rates
 from abhv_mc.control.guidance_trim import trim_faults
 from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.control.reference import make_mission_trim_tables, make_reference, make_start_trim, solve_reference
+from abhv_mc.control.reference import make_mission_trim_tables, make_start_trim, solve_reference
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
@@ -53,7 +53,7 @@ def test_cross_track_is_positive_to_the_left(mission: Mission, vehicle: Vehicle,
     """Whatever the heading, the reference's own displacement along the track vector is y."""
     for heading in (0.3, 4.0):
         turned = mission.model_copy(update={"start": mission.start.model_copy(update={"heading": heading})})
-        reference = make_reference(turned, vehicle, trim_tables, 0.1, 600)
+        reference, _ = solve_reference(turned, vehicle, trim_tables, 0.1, 600)
         value = {name: reference[:, i] for i, name in enumerate(REFERENCE)}
         y = value["north"] * value["track_north"] + value["east"] * value["track_east"]
         np.testing.assert_allclose(y[500], 5000.0, atol=1e-3)
@@ -98,7 +98,7 @@ def test_start_trim_is_the_trim_of_the_reference_without_bank(
 ) -> None:
     data = mission.model_dump(mode="json") | {"manoeuvre": {"kind": "level"}}
     level = Mission.model_validate_json(json.dumps(data))
-    reference = make_reference(level, vehicle, trim_tables, 0.01, 10)
+    reference, _ = solve_reference(level, vehicle, trim_tables, 0.01, 10)
     value = dict(zip(REFERENCE, reference[0], strict=True))
     start = make_start_trim(level, vehicle)
     assert start.fault == ""

@@ -14,7 +14,7 @@ from abhv_mc.campaign.envelopes import EXACT_FLIGHTS
 from abhv_mc.campaign.histogram import BINS, KEPT
 from abhv_mc.campaign.retention import choose_kept
 from abhv_mc.campaign.samples import make_samples, spread_parameters
-from abhv_mc.campaign.setup import Engine, record_every
+from abhv_mc.campaign.setup import Engine, find_warnings, record_every
 from abhv_mc.campaign.tally import Tally, make_tallies
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.store.flights import FlightRows, flights_schema, write_block
@@ -38,6 +38,7 @@ class Estimate:
     histories_bytes: int
     kept: int  # flights with histories, of each controller; "failed" counts none
     envelope_bytes: int  # on disk while it flies
+    warnings: tuple[str, ...]  # about the mission
 
     @property
     def disk_bytes(self) -> int:
@@ -93,4 +94,5 @@ def estimate_campaign(campaign: CheckedCampaign, engine: Engine, workers: int | 
         histories_bytes=histories_size * kept,
         kept=kept,
         envelope_bytes=cells * per_cell * len(plans),
+        warnings=tuple(find_warnings(plans)),
     )

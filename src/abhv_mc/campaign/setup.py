@@ -114,7 +114,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
         write_plan(folder.plan(name), plan)
     _write_samples(folder, wanted)
     _write_nominal(folder, wanted, plans, nominal)
-    manifest = _new_manifest(wanted, resolved, engine)
+    manifest = _new_manifest(wanted, resolved, engine) | {"warnings": find_warnings(plans)}
     write_manifest(folder.manifest, manifest)
     return OpenCampaign(folder, read_campaign(folder.campaign), plans, manifest, asked)
 
@@ -149,6 +149,7 @@ def _resume(folder: CampaignFolder, wanted: CheckedCampaign, engine: Engine) -> 
     if added or longer:
         write_manifest(folder.manifest, manifest)
     plans = {name: read_plan(folder.plan(name)) for name in campaign.model.controllers}
+    manifest["warnings"] = find_warnings(plans)
     if added or not (folder.nominal.exists() and folder.reference.exists()):
         _write_nominal(folder, campaign, plans, _try_out(campaign, plans, engine))
     return OpenCampaign(folder, campaign, plans, manifest, ())
@@ -165,6 +166,11 @@ def check_source(folder: CampaignFolder, manifest: dict[str, Any], engine: Engin
 def _make_plans(campaign: CheckedCampaign, names: tuple[str, ...] | list[str], engine: Engine) -> dict[str, FlightPlan]:
     model = campaign.model
     return {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
+
+
+def find_warnings(plans: dict[str, FlightPlan]) -> list[str]:
+    """What the plans say about their mission, each sentence once."""
+    return list(dict.fromkeys(warning for plan in plans.values() for warning in plan.warnings.tolist()))
 
 
 def _try_out(

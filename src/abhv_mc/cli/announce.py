@@ -1,6 +1,7 @@
-"""Say why the first flight of a version takes its time."""
+"""Say on standard error what a user should know about a flight before it is flown."""
 
 import sys
+from collections.abc import Iterable
 
 
 def announce_compiling() -> None:
@@ -12,3 +13,9 @@ def announce_compiling() -> None:
             "compiling the flight for this machine (about half a minute, once per version)", file=sys.stderr, flush=True
         )
     )
+
+
+def announce_warnings(warnings: Iterable[str]) -> None:
+    """What deserves a second look about the mission of these flights, each sentence once."""
+    for warning in dict.fromkeys(warnings):
+        print(f"warning: {warning}", file=sys.stderr, flush=True)

@@ -21,7 +21,7 @@ def command(
     ] = None,
 ) -> None:
     """Fly a mission once with each controller, nothing dispersed, and print how it went."""
-    from abhv_mc.cli.announce import announce_compiling
+    from abhv_mc.cli.announce import announce_compiling, announce_warnings
     from abhv_mc.documents import InputError
     from abhv_mc.flight.fly import fly, nominal_parameters
     from abhv_mc.flight.prepare import prepare
@@ -35,6 +35,7 @@ def command(
     announce_compiling()
     paths = _find("vehicle", vehicle), _find("mission", mission)
     plans = {file.stem: prepare(*paths, file, file.stem) for file in files}
+    announce_warnings(warning for plan in plans.values() for warning in plan.warnings.tolist())
     if out is not None and len({plan.timing.tick for plan in plans.values()}) > 1:
         raise InputError("--output", None, None, "controllers of different rates", "one folder for each rate")
     blocks = {name: fly(plan, nominal_parameters(), record_every=1) for name, plan in plans.items()}
@@ -62,9 +63,9 @@ def _find(kind: str, name: str) -> Path:
 
 def _print_table(title: str, blocks: "dict[str, FlightBlock]") -> None:
     from rich.box import SIMPLE
-    from rich.console import Console
     from rich.table import Table
 
+    from abhv_mc.cli.printing import print_table
     from abhv_mc.flight.outcome import SENTENCES, Outcome
     from abhv_mc.flight.signals import METRICS
 
@@ -77,7 +78,6 @@ def _print_table(title: str, blocks: "dict[str, FlightBlock]") -> None:
     table.add_row("end_time_s", *(f"{block.end_time[0]:g}" for block in blocks.values()), end_section=True)
     for i, metric in enumerate(METRICS):
         table.add_row(metric.name, *(f"{block.metrics[0, i]:.4g}" for block in blocks.values()))
-    console = Console()
-    console.print(table)
+    print_table(table)
     for name, outcome in outcomes.items():
-        console.print(f"{name}: {SENTENCES[outcome]}", highlight=False)
+        print(f"{name}: {SENTENCES[outcome]}")

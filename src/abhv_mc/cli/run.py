@@ -30,7 +30,7 @@ def command(
     """
     from abhv_mc.campaign.runner import run_campaign
     from abhv_mc.campaign.setup import Request
-    from abhv_mc.cli.announce import announce_compiling
+    from abhv_mc.cli.announce import announce_compiling, announce_warnings
     from abhv_mc.store.folder import StorageFullError
 
     names = tuple(name.strip() for name in controllers.split(",")) if controllers else None
@@ -41,6 +41,7 @@ def command(
         print(error, file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE) from None
     _print_result(result)
+    announce_warnings(result.manifest["warnings"])
     if not result.complete:
         print("incomplete: the same command goes on where this one ended", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)

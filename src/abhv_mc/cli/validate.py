@@ -40,12 +40,13 @@ def _estimate(file: Path) -> None:
     from abhv_mc.campaign.estimate import estimate_campaign
     from abhv_mc.campaign.inputs import find_kind
     from abhv_mc.campaign.setup import make_engine
-    from abhv_mc.cli.announce import announce_compiling
+    from abhv_mc.cli.announce import announce_compiling, announce_warnings
 
     if find_kind(file) != "campaign":
         return
     announce_compiling()
     cost = estimate_campaign(read_campaign(file), make_engine())
+    announce_warnings(cost.warnings)
     print(f"{file}: {cost.flights} flights of {cost.controllers} controllers, blocks of {cost.batch}")
     print(
         f"  time    {cost.flying_s:.0f} s with {cost.workers} workers ({1e3 * cost.flight_s:.2f} ms a flight and core)"

@@ -26,20 +26,15 @@ def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
     return make_trim_tables(vehicle, float(profile.altitude.min() + profile.altitude.max()) / 2.0, speeds)
 
 
-def make_reference(mission: Mission, vehicle: Vehicle, trim_tables: Tables, tick: float, ticks: int) -> Floats:
-    """``[tick, column]`` in the order of COLUMNS for ticks 0..ticks of ``tick`` seconds; SI and radians.
-
-    At a step of the reference a tick takes the value right of it. The nominal controls are those of an Earth that
-    does not turn, as in (1): its attraction at the reference's place, no centrifugal and no Coriolis acceleration.
-    """
-    reference, _ = solve_reference(mission, vehicle, trim_tables, tick, ticks)
-    return reference
-
-
 def solve_reference(
     mission: Mission, vehicle: Vehicle, trim_tables: Tables, tick: float, ticks: int
 ) -> tuple[Floats, GuidanceTrim]:
-    """The reference and the trim behind it, whose status says where no nominal control flies the mission."""
+    """The reference, ``[tick, column]`` in the order of COLUMNS for ticks 0..ticks of ``tick`` seconds, SI and radians.
+
+    At a step of the reference a tick takes the value right of it. The nominal controls are those of an Earth that
+    does not turn, as in (1): its attraction at the reference's place, no centrifugal and no Coriolis acceleration.
+    The trim behind them comes with it: its status says where no nominal control flies the mission.
+    """
     still = mission.make_earth()._replace(rotation_rate=0.0)
     half_ticks = make_profile(mission, np.arange(2 * ticks + 1, dtype=np.float64) * (0.5 * tick))
     profile = Profile(*(x[::2] for x in half_ticks))

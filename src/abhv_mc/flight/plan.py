@@ -56,6 +56,7 @@ class FlightPlan:
     reference: Floats  # [tick, column] see abhv_mc.control.columns
     gains: Floats  # [tick, gain] columns as the law names them
     settings: Floats  # the law's constants (differentiator bandwidths, command limits)
+    warnings: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # sentences for the user
 
 
 @dataclass(frozen=True)

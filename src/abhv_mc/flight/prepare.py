@@ -4,15 +4,19 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.control.columns import ANGLE_OF_ATTACK, BANK, TIME
 from abhv_mc.control.controller_file import Controller, TlcController, read_controller
+from abhv_mc.control.guidance_trim import trim_faults
 from abhv_mc.control.lqr_design import make_lqr_gains, make_lqr_settings
 from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.control.reference import make_mission_trim_tables, make_reference, make_start_trim
+from abhv_mc.control.reference import make_mission_trim_tables, make_start_trim, solve_reference
 from abhv_mc.control.tlc_design import make_tlc_gains, make_tlc_settings
+from abhv_mc.documents import InputError
 from abhv_mc.flight.plan import FlightPlan, Limits, Timing
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import make_effectiveness
+from abhv_mc.plant.trim import TrimPoint
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.vehicle.model import Vehicle
@@ -21,14 +25,28 @@ from abhv_mc.world.earth import Earth, radii
 
 def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:
     """Read the three files and compute the plan. Raises :class:`abhv_mc.documents.InputError`."""
-    return make_plan(load_vehicle(vehicle), read_mission(mission), read_controller(controller), name)
+    return make_plan(load_vehicle(vehicle), read_mission(mission), read_controller(controller), name, mission)
 
 
-def make_plan(vehicle: Vehicle, mission: Mission, controller: Controller, name: str) -> FlightPlan:
-    """The plan of one controller's flights."""
+def make_plan(
+    vehicle: Vehicle, mission: Mission, controller: Controller, name: str, mission_file: str | Path | None = None
+) -> FlightPlan:
+    """The plan of one controller's flights.
+
+    Where nominal controls do not fly the mission, the plan's warnings say so. Raises InputError, which names
+    ``mission_file``, for a mission that they do not fly at any time.
+    """
     timing = make_timing(mission, controller.rate)
     trim_tables = make_mission_trim_tables(mission, vehicle)
-    reference = make_reference(mission, vehicle, trim_tables, timing.tick, timing.ticks)
+    reference, nominal = solve_reference(mission, vehicle, trim_tables, timing.tick, timing.ticks)
+    warnings = trim_faults(nominal, reference[:, TIME])
+    if nominal.status.all():
+        wanted = "a mission that this vehicle can fly"
+        raise InputError(mission_file or mission.name, None, None, "; ".join(warnings), wanted)
+    warnings += limit_faults(controller, reference)
+    start = make_start_trim(mission, vehicle)
+    if start.fault:
+        warnings.append(f"at the start {start.fault}")
     if isinstance(controller, TlcController):
         gains = make_tlc_gains(controller, reference, vehicle, trim_tables)
         settings = make_tlc_settings(controller)
@@ -50,11 +68,31 @@ def make_plan(vehicle: Vehicle, mission: Mission, controller: Controller, name: 
             constants.angle_of_attack_max,
             constants.sideslip_max,
         ),
-        initial_state=make_initial_state(mission, vehicle),
+        initial_state=make_initial_state(mission, vehicle, start),
         reference=reference,
         gains=gains,
         settings=settings,
+        warnings=np.array(warnings, dtype=np.str_),
     )
+
+
+def limit_faults(controller: Controller, reference: Floats) -> list[str]:
+    """A sentence for each nominal control that is beyond what the controller may command."""
+    limits = controller.limits
+    faults = []
+    for words, column, low, high in (
+        ("angle of attack", ANGLE_OF_ATTACK, *limits.angle_of_attack),
+        ("bank", BANK, -limits.bank, limits.bank),
+    ):
+        nominal = reference[:, column]
+        where = np.flatnonzero((nominal < low) | (nominal > high))
+        if where.size:
+            worst = np.rad2deg(nominal[where][np.argmax(np.abs(nominal[where]))])
+            first = reference[where[0], TIME]
+            faults.append(
+                f"the mission takes {worst:.1f} deg of {words}, which the controller limits, at {first:.2f} s"
+            )
+    return faults
 
 
 def make_timing(mission: Mission, rate: float) -> Timing:
@@ -64,9 +102,8 @@ def make_timing(mission: Mission, rate: float) -> Timing:
     return Timing(tick / steps, steps, round(mission.duration * rate))
 
 
-def make_initial_state(mission: Mission, vehicle: Vehicle) -> Floats:
+def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> Floats:
     """Straight and level in 1 g trim, bank zero, the body turning with the local frame, actuators at rest."""
-    trim = make_start_trim(mission, vehicle)
     start = mission.start
     x = np.zeros(s.N_STATES)
     x[s.ALTITUDE], x[s.LONGITUDE], x[s.LATITUDE] = start.altitude, start.longitude, start.latitude

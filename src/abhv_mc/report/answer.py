@@ -109,6 +109,8 @@ def sureness_sentence(numbers: Mapping[str, Any]) -> str:
         text += " " + _stopping_sentence(campaign, flown.pop())
     for warning in numbers["warnings"]:
         text += f" The reference itself is not flyable everywhere: {warning}."
+    for warning in numbers["warnings"]:
+        text += f" The reference itself is not flyable everywhere: {warning}."
     if numbers["state"] != "complete":
         text += " The campaign is not complete; all numbers are preliminary."
     return text
