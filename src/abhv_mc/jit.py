@@ -22,7 +22,7 @@ from numba.core import event
 F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).parent
-_COMPILED_LAYERS = ("jit.py", "numerics", "world", "vehicle", "plant", "control", "flight")
+_COMPILED_LAYERS = ("jit.py", "jit_cuda.py", "numerics", "world", "vehicle", "plant", "control", "flight")
 
 
 def source_hash() -> str:

@@ -1,8 +1,10 @@
 """The engine's one entrance: fly a plan under many dispersions."""
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abhv_mc.flight.lanes import LANES, LAWS, make_fly_lanes
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
@@ -19,6 +21,44 @@ def nominal_parameters(flights: int = 1) -> Floats:
     return np.tile([parameter.nominal for parameter in PARAMETERS], (flights, 1))
 
 
+class Results(NamedTuple):
+    """What the compiled flight fills, in the order of its arguments."""
+
+    metrics: Floats  # [flight, metric]
+    outcome: NDArray[np.int64]  # [flight]
+    end_tick: NDArray[np.int64]  # [flight]
+    history: NDArray[np.float32]  # [flight, sample, channel]
+    states: Floats  # [flight, sample, state]; no samples where not asked for
+
+
+def check_parameters(parameters: Floats) -> Floats:
+    """Parameters as the compiled flight wants them. Raises ValueError for an array of the wrong shape."""
+    parameters = np.ascontiguousarray(parameters, dtype=np.float64)
+    if parameters.ndim != 2 or parameters.shape[1] != len(PARAMETERS):
+        raise ValueError(f"parameters must be [flight, {len(PARAMETERS)}], not {parameters.shape}")
+    return parameters
+
+
+def make_results(plan: FlightPlan, flights: int, every: int, keep_states: bool) -> Results:
+    """Room for the results; ``every`` counts ticks between samples, 0 for none."""
+    samples = plan.timing.ticks // every + 1 if every else 0
+    return Results(
+        np.empty((flights, len(METRICS))),
+        np.empty(flights, dtype=np.int64),
+        np.empty(flights, dtype=np.int64),
+        np.full((flights, samples, len(CHANNELS)), np.nan, dtype=np.float32),
+        np.full((flights, samples if keep_states else 0, N_STATES), np.nan),
+    )
+
+
+def make_block(plan: FlightPlan, results: Results, every: int) -> FlightBlock:
+    """Filled results as what the engine returns."""
+    tick = plan.timing.tick
+    end_time = np.asarray(results.end_tick * tick, dtype=np.float64)
+    times = np.asarray(np.arange(results.history.shape[1]) * every * tick, dtype=np.float64)
+    return FlightBlock(results.outcome, end_time, results.metrics, results.history, times, results.states)
+
+
 def fly(
     plan: FlightPlan,
     parameters: Floats,
@@ -33,18 +73,10 @@ def fly(
     nor on how many fly abreast (``lanes``). Releases the interpreter's lock, so threads may call it side by side.
     Raises ValueError for an array of the wrong shape.
     """
-    parameters = np.ascontiguousarray(parameters, dtype=np.float64)
-    if parameters.ndim != 2 or parameters.shape[1] != len(PARAMETERS):
-        raise ValueError(f"parameters must be [flight, {len(PARAMETERS)}], not {parameters.shape}")
+    parameters = check_parameters(parameters)
     timing = plan.timing
     every = record_every or 0
-    samples = timing.ticks // every + 1 if every else 0
-    flights = len(parameters)
-    metrics = np.empty((flights, len(METRICS)))
-    outcome = np.empty(flights, dtype=np.int64)
-    end_tick = np.empty(flights, dtype=np.int64)
-    history = np.full((flights, samples, len(CHANNELS)), np.nan, dtype=np.float32)
-    states = np.full((flights, samples if keep_states else 0, N_STATES), np.nan)
+    results = make_results(plan, len(parameters), every, keep_states)
     _lanes(lanes)(
         lanes,
         plan.vehicle,
@@ -62,12 +94,6 @@ def fly(
         every,
         parameters,
         plan.initial_state,
-        metrics,
-        outcome,
-        end_tick,
-        history,
-        states,
+        *results,
     )
-    end_time = np.asarray(end_tick * timing.tick, dtype=np.float64)
-    times = np.asarray(np.arange(samples) * every * timing.tick, dtype=np.float64)
-    return FlightBlock(outcome, end_time, metrics, history, times, states)
+    return make_block(plan, results, every)

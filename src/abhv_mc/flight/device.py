@@ -1,0 +1,188 @@
+"""The same flight on a graphics processor: one thread a flight, in the thread's own memory.
+
+The kernel calls :func:`abhv_mc.flight.lanes.fly_groups` one lane wide. The hardware interleaves the threads' own
+memory, so what neighbouring flights read at once lies side by side. Without fused multiply-adds every operation
+rounds as on the processor: by construction the same bits.
+"""
+
+import math
+import threading
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.control import tlc
+from abhv_mc.flight import observe
+from abhv_mc.flight.fly import check_parameters, make_block, make_results
+from abhv_mc.flight.lanes import LAWS, fly_groups
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.jit_cuda import cuda, device_kernel, find_device, uncontracted
+from abhv_mc.plant import state as s
+from abhv_mc.vehicle.arrays import Floats
+
+THREADS = 32  # of a block: one warp, so that flights that end early free their place soonest
+CAMPAIGN_BATCH = 16_384  # flights of a campaign's block: half of what an H200 flies at once, and a GB of history
+_MEMORY = 4e9  # bytes of results of one launch
+
+_Z_ROWS = s.LAW + tlc.N_ROWS
+_O_ROWS = observe.N_ROWS
+_TRIM_AXES = 3
+
+_one_at_a_time = threading.Lock()
+
+
+@cache
+def make_flight_kernel(
+    law: int, table_rows: int, axes: int, scratch_rows: int, max_registers: int | None = None
+) -> Any:
+    """The flight of one law as a kernel, for tables of at most these sizes: they set a thread's memory."""
+
+    def fly_one(
+        vehicle,
+        trim,
+        effectiveness,
+        earth,
+        reference,
+        gains,
+        settings,
+        limits,
+        step,
+        steps_per_tick,
+        ticks,
+        record_every,
+        unit_factors,
+        parameters,
+        initial_state,
+        metrics,
+        outcome,
+        end_tick,
+        history,
+        states,
+    ):
+        flight = cuda.grid(1)
+        if flight < parameters.shape[0]:
+            Z = cuda.local.array((_Z_ROWS, 1), np.float64)
+            O = cuda.local.array((_O_ROWS, 1), np.float64)
+            T = cuda.local.array((table_rows, 1), np.float64)
+            hints = cuda.local.array((axes, 1), np.int64)
+            fractions = cuda.local.array((axes, 1), np.float64)
+            trim_hints = cuda.local.array((_TRIM_AXES, 1), np.int64)
+            weights = cuda.local.array((4, 1), np.float64)
+            low = cuda.local.array(scratch_rows, np.float64)
+            high = cuda.local.array(scratch_rows, np.float64)
+            for i in range(axes):
+                hints[i, 0] = 0
+                fractions[i, 0] = 0.0
+            for i in range(_TRIM_AXES):
+                trim_hints[i, 0] = 0
+            for sample in range(history.shape[1]):
+                for channel in range(history.shape[2]):
+                    history[flight, sample, channel] = math.nan
+            for sample in range(states.shape[1]):
+                for i in range(s.N_STATES):
+                    states[flight, sample, i] = math.nan
+            own = slice(flight, flight + 1)
+            fly_groups(
+                Z,
+                T,
+                O,
+                1,
+                (hints, trim_hints, fractions, weights, low, high),
+                unit_factors,
+                vehicle,
+                trim,
+                effectiveness,
+                earth,
+                law,
+                reference,
+                gains,
+                settings,
+                limits,
+                step,
+                steps_per_tick,
+                ticks,
+                record_every,
+                parameters[own],
+                initial_state,
+                metrics[own],
+                outcome[own],
+                end_tick[own],
+                history[own],
+                states[own],
+            )
+
+    return device_kernel(fly_one, max_registers)
+
+
+def kernel_of(plan: FlightPlan, max_registers: int | None = None) -> Any:
+    """The kernel that a plan needs."""
+    tables, slopes = plan.vehicle.tables, plan.effectiveness
+    rows = [tables.n_rows, *(slopes.slope_row + tables.group_width[slopes.slope_group])]
+    scratch = max(int(tables.group_width.max()), int(plan.trim_tables.group_width.max()))
+    axes = max(int(tables.axis_start.size), _TRIM_AXES)
+    return make_flight_kernel(LAWS[plan.law], int(max(rows)), axes, scratch, max_registers)
+
+
+def to_device(value: Any) -> Any:
+    """A named tuple, however deep, with its arrays on the GPU."""
+    if isinstance(value, np.ndarray):
+        return cuda.to_device(np.ascontiguousarray(value))
+    if isinstance(value, tuple):
+        return type(value)(*map(to_device, value))
+    return value
+
+
+def plan_arguments(plan: FlightPlan, every: int) -> tuple[Any, ...]:
+    """The kernel's arguments up to the parameters, on the host."""
+    timing = plan.timing
+    return (
+        plan.vehicle,
+        plan.trim_tables,
+        plan.effectiveness,
+        plan.earth,
+        plan.reference,
+        plan.gains,
+        plan.settings,
+        plan.limits,
+        timing.step,
+        timing.steps_per_tick,
+        timing.ticks,
+        every,
+        np.zeros(plan.vehicle.build_up.factor.size, np.int64),
+    )
+
+
+def fly_on_gpu(
+    plan: FlightPlan,
+    parameters: Floats,
+    record_every: int | None = None,
+    keep_states: bool = False,
+    threads: int = THREADS,
+    max_registers: int | None = None,
+) -> FlightBlock:
+    """What :func:`abhv_mc.flight.fly.fly` does, on the GPU; results do not depend on ``threads`` (of a block).
+
+    Threads of the host take turns. Raises Refusal where there is no GPU, ValueError for an array of the wrong shape.
+    """
+    find_device()
+    parameters = check_parameters(parameters)
+    every = record_every or 0
+    flights = len(parameters)
+    results = make_results(plan, flights, every, keep_states)
+    bytes_per_flight = parameters[:1].nbytes + sum(array[:1].nbytes for array in results)
+    piece = max(threads, int(_MEMORY // max(bytes_per_flight, 1)))
+    with _one_at_a_time, uncontracted():
+        kernel = kernel_of(plan, max_registers)
+        fixed = [to_device(argument) for argument in plan_arguments(plan, every)]
+        initial_state = cuda.to_device(plan.initial_state)
+        for first in range(0, flights, piece):
+            own = slice(first, min(first + piece, flights))
+            host = [array[own] for array in results]
+            device: list[Any] = [cuda.device_array(array.shape, array.dtype) for array in host]
+            blocks = -(-len(host[0]) // threads)
+            kernel[blocks, threads](*fixed, cuda.to_device(parameters[own]), initial_state, *device)
+            for there, here in zip(device, host, strict=True):
+                if here.size:
+                    there.copy_to_host(here)
+    return make_block(plan, results, every)
