@@ -16,7 +16,8 @@ from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 
 FLIGHTS = 16
 FACTOR = 0.05
-HALF_WIDTH = {"-": 2e-4, "m": 0.02, "m/s": 3.0, "1/s": 1e-4, "rad": 0.005, "rad/s": 0.001}  # of what adds, by unit
+HALF_WIDTH = {"-": 2e-4, "m": 0.02, "m/s": 3.0, "1/s": 1e-4, "rad": 0.005, "rad/s": 0.001, "s": 0.02}  # what adds
+NEVER_NEGATIVE = ("_noise", "turbulence", "delay", "gust_start")
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +39,11 @@ def dispersed():
     generator = np.random.default_rng(16)
     widths = [FACTOR if parameter.nominal else HALF_WIDTH[parameter.unit] for parameter in PARAMETERS]
     widths[PARAMETER_INDEX["one"]] = 0.0
-    return nominal_parameters(FLIGHTS) + generator.uniform(-1.0, 1.0, (FLIGHTS, len(PARAMETERS))) * widths
+    errors = generator.uniform(-1.0, 1.0, (FLIGHTS, len(PARAMETERS))) * widths
+    for i, parameter in enumerate(PARAMETERS):
+        if parameter.name.endswith(NEVER_NEGATIVE):
+            errors[:, i] = 0.1 * np.abs(errors[:, i])
+    return nominal_parameters(FLIGHTS) + errors
 
 
 def result(block):

@@ -1,5 +1,6 @@
 """``abhv-mc verify``: hold flights against other people's, and reports against their data."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,58 +15,104 @@ app = typer.Typer(help="Hold flights against other people's, and reports against
 app.command("campaign")(verify_campaign.command)
 
 _Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the rows as JSON too.")]
-_Scale = Annotated[float, typer.Option(min=0.0, help="Multiply every tolerance.")]
+_Scale = Annotated[float, typer.Option("--tolerance-scale", metavar="X", help="Multiply every tolerance.")]
+
+_REFERENCES = Path("tests/reference")
 
 
 @app.command("nesc")
 def nesc(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the check-cases.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Holds Atmos_NN_Name/Atmos_NN_sim_MM.csv[.gz].")],
     json: _Json = None,
     tolerance_scale: _Scale = 1.0,
 ) -> None:
-    """Fly the NESC check-cases of a folder; exit 1 where a difference is outside its tolerance."""
-    from abhv_mc.cli.announce import announce_compiling
+    """Fly NASA's atmospheric check-cases 1 to 10, those that DIR has, and compare with each simulator given.
+
+    Exit code 1 where a difference is outside its tolerance.
+    """
     from abhv_mc.verification.nesc import verify_nesc
 
-    announce_compiling()
-    _show(verify_nesc(folder, tolerance_scale), json)
+    scale = _prepare(tolerance_scale, json)
+    _show([("check-cases", verify_nesc(folder, scale))], json)
 
 
 @app.command("ghame6")
 def ghame6(
-    file: Annotated[Path, typer.Argument(metavar="FILE.csv[.gz]", help="Recorded flight.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE.csv[.gz]", help="A flight of CADAC++ GHAME6.")],
     json: _Json = None,
     tolerance_scale: _Scale = 1.0,
 ) -> None:
-    """Replay a recorded flight of CADAC++ GHAME6; exit 1 where a difference is outside its tolerance."""
-    from abhv_mc.cli.announce import announce_compiling
+    """Replay the recorded surfaces and throttle of a CADAC++ flight and compare the states.
+
+    Exit code 1 where a difference is outside its tolerance.
+    """
     from abhv_mc.verification.ghame6 import verify_ghame6
 
-    announce_compiling()
-    _show(verify_ghame6(file, tolerance_scale), json)
+    scale = _prepare(tolerance_scale, json)
+    _show([("recording", verify_ghame6(file, scale))], json)
+
+
+@app.command("invariants")
+def invariants(json: _Json = None, tolerance_scale: _Scale = 1.0) -> None:
+    """Check what needs no data: invariants, the integrator's order, atmosphere, Earth, tables, root finder."""
+    from abhv_mc.verification.everything import verify_sections
+
+    _show(verify_sections(_prepare(tolerance_scale, json)), json)
+
+
+@app.command("step")
+def step(
+    flights: Annotated[int, typer.Option(min=2, help="Dispersed flights.")] = 304,
+    controller: Annotated[str, typer.Option(help="One of the shipped control files.")] = "tlc",
+    json: _Json = None,
+    tolerance_scale: _Scale = 1.0,
+) -> None:
+    """Halve the integrator's step on the S manoeuvre: every metric moves by less than 1 % of its spread."""
+    from abhv_mc.verification.step_study import verify_step
+
+    scale = _prepare(tolerance_scale, json)
+    _show([("step study", verify_step(flights, controller, scale))], json)
 
 
 @app.command("all")
 def everything(
     references: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder with the check-cases (nesc) and recordings (cadac-ghame6)."),
+        typer.Option(
+            metavar="DIR",
+            show_default=f"{_REFERENCES}, where it is",
+            help="Holds the check-cases (nesc) and recordings (cadac-ghame6).",
+        ),
     ] = None,
     json: _Json = None,
     tolerance_scale: _Scale = 1.0,
 ) -> None:
-    """Show all the proof that needs no data of others, and with --references that against others' data."""
+    """Show all of the proof as one table: others' flights, invariants, published numbers, and the step study."""
+    from abhv_mc.verification.everything import verify_everything
+
+    scale = _prepare(tolerance_scale, json)
+    if references is None and _REFERENCES.is_dir():
+        references = _REFERENCES
+    _show(verify_everything(references, scale), json)
+
+
+def _prepare(scale: float, json: Path | None) -> float:
+    """Refuse what would fail after the flights; the factor of the tolerances."""
+    import math
+
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.verification.everything import verify_references, verify_sections
+    from abhv_mc.input_error import InputError
 
+    if not (math.isfinite(scale) and scale > 0.0):
+        raise InputError("--tolerance-scale", None, None, f"{scale:g}", "a positive number")
+    if json is not None and not json.parent.is_dir():
+        raise InputError(json, None, None, "no folder to write it in", "a file in a folder that exists")
     announce_compiling()
-    rows = [row for _, section in verify_sections(tolerance_scale) for row in section]
-    if references is not None:
-        rows += [row for _, section in verify_references(references, tolerance_scale) for row in section]
-    _show(rows, json)
+    return scale
 
 
-def _show(rows: "list[Row]", json: Path | None) -> None:
+def _show(sections: "Iterable[tuple[str, list[Row]]]", json: Path | None) -> None:
+    """Print one table, write the JSON, and exit 1 where a row is not as it should be."""
     from rich.box import SIMPLE
     from rich.table import Table
 
@@ -73,12 +120,14 @@ def _show(rows: "list[Row]", json: Path | None) -> None:
     from abhv_mc.verification.rows import all_ok, write_rows
 
     table = Table(box=SIMPLE)
-    for heading in ("case", "compared with", "quantity", "unit", "difference", "tolerance", ""):
+    for heading in ("case", "compared with", "quantity", "difference", "tolerance", "unit", ""):
         table.add_column(heading, justify="right" if heading in ("difference", "tolerance") else "left")
+    rows = [row for _, section in sections for row in section]
     for row in rows:
-        numbers = (f"{row.difference:.3g}", f"{row.tolerance:.3g}", "ok" if row.ok else "OUTSIDE")
-        table.add_row(row.case, row.simulator, row.quantity, row.unit, *numbers)
+        numbers = (f"{row.difference:.2e}", f"{row.tolerance:.2e}")
+        table.add_row(row.case, row.simulator, row.quantity, *numbers, row.unit, "ok" if row.ok else "OUTSIDE")
     print_table(table)
+    print(f"{len(rows)} differences, {sum(not row.ok for row in rows)} outside their tolerance")
     if json is not None:
         write_rows(json, rows)
     if not all_ok(rows):

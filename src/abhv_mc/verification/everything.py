@@ -11,6 +11,7 @@ from abhv_mc.verification.nesc import verify_nesc
 from abhv_mc.verification.order import verify_order
 from abhv_mc.verification.roots import verify_roots
 from abhv_mc.verification.rows import Row
+from abhv_mc.verification.step_study import verify_step
 from abhv_mc.verification.world import verify_atmosphere, verify_earth
 
 # What needs no data of others.
@@ -38,6 +39,14 @@ def verify_references(folder: Path, scale: float = 1.0) -> Iterator[tuple[str, l
     yield "check-cases", verify_nesc(folder / "nesc", scale)
     for recording in recordings:
         yield f"recording {recording.name}", verify_ghame6(recording, scale)
+
+
+def verify_everything(folder: Path | None, scale: float = 1.0) -> Iterator[tuple[str, list[Row]]]:
+    """Names and rows of the references in a folder, if any, of SECTIONS and of the step study."""
+    if folder is not None:
+        yield from verify_references(folder, scale)
+    yield from verify_sections(scale)
+    yield "step study", verify_step(scale=scale)
 
 
 def scale_row(row: Row, scale: float) -> Row:
