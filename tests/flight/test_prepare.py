@@ -31,7 +31,7 @@ def wide_s(altitude: float) -> Mission:
 
 
 def test_a_turn_beyond_the_vehicle_is_told_with_its_time() -> None:
-    warnings = plan_of(wide_s(26e3)).warnings.tolist()
+    warnings = plan_of(wide_s(29e3)).warnings.tolist()
     assert any("no angle of attack" in words and "of 6001 points, first at 0.00 s" in words for words in warnings)
 
 

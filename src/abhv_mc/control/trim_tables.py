@@ -29,7 +29,7 @@ def make_trim_tables(
     vehicle: Vehicle,
     altitude: float,
     speed_range: tuple[float, float],
-    angle_of_attack_range: tuple[float, float] = (np.deg2rad(-3.0), np.deg2rad(15.0)),
+    angle_of_attack_range: tuple[float, float] = (np.deg2rad(-10.0), np.deg2rad(30.0)),
 ) -> Tables:
     """Pack TRIM_ROWS over Mach, angle of attack and equivalence ratio.
 

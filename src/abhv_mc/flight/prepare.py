@@ -6,10 +6,13 @@ import numpy as np
 
 from abhv_mc.control.columns import ANGLE_OF_ATTACK, BANK, TIME
 from abhv_mc.control.controller_file import Controller, TlcController, read_controller
+from abhv_mc.control.design_model import wrench_at
+from abhv_mc.control.design_tables import Numbers, slope
 from abhv_mc.control.guidance_trim import trim_faults
 from abhv_mc.control.lqr_design import make_lqr_gains, make_lqr_settings
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.control.reference import make_mission_trim_tables, make_start_trim, solve_reference
+from abhv_mc.control.surroundings import make_surroundings
 from abhv_mc.control.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.documents import InputError
 from abhv_mc.flight.plan import FlightPlan, Limits, Timing
@@ -22,10 +25,39 @@ from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth, radii
 
+_ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # a small angle inside of most tables' cells
+
 
 def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:
     """Read the three files and compute the plan. Raises :class:`abhv_mc.documents.InputError`."""
-    return make_plan(load_vehicle(vehicle), read_mission(mission), read_controller(controller), name, mission)
+    packed = load_vehicle(vehicle)
+    if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
+        found = "a vehicle without control surfaces or engine"
+        raise InputError(vehicle, None, None, found, "one with both, to fly a mission with a controller")
+    asked, law = read_mission(mission), read_controller(controller)
+    if isinstance(law, TlcController) and not has_authority(packed, asked):
+        found = "deflections that do not turn the vehicle about three axes"
+        raise InputError(vehicle, None, None, found, "aileron, rudder and elevator with moments of their own")
+    try:
+        return make_plan(packed, asked, law, name, mission)
+    except np.linalg.LinAlgError as error:
+        found = f"a mission along which {law.law} has no gains for this vehicle ({str(error).lower()})"
+        wanted = "one where the controls rule the flight"
+        raise InputError(mission, None, None, found, wanted) from None
+
+
+def has_authority(vehicle: Vehicle, mission: Mission) -> bool:
+    """Whether the deflections' moments at the start can be solved for the deflections, as control allocation does."""
+    start = mission.start
+    around = make_surroundings(mission.make_earth(), start.altitude, start.latitude)
+
+    def moment(deflections: Numbers) -> Numbers:
+        nothing = 0.0 * deflections[0]
+        alpha, rates = nothing + _ALPHA_OF_AUTHORITY, (nothing, nothing, nothing)
+        mass, eta = vehicle.constants.mass_start, nothing + vehicle.constants.equivalence_ratio_min
+        return wrench_at(vehicle, around, mass, start.speed, alpha, nothing, rates, deflections, eta).moment
+
+    return bool(np.linalg.cond(slope(moment, np.full(3, _ALPHA_OF_AUTHORITY))) < 1e12)
 
 
 def make_plan(
