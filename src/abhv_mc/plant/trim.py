@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.vehicle.arrays import COEFFICIENTS
-from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
+from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, evaluate_tables, make_variables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.atmosphere import atmosphere
 from abhv_mc.world.earth import Earth, gravity_ned, radii
@@ -118,10 +118,14 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
     """A root between two ends; without a change of sign the end that comes nearer."""
     from scipy.optimize import brentq
 
-    at_low, at_high = function(low), function(high)
-    if at_low * at_high > 0.0 or low == high:
-        return low if abs(at_low) < abs(at_high) else high
-    return float(brentq(function, low, high, xtol=_STEP, rtol=1e-14))
+    known = {low: function(low), high: function(high)}
+    if known[low] * known[high] > 0.0 or low == high:
+        return low if abs(known[low]) < abs(known[high]) else high
+
+    def once(x: float) -> float:  # Brent asks for the ends again, which nested three deep is most of the work
+        return known[x] if x in known else function(x)
+
+    return float(brentq(once, low, high, xtol=_STEP, rtol=1e-14))
 
 
 def _specific_force(earth: Earth, point: FlightPoint) -> tuple[float, float]:
@@ -171,8 +175,10 @@ def _forces(
         mass=mass,
         pitch_rate_hat=pitch_rate * constants.chord / (2.0 * point.speed),
     )
-    coefficients = dict(zip(COEFFICIENTS, evaluate_coefficients(vehicle, variables)[:, 0].tolist(), strict=True))
-    fixed = {name: float(value[0]) for name, value in evaluate_fixed(vehicle, variables).items()}
+    rows = evaluate_tables(vehicle.tables, variables)
+    values = evaluate_coefficients(vehicle, variables, rows=rows)[:, 0].tolist()
+    coefficients = dict(zip(COEFFICIENTS, values, strict=True))
+    fixed = {name: float(value[0]) for name, value in evaluate_fixed(vehicle, variables, rows).items()}
     lift, drag = (q_bar * constants.area * coefficients[name] for name in ("lift", "drag"))
     captured = constants.capture_thrust * eta * density * point.speed * fixed["capture_area_ratio"]
     thrust = captured * fixed["specific_impulse"] + q_bar * fixed["thrust_area"]

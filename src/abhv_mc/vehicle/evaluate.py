@@ -51,12 +51,15 @@ def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
     return rows
 
 
-def evaluate_coefficients(vehicle: Vehicle, variables: Floats, factors: Floats | None = None) -> Floats:
+def evaluate_coefficients(
+    vehicle: Vehicle, variables: Floats, factors: Floats | None = None, rows: Floats | None = None
+) -> Floats:
     """The six COEFFICIENTS ``[coefficient, point]`` from ``[variable, point]``.
 
     ``factors`` ``[parameter]`` or ``[parameter, point]`` multiplies the terms as the build-up says; None is nominal.
+    ``rows`` is what :func:`evaluate_tables` gave, where it is at hand.
     """
-    rows = evaluate_tables(vehicle.tables, variables)
+    rows = evaluate_tables(vehicle.tables, variables) if rows is None else rows
     coefficients = np.zeros((len(COEFFICIENTS), *variables.shape[1:]))
     for coefficient, row, variable, factor in zip(*vehicle.build_up, strict=True):
         term = rows[row] * variables[variable]
@@ -64,7 +67,7 @@ def evaluate_coefficients(vehicle: Vehicle, variables: Floats, factors: Floats |
     return coefficients
 
 
-def evaluate_fixed(vehicle: Vehicle, variables: Floats) -> dict[str, Floats]:
+def evaluate_fixed(vehicle: Vehicle, variables: Floats, rows: Floats | None = None) -> dict[str, Floats]:
     """Propulsion, inertia and centre-of-gravity tables by their names in FIXED_TABLE_ROWS, each ``[point]``."""
-    rows = evaluate_tables(vehicle.tables, variables)
+    rows = evaluate_tables(vehicle.tables, variables) if rows is None else rows
     return {name: rows[row] for name, row in zip(FIXED_TABLE_ROWS, vehicle.tables.fixed_row, strict=True)}
