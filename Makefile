@@ -8,6 +8,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/installed
 CAMPAIGN := campaigns/s_manoeuvre.yaml
+REPORT := reports/s_manoeuvre/report.html
 TEST_WORKERS ?= 2
 
 .PHONY: run test verify bench bench-peers lock clean
@@ -15,6 +16,11 @@ TEST_WORKERS ?= 2
 
 run: $(INSTALLED)
 	$(BIN)/abhv-mc run $(CAMPAIGN)
+	@if [ -z "$$CI" ] && { [ -n "$$DISPLAY$$WAYLAND_DISPLAY" ] || [ "$$(uname)" = Darwin ]; }; then \
+	    $(BIN)/python -m webbrowser "file://$(CURDIR)/$(REPORT)"; \
+	else \
+	    echo "no display here: open $(REPORT) in any browser"; \
+	fi
 
 test: $(INSTALLED)
 	$(BIN)/ruff check .
@@ -24,7 +30,7 @@ test: $(INSTALLED)
 	$(BIN)/python -m pytest -n $(TEST_WORKERS)
 
 verify: $(INSTALLED)
-	$(BIN)/abhv-mc verify all
+	$(BIN)/abhv-mc verify all --references tests/reference
 
 bench: $(INSTALLED)
 	$(BIN)/abhv-mc bench
