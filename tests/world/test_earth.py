@@ -78,3 +78,13 @@ def test_attraction_of_the_nasa_check_cases() -> None:
     # the centrifugal part not in it
     still = WGS84._replace(rotation_rate=0.0)
     assert gravity_ned(still, 0.0, 0.0, 1.0)[1] / 0.3048 == pytest.approx(32.1988102141, abs=1e-9)
+
+
+@pytest.mark.parametrize("factor", [-1.0, 0.0, 2.0])
+def test_the_meridional_factor_scales_what_j2_pulls_along_the_meridian(factor: float) -> None:
+    # On a still sphere geodetic and geocentric axes are one: there J2 alone pulls to the north or south.
+    whole = Earth(6378137.0, 0.0, 3.986004418e14, 1.08262982e-3, 0.0)
+    north, down = gravity_ned(whole, 2e4, math.sin(0.6), math.cos(0.6))
+    scaled = gravity_ned(whole._replace(j2_meridional=factor), 2e4, math.sin(0.6), math.cos(0.6))
+    assert north < -0.01
+    assert scaled == pytest.approx((factor * north, down), abs=1e-14)

@@ -25,7 +25,7 @@ from abhv_mc.world.geodesy import earth_fixed_from_inertial, geodetic_from_ecef,
 # CADAC++'s Earth: its own flattening; J2 from the normalised C20. Its gravity pulls along the meridian away from the
 # equator: the accelerations in its output show the right size of J2's meridional part with the wrong sign.
 CADAC_EARTH = Earth(6378137.0, 3.33528106e-3, 3.9860044e14, 4.8416685e-4 * np.sqrt(5.0), 7.292115e-5, -1.0)
-# Its U.S. Standard Atmosphere is thinner by this at 20 km: 6369 km for the standard's geopotential radius, mostly.
+# Its atmosphere at 20 km is thinner than the standard's by this, at its own altitude (the column rho).
 CADAC_DENSITY = 1.0 / 1.0000134861
 FULL_MASS = 136077.0  # kg: mass = this minus the fuel expended
 LONGEST_STEP = 0.01  # s
