@@ -9,8 +9,9 @@ from abhv_mc.campaign.designs import DESIGNS
 from abhv_mc.campaign.distributions import Distribution, Value
 from abhv_mc.documents import File, Refusal, StrictModel, describe, one_of
 from abhv_mc.flight.signals import CHANNEL_INDEX
-from abhv_mc.units import FREQUENCY, parse_quantity
+from abhv_mc.units import FREQUENCY, Time, parse_quantity
 
+PROCESSES, THREADS = "processes", "threads"
 _ALL_CHANNELS = tuple(CHANNEL_INDEX)
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
 
@@ -155,7 +156,6 @@ class Keep(StrictModel):
     envelopes: KeepEnvelopes = KeepEnvelopes()
 
 
-class Execution(StrictModel):
 class Stop(StrictModel):
     """When to stop before ``runs`` flights; in the file, ``when proven`` will do."""
 
@@ -179,10 +179,13 @@ def _stop(value: Any) -> Any:
     return value
 
 
+class Execution(StrictModel):
     """How it is flown; no result depends on it."""
 
     workers: Auto = None
     batch: Auto = None  # flights of a block
+    isolation: Literal["auto", "processes", "threads"] = "auto"  # what a flight that hangs or crashes may take along
+    flight_time_limit: Annotated[Time, Field(gt=0.0)] = 10.0  # s
 
 
 class Campaign(StrictModel):
@@ -199,6 +202,6 @@ class Campaign(StrictModel):
     dispersions: dict[str, Distribution] = {}
     correlations: tuple[Correlation, ...] = ()
     requirements: tuple[Requirement, ...] = ()
+    stop: Annotated[Stop | None, BeforeValidator(_stop, json_schema_input_type=str | Stop | None)] = None
     keep: Keep = Keep()
     execution: Execution = Execution()
-    stop: Annotated[Stop | None, BeforeValidator(_stop, json_schema_input_type=str | Stop | None)] = None

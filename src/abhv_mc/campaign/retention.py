@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abhv_mc.campaign.batches import Fly
 from abhv_mc.campaign.check import CheckedCampaign
@@ -37,7 +38,7 @@ def choose_kept(items: tuple[int | str, ...], flights: int, tally: Tally) -> lis
             kept.update(range(0, flights, int(words[1])))
         elif words[0] == "worst":
             kept.update(tally.worst_flights[: int(words[1])])
-    return sorted(kept)
+    return sorted(kept - set(tally.not_computed))
 
 
 def write_kept_histories(
@@ -47,8 +48,11 @@ def write_kept_histories(
     tallies: Mapping[str, Tally],
     samples: SampleReader,
     fly: Fly,
+    workers: int = 1,
 ) -> None:
     """Fly and write the histories that the campaign keeps; files that are there already stay."""
+    from joblib import Parallel, delayed
+
     keep = campaign.model.keep.histories
     wanted: list[tuple[Path, str, list[int]]] = []
     for name in plans:
@@ -58,17 +62,23 @@ def write_kept_histories(
             wanted.append((path, name, kept[first : first + _FLIGHTS_PER_FILE]))
     stale = set(folder.histories.glob("*.parquet")) - {path for path, _, _ in wanted}
     missing = [(p, n, f) for p, n, f in wanted if history_metadata(p).get("kept") != _mark(f, keep.channels, keep.rate)]
+    pool = Parallel(n_jobs=workers, backend="threading", return_as="generator", pre_dispatch="n_jobs")
+    tasks = (
+        delayed(fly)(plans[name], _parameters(samples, flights), round(1.0 / (keep.rate * plans[name].timing.tick)))
+        for _, name, flights in missing
+    )
     with Progress("histories", sum(len(flights) for _, _, flights in missing)) as progress:
-        for path, name, flights in missing:
-            plan = plans[name]
-            values = np.concatenate([samples.rows(flight, flight + 1) for flight in flights])
-            every = round(1.0 / (keep.rate * plan.timing.tick))
-            block = fly(plan, spread_parameters(samples.names, values), every)
+        for (path, name, flights), block in zip(missing, pool(tasks), strict=True):
             mark = {"kept": _mark(flights, keep.channels, keep.rate)}
             write_histories(path, name, flights, block.times, block.history, keep.channels, mark)
             progress.add(len(flights))
     for path in stale:
         path.unlink()
+
+
+def _parameters(samples: SampleReader, flights: list[int]) -> NDArray[np.float64]:
+    values = np.concatenate([samples.rows(flight, flight + 1) for flight in flights])
+    return spread_parameters(samples.names, values)
 
 
 def _mark(flights: list[int], channels: tuple[str, ...], rate: float) -> str:

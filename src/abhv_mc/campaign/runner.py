@@ -2,6 +2,7 @@
 
 import contextlib
 import signal
+import sys
 import threading
 import time
 import warnings
@@ -14,16 +15,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.batches import Block, Slots, choose_batch, cut_blocks
+from abhv_mc.campaign.batches import Block, Mask, Slots, choose_batch, cut_blocks
+from abhv_mc.campaign.config import PROCESSES
 from abhv_mc.campaign.envelopes import Cells, Collector, make_collector
+from abhv_mc.campaign.isolation import guard_flights, start_server
 from abhv_mc.campaign.progress import Progress
 from abhv_mc.campaign.retention import write_kept_histories
 from abhv_mc.campaign.samples import spread_parameters
 from abhv_mc.campaign.setup import Engine, OpenCampaign, Request, check_source, make_engine, open_campaign, record_every
+from abhv_mc.campaign.stopping import find_goal
 from abhv_mc.campaign.tally import Tally, judge_requirements, make_tallies
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.campaign.stopping import find_goal
 from abhv_mc.flight.signals import CHANNEL_INDEX
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.envelopes import write_envelopes
@@ -62,17 +65,21 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
     """
     engine = engine or make_engine()
     with ExitStack() as stack:
-        open_one = open_campaign(request, engine, stack)
+        if engine.isolation == PROCESSES:
+            start_server(engine.fly)  # while the campaign is made ready
+        opened = open_campaign(request, engine, stack)
         stack.enter_context(_terminate_as_interrupt())
-        return _Run(open_one, engine, request.workers).run()
+        workers = request.workers or opened.campaign.model.execution.workers or count_cores()
+        fly = stack.enter_context(guard_flights(engine, opened.campaign.model.execution, workers))
+        return _Run(opened, replace(engine, fly=fly), workers).run()
 
 
 class _Run:
-    def __init__(self, opened: OpenCampaign, engine: Engine, workers: int | None) -> None:
+    def __init__(self, opened: OpenCampaign, engine: Engine, workers: int) -> None:
         self.folder, self.campaign, self.plans = opened.folder, opened.campaign, opened.plans
         self.manifest, self.asked, self.engine = opened.manifest, opened.asked, engine
         model = self.campaign.model
-        self.workers = workers or model.execution.workers or count_cores()
+        self.workers = workers
         self.batch = model.execution.batch or choose_batch(self.campaign.runs, self.workers)
         self.samples = SampleReader(self.folder.samples)
         self.tallies: dict[str, Tally] = make_tallies(self.campaign)
@@ -103,13 +110,6 @@ class _Run:
                 raise
         return RunResult(self.folder.root, self.manifest)
 
-    def _take_stock(self) -> None:
-        """Read every block that is there; what is damaged, foreign or double is flown again."""
-        for path in sorted(self.folder.flights.glob("*.parquet")):
-            try:
-                controller, first, stop = parse_block_name(path)
-                mask = self.done.get(controller)
-                if mask is None or stop > self.campaign.runs or mask[first:stop].any():
     def _goal(self) -> int:
         """Number of flights to have: all, or up to the look at which a campaign that stops when proven stops."""
         if not self.campaign.looks:
@@ -123,6 +123,13 @@ class _Run:
         goal = self._goal()
         return all(mask[:goal].all() for mask in self.done.values())
 
+    def _take_stock(self) -> None:
+        """Read every block that is there; what is damaged, foreign or double is flown again."""
+        for path in sorted(self.folder.flights.glob("*.parquet")):
+            try:
+                controller, first, stop = parse_block_name(path)
+                mask = self.done.get(controller)
+                if mask is None or stop > self.campaign.runs or mask[first:stop].any():
                     raise DamagedFileError(f"{path.name} belongs to no part of this campaign")
                 rows = read_block(path, self.samples.names)
                 if not np.array_equal(rows.samples, self.samples.rows(first, stop)):
@@ -155,28 +162,28 @@ class _Run:
             self.collectors[name] = make_collector(
                 self.folder.envelope_states, name, self.campaign.runs, self.cells, pilot
             )
-        missing = {}
-        for name, done in self.done.items():
-            wanted = ~done & below & (name in self.asked)  # what was flown and is in no envelope is wanted anyhow
-            missing[name] = wanted, ~self.collectors[name].covered & (done | wanted)
-        total = sum(int((rows | envelope).sum()) for rows, envelope in missing.values())
-        self._write_manifest(RUNNING)
-        pool = Parallel(
         while missing := self._find_missing():
             self._fly_missing(missing)
 
     def _find_missing(self) -> dict[str, tuple[Mask, Mask]]:
         """Rows and parts of the envelopes that are missing up to the goal, by controller; empty when none is."""
-            n_jobs=self.workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs"
+        missing = {}
         below = np.arange(self.campaign.runs) < self._goal()
-        )
-        slots = Slots(2 * self.workers)
-        tasks = (
+        for name, done in self.done.items():
+            wanted = ~done & below & (name in self.asked)  # what was flown and is in no envelope is wanted anyhow
+            missing[name] = wanted, ~self.collectors[name].covered & (done | wanted)
         return missing if any(mask.any() for masks in missing.values() for mask in masks) else {}
 
     def _fly_missing(self, missing: dict[str, tuple[Mask, Mask]]) -> None:
         from joblib import Parallel, delayed
 
+        total = sum(int((rows | envelope).sum()) for rows, envelope in missing.values())
+        self._write_manifest(RUNNING)
+        pool = Parallel(
+            n_jobs=self.workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs"
+        )
+        slots = Slots(2 * self.workers)
+        tasks = (
             delayed(slots.fly)(
                 self.engine.fly,
                 self.plans[block.controller],
@@ -214,6 +221,8 @@ class _Run:
             )
             digest = write_block(self.folder.flights, rows, self.schema)
             self.tallies[block.controller].add(rows, digest)
+            for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
+                print(f"flight {flight} of {block.controller} failed to run", file=sys.stderr, flush=True)
             self.done[block.controller][block.first : block.stop] = True
 
     def _save(self) -> None:
@@ -244,10 +253,13 @@ class _Run:
             "digests": {name: str(tally.digest) for name, tally in self.tallies.items()},
             "controllers": {
                 name: {"flights_done": int(self.done[name].sum()), "outcomes": dict(sorted(tally.outcomes.items()))}
+                | ({"failed_to_run": sorted(tally.not_computed)} if tally.not_computed else {})
                 for name, tally in self.tallies.items()
             },
             "requirements": judge_requirements(self.tallies, self.campaign, gapless),
         }
+        if self.campaign.looks:
+            self.manifest["stopped_at"] = gapless if state == COMPLETE else None
         write_manifest(self.folder.manifest, self.manifest)
 
 
@@ -258,8 +270,6 @@ def _closing_quietly(results: Generator[Any, None, None]) -> Iterator[None]:
         yield
     finally:
         with warnings.catch_warnings():
-        if self.campaign.looks:
-            self.manifest["stopped_at"] = gapless if state == COMPLETE else None
             warnings.simplefilter("ignore", UserWarning)
             results.close()
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from abhv_mc.campaign.batches import Fly
 from abhv_mc.campaign.bite import fly_trials
 from abhv_mc.campaign.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.config import PROCESSES, THREADS
 from abhv_mc.campaign.resolve import ResolvedCampaign, describe_changes, merge_campaigns, read_held, resolve_campaign
 from abhv_mc.campaign.samples import is_extensible, make_samples
 from abhv_mc.documents import Document, InputError
@@ -48,6 +49,8 @@ class Engine:
     prepare: Prepare
     fly: Fly
     source: str  # hash of the code that flies: two of them never share a campaign
+    checked: bool = False  # whether ``source`` is what jit.source_hash() must give on every machine
+    isolation: str = THREADS  # where "auto" flies; processes need a ``fly`` that can be imported
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,7 @@ def make_engine() -> Engine:
     from abhv_mc.flight.prepare import prepare
     from abhv_mc.jit import source_hash
 
-    return Engine(prepare, fly, source_hash())
+    return Engine(prepare, fly, source_hash(), checked=True, isolation=PROCESSES)
 
 
 def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -> int:

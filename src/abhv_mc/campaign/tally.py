@@ -56,6 +56,7 @@ class Tally:
     digest: Digest = field(default_factory=Digest)
     outcomes: Counter[str] = field(default_factory=Counter)
     failed: list[int] = field(default_factory=list)  # flights that ended early
+    not_computed: list[int] = field(default_factory=list)  # flights that failed to run
     worst: list[tuple[bool, float, int]] = field(default_factory=list)  # ok?, -metric, flight: rising
 
     def add(self, rows: FlightRows, digest: Digest) -> None:
@@ -66,6 +67,7 @@ class Tally:
         flown = outcome != _FAILED
         early = (outcome != _OK) & flown
         self.failed += rows.flights[early].tolist()
+        self.not_computed += rows.flights[~flown].tolist()
         for count in self.requirements:
             count.add(rows.values[flown, METRIC_INDEX[count.requirement.metric]], early[flown], rows.flights[flown])
         if self.worst_kept:

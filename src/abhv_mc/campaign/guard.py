@@ -1,0 +1,171 @@
+"""Worker processes that a flight may hang or kill: the parent watches, replaces them and flies the rest.
+
+Threads end here: the parent has a thread for each block in the air, each of which waits for a process of its own.
+"""
+
+import contextlib
+import multiprocessing
+import queue
+import signal
+import sys
+import threading
+import types
+from collections.abc import Iterator
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.batches import Fly
+from abhv_mc.campaign.rescue import FlightLostError, UnusableError, fly_rescued, time_limit
+from abhv_mc.campaign.worker import serve
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+
+Floats = NDArray[np.float64]
+
+_STARTS = 5  # workers in a row that end before their first flight: then none ever will
+_swap = threading.Lock()
+
+
+def start_server(fly: Fly) -> None:
+    """Start the process that workers are forked from, which imports in the background what ``fly`` needs."""
+    from multiprocessing import forkserver
+
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([serve.__module__, fly.__module__])
+    forkserver.ensure_running()
+
+
+class _Worker:
+    """One process and the pipe to it."""
+
+    def __init__(self, fly: Fly) -> None:
+        context = multiprocessing.get_context("forkserver")
+        self._connection, theirs = context.Pipe()
+        self.process: BaseProcess = context.Process(target=serve, args=(theirs, fly), daemon=True)
+        with _without_main():
+            self.process.start()
+        theirs.close()
+        self.plans: set[int] = set()
+        self.proven = False  # whether it has come to fly anything
+
+    def fly(self, key: int, plan: FlightPlan, parameters: Floats, every: int | None, limit: float) -> FlightBlock:
+        """Raises FlightLostError, and ConnectionError where it was dead before."""
+        self._connection.send((key, None if key in self.plans else plan, parameters, every))
+        self.plans.add(key)
+        answer = self._receive(None)
+        self.proven = True
+        if answer is None:
+            answer = self._receive(limit)
+        if isinstance(answer, str):
+            raise FlightLostError(answer)
+        return answer
+
+    def _receive(self, limit: float | None) -> Any:
+        connection: Connection = self._connection
+        if not wait([connection], limit):
+            self.kill()
+            raise FlightLostError(f"not done in {limit:g} s")
+        try:
+            return connection.recv()
+        except (EOFError, OSError):
+            self.kill()
+            raise FlightLostError(f"its process ended: {_describe_exit(self.process.exitcode)}") from None
+
+    @property
+    def alive(self) -> bool:
+        return self.process.is_alive()
+
+    def kill(self) -> None:
+        """End the process, whatever it does."""
+        self.process.kill()
+        self.process.join()
+        self._connection.close()
+
+
+class Guard:
+    """Flies in worker processes, each started when first needed; threads may call :meth:`fly` side by side."""
+
+    def __init__(self, fly: Fly, workers: int, limit: float) -> None:
+        """``limit`` is what one flight, or 16 abreast, may take, s."""
+        self._fly, self._limit = fly, limit
+        self._idle: queue.LifoQueue[_Worker | None] = queue.LifoQueue()
+        for _ in range(workers):
+            self._idle.put(None)
+        self._workers: set[_Worker] = set()
+        self._plans: dict[int, tuple[int, FlightPlan]] = {}  # held, so that no id comes twice
+        self._lock = threading.Lock()
+        self._failed_starts = 0
+        self._closed = False
+
+    def fly(self, plan: FlightPlan, parameters: Floats, every: int | None = None) -> FlightBlock:
+        """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
+        with self._lock:
+            key, _ = self._plans.setdefault(id(plan), (len(self._plans), plan))
+        return fly_rescued(lambda rows: self._attempt(key, plan, rows, every), plan, parameters, every)
+
+    def _attempt(self, key: int, plan: FlightPlan, parameters: Floats, every: int | None) -> FlightBlock:
+        worker = self._idle.get()
+        try:
+            while True:
+                worker = worker or self._start()
+                try:
+                    block = worker.fly(key, plan, parameters, every, time_limit(len(parameters), self._limit))
+                except ConnectionError:  # it died between two blocks: nobody's fault
+                    self._discard(worker)
+                    worker = None
+                else:
+                    self._failed_starts = 0
+                    return block
+        except FlightLostError:
+            if worker is not None and not worker.alive:
+                self._discard(worker)
+                worker = None
+            if self._closed:
+                raise UnusableError("the campaign was stopped") from None
+            raise
+        finally:
+            self._idle.put(worker)
+
+    def _start(self) -> _Worker:
+        if self._closed or self._failed_starts >= _STARTS:
+            raise UnusableError("worker processes end before they fly; 'isolation: threads' does without them")
+        worker = _Worker(self._fly)
+        with self._lock:
+            self._workers.add(worker)
+        return worker
+
+    def _discard(self, worker: _Worker) -> None:
+        worker.kill()
+        with self._lock:
+            self._workers.discard(worker)
+            self._failed_starts += not worker.proven
+
+    def close(self) -> None:
+        """End every worker at once; flights in the air are lost."""
+        self._closed = True
+        with self._lock:
+            workers = list(self._workers)
+        for worker in workers:
+            with contextlib.suppress(OSError, ValueError):
+                worker.process.kill()
+
+
+@contextlib.contextmanager
+def _without_main() -> Iterator[None]:
+    """Start a process that does not run the caller's script again, as multiprocessing otherwise would."""
+    with _swap:
+        main = sys.modules["__main__"]
+        sys.modules["__main__"] = types.ModuleType("__main__")
+        try:
+            yield
+        finally:
+            sys.modules["__main__"] = main
+
+
+def _describe_exit(code: int | None) -> str:
+    if code is not None and code < 0:
+        return f"killed by {signal.Signals(-code).name}"
+    return f"exit code {code}"

@@ -1,0 +1,101 @@
+"""One bad flight is one bad row: a block that is lost is flown again in parts, down to single flights.
+
+A flight that is lost alone, too, has the outcome ``failed_to_run``: it says nothing about the vehicle.
+"""
+
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.signals import CHANNELS, METRICS
+
+Floats = NDArray[np.float64]
+Attempt = Callable[[Floats], FlightBlock]
+
+ABREAST = 16  # flights of the first smaller parts, and those that one time limit holds for
+_PARTS = (ABREAST, 1, 1)  # a flight that is lost alone is tried once more: its process may have been killed for another
+_NO_ROWS = "times"  # the field of a FlightBlock that is not per flight
+
+
+class FlightLostError(Exception):
+    """Flights that raised, took too long or ended their process; the message says which of these."""
+
+
+class UnusableError(Exception):
+    """This machine computes no flight at all: the campaign stops, and nothing wrong is recorded."""
+
+
+def time_limit(flights: int, one: float) -> float:
+    """Seconds that so many flights may take where ``one`` flight, or some abreast, may take ``one``."""
+    return one * math.ceil(flights / ABREAST)
+
+
+def fly_rescued(attempt: Attempt, plan: FlightPlan, parameters: Floats, every: int | None) -> FlightBlock:
+    """What ``attempt`` makes of the rows, with ``failed_to_run`` for those that are lost alone, too.
+
+    Raises UnusableError where not one of ABREAST or more flights could be computed.
+    """
+    reasons: list[str] = []
+    block = _fly(attempt, plan, parameters, every, _PARTS, reasons)
+    if reasons:
+        if len(parameters) >= ABREAST and (block.outcome == Outcome.FAILED_TO_RUN).all():
+            raise UnusableError(f"none of {len(parameters)} flights could be computed here: {reasons[-1]}")
+        for reason in reasons:
+            print(f"{plan.controller}: a flight could not be computed: {reason}", file=sys.stderr, flush=True)
+    return block
+
+
+def _fly(
+    attempt: Attempt,
+    plan: FlightPlan,
+    parameters: Floats,
+    every: int | None,
+    sizes: tuple[int, ...],
+    reasons: list[str],
+) -> FlightBlock:
+    try:
+        return attempt(parameters)
+    except FlightLostError as error:
+        if not sizes:
+            reasons.append(str(error))
+            return make_failed(plan, every)
+        parts = np.split(parameters, range(sizes[0], len(parameters), sizes[0]))
+        return join_blocks([_fly(attempt, plan, part, every, sizes[1:], reasons) for part in parts])
+
+
+def make_failed(plan: FlightPlan, every: int | None) -> FlightBlock:
+    """The row of one flight that could not be computed."""
+    times = np.arange(plan.timing.ticks // every + 1) * every * plan.timing.tick if every else np.empty(0)
+    return FlightBlock(
+        outcome=np.array([Outcome.FAILED_TO_RUN], np.int64),
+        end_time=np.full(1, np.nan),
+        metrics=np.full((1, len(METRICS)), np.nan),
+        history=np.full((1, len(times), len(CHANNELS)), np.nan, np.float32),
+        times=times.astype(np.float64),
+    )
+
+
+def join_blocks(blocks: list[FlightBlock]) -> FlightBlock:
+    """Blocks one after another as one; whole states, which a failed flight has none of, are left out."""
+    parts = {
+        field.name: np.concatenate([getattr(block, field.name) for block in blocks])
+        for field in fields(FlightBlock)
+        if field.name not in (_NO_ROWS, "states")
+    }
+    return FlightBlock(**parts, times=blocks[0].times)
+
+
+def call_attempt(
+    fly: Callable[..., FlightBlock], plan: FlightPlan, parameters: Floats, every: int | None
+) -> FlightBlock:
+    """Fly in this thread; what the flight raises makes it lost."""
+    try:
+        return fly(plan, parameters, every)
+    except Exception as error:
+        raise FlightLostError(f"{type(error).__name__}: {error}") from error
