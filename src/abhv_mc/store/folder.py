@@ -69,6 +69,10 @@ class CampaignFolder:
         return self.root / "envelope_states"
 
     @property
+    def explained(self) -> Path:
+        return self.root / "explained"
+
+    @property
     def lock(self) -> Path:
         return self.root / ".lock"
 
@@ -80,7 +84,7 @@ class CampaignFolder:
         """Everything that a campaign writes, apart from the lock."""
         files = (self.campaign, self.manifest, self.samples, self.envelopes, self.nominal, self.reference)
         report = (self.root / "report.html", self.root / "report.md", self.root / "report.json", self.root / "figures")
-        folders = (self.inputs, self.plans, self.flights, self.histories, self.envelope_states)
+        folders = (self.inputs, self.plans, self.flights, self.histories, self.envelope_states, self.explained)
         return (*files, *report, *folders)
 
     def strangers(self) -> list[Path]:

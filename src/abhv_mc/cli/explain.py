@@ -1,0 +1,46 @@
+"""``abhv-mc explain``: why a flight failed."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def command(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder.")],
+    flight: Annotated[int, typer.Option(min=0, help="Number of a flight that failed.")],
+    controller: Annotated[str | None, typer.Option(help="Name of the controller.", show_default="the first")] = None,
+    requirement: Annotated[
+        str | None,
+        typer.Option(metavar="METRIC", help="Explain why it missed this requirement.", show_default="what it failed"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE.png", help="Where the figure goes.", show_default="in DIR"),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Find the smallest set of a failing flight's dispersions that still fails with all others nominal.
+
+    A flight failed that ended early or missed a requirement.
+    """
+    from abhv_mc.campaign.explain import explain_flight
+    from abhv_mc.campaign.setup import make_engine
+    from abhv_mc.cli.announce import announce_compiling
+    from abhv_mc.report.explained import explanation_numbers, explanation_words, write_explained_figure
+    from abhv_mc.report.results import read_facts
+    from abhv_mc.store.folder import CampaignFolder
+
+    paths = CampaignFolder(folder)
+    name = controller or read_facts(paths.campaign).controllers[0]
+    announce_compiling()
+    found = explain_flight(folder, name, flight, make_engine().fly, requirement)
+    path = out or paths.explained / f"{name}-{flight}.png"
+    write_explained_figure(found, path)
+    if json:
+        import json as writer
+
+        print(writer.dumps(explanation_numbers(found) | {"figure": str(path)}, indent=1))
+        return
+    print(*explanation_words(found), sep="\n")
+    print(f"figure    {path}")
