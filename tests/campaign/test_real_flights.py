@@ -40,7 +40,9 @@ def test_the_digest_is_the_same_however_it_is_flown(flown, engine, tmp_path):
     text = CAMPAIGN.read_text(encoding="utf-8").replace("batch: auto", "batch: 7")
     other = tmp_path / "other.yaml"
     other.write_text(text.replace("../configs", str(CAMPAIGN.parents[1] / "configs")), encoding="utf-8")
-    first = run_campaign(Request(other, tmp_path / "b", RUNS, workers=1), replace(engine, fly=stop))
+    first = run_campaign(
+        Request(other, tmp_path / "b", RUNS, workers=1), replace(engine, fly=stop, isolation="threads")
+    )
     assert not first.complete
     second = run_campaign(Request(other, tmp_path / "b", RUNS, workers=1), engine)
     assert second.manifest["digest"] == flown.manifest["digest"]

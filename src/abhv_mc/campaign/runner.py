@@ -16,9 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.batches import Block, Mask, Slots, choose_batch, cut_blocks
+from abhv_mc.campaign.cluster import connect_cluster
 from abhv_mc.campaign.config import PROCESSES
 from abhv_mc.campaign.envelopes import Cells, Collector, make_collector
-from abhv_mc.campaign.isolation import guard_flights, start_server
+from abhv_mc.campaign.guard import start_server
+from abhv_mc.campaign.isolation import Crew, hire_crew
 from abhv_mc.campaign.progress import Progress
 from abhv_mc.campaign.retention import write_kept_histories
 from abhv_mc.campaign.samples import spread_parameters
@@ -39,7 +41,6 @@ from abhv_mc.store.flights import (
     write_block,
 )
 from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
-from abhv_mc.store.provenance import count_cores
 from abhv_mc.store.samples import SampleReader
 
 _SAVE_INTERVAL = 5.0  # s between states on disk: what a kill costs the envelopes of a large campaign
@@ -65,21 +66,24 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
     """
     engine = engine or make_engine()
     with ExitStack() as stack:
-        if engine.isolation == PROCESSES:
+        cluster = None
+        if request.scheduler is not None:
+            cluster = stack.enter_context(connect_cluster(request.scheduler, engine))
+        elif engine.isolation == PROCESSES:
             start_server(engine.fly)  # while the campaign is made ready
         opened = open_campaign(request, engine, stack)
         stack.enter_context(_terminate_as_interrupt())
-        workers = request.workers or opened.campaign.model.execution.workers or count_cores()
-        fly = stack.enter_context(guard_flights(engine, opened.campaign.model.execution, workers))
-        return _Run(opened, replace(engine, fly=fly), workers).run()
+        execution = opened.campaign.model.execution
+        crew = stack.enter_context(hire_crew(engine, execution, request.workers, cluster))
+        return _Run(opened, engine, crew).run()
 
 
 class _Run:
-    def __init__(self, opened: OpenCampaign, engine: Engine, workers: int) -> None:
+    def __init__(self, opened: OpenCampaign, engine: Engine, crew: Crew) -> None:
         self.folder, self.campaign, self.plans = opened.folder, opened.campaign, opened.plans
         self.manifest, self.asked, self.engine = opened.manifest, opened.asked, engine
         model = self.campaign.model
-        self.workers = workers
+        self.fly, self.workers = crew.fly, crew.workers
         self.batch = model.execution.batch or choose_batch(self.campaign.runs, self.workers)
         self.samples = SampleReader(self.folder.samples)
         self.tallies: dict[str, Tally] = make_tallies(self.campaign)
@@ -156,7 +160,7 @@ class _Run:
         for name, plan in self.plans.items():
 
             def pilot(number: int, plan: Any = plan) -> NDArray[np.float32]:
-                block = self.engine.fly(plan, self._parameters(0, number), self.cells.every)
+                block = self.fly(plan, self._parameters(0, number), self.cells.every)
                 return self.cells.cut(block.history)
 
             self.collectors[name] = make_collector(
@@ -185,7 +189,7 @@ class _Run:
         slots = Slots(2 * self.workers)
         tasks = (
             delayed(slots.fly)(
-                self.engine.fly,
+                self.fly,
                 self.plans[block.controller],
                 block,
                 self._parameters(block.first, block.stop),
@@ -234,7 +238,7 @@ class _Run:
         tables = {name: self.collectors[name].table() for name in self.plans}
         write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables)
         flown = replace(self.campaign, runs=self._goal())
-        write_kept_histories(self.folder, flown, self.plans, self.tallies, self.samples, self.engine.fly, self.workers)
+        write_kept_histories(self.folder, flown, self.plans, self.tallies, self.samples, self.fly, self.workers)
         for collector in self.collectors.values():
             collector.finish()
 

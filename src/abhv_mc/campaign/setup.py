@@ -40,6 +40,7 @@ class Request:
     controllers: tuple[str, ...] | None = None
     workers: int | None = None
     fresh: bool = False
+    scheduler: str | None = None  # address of a Dask cluster's scheduler
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ def command(
     seed: Annotated[int | None, typer.Option(min=0, help="Seed.")] = None,
     controllers: Annotated[str | None, typer.Option(metavar="A,B", help="Only these of its controllers.")] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Flights in parallel.", show_default="cores")] = None,
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Fly on this Dask cluster.")] = None,
     no_report: Annotated[bool, typer.Option("--no-report", help="Make no report.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Delete what the folder holds of a campaign first.")] = False,
 ) -> None:
@@ -28,6 +29,7 @@ def command(
 
     Ctrl-C keeps what was flown; the same command goes on. Exit code 1 where a requirement has failed.
     """
+    from abhv_mc.campaign.rescue import UnusableError
     from abhv_mc.campaign.runner import run_campaign
     from abhv_mc.campaign.setup import Request
     from abhv_mc.cli.announce import announce_compiling, announce_warnings
@@ -36,8 +38,8 @@ def command(
     names = tuple(name.strip() for name in controllers.split(",")) if controllers else None
     announce_compiling()
     try:
-        result = run_campaign(Request(campaign, out, runs, seed, names, workers, fresh))
-    except StorageFullError as error:
+        result = run_campaign(Request(campaign, out, runs, seed, names, workers, fresh, scheduler))
+    except (StorageFullError, UnusableError) as error:
         print(error, file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE) from None
     _print_result(result)
