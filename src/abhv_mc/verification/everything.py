@@ -7,6 +7,7 @@ from abhv_mc.input_error import InputError
 from abhv_mc.verification.ghame6 import verify_ghame6
 from abhv_mc.verification.invariants import verify_invariants
 from abhv_mc.verification.look_up import verify_look_up
+from abhv_mc.verification.loops import verify_loops
 from abhv_mc.verification.nesc import verify_nesc
 from abhv_mc.verification.order import verify_order
 from abhv_mc.verification.roots import verify_roots
@@ -22,6 +23,7 @@ SECTIONS: dict[str, Callable[[], list[Row]]] = {
     "Earth": verify_earth,
     "tables": verify_look_up,
     "root finder": verify_roots,
+    "loops": verify_loops,
 }
 
 

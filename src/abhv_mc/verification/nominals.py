@@ -1,0 +1,190 @@
+"""Random nominals over the envelope, and the design model's Jacobians there by complex step.
+
+The design model is the right-hand sides (1), (13) and (3) of Zhu and Shen 2014 on a sphere that does not turn, with
+the vehicle's own tables; nothing here looks at the gain formulas that it is there to check.
+"""
+
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
+from abhv_mc.control.design_model import Surroundings, attitude_rates, body_rate_rates, guidance_rates, wrench_at
+from abhv_mc.control.design_tables import Numbers, slope
+from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.control.reference import make_mission_trim_tables, solve_reference
+from abhv_mc.control.surroundings import make_surroundings
+from abhv_mc.control.tlc_loops import AttitudePoint, attitude_inverse
+from abhv_mc.control.trim_tables import trim_elevator
+from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.shipped import shipped_configs
+from abhv_mc.vehicle.arrays import Floats, Tables
+from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.world.earth import WGS84
+
+_Law = TypeVar("_Law", TlcController, LqrController)
+
+_STILL = (0.0, 0.0, 0.0)
+SPHERE = WGS84._replace(flattening=0.0, j2=0.0, rotation_rate=0.0)
+
+# Ranges of the random nominals, SI and radians; the speed is a Mach number until the altitude is known.
+_RANGES = {
+    "altitude": (18e3, 26e3),
+    "latitude": (-0.9, 0.9),
+    "mach": (4.3, 5.2),
+    "flight_path_angle": (-0.3, 0.3),
+    "heading": (-3.0, 3.0),
+    "angle_of_attack": (-0.01, 0.20),
+    "bank": (-1.2, 1.2),
+    "equivalence_ratio": (0.1, 1.4),
+    "mass": (1050.0, 1370.0),
+    "angle_of_attack_rate": (-0.1, 0.1),
+    "bank_rate": (-0.3, 0.3),
+}
+
+
+class Nominal(NamedTuple):
+    """A nominal anywhere in the envelope, the elevator at trim, the body turning as sub-loop 3 wants it."""
+
+    around: Surroundings
+    values: dict[str, float]  # of _RANGES, and the speed
+    elevator: float
+    rates: tuple[float, float, float]  # p, q, r
+    attitude: AttitudePoint
+
+    @property
+    def velocity(self) -> Floats:
+        """gamma, chi, V, alpha, bank, eta."""
+        names = ("flight_path_angle", "heading", "speed", "angle_of_attack", "bank", "equivalence_ratio")
+        return np.array([self.values[name] for name in names])
+
+
+class Design(NamedTuple):
+    """What the nominals are drawn for."""
+
+    vehicle: Vehicle
+    mission: Mission
+    reference: Floats  # [tick, column]
+    trim_tables: Tables
+    tlc: TlcController
+
+
+def make_design() -> Design:
+    """The S manoeuvre with the vehicle whose thrust is inclined and offset, so that every term counts."""
+    configs = shipped_configs()
+    vehicle = load_vehicle(configs / "vehicle" / "ghame_x_coupled.yaml")
+    mission = read_mission(configs / "mission" / "s_manoeuvre.yaml")
+    trim_tables = make_mission_trim_tables(mission, vehicle)
+    reference, _ = solve_reference(mission, vehicle, trim_tables, 0.1, 600)
+    return Design(vehicle, mission, reference, trim_tables, read_law(configs / "control" / "tlc.yaml", TlcController))
+
+
+def read_law(path: Path, law: type[_Law]) -> _Law:
+    """A controller file of one law. Raises TypeError for another."""
+    controller = read_controller(path)
+    if not isinstance(controller, law):
+        raise TypeError(f"{path.name} is not a controller of the law {law.__name__}")
+    return controller
+
+
+def draw_nominals(design: Design, count: int, seed: int = 2014) -> list[Nominal]:
+    """Random nominals over _RANGES."""
+    low, high = np.array(list(_RANGES.values())).T
+    draws = np.random.default_rng(seed).uniform(low, high, (count, low.size))
+    return [_make_nominal(design.vehicle, dict(zip(_RANGES, draw.tolist(), strict=True))) for draw in draws]
+
+
+def _make_nominal(vehicle: Vehicle, values: dict[str, float]) -> Nominal:
+    around = make_surroundings(SPHERE, values["altitude"], values["latitude"])
+    speed = values["mach"] * around.sound_speed
+    alpha, bank, gamma = values["angle_of_attack"], values["bank"], values["flight_path_angle"]
+    at = [np.array([x]) for x in (speed, alpha, values["equivalence_ratio"])]
+    elevator = float(trim_elevator(vehicle, around, at[0], at[1], at[2])[0][0])
+
+    # What the law reads from its tables: forces and their slopes over alpha and beta.
+    def forces_of(x: Numbers) -> Numbers:
+        """Force across and along the velocity, thrust along it."""
+
+        def force(eta: float) -> Numbers:
+            deflections = (0.0, 0.0, elevator)
+            return wrench_at(vehicle, around, values["mass"], speed, x[0], x[1], _STILL, deflections, eta).force
+
+        full, idle = force(values["equivalence_ratio"]), force(0.0)
+        sa, ca = np.sin(x[0]), np.cos(x[0])
+        drag = -(idle[0] * ca + idle[2] * sa)
+        side = idle[1] * np.cos(x[1]) + drag * np.sin(x[1])
+        thrust = full - idle
+        return np.stack([full[0] * sa - full[2] * ca, side, thrust[0] * ca + thrust[2] * sa])
+
+    here = np.array([alpha, 0.0])
+    normal, side, axial = np.real(forces_of(here[:, None] + 0j))[:, 0].tolist()
+    slopes = slope(forces_of, here)
+    attitude = AttitudePoint(
+        values["mass"] * speed,
+        around.gravity / speed,
+        np.sin(alpha),
+        np.cos(alpha),
+        np.sin(bank),
+        np.cos(bank),
+        np.cos(gamma),
+        np.tan(gamma),
+        normal,
+        float(slopes[0, 0]),
+        axial,
+        side,
+        float(slopes[1, 1]),
+    )
+    rates = attitude_inverse(attitude, values["angle_of_attack_rate"], 0.0, values["bank_rate"])
+    return Nominal(around, values | {"speed": speed}, elevator, rates, attitude)
+
+
+def velocity_jacobian(design: Design, nominal: Nominal) -> Floats:
+    """[4, 7]: rates of altitude, gamma, chi, V over these and alpha, bank, eta, from (1)."""
+    at = [nominal.values["altitude"], *nominal.velocity]
+
+    def rates_of(x: Numbers) -> Numbers:
+        mass = nominal.values["mass"]
+        return guidance_rates(design.vehicle, design.trim_tables, nominal.around, mass, x[:4], x[4:])
+
+    return slope(rates_of, at)
+
+
+def attitude_jacobian(design: Design, nominal: Nominal) -> Floats:
+    """[3, 6]: rates of alpha, beta, bank over these and p, q, r, from (13); forces do not feel the rates."""
+    values = nominal.values
+
+    def rates_of(x: Numbers) -> Numbers:
+        wrench = wrench_at(
+            design.vehicle,
+            nominal.around,
+            values["mass"],
+            values["speed"],
+            x[0],
+            x[1],
+            _STILL,
+            (0.0, 0.0, nominal.elevator),
+            values["equivalence_ratio"],
+        )
+        gamma = values["flight_path_angle"]
+        gravity = nominal.around.gravity
+        return attitude_rates(wrench.force, values["mass"], values["speed"], gravity, gamma, x[:3], x[3:])
+
+    return slope(rates_of, [values["angle_of_attack"], 0.0, values["bank"], *nominal.rates])
+
+
+def inertia_of(design: Design, nominal: Nominal) -> Floats:
+    """The inertia matrix [3, 3] at the nominal's mass, kg m2."""
+    at = np.array([nominal.values["angle_of_attack"]])
+    mass, speed = nominal.values["mass"], nominal.values["speed"]
+    wrench = wrench_at(design.vehicle, nominal.around, mass, speed, at, 0.0 * at, _STILL, _STILL, 0.0 * at)
+    return np.asarray(np.real(wrench.inertia[..., 0]))
+
+
+def rate_jacobian(inertia: Floats, rates: tuple[float, ...], moment: tuple[float, ...]) -> Floats:
+    """[3, 6]: rates of p, q, r over these and the moments, from (3)."""
+
+    def rates_of(x: Numbers) -> Numbers:
+        return body_rate_rates(np.broadcast_to(inertia[..., None], (3, 3, x.shape[1])), x[3:], x[:3])
+
+    return slope(rates_of, [*rates, *moment])
