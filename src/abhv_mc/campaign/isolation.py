@@ -33,7 +33,7 @@ class Crew:
 def hire_crew(engine: Engine, execution: Execution, workers: int | None, cluster: Cluster | None) -> Iterator[Crew]:
     """The workers of a cluster, worker processes, or threads."""
     limit = execution.flight_time_limit
-    number = workers or execution.workers or count_cores()
+    number = workers or execution.workers or engine.workers or count_cores()
     isolation = engine.isolation if execution.isolation == "auto" else execution.isolation
     if cluster is not None:
         cluster.limit = limit

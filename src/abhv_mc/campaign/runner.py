@@ -83,8 +83,10 @@ class _Run:
         self.folder, self.campaign, self.plans = opened.folder, opened.campaign, opened.plans
         self.manifest, self.asked, self.engine = opened.manifest, opened.asked, engine
         model = self.campaign.model
+        self.first, self.stop = opened.part
+        self.sharded = "shard" in self.manifest
         self.fly, self.workers = crew.fly, crew.workers
-        self.batch = model.execution.batch or choose_batch(self.campaign.runs, self.workers)
+        self.batch = model.execution.batch or engine.batch or choose_batch(self.campaign.runs, self.workers)
         self.samples = SampleReader(self.folder.samples)
         self.tallies: dict[str, Tally] = make_tallies(self.campaign)
         self.done = {name: np.zeros(self.campaign.runs, bool) for name in model.controllers}
@@ -96,7 +98,9 @@ class _Run:
     def run(self) -> RunResult:
         """Fly and finish."""
         self._take_stock()
-        if not (self.manifest["state"] == COMPLETE and self._whole() and self.folder.envelopes.exists()):
+        if not (
+            self.manifest["state"] == COMPLETE and self._whole() and (self.sharded or self.folder.envelopes.exists())
+        ):
             check_source(self.folder, self.manifest, self.engine)
             try:
                 self._fly()
@@ -117,7 +121,7 @@ class _Run:
     def _goal(self) -> int:
         """Number of flights to have: all, or up to the look at which a campaign that stops when proven stops."""
         if not self.campaign.looks:
-            return self.campaign.runs
+            return self.stop
         counts = [count for tally in self.tallies.values() for count in tally.requirements]
         missed = [count.missed for count in counts if count.missed is not None]
         demands = [(count.requirement.probability, count.requirement.consumer_risk) for count in counts]
@@ -125,7 +129,7 @@ class _Run:
 
     def _whole(self) -> bool:
         goal = self._goal()
-        return all(mask[:goal].all() for mask in self.done.values())
+        return all(mask[self.first : goal].all() for mask in self.done.values())
 
     def _take_stock(self) -> None:
         """Read every block that is there; what is damaged, foreign or double is flown again."""
@@ -172,7 +176,8 @@ class _Run:
     def _find_missing(self) -> dict[str, tuple[Mask, Mask]]:
         """Rows and parts of the envelopes that are missing up to the goal, by controller; empty when none is."""
         missing = {}
-        below = np.arange(self.campaign.runs) < self._goal()
+        numbers = np.arange(self.campaign.runs)
+        below = (numbers >= self.first) & (numbers < self._goal())
         for name, done in self.done.items():
             wanted = ~done & below & (name in self.asked)  # what was flown and is in no envelope is wanted anyhow
             missing[name] = wanted, ~self.collectors[name].covered & (done | wanted)
@@ -234,7 +239,10 @@ class _Run:
             collector.save()
 
     def _finish(self) -> None:
-        """What follows from all flights: envelopes, histories."""
+        """What follows from all flights: envelopes, histories. A shard keeps what they are merged from."""
+        if self.sharded:
+            self._save()
+            return
         tables = {name: self.collectors[name].table() for name in self.plans}
         write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables)
         flown = replace(self.campaign, runs=self._goal())
@@ -249,7 +257,7 @@ class _Run:
         flown, gapless = int(together.sum()), int(np.argmin(np.append(together, False)))
         self.manifest |= {
             "state": state,
-            "runs_planned": self.campaign.runs,
+            "runs_planned": self.stop - self.first,
             "runs_done": flown - failed,
             "runs_failed": failed,
             "wall_time_s": round(self.wall_before + time.monotonic() - self.start, 3),
@@ -260,7 +268,7 @@ class _Run:
                 | ({"failed_to_run": sorted(tally.not_computed)} if tally.not_computed else {})
                 for name, tally in self.tallies.items()
             },
-            "requirements": judge_requirements(self.tallies, self.campaign, gapless),
+            "requirements": [] if self.sharded else judge_requirements(self.tallies, self.campaign, gapless),
         }
         if self.campaign.looks:
             self.manifest["stopped_at"] = gapless if state == COMPLETE else None

@@ -41,6 +41,8 @@ class Request:
     workers: int | None = None
     fresh: bool = False
     scheduler: str | None = None  # address of a Dask cluster's scheduler
+    shard: tuple[int, int] | None = None  # (i, n): fly only part i of n, from 1
+    plans_from: Path | None = None  # a campaign's folder whose plans to fly instead of new ones
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,9 @@ class Engine:
     source: str  # hash of the code that flies: two of them never share a campaign
     checked: bool = False  # whether ``source`` is what jit.source_hash() must give on every machine
     isolation: str = THREADS  # where "auto" flies; processes need a ``fly`` that can be imported
+    device: str = "cpu"  # or the name of a GPU
+    batch: int | None = None  # flights of a block and workers, where neither the campaign nor its user says
+    workers: int | None = None
 
 
 @dataclass(frozen=True)
@@ -63,6 +68,12 @@ class OpenCampaign:
     plans: dict[str, FlightPlan]
     manifest: dict[str, Any]
     asked: tuple[str, ...]  # controllers to fly now
+
+    @property
+    def part(self) -> tuple[int, int]:
+        """First flight of this folder's shard and the one after its last; all flights without shards."""
+        i, n = self.manifest.get("shard") or (1, 1)
+        return self.campaign.runs * (i - 1) // n, self.campaign.runs * i // n
 
 
 def make_engine() -> Engine:
@@ -91,6 +102,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     """
     wanted = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
     folder = CampaignFolder(request.out or Path("reports") / wanted.model.name)
+    _check_shard(request, wanted)
     started = folder.manifest.exists()
     strangers = [] if started else folder.strangers()
     if strangers:
@@ -103,9 +115,9 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
         stack.enter_context(hold_lock(folder.lock))
     asked = tuple(wanted.model.controllers)
     if started and not request.fresh:
-        return replace(_resume(folder, wanted, engine), asked=asked)
+        return replace(_resume(folder, wanted, engine, request.shard), asked=asked)
     resolved = resolve_campaign(wanted)
-    plans = _make_plans(wanted, asked, engine)
+    plans = _take_plans(request.plans_from, resolved, asked, engine) or _make_plans(wanted, asked, engine)
     nominal = _try_out(wanted, plans, engine)
     if not started:
         stack.enter_context(hold_lock(folder.lock))
@@ -119,13 +131,33 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     _write_samples(folder, wanted)
     _write_nominal(folder, wanted, plans, nominal)
     manifest = _new_manifest(wanted, resolved, engine) | {"warnings": find_warnings(plans)}
+    if request.shard is not None:
+        manifest["shard"] = list(request.shard)
     write_manifest(folder.manifest, manifest)
     return OpenCampaign(folder, read_campaign(folder.campaign), plans, manifest, asked)
 
 
-def _resume(folder: CampaignFolder, wanted: CheckedCampaign, engine: Engine) -> OpenCampaign:
+def _check_shard(request: Request, campaign: CheckedCampaign) -> None:
+    if request.shard is None:
+        return
+    i, n = request.shard
+    if not 1 <= i <= n <= campaign.runs:
+        found = f"shard {i}/{n} of {campaign.runs} flights"
+        raise InputError("--shard", None, None, found, f"i/n with 1 <= i <= n <= {campaign.runs}")
+    if campaign.looks:
+        found = "shards of a campaign that stops when proven"
+        raise InputError("--shard", None, None, found, "no 'stop': no shard sees the others' flights")
+
+
+def _resume(
+    folder: CampaignFolder, wanted: CheckedCampaign, engine: Engine, shard: tuple[int, int] | None
+) -> OpenCampaign:
     """Go on with a folder that holds the same campaign, perhaps with fewer flights or controllers."""
     manifest = read_manifest(folder.manifest)
+    held_shard = manifest.get("shard")
+    if held_shard != (list(shard) if shard else None):
+        words = "the whole campaign" if held_shard is None else f"shard {held_shard[0]}/{held_shard[1]}"
+        raise InputError(folder.root, None, None, f"a folder that holds {words}", "that, or another folder (-o DIR)")
     held, resolved = read_held(folder, manifest), resolve_campaign(wanted)
     changes = describe_changes(held, resolved, is_extensible(wanted))
     if changes:
@@ -135,6 +167,10 @@ def _resume(folder: CampaignFolder, wanted: CheckedCampaign, engine: Engine) -> 
     folder.sweep()
     added = [name for name in wanted.model.controllers if name not in held.data["controllers"]]
     longer = wanted.runs > held.data["runs"]
+    if longer and shard is not None:
+        raise InputError(
+            folder.root, None, None, "a shard of fewer flights", "another folder (-o DIR): shards do not grow"
+        )
     if added or longer or manifest.get("state") != COMPLETE:
         check_source(folder, manifest, engine)
     if added:
@@ -163,13 +199,31 @@ def check_source(folder: CampaignFolder, manifest: dict[str, Any], engine: Engin
     """Refuse to go on with other code than the one that flew so far. Raises InputError."""
     flown = manifest.get("source_hash")
     if flown != engine.source:
-        found = f"flights of another version of the program (source {flown}, now {engine.source})"
-        raise InputError(folder.root, None, None, found, "that version, another folder (-o DIR), or --fresh")
+        device = manifest.get("machine", {}).get("device", engine.device)
+        kind = "another version of the program" if device == engine.device else "another device"
+        found = f"flights of {kind} (source {flown} on {device}, now {engine.source} on {engine.device})"
+        raise InputError(folder.root, None, None, found, "the same again, another folder (-o DIR), or --fresh")
 
 
 def _make_plans(campaign: CheckedCampaign, names: tuple[str, ...] | list[str], engine: Engine) -> dict[str, FlightPlan]:
     model = campaign.model
     return {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
+
+
+def _take_plans(
+    root: Path | None, resolved: ResolvedCampaign, names: tuple[str, ...], engine: Engine
+) -> dict[str, FlightPlan]:
+    """The plans of another folder of the same inputs; empty without one. Raises InputError where it does not fit."""
+    if root is None:
+        return {}
+    source = CampaignFolder(root)
+    manifest = read_manifest(source.manifest)
+    check_source(source, manifest, engine)
+    held = manifest.get("inputs") or {}
+    for place, content in resolved.hashes.items():
+        if held.get(place) != content and not place.startswith("inputs/samples/"):
+            raise InputError(root, None, None, f"plans made from another {place}", "plans of this campaign's files")
+    return {name: read_plan(source.plan(name)) for name in names}
 
 
 def find_warnings(plans: dict[str, FlightPlan]) -> list[str]:
@@ -240,7 +294,7 @@ def _new_manifest(campaign: CheckedCampaign, resolved: ResolvedCampaign, engine:
         "requirements": [],
         "versions": find_versions(),
         "commit": find_commit(),
-        "machine": find_machine(),
+        "machine": find_machine() | {"device": engine.device},
         "command": sys.argv[1:],
         "inputs": resolved.hashes,
     }

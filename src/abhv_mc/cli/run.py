@@ -1,15 +1,24 @@
 """``abhv-mc run``: fly a campaign and make its report."""
 
 import sys
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from abhv_mc.cli.errors import ExitCode
+from abhv_mc.input_error import Refusal
 
 if TYPE_CHECKING:
     from abhv_mc.campaign.runner import RunResult
+
+
+class Device(StrEnum):
+    """What flies."""
+
+    CPU = "cpu"
+    GPU = "gpu"
 
 
 def command(
@@ -22,6 +31,11 @@ def command(
     controllers: Annotated[str | None, typer.Option(metavar="A,B", help="Only these of its controllers.")] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Flights in parallel.", show_default="cores")] = None,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Fly on this Dask cluster.")] = None,
+    device: Annotated[Device, typer.Option(help="Fly on the processor or on an NVIDIA GPU.")] = Device.CPU,
+    shard: Annotated[str | None, typer.Option(metavar="I/N", help="Only part I of N; merge joins them.")] = None,
+    plans: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Fly the plans of this campaign's folder.", show_default="new")
+    ] = None,
     no_report: Annotated[bool, typer.Option("--no-report", help="Make no report.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Delete what the folder holds of a campaign first.")] = False,
 ) -> None:
@@ -37,11 +51,23 @@ def command(
 
     names = tuple(name.strip() for name in controllers.split(",")) if controllers else None
     announce_compiling()
+    engine = None
+    if device is Device.GPU:
+        from abhv_mc.campaign.gpu import make_gpu_engine
+
+        if scheduler is not None:
+            raise Refusal("--device gpu with --scheduler", "one of the two")
+        engine = make_gpu_engine()
     try:
-        result = run_campaign(Request(campaign, out, runs, seed, names, workers, fresh, scheduler))
+        result = run_campaign(Request(campaign, out, runs, seed, names, workers, fresh, scheduler, part, plans), engine)
     except (StorageFullError, UnusableError) as error:
         print(error, file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE) from None
+    finish(result, no_report or part is not None)
+
+
+def finish(result: "RunResult", no_report: bool) -> None:
+    """Say what came of it, make the report, and end with the exit code that it deserves."""
     _print_result(result)
     announce_warnings(result.manifest["warnings"])
     if not result.complete:
@@ -53,6 +79,15 @@ def command(
         print(f"report    {build_report(result.folder)}")
     if any(entry["verdict"] == "FAIL" for entry in result.manifest["requirements"]):
         raise typer.Exit(ExitCode.FAILED)
+
+
+def _parse_shard(text: str) -> tuple[int, int]:
+    from abhv_mc.input_error import InputError
+
+    i, slash, n = text.partition("/")
+    if not (slash and i.isdecimal() and n.isdecimal()):
+        raise InputError("--shard", None, None, f"'{text}'", "part and number of parts such as 3/8")
+    return int(i), int(n)
 
 
 def _print_result(result: "RunResult") -> None:
