@@ -21,6 +21,9 @@ class Law(Protocol):
     def cdf(self, value: Floats) -> Floats:
         """Probability of a value at most ``value``."""
 
+    def density(self, value: Floats) -> Floats:
+        """Probability density, or the probability of a discrete value."""
+
     def at_fraction(self, fraction: Floats) -> Floats:
         """Values at fractions 0..1 of the law's extent, for designs that step through values."""
 
@@ -36,6 +39,9 @@ class ContinuousLaw:
 
     def cdf(self, value: Floats) -> Floats:
         return np.asarray(self.frozen.cdf(value), np.float64)
+
+    def density(self, value: Floats) -> Floats:
+        return np.asarray(self.frozen.pdf(value), np.float64)
 
     def at_fraction(self, fraction: Floats) -> Floats:
         low, high = self.frozen.support()
@@ -59,6 +65,10 @@ class DiscreteLaw:
     def cdf(self, value: Floats) -> Floats:
         number = np.searchsorted(self.values, value, side="right")
         return np.concatenate(([0.0], self.cumulative))[number]
+
+    def density(self, value: Floats) -> Floats:
+        place = np.minimum(np.searchsorted(self.values, value), len(self.values) - 1)
+        return np.where(self.values[place] == value, np.diff(self.cumulative, prepend=0.0)[place], 0.0)
 
     def at_fraction(self, fraction: Floats) -> Floats:
         return self.values[np.rint(fraction * (len(self.values) - 1)).astype(np.int64)]

@@ -1,0 +1,67 @@
+"""``abhv-mc whatif``: a campaign's numbers under other dispersions, without flying."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+
+def command(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a campaign with sampling: random.")],
+    settings: Annotated[
+        list[str],
+        typer.Option("--set", metavar="K=V", help="For example aero.drag.half_width=12%; may be repeated."),
+    ],
+    json: Annotated[bool, typer.Option("--json", help="Print JSON, with every metric.")] = False,
+) -> None:
+    """Re-weight the flights already flown to what they say under other dispersions.
+
+    Refused where the flights do not cover what is asked, or where too few of them count.
+    """
+    from abhv_mc.campaign.reweight import parse_settings
+    from abhv_mc.report.whatif import make_whatif
+
+    found = make_whatif(folder, parse_settings(settings))
+    if json:
+        import json as writer
+
+        print(writer.dumps(found, indent=1, allow_nan=False))
+    else:
+        _print(found)
+
+
+def _print(found: dict[str, Any]) -> None:
+    from rich.box import SIMPLE
+    from rich.table import Table
+
+    from abhv_mc.cli.printing import print_table
+    from abhv_mc.report.metrics import HEADLINE, USAGE, controller_label, words_of
+    from abhv_mc.report.words import bounds, estimate, percent, significant
+
+    for name, after in found["after"].items():
+        print(f"{name}: {_entry(found['before'][name])}  ->  {_entry(after)}")
+    if found["stopped_when_proven"]:
+        print("The campaign stopped when proven; the intervals do not allow for that.")
+    for name, part in found["controllers"].items():
+        worth = significant(part["effective_flights"])
+        title = f"{controller_label(name)}: {part['flights']} flights, worth {worth} under the changed dispersions"
+        table = Table(title=title, box=SIMPLE)
+        table.add_column("")
+        for heading in ("quantile", "as flown", "changed"):
+            table.add_column(heading, justify="right")
+        for metric in (*HEADLINE, *USAGE):
+            for level, pair in part["metrics"].get(metric, {}).items():
+                label = words_of(metric).label if level == "q50" else ""
+                cells = [
+                    f"{estimate(cell)} ({bounds(cell) or 'no bounds'})" for cell in (pair["before"], pair["after"])
+                ]
+                table.add_row(label, f"{level[1:]} %", *cells)
+        for entry in part["requirements"]:
+            pair = entry["failure_share"]["before"], entry["failure_share"]["after"]
+            cells = [f"{percent(cell['value'])} ({percent(cell['low'])} to {percent(cell['high'])})" for cell in pair]
+            table.add_row(f"Failed: {entry['words']}", "", *cells)
+        print_table(table)
+
+
+def _entry(entry: dict[str, Any]) -> str:
+    return ", ".join(f"{key} {value}" for key, value in entry.items())

@@ -1,0 +1,89 @@
+"""Estimates from flights that were drawn from other laws than those asked about: importance weighting.
+
+Each flight counts by the ratio of the densities; ratios are normalized by their sum (Owen, "Monte Carlo theory,
+methods and examples", 2013, chapter 9). Intervals are those of counted flights with the number of flights replaced by
+the effective one: Kish's, or less where the weights of what is estimated vary more than the rest.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import betainc, betaincinv
+
+from abhv_mc.statistics.estimates import Floats, Interval
+
+_UP = 1.0 + 1e-9  # shares that are equal but for rounding
+
+
+def effective_size(weights: Floats) -> float:
+    """Number of equally weighted flights that say as much: (sum w)^2 / sum w^2 (Kish 1965)."""
+    squares = float(np.sum(weights**2))
+    return float(np.sum(weights)) ** 2 / squares if squares > 0.0 else 0.0
+
+
+def _effective_at(flags: NDArray[np.bool_], share: float, weights: Floats) -> float:
+    """Effective number of flights for a share: the binomial's variance over the one that the weights give."""
+    spread = float(np.sum((weights * (flags - share)) ** 2))
+    if share <= 0.0 or share >= 1.0 or spread == 0.0:
+        return effective_size(weights)
+    return min(share * (1.0 - share) * float(np.sum(weights)) ** 2 / spread, effective_size(weights))
+
+
+def _ends(share: float, flights: float, confidence: float) -> tuple[float, float]:
+    """Clopper-Pearson's interval on a share of an effective number of flights, whole or not."""
+    tail = (1.0 - confidence) / 2.0
+    inside, outside = share * flights, (1.0 - share) * flights
+    low = 0.0 if inside <= 0.0 else float(betaincinv(inside, outside + 1.0, tail))
+    high = 1.0 if outside <= 0.0 else float(betaincinv(inside + 1.0, outside, 1.0 - tail))
+    return low, high
+
+
+def weighted_share(
+    flags: NDArray[np.bool_], weights: Floats, unseen: float = 0.0, confidence: float = 0.95
+) -> Interval:
+    """Share of the flights with `flags`; `unseen` is the probability that the flights do not reach, all counted in."""
+    share = float(weights[flags].sum() / weights.sum())
+    low, high = _ends(share, _effective_at(flags, share, weights), confidence)
+    return Interval(share, low, min(high + unseen, 1.0))
+
+
+def weighted_quantile(
+    values: Floats, weights: Floats, probability: float, unseen: float = 0.0, confidence: float = 0.95
+) -> Interval:
+    """The `probability` quantile of `values` [flight] and its interval; equal weights give numpy's `linear` quantile.
+
+    `unseen` is the probability that the flights do not reach; its values may be worse than all.
+    """
+    kept = weights > 0.0
+    order = np.argsort(values[kept], kind="stable")
+    ascending, mass = values[kept][order], weights[kept][order]
+    total = float(mass.sum())
+    reached = np.cumsum(mass) / total  # share at or below each value
+    value = _between(ascending, reached - mass / total, probability)
+    n = _effective_at(ascending <= value, probability, mass)
+    tail = (1.0 - confidence) / 2.0
+    low, high = -np.inf, np.inf
+    # As with order statistics, no value bounds a quantile that so few flights may well not reach.
+    if (1.0 - probability) ** n <= tail:
+        below = 1.0  # where so few flights lie below the quantile, all of them
+        if 1.0 - probability**n > tail:
+            below = brentq(lambda rank: betainc(n - rank + 1.0, rank, 1.0 - probability) - tail, 1.0, n) / n
+        low = float(ascending[max(int(np.searchsorted(reached, below * _UP, side="right")) - 1, 0)])
+    if probability**n <= tail:
+        above = brentq(lambda rank: betainc(rank, n - rank + 1.0, probability) - tail, 1e-9, n) / n + unseen
+        if above <= 1.0:
+            high = float(ascending[min(int(np.searchsorted(reached, above / _UP)), reached.size - 1)])
+    return Interval(value, low, high)
+
+
+def _between(ascending: Floats, start: Floats, probability: float) -> float:
+    """Linear between values whose places are the shares below them, stretched to 0..1."""
+    if ascending.size == 1 or start[-1] == 0.0:
+        return float(ascending[-1])
+    place = start / start[-1]
+    above = int(np.clip(np.searchsorted(place, probability, side="left"), 1, ascending.size - 1))
+    low, high = float(ascending[above - 1]), float(ascending[above])
+    part = (probability - place[above - 1]) / (place[above] - place[above - 1])
+    if low == high or part <= 0.0:
+        return low
+    return high if np.isinf(high) or part >= 1.0 else low + float(part) * (high - low)

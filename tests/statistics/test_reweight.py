@@ -1,0 +1,84 @@
+"""Weighted estimates: equal weights change nothing, and intervals hold what they promise."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy import stats
+
+from abhv_mc.statistics.estimates import quantile
+from abhv_mc.statistics.reweight import effective_size, weighted_quantile, weighted_share
+from abhv_mc.statistics.verdicts import clopper_pearson
+
+LEVELS = (0.5, 0.95, 0.9973)
+
+
+@given(arrays(float, st.integers(2, 60), elements=st.floats(-5, 5)), st.sampled_from(LEVELS), st.floats(0.1, 9.0))
+def test_equal_weights_give_numpys_quantile(values, level, weight):
+    found = weighted_quantile(values, np.full(values.size, weight), level)
+    assert found.value == pytest.approx(np.quantile(values, level), rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_equal_weights_give_nearly_the_exact_interval(level):
+    values = np.random.default_rng(1).normal(size=2000)
+    exact, found = quantile(values, level), weighted_quantile(values, np.ones(2000), level)
+    ranks = [[int(np.sum(values <= end)) for end in (one.low, one.high)] for one in (exact, found)]
+    assert np.abs(np.diff(ranks, axis=0)).max() <= 1
+
+
+@pytest.mark.parametrize("count", [0, 7, 300])
+def test_equal_weights_give_clopper_pearson(count):
+    flags = np.arange(300) < count
+    found = weighted_share(flags, np.full(300, 2.5))
+    assert (found.low, found.high) == pytest.approx(clopper_pearson(count, 300), abs=1e-12)
+
+
+def test_integer_weights_are_repetitions():
+    draw = np.random.default_rng(2)
+    values, weights = draw.normal(size=300), draw.integers(0, 4, 300).astype(float)
+    found = weighted_quantile(values, weights, 0.9).value
+    assert found == pytest.approx(np.quantile(np.repeat(values, weights.astype(int)), 0.9), abs=0.05)
+    assert weighted_share(values > 1.0, weights).value == pytest.approx(weights[values > 1.0].sum() / weights.sum())
+    assert effective_size(np.array([1.0, 1.0, 0.0, 0.0])) == 2.0
+
+
+def test_failed_flights_stay_worst():
+    values = np.append(np.linspace(0.0, 1.0, 99), np.inf)
+    assert weighted_quantile(values, np.ones(100), 0.999).value == np.inf
+    assert np.isfinite(weighted_quantile(values, np.append(np.ones(99), 1e-6), 0.5).value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (stats.uniform(-1.0, 2.0), stats.uniform(-0.8, 1.6)),
+        (stats.norm(0.0, 1.0), stats.norm(0.3, 0.8)),
+        (stats.uniform(-1.0, 2.0), stats.triang(0.5, -1.0, 2.0)),
+    ],
+)
+def test_intervals_hold_what_a_fresh_campaign_would_find(old, new):
+    draw = np.random.default_rng(3)
+    truth = {level: new.ppf(level) for level in (0.5, 0.95)}
+    limit = new.ppf(0.97)
+    held = {**dict.fromkeys(truth, 0), "share": 0}
+    for _ in range(400):
+        x = old.rvs(500, random_state=draw)
+        weights = new.pdf(x) / old.pdf(x)
+        for level, wanted in truth.items():
+            found = weighted_quantile(x, weights, level)
+            held[level] += found.low <= wanted <= found.high
+        share = weighted_share(x > limit, weights)
+        held["share"] += share.low <= 0.03 <= share.high
+    assert all(count >= 0.92 * 400 for count in held.values()), held
+
+
+def test_what_no_flight_reaches_widens_the_interval():
+    values, weights = np.linspace(0.0, 1.0, 1000), np.ones(1000)
+    narrow, wide = weighted_quantile(values, weights, 0.95), weighted_quantile(values, weights, 0.95, unseen=0.01)
+    assert wide.high == pytest.approx(narrow.high + 0.01, abs=2e-3) and wide.low == narrow.low
+    assert weighted_quantile(values, weights, 0.95, unseen=0.05).high == np.inf
+    assert weighted_share(values > 2.0, weights, unseen=0.01).high == pytest.approx(
+        clopper_pearson(0, 1000)[1] + 0.01, abs=1e-12
+    )
