@@ -7,8 +7,9 @@ memory stays flat: integer histograms and the extreme values (see :mod:`abhv_mc.
 import contextlib
 import shutil
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -170,33 +171,15 @@ class HistogramCollector:
             self.covered[: len(covered)] = covered[:flights]
 
     def _load(self) -> dict[str, NDArray] | None:
-        try:
-            with self._path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-                state = dict(stored)
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile):
-            return None
-        return state if state.get("low", np.empty(0)).size == self._cells.count else None
+        state = _read_state(self._path)
+        return state if state is not None and state.get("low", np.empty(0)).size == self._cells.count else None
 
     def add(self, first: int, history: Singles) -> None:
         self._histograms.add(history)
         self.covered[first : first + len(history)] = True
 
     def save(self) -> None:
-        histograms = self._histograms
-        state = {
-            "low": histograms.low,
-            "width": histograms.width,
-            "counts": histograms.counts,
-            "extremes": histograms.extremes(),
-            "covered": np.packbits(self.covered),
-            "flights": np.asarray(len(self.covered)),
-        }
-
-        def write(aside: Path) -> None:
-            with aside.open("wb") as file:
-                np.savez(file, **state)  # type: ignore[arg-type]
-
-        write_whole(self._path, write)
+        _write_state(self._path, self._histograms, self.covered)
 
     def table(self) -> EnvelopeTable:
         return self._histograms.table(*self._cells.shape)
@@ -204,3 +187,51 @@ class HistogramCollector:
     def finish(self) -> None:
         """The state stays: extending or merging campaigns goes on from it."""
         self.save()
+
+
+def _read_state(path: Path) -> dict[str, NDArray] | None:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            return dict(stored)
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+        return None
+
+
+def _write_state(path: Path, histograms: Histograms, covered: Mask) -> None:
+    state = {
+        "low": histograms.low,
+        "width": histograms.width,
+        "counts": histograms.counts,
+        "extremes": histograms.extremes(),
+        "covered": np.packbits(covered),
+        "flights": np.asarray(len(covered)),
+    }
+
+    def write(aside: Path) -> None:
+        with aside.open("wb") as file:
+            np.savez(file, **state)  # type: ignore[arg-type]
+
+    write_whole(path, write)
+
+
+def merge_states(folders: Sequence[Path], target: Path) -> None:
+    """Make one campaign's envelope states in ``target`` of those of its shards, which share no flight.
+
+    Raises ValueError where two do not fit; what is missing or damaged is flown again by whoever goes on from it.
+    """
+    for folder in folders:
+        for path in (folder / "blocks").glob("*.npy"):
+            write_whole(target / "blocks" / path.name, partial(shutil.copyfile, path))
+    for name in sorted({path.name for folder in folders for path in folder.glob("*.npz")}):
+        states = [state for folder in folders if (state := _read_state(folder / name)) is not None]
+        histograms = Histograms(states[0]["low"], states[0]["width"])
+        covered = np.zeros(int(states[0]["flights"]), bool)
+        for state in states:
+            mask = np.unpackbits(state["covered"], count=int(state["flights"])).astype(bool)
+            if any(not np.array_equal(state[key], states[0][key]) for key in ("low", "width", "flights")):
+                raise ValueError(f"{name}: envelopes with other bins")
+            if (mask & covered).any():
+                raise ValueError(f"{name}: flights that two of them hold")
+            histograms.merge(state["counts"], state["extremes"])
+            covered |= mask
+        _write_state(target / name, histograms, covered)

@@ -15,7 +15,7 @@ from abhv_mc.cli.errors import exit_code_of
 
 _COMMANDS = {
     "Start": ("new", "validate", "schema"),
-    "Fly": ("run", "fly", "replay"),
+    "Fly": ("run", "merge", "fly", "replay"),
     "Look": ("report", "compare", "explain", "status", "list", "query", "export", "trim", "parameters", "version"),
     "Prove": ("verify", "bench"),
 }

@@ -46,10 +46,11 @@ def command(
     from abhv_mc.campaign.rescue import UnusableError
     from abhv_mc.campaign.runner import run_campaign
     from abhv_mc.campaign.setup import Request
-    from abhv_mc.cli.announce import announce_compiling, announce_warnings
+    from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.store.folder import StorageFullError
 
     names = tuple(name.strip() for name in controllers.split(",")) if controllers else None
+    part = _parse_shard(shard) if shard else None
     announce_compiling()
     engine = None
     if device is Device.GPU:
@@ -68,6 +69,8 @@ def command(
 
 def finish(result: "RunResult", no_report: bool) -> None:
     """Say what came of it, make the report, and end with the exit code that it deserves."""
+    from abhv_mc.cli.announce import announce_warnings
+
     _print_result(result)
     announce_warnings(result.manifest["warnings"])
     if not result.complete:

@@ -1,0 +1,34 @@
+"""``abhv-mc merge``: the shards of a campaign as one."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def command(
+    parts: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of all shards.")],
+    out: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="New folder.", show_default="reports/NAME")
+    ] = None,
+    no_report: Annotated[bool, typer.Option("--no-report", help="Make no report.")] = False,
+) -> None:
+    """Join the shards of a campaign (run --shard i/n), prove that they fit, and make the report.
+
+    The result is that of the campaign flown in one piece: the same digest, envelopes and histories.
+    """
+    from abhv_mc.campaign.merge import merge_campaign
+    from abhv_mc.cli.run import finish
+    from abhv_mc.input_error import InputError
+    from abhv_mc.store.folder import CampaignFolder
+    from abhv_mc.store.manifest import read_manifest
+
+    manifest = read_manifest(CampaignFolder(parts[0]).manifest)
+    if not isinstance(manifest.get("name"), str):
+        raise InputError(parts[0], None, None, "another kind of manifest", "a campaign's")
+    engine = None
+    if manifest.get("machine", {}).get("device", "cpu") != "cpu":
+        from abhv_mc.campaign.gpu import make_gpu_engine
+
+        engine = make_gpu_engine()
+    finish(merge_campaign(parts, out or Path("reports") / manifest["name"], engine), no_report)
