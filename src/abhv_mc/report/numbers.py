@@ -125,7 +125,6 @@ def make_numbers(results: Results) -> dict[str, Any]:
         },
         "state": manifest.get("state"),
         "warnings": list(manifest.get("warnings") or []),
-        "warnings": list(manifest.get("warnings") or []),
         "digest": manifest.get("digest"),
         "digests": plain(manifest.get("digests") or {}),
         "flights": _flight_counts(results),
