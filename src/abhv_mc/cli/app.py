@@ -16,7 +16,19 @@ from abhv_mc.cli.errors import exit_code_of
 _COMMANDS = {
     "Start": ("new", "validate", "schema"),
     "Fly": ("run", "merge", "fly", "replay"),
-    "Look": ("report", "compare", "explain", "status", "list", "query", "export", "trim", "parameters", "version"),
+    "Look": (
+        "report",
+        "compare",
+        "explain",
+        "whatif",
+        "status",
+        "list",
+        "query",
+        "export",
+        "trim",
+        "parameters",
+        "version",
+    ),
     "Prove": ("verify", "bench"),
 }
 

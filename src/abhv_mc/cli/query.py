@@ -7,7 +7,7 @@ import typer
 
 
 def command(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder, or its address.")],
     sql: Annotated[str, typer.Argument(metavar="SQL", help="For example: select count(*) from flights")],
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
@@ -20,18 +20,20 @@ def command(
 
     from abhv_mc.input_error import InputError
     from abhv_mc.store.database import open_database
+    from abhv_mc.store.remote import fetched
 
-    connection = open_database(folder)
-    try:
-        answer = connection.sql(sql)
-        if answer is None:
-            return
-        if json or csv:
-            _print_rows(answer.columns, answer.fetchall(), json)
-        else:
-            answer.show(max_rows=200, max_width=200)
-    except duckdb.Error as error:
-        raise InputError("query", None, None, str(error), "SQL that duckdb can answer") from None
+    with fetched(folder, (".parquet",)) as source:
+        connection = open_database(source)
+        try:
+            answer = connection.sql(sql)
+            if answer is None:
+                return
+            if json or csv:
+                _print_rows(answer.columns, answer.fetchall(), json)
+            else:
+                answer.show(max_rows=200, max_width=200)
+        except duckdb.Error as error:
+            raise InputError("query", None, None, str(error), "SQL that duckdb can answer") from None
 
 
 def _print_rows(columns: list[str], rows: list[tuple[object, ...]], as_json: bool) -> None:

@@ -7,10 +7,31 @@ import typer
 
 
 def command(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a campaign.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a campaign, or its address.")],
     format: Annotated[Literal["html", "md"], typer.Option(help="One HTML file, or Markdown.")] = "html",  # noqa: A002
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="DIR", help="Where to.", show_default="DIR; reports/NAME for an address"
+        ),
+    ] = None,
 ) -> None:
     """Make the page, the figures and report.json from a campaign's Parquet alone."""
-    from abhv_mc.report.build import build_report
+    import shutil
 
-    print(build_report(folder, format))
+    from abhv_mc.report.build import build_report
+    from abhv_mc.store.folder import CampaignFolder
+    from abhv_mc.store.manifest import read_manifest
+    from abhv_mc.store.remote import fetched, local_path
+
+    with fetched(folder) as source:
+        page = build_report(source, format)
+        if out is None and local_path(folder) is None:
+            out = Path("reports") / read_manifest(CampaignFolder(source).manifest)["name"]
+        if out is not None:
+            out.mkdir(parents=True, exist_ok=True)
+            for name in (page.name, "report.json"):
+                shutil.copyfile(source / name, out / name)
+            shutil.copytree(source / "figures", out / "figures", dirs_exist_ok=True)
+            page = out / page.name
+    print(page)

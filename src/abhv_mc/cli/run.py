@@ -1,6 +1,7 @@
 """``abhv-mc run``: fly a campaign and make its report."""
 
 import sys
+from contextlib import nullcontext
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -24,7 +25,14 @@ class Device(StrEnum):
 def command(
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.yaml", help="Campaign file.")],
     out: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Folder.", show_default="reports/NAME")
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder, or an address such as s3://bucket/folder.",
+            show_default="reports/NAME",
+        ),
     ] = None,
     runs: Annotated[int | None, typer.Option(min=1, help="Flights of each controller.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed.")] = None,
@@ -48,6 +56,7 @@ def command(
     from abhv_mc.campaign.setup import Request
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.store.folder import StorageFullError
+    from abhv_mc.store.remote import mirrored
 
     names = tuple(name.strip() for name in controllers.split(",")) if controllers else None
     part = _parse_shard(shard) if shard else None
@@ -60,18 +69,24 @@ def command(
             raise Refusal("--device gpu with --scheduler", "one of the two")
         engine = make_gpu_engine()
     try:
-        result = run_campaign(Request(campaign, out, runs, seed, names, workers, fresh, scheduler, part, plans), engine)
+        with mirrored(out) if out else nullcontext() as folder:
+            request = Request(campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans)
+            finish(run_campaign(request, engine), no_report or part is not None, out)
     except (StorageFullError, UnusableError) as error:
         print(error, file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE) from None
-    finish(result, no_report or part is not None)
 
 
-def finish(result: "RunResult", no_report: bool) -> None:
-    """Say what came of it, make the report, and end with the exit code that it deserves."""
+def finish(result: "RunResult", no_report: bool, place: Path | None = None) -> None:
+    """Say what came of it, make the report, and end with the exit code that it deserves.
+
+    ``place`` is what the user calls the folder: perhaps an address.
+    """
     from abhv_mc.cli.announce import announce_warnings
+    from abhv_mc.store.remote import parse_address
 
-    _print_result(result)
+    named = parse_address(place or "") or str(result.folder)
+    _print_result(result, named)
     announce_warnings(result.manifest["warnings"])
     if not result.complete:
         print("incomplete: the same command goes on where this one ended", file=sys.stderr)
@@ -79,7 +94,7 @@ def finish(result: "RunResult", no_report: bool) -> None:
     if not no_report:
         from abhv_mc.report.build import build_report
 
-        print(f"report    {build_report(result.folder)}")
+        print(f"report    {named}/{build_report(result.folder).name}")
     if any(entry["verdict"] == "FAIL" for entry in result.manifest["requirements"]):
         raise typer.Exit(ExitCode.FAILED)
 
@@ -93,9 +108,9 @@ def _parse_shard(text: str) -> tuple[int, int]:
     return int(i), int(n)
 
 
-def _print_result(result: "RunResult") -> None:
+def _print_result(result: "RunResult", named: str) -> None:
     manifest = result.manifest
-    print(f"folder    {result.folder}")
+    print(f"folder    {named}")
     print(f"flights   {manifest['runs_done']} of {manifest['runs_planned']}, {manifest['state']}")
     for name, facts in manifest["controllers"].items():
         counts = ", ".join(f"{number} {outcome}" for outcome, number in facts["outcomes"].items())
