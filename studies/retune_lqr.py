@@ -23,7 +23,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from experiment import ALLOWED, ERRORS, ROOT, USAGE, Floats, columns, corner_parameters
 from scipy.optimize import differential_evolution, minimize
 from scipy.stats.qmc import Sobol
 
@@ -32,28 +32,11 @@ from abhv_mc.control.controller_file import LqrController, read_controller
 from abhv_mc.control.lqr_design import gains_of_models, make_lqr_models
 from abhv_mc.control.mission import read_mission
 from abhv_mc.documents import write_document
-from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.fly import fly
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_plan
-from abhv_mc.flight.signals import METRIC_INDEX
-from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.vehicles import load_vehicle
-
-ROOT = Path(__file__).parents[1]
-Floats = NDArray[np.float64]
-
-ERRORS = (
-    "altitude_error_rms_m",
-    "speed_error_rms_mps",
-    "heading_error_rms_deg",
-    "angle_of_attack_error_rms_deg",
-    "bank_error_rms_deg",
-    "sideslip_rms_deg",
-)
-USAGE = tuple(f"{surface}_{kind}_deg" for surface in ("aileron", "elevator", "rudder") for kind in ("rms", "travel"))
-ALLOWED = 1.05
-CORNERS = ((1.1, 1.1, 1.15), (1.1, 0.9, 0.85), (0.9, 1.1, 0.85), (0.9, 0.9, 1.15))  # density, lift, drag
 
 # Varied weights: regulator, states or inputs, name. One input of each regulator keeps the paper's weight.
 VARIED = (
@@ -84,10 +67,7 @@ class Study:
         self.paper = read_controller(ROOT / "configs/control/lqr.yaml")
         self.plan = make_plan(self.vehicle, self.mission, self.paper, "study")
         self.pieces = make_lqr_models(5.0, self.mission, self.plan.reference, self.vehicle, self.plan.trim_tables)
-        self.parameters = nominal_parameters(1 + len(CORNERS))
-        for row, corner in zip(self.parameters[1:], CORNERS, strict=True):
-            for name, factor in zip(("atmosphere.density", "aero.lift", "aero.drag"), corner, strict=True):
-                row[PARAMETER_INDEX[name]] = factor
+        self.parameters = corner_parameters()
         tlc = read_controller(ROOT / "configs/control/tlc.yaml")
         flown = self.fly(make_plan(self.vehicle, self.mission, tlc, "tlc"))
         if flown is None:
@@ -99,8 +79,7 @@ class Study:
         block = fly(plan, self.parameters)
         if (block.outcome != Outcome.OK).any():
             return None
-        errors, usage = ([METRIC_INDEX[name] for name in names] for names in (ERRORS, USAGE))
-        return block.metrics[:, errors].mean(axis=0), block.metrics[0, usage]
+        return columns(block, ERRORS).mean(axis=0), columns(block, USAGE)[0]
 
     def make_controller(self, exponents: Floats) -> LqrController:
         """The paper's weights times powers of ten."""

@@ -1,0 +1,89 @@
+"""What the studies share: the paper's dispersions, and flights of one vehicle and mission with changing gains."""
+
+import textwrap
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.control.controller_file import Controller, TlcController, read_controller
+from abhv_mc.control.mission import read_mission
+from abhv_mc.control.tlc_design import make_tlc_gains, make_tlc_settings
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.prepare import make_plan
+from abhv_mc.flight.signals import METRIC_INDEX
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.plant.vehicles import load_vehicle
+
+ROOT = Path(__file__).parents[1]
+Floats = NDArray[np.float64]
+
+# Zhu and Shen 2014, section 7: uniform, half widths.
+DISPERSIONS = {"atmosphere.density": 0.10, "aero.lift": 0.10, "aero.drag": 0.15}
+CORNERS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))  # of density, lift, drag: half of the box's eight
+
+ERRORS = (
+    "altitude_error_rms_m",
+    "speed_error_rms_mps",
+    "heading_error_rms_deg",
+    "angle_of_attack_error_rms_deg",
+    "bank_error_rms_deg",
+    "sideslip_rms_deg",
+)
+FOLLOWING = ("angle_of_attack_error_rms_deg", "sideslip_rms_deg", "bank_error_rms_deg")  # what the paper's claim names
+USAGE = tuple(f"{surface}_{kind}_deg" for surface in ("aileron", "elevator", "rudder") for kind in ("rms", "travel"))
+ALLOWED = 1.05  # times TLC's usage
+
+
+def corner_parameters() -> Floats:
+    """The nominal flight and CORNERS, ``[flight, parameter]``."""
+    parameters = nominal_parameters(1 + len(CORNERS))
+    for row, corner in zip(parameters[1:], CORNERS, strict=True):
+        for (name, half_width), sign in zip(DISPERSIONS.items(), corner, strict=True):
+            row[PARAMETER_INDEX[name]] += sign * half_width
+    return parameters
+
+
+def random_parameters(flights: int, seed: int = 2014) -> Floats:
+    """The paper's dispersions, ``[flight, parameter]``."""
+    generator = np.random.default_rng(seed)
+    parameters = nominal_parameters(flights)
+    for name, half_width in DISPERSIONS.items():
+        parameters[:, PARAMETER_INDEX[name]] += generator.uniform(-half_width, half_width, flights)
+    return parameters
+
+
+def columns(block: FlightBlock, names: tuple[str, ...]) -> Floats:
+    """Metrics ``[flight, name]``."""
+    return block.metrics[:, [METRIC_INDEX[name] for name in names]]
+
+
+def wrapped(line: str) -> str:
+    """A paragraph or a list's entry of a page in lines of 120 columns; tables, images and titles as they are."""
+    if line.startswith(("|", "!", "#")):
+        return line
+    return "\n".join(textwrap.wrap(line, 120, subsequent_indent="  " if line.startswith("- ") else ""))
+
+
+class Bench:
+    """One vehicle and mission, ready to be flown with TLC's gains as they change."""
+
+    def __init__(self, vehicle: Path, mission: Path) -> None:
+        self.vehicle, self.mission = load_vehicle(vehicle), read_mission(mission)
+        found = read_controller(ROOT / "configs/control/tlc.yaml")
+        if not isinstance(found, TlcController):
+            raise SystemExit("tlc.yaml is no TLC")
+        self.table_1 = found
+        self.plan = self.make_plan(found)
+
+    def make_plan(self, controller: Controller) -> FlightPlan:
+        """The plan of any controller."""
+        return make_plan(self.vehicle, self.mission, controller, controller.law)
+
+    def fly_tlc(self, controller: TlcController, parameters: Floats, record_every: int | None = None) -> FlightBlock:
+        """Fly TLC with other gains; what does not depend on them is kept."""
+        gains = make_tlc_gains(controller, self.plan.reference, self.vehicle, self.plan.trim_tables)
+        plan = replace(self.plan, gains=gains, settings=make_tlc_settings(controller))
+        return fly(plan, parameters, record_every)
