@@ -1,6 +1,7 @@
 """A flight that raises, hangs or kills its process costs its row; a killed worker costs nothing."""
 
 import ctypes
+import functools
 import json
 import multiprocessing
 import os
@@ -61,6 +62,16 @@ def fly_nowhere(plan, parameters, every=None):
 
 def fly_slowly(plan, parameters, every=None):
     time.sleep(0.03)
+    return fly(plan, parameters, every)
+
+
+def fly_after_killed_starts(folder, plan, parameters, every=None):
+    """The first ten processes are killed at the start, as by a machine short of memory for a while."""
+    started = folder / f"{os.getpid()}"
+    if multiprocessing.parent_process() is not None and not started.exists():
+        started.touch()
+        if len(list(folder.iterdir())) <= 10:
+            os.kill(os.getpid(), signal.SIGKILL)
     return fly(plan, parameters, every)
 
 
@@ -126,6 +137,16 @@ def test_a_machine_that_flies_nothing_stops_the_campaign(tmp_path, capfd):
         run_campaign(Request(campaign, tmp_path / "out"), engine_of(fly_nowhere))
     assert not list((tmp_path / "out/flights").glob("*.parquet"))
     assert run_campaign(Request(campaign, tmp_path / "out"), ENGINE).complete
+
+
+def test_starts_that_are_killed_are_tried_again_and_cost_no_flight(tmp_path, capfd):
+    campaign = write_campaign(tmp_path / "f", execution="{workers: 2, batch: 100}")
+    whole = run_campaign(Request(campaign, tmp_path / "a"), ENGINE).manifest
+    (tmp_path / "started").mkdir()
+    fly_late = functools.partial(fly_after_killed_starts, tmp_path / "started")
+    flown = run_campaign(Request(campaign, tmp_path / "b"), engine_of(fly_late)).manifest
+    assert len(list((tmp_path / "started").iterdir())) > 10
+    assert flown["digest"] == whole["digest"] and flown["runs_failed"] == 0
 
 
 @pytest.mark.parametrize("exact", [4096, 0])

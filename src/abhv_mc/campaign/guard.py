@@ -9,6 +9,7 @@ import queue
 import signal
 import sys
 import threading
+import time
 import types
 from collections.abc import Iterator
 from multiprocessing.connection import Connection, wait
@@ -25,8 +26,14 @@ from abhv_mc.flight.plan import FlightBlock, FlightPlan
 
 Floats = NDArray[np.float64]
 
-_STARTS = 5  # workers in a row that end before their first flight: then none ever will
+_PATIENCE = 20  # with starts that fail in a row: one killed from outside counts 1, which a machine gets over
+_OWN_END = 4  # and one that ended by itself this much
+_PAUSE = 0.05  # s, before a start, for each of these
 _swap = threading.Lock()
+
+
+class _EarlyEndError(Exception):
+    """A worker's process ended before it flew what it was sent: no flight's fault."""
 
 
 def start_server(fly: Fly) -> None:
@@ -52,10 +59,14 @@ class _Worker:
         self.proven = False  # whether it has come to fly anything
 
     def fly(self, key: int, plan: FlightPlan, parameters: Floats, every: int | None, limit: float) -> FlightBlock:
-        """Raises FlightLostError, and ConnectionError where it was dead before."""
-        self._connection.send((key, None if key in self.plans else plan, parameters, every))
-        self.plans.add(key)
-        answer = self._receive(None)
+        """Raises FlightLostError, and _EarlyEndError where the process ended before these flights started."""
+        try:
+            self._connection.send((key, None if key in self.plans else plan, parameters, every))
+            self.plans.add(key)
+            answer = self._receive(None)
+        except (ConnectionError, FlightLostError):
+            self.kill()
+            raise _EarlyEndError(_describe_exit(self.process.exitcode)) from None
         self.proven = True
         if answer is None:
             answer = self._receive(limit)
@@ -97,7 +108,8 @@ class Guard:
         self._workers: set[_Worker] = set()
         self._plans: dict[int, tuple[int, FlightPlan]] = {}  # held, so that no id comes twice
         self._lock = threading.Lock()
-        self._failed_starts = 0
+        self._failed_starts = 0  # weighed
+        self._last_end = ""
         self._closed = False
 
     def fly(self, plan: FlightPlan, parameters: Floats, every: int | None = None) -> FlightBlock:
@@ -113,9 +125,9 @@ class Guard:
                 worker = worker or self._start()
                 try:
                     block = worker.fly(key, plan, parameters, every, time_limit(len(parameters), self._limit))
-                except ConnectionError:  # it died between two blocks: nobody's fault
+                except _EarlyEndError as end:
                     self._discard(worker)
-                    worker = None
+                    worker, self._last_end = None, str(end)
                 else:
                     self._failed_starts = 0
                     return block
@@ -130,8 +142,13 @@ class Guard:
             self._idle.put(worker)
 
     def _start(self) -> _Worker:
-        if self._closed or self._failed_starts >= _STARTS:
-            raise UnusableError("worker processes end before they fly; 'isolation: threads' does without them")
+        if self._closed:
+            raise UnusableError("the campaign was stopped")
+        if self._failed_starts >= _PATIENCE:
+            raise UnusableError(
+                f"worker processes end before they fly ({self._last_end}); 'isolation: threads' does without them"
+            )
+        time.sleep(_PAUSE * self._failed_starts)
         worker = _Worker(self._fly)
         with self._lock:
             self._workers.add(worker)
@@ -141,7 +158,8 @@ class Guard:
         worker.kill()
         with self._lock:
             self._workers.discard(worker)
-            self._failed_starts += not worker.proven
+            if not worker.proven:
+                self._failed_starts += 1 if worker.process.exitcode == -signal.SIGKILL else _OWN_END
 
     def close(self) -> None:
         """End every worker at once; flights in the air are lost."""
