@@ -9,7 +9,7 @@ import numpy as np
 
 from abhv_mc.campaign.config import Campaign, Requirement
 from abhv_mc.campaign.correlation import Copula, make_copula, normal_correlation
-from abhv_mc.campaign.designs import FACTORIAL, INDEPENDENT, count_flights
+from abhv_mc.campaign.designs import FACTORIAL, INDEPENDENT, SALTELLI, count_flights, saltelli_group
 from abhv_mc.campaign.laws import Law
 from abhv_mc.campaign.sample_file import SampleFile, read_sample_file
 from abhv_mc.campaign.stopping import find_looks
@@ -136,6 +136,9 @@ def _make_copula(document: Document, model: Campaign, names: Sequence[str], erro
     if pairs and model.sampling.design in (*FACTORIAL, "file"):
         found = f"correlations with the design '{model.sampling.design}'"
         errors.append(document.key_error(("correlations",), found, "none: this design sets every value"))
+    if pairs and model.sampling.design == SALTELLI:
+        found = f"correlations with the design '{SALTELLI}'"
+        errors.append(document.key_error(("correlations",), found, "none: Sobol indices need independent parameters"))
     if errors:
         return Copula((), np.eye(0))
     try:
@@ -198,11 +201,15 @@ def _check_runs(
 ) -> int:
     """Number of flights: what the file says, or what the design has."""
     design = model.sampling.design
-    if design in FACTORIAL and not names:
+    if design in (*FACTORIAL, SALTELLI) and not names:
         errors.append(document.error(("sampling",), f"'{design}' without dispersions", "something to vary"))
         return 1
     number = sample_file.flights if sample_file else count_flights(design, len(names), model.sampling.levels)
     if number is None:
+        group = saltelli_group(len(names))
+        if design == SALTELLI and model.runs is not None and model.runs % group:
+            wanted = f"a multiple of {group} (parameters + 2), at best times a power of two, such as {512 * group}"
+            errors.append(document.error(("runs",), f"{model.runs}", wanted))
         if model.runs is None:
             errors.append(
                 document.error((), "no key 'runs'", f"'runs' here, as the design '{design}' takes any number")

@@ -31,10 +31,13 @@ Auto = Annotated[
 """A positive whole number, or None for "auto"."""
 
 
+DesignName = Literal["random", "lhs", "sobol", "halton", "saltelli", "corners", "grid", "one_at_a_time", "file"]
+
+
 class Sampling(StrictModel):
     """The design; in the file, its name alone will do."""
 
-    design: Literal["random", "lhs", "sobol", "halton", "corners", "grid", "one_at_a_time", "file"] = "random"
+    design: DesignName = "random"
     levels: Annotated[int, Field(ge=2, le=1000)] = 2  # of each parameter in a grid or one_at_a_time
     path: File | None = None  # CSV or Parquet with one column per parameter, for the design "file"
 
