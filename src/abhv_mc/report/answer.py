@@ -3,8 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from abhv_mc.report.failures import EARLY
 from abhv_mc.report.metrics import FOLLOWING, HOLDING, controller_label
-from abhv_mc.report.words import count_of, fixed, percent, significant
+from abhv_mc.report.parameters import spoken_name
+from abhv_mc.report.words import count_of, fixed, p_value, percent, significant
 
 _SHORT = {
     "angle_of_attack_error_rms_deg": "the angle-of-attack command",
@@ -13,6 +15,9 @@ _SHORT = {
     "altitude_error_max_m": "altitude",
     "speed_error_max_mps": "speed",
 }
+_NAMED = 2  # drivers of an error
+_MOVED = 2  # controllers whose drivers are told
+_LEAST_SHARE = 0.05  # of the variance, by the lower end of the total index
 
 
 def joined(words: Sequence[str]) -> str:
@@ -66,15 +71,60 @@ def _usage_words(duel: Mapping[str, Any]) -> str:
     return f"; {controller_label(duel['a'])} uses {joined(parts)} (rms)" if parts else ""
 
 
+def _early_sentences(numbers: Mapping[str, Any]) -> list[str]:
+    """How many flights each controller ended early, where those flights live, and which controller saves more."""
+    sentences = []
+    for name, counts in numbers["flights"].items():
+        if not counts["failed"]:
+            continue
+        failed = count_of(counts["failed"], counts["flown"], "flights")
+        text = f"{controller_label(name)} ended {failed} early"
+        kinds = numbers["drivers"].get("controllers", {}).get(name, {}).get("failures", [])
+        rules: list[Any] = next((kind["rules"] for kind in kinds if kind["kind"] == EARLY), [])
+        sentences.append(f"{text}, most of all where {rules[0]['rule']}." if rules else f"{text}.")
+    for duel in numbers["duels"].values():
+        found = duel["ended_early"]
+        if found["only_a"] or found["only_b"]:
+            sentences.append(
+                f"{fixed(found['only_b'], 0)} flights ended early under {controller_label(duel['b'])} alone, "
+                f"{fixed(found['only_a'], 0)} under {controller_label(duel['a'])} alone "
+                f"(the chance of such a split were both as good: {p_value(found['p_value'])})."
+            )
+    return sentences
+
+
+def _driver_sentence(numbers: Mapping[str, Any], name: str) -> str:
+    """What moves each headline error of a controller most, by Sobol's total index or by rank correlation."""
+    sobol = numbers["sobol"].get("controllers", {}).get(name, {}).get("metrics", {})
+    ranks = numbers["drivers"].get("controllers", {}).get(name, {}).get("metrics", {})
+    parts = []
+    for metric in (*HOLDING, *FOLLOWING):
+        if metric in sobol:
+            top = [e for e in sobol[metric] if e["total"][1] > _LEAST_SHARE][:_NAMED]
+            words = [f"{spoken_name(e['parameter'])} ({_share(e['total'])}, {_share(e['first'])} alone)" for e in top]
+        else:
+            found = [e["parameter"] for e in ranks.get(metric, {}).get("parameters", []) if e["driver"]]
+            words = [spoken_name(parameter) for parameter in dict.fromkeys(found)][:_NAMED]
+        if words:
+            parts.append(f"{_SHORT[metric]}: {joined(words)}")
+    if not parts:
+        return ""
+    how = "share of the variance that involves them" if sobol else "largest rank regression coefficients first"
+    return f"What moves {controller_label(name)}'s errors most ({how}): {'; '.join(parts)}."
+
+
+def _share(index: Sequence[float]) -> str:
+    """A Sobol index in percent; noise may take the estimate past the ends."""
+    return percent(min(max(round(index[0], 2), 0.0), 1.0), 2)
+
+
 def answer_sentences(numbers: Mapping[str, Any]) -> list[str]:
     """What a reader with two minutes should know, most important first."""
     sentences = [_duel_sentence(duel) for duel in numbers["duels"].values()]
     if numbers["requirements"]:
         sentences.append(_requirements_sentence(numbers))
-    for name, counts in numbers["flights"].items():
-        if counts["failed"]:
-            failed = count_of(counts["failed"], counts["flown"], "flights")
-            sentences.append(f"{controller_label(name)} ended {failed} early.")
+    sentences += _early_sentences(numbers)
+    sentences += [_driver_sentence(numbers, name) for name in numbers["campaign"]["controllers"][:_MOVED]]
     return [sentence for sentence in sentences if sentence]
 
 
@@ -107,8 +157,6 @@ def sureness_sentence(numbers: Mapping[str, Any]) -> str:
         text += ", however often it was looked at." if campaign["looks"] else "."
     if campaign["looks"] and len(flown) == 1:
         text += " " + _stopping_sentence(campaign, flown.pop())
-    for warning in numbers["warnings"]:
-        text += f" The reference itself is not flyable everywhere: {warning}."
     for warning in numbers["warnings"]:
         text += f" The reference itself is not flyable everywhere: {warning}."
     if numbers["state"] != "complete":

@@ -3,12 +3,14 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abhv_mc.report.failures import failure_kinds
 from abhv_mc.report.parameters import shown_value
 from abhv_mc.report.plain import plain
 from abhv_mc.report.results import Floats, Results
 from abhv_mc.report.severities import severities
+from abhv_mc.report.sobol import independent_rows
 from abhv_mc.report.words import percent
 from abhv_mc.statistics.drivers import FALSE_DISCOVERY_RATE, rank_drivers
 from abhv_mc.statistics.failure_drivers import FALSE_DISCOVERY_RATE as RULES_RATE
@@ -27,15 +29,16 @@ def driver_numbers(results: Results) -> dict[str, Any]:
     numbers: dict[str, Any] = {}
     for controller in results.controllers:
         flights = results.flights[controller]
-        inputs = everything[flights.flight]
+        independent = independent_rows(results, flights.flight)
+        inputs = everything[flights.flight][independent]
         numbers[controller] = {
-            "metrics": _coefficients(results, controller, names, inputs),
+            "metrics": _coefficients(results, controller, names, inputs, independent),
             "failures": [
                 {
                     "kind": kind,
                     "flights": int(failed.size),
                     "failures": int(failed.sum()),
-                    "rules": [_rule(rule, names) for rule in find_rules(inputs, failed)],
+                    "rules": [_rule(rule, names) for rule in find_rules(inputs, failed[independent])],
                 }
                 for kind, failed in failure_kinds(results, controller)
             ],
@@ -48,9 +51,12 @@ def driver_numbers(results: Results) -> dict[str, Any]:
     }
 
 
-def _coefficients(results: Results, controller: str, names: list[str], inputs: Floats) -> dict[str, Any]:
+def _coefficients(
+    results: Results, controller: str, names: list[str], inputs: Floats, independent: NDArray[np.bool_]
+) -> dict[str, Any]:
     metrics = list(results.metrics)
-    outputs = np.column_stack([severities(results.flights[controller], metric) for metric in metrics])
+    flights = results.flights[controller]
+    outputs = np.column_stack([severities(flights, metric)[independent] for metric in metrics])
     # A largest absolute error often grows with a parameter's distance from its middle, whichever way; ranks of the
     # parameter alone do not see that.
     folded = np.abs(inputs - np.median(inputs, axis=0))

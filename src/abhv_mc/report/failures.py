@@ -14,6 +14,8 @@ from abhv_mc.statistics.sequential import (
 )
 from abhv_mc.statistics.verdicts import Verdict
 
+EARLY = "ended early"
+
 
 def requirement_failures(flights: ControllerFlights, requirement: Requirement) -> NDArray[np.bool_]:
     """Which flights [flight] of a controller miss a requirement.
@@ -57,7 +59,7 @@ def requirement_words(requirement: Requirement) -> str:
 def failure_kinds(results: Results, controller: str) -> list[tuple[str, NDArray[np.bool_]]]:
     """Each way to fail that occurred: ended early, and each requirement missed."""
     early = results.flights[controller].failed
-    kinds = [("ended early", early)]
+    kinds = [(EARLY, early)]
     kinds += [
         (f"missed: {requirement_words(item)}", requirement_failures(results.flights[controller], item))
         for item in results.campaign.requirements

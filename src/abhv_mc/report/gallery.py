@@ -11,6 +11,7 @@ from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributio
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.report.figures.evidence import ConvergencePanel, DriverPanel, plot_convergence, plot_drivers
 from abhv_mc.report.figures.paper import FigureText, paper_figures
+from abhv_mc.report.figures.sobol import SobolPanel, plot_sobol
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.metrics import FOLLOWING, HEADLINE, HOLDING, METRIC_WORDS, USAGE, controller_label, words_of
 from abhv_mc.report.parameters import short_names
@@ -162,6 +163,33 @@ def _drivers(
         yield text, plot_drivers(panels, labels, colors)
 
 
+def _sobol(
+    results: Results, numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]
+) -> Iterator[Any]:
+    found = {n: part["metrics"] for n, part in numbers["sobol"].get("controllers", {}).items() if part["metrics"]}
+    short = short_names(results.samples)
+    panels = []
+    for metric in HEADLINE:
+        tables = {name: {e["parameter"]: e for e in part[metric]} for name, part in found.items() if metric in part}
+        if not tables:
+            continue
+        ranked = sorted(results.samples, key=lambda p: -max(table[p]["total"][0] for table in tables.values()))
+        ranked = ranked[:_SHOWN_PARAMETERS]
+        first, total = (
+            {name: np.array([table[p][kind] for p in ranked], float) for name, table in tables.items()}
+            for kind in ("first", "total")
+        )
+        panels.append(SobolPanel(_label(metric).split(" (")[0], [short[p] for p in ranked], first, total))
+    if panels:
+        text = FigureText(
+            "sobol",
+            "Sobol indices of the errors",
+            "Share of each error's variance that a parameter causes alone (first order, filled) and together with all "
+            "others (total, hollow), with 95 % intervals. Where the two differ, the parameter acts through others.",
+        )
+        yield text, plot_sobol(panels, labels, colors)
+
+
 def _convergence(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
     traces = numbers["convergence"]
     panels = []
@@ -194,4 +222,5 @@ def make_figures(results: Results, numbers: Mapping[str, Any]) -> Iterator[tuple
     yield from _trade(results, labels, colors)
     yield from _worst(results, colors)
     yield from _drivers(results, numbers, labels, colors)
+    yield from _sobol(results, numbers, labels, colors)
     yield from _convergence(numbers, labels, colors)

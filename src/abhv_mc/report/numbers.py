@@ -17,6 +17,7 @@ from abhv_mc.report.metrics import words_of
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.results import Results
 from abhv_mc.report.severities import severities
+from abhv_mc.report.sobol import sobol_numbers
 from abhv_mc.report.worst import worst_numbers
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
 from abhv_mc.statistics.verdicts import clopper_pearson, judge
@@ -134,5 +135,6 @@ def make_numbers(results: Results) -> dict[str, Any]:
         "worst": worst_numbers(results),
         "ranges": _ranges(results),
         "drivers": driver_numbers(results),
+        "sobol": sobol_numbers(results),
         "convergence": convergence_numbers(results),
     }

@@ -129,6 +129,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "duels": tables.duel_tables(numbers),
         "drivers": tables.driver_rows(numbers),
         "failure_rules": {
+        "sobol": tables.sobol_rows(numbers),
             controller_label(name): part["failures"]
             for name, part in numbers["drivers"].get("controllers", {}).items()
             if part["failures"]

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.report.words import fixed, significant
 
+_UNSPOKEN = ("aero", "atmosphere", "control", "mass", "propulsion")  # groups that go without saying
 _SHOWN = {"rad": ("deg", 180.0 / math.pi), "rad/s": ("deg/s", 180.0 / math.pi)}
 
 
@@ -22,6 +23,15 @@ def shown_value(name: str, value: float) -> str:
     unit = PARAMETERS[PARAMETER_INDEX[name]].unit
     word, scale = _SHOWN.get(unit, (unit, 1.0))
     return f"{significant(value * scale)}\N{NO-BREAK SPACE}{'' if word == '-' else word}".rstrip("\N{NO-BREAK SPACE}")
+
+
+def spoken_name(name: str) -> str:
+    """'lift' for 'aero.lift', 'wind north' for 'wind.north', 'centre of gravity x' for 'mass.center_of_gravity_x'."""
+    group, _, rest = name.partition(".")
+    if name == "mass.total":
+        return "mass"
+    words = rest if group in _UNSPOKEN else name
+    return words.replace("center_of", "centre_of").replace(".", " ").replace("_", " ")
 
 
 def parameter_doc(name: str) -> str:

@@ -224,6 +224,27 @@ def driver_rows(numbers: Mapping[str, Any]) -> list[Row]:
     return rows
 
 
+def sobol_rows(numbers: Mapping[str, Any]) -> list[Row]:
+    """For each controller and headline metric, its indices, or why there are none."""
+    rows = []
+    for name, part in numbers["sobol"].get("controllers", {}).items():
+        if part["refused"]:
+            rows.append({"controller": controller_label(name), "refused": part["refused"], "label": "", "indices": []})
+        for metric in (*FOLLOWING, *HOLDING):
+            if metric in part["metrics"]:
+                indices = [
+                    {"parameter": entry["parameter"], "doc": parameter_doc(entry["parameter"])}
+                    | {
+                        kind: _cell(dict(zip(("value", "low", "high"), entry[kind], strict=True)))
+                        for kind in ("first", "total")
+                    }
+                    for entry in part["metrics"][metric][:4]
+                ]
+                label = words(metric).label
+                rows.append({"controller": controller_label(name), "refused": None, "label": label, "indices": indices})
+    return rows
+
+
 def worst_tables(numbers: Mapping[str, Any], folder: str) -> list[Row]:
     """The worst flights of each controller, each with the command that replays it."""
     tables = []
