@@ -13,7 +13,9 @@ pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium is installe
 # Runs in the page after its own script; what it finds goes into an attribute that the test reads.
 PROBE = """
 <script>
-addEventListener("load", () => {
+const loaded = new Promise((done) => { addEventListener("load", done); });
+const drawn = new Promise((done) => { addEventListener("drawn", done); });
+Promise.all([loaded, drawn]).then(() => {
   const plot = document.getElementById("plot");
   const names = () => plot.data.map((trace) => trace.name);
   const found = { before: names(), errors: [] };

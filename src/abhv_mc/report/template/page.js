@@ -103,8 +103,27 @@
   channelBox.addEventListener("change", draw);
   const controls = document.getElementById("controls");
   controls.addEventListener("submit", (event) => event.preventDefault());
-  controls.hidden = false;
-  if (data.channels.length) draw();
+
+  // The plotting library travels compressed; unpacked, it runs like any script of the page.
+  const unpack = async () => {
+    const letters = atob(document.getElementById("plotly-packed").textContent);
+    const bytes = Uint8Array.from(letters, (letter) => letter.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    const script = document.createElement("script");
+    script.textContent = await new Response(stream).text();
+    document.head.append(script);
+  };
+  const start = async () => {
+    await unpack();
+    controls.hidden = false;
+    if (data.channels.length) draw();
+    dispatchEvent(new Event("drawn"));
+  };
+  if (typeof DecompressionStream === "undefined") {
+    words.textContent = "This browser is too old for the interactive envelopes; the figures below show the same bands.";
+  } else {
+    start();
+  }
 
   // Print everything, folded or not.
   addEventListener("beforeprint", () => document.querySelectorAll("details").forEach((d) => { d.dataset.was = d.open; d.open = true; }));
