@@ -1,10 +1,14 @@
 import json
 import shutil
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from report.synthetic import write_campaign
 
 from abhv_mc.documents import InputError
+from abhv_mc.report.build import build_report, hash_files
 from abhv_mc.report.verify import differences, verify_campaign
 
 
@@ -17,13 +21,52 @@ def test_an_untouched_report_is_confirmed(report_folder):
     assert list(verify_campaign(report_folder)) == []
 
 
-@pytest.mark.parametrize("name", ["flights/lqr-000000000-000000040.parquet", "envelopes.parquet", "samples.parquet"])
-def test_one_flipped_byte_is_told(copy, name):
-    path = copy / name
+def flipped(path, place):
     data = bytearray(path.read_bytes())
-    data[len(data) // 3] ^= 1
+    data[place] ^= 1
     path.write_bytes(data)
-    assert next(verify_campaign(copy)).startswith(f"files.{name}")
+
+
+def test_one_flipped_byte_is_told_wherever_it_is(copy):
+    """Every file that a number depends on, at 25 places from its first byte to its last."""
+    written = json.loads((copy / "report.json").read_text(encoding="utf-8"))["files"]
+    held = {path.relative_to(copy).as_posix() for path in copy.rglob("*.parquet")} | {"campaign.yaml"}
+    assert set(written) == held
+    for name in held:
+        path = copy / name
+        whole, size = path.read_bytes(), path.stat().st_size
+        for place in {k * (size - 1) // 24 for k in range(25)}:
+            flipped(path, place)
+            assert next(verify_campaign(copy)).startswith(f"files.{name}: "), place
+            path.write_bytes(whole)
+    assert list(verify_campaign(copy)) == []
+
+
+def test_a_byte_of_the_page_is_told_and_a_page_that_is_gone(copy):
+    path = copy / "report.html"
+    whole = path.read_bytes()
+    flipped(path, path.stat().st_size // 2)
+    assert next(verify_campaign(copy)).startswith("pages.report.html: ")
+    path.unlink()
+    assert next(verify_campaign(copy)).startswith("pages.report.html: ")
+    path.write_bytes(whole)
+    build_report(copy, "md")
+    assert list(json.loads((copy / "report.json").read_text(encoding="utf-8"))["pages"]) == ["report.html", "report.md"]
+    assert list(verify_campaign(copy)) == []
+
+
+def test_a_block_rewritten_with_another_number_is_told(copy):
+    """Whoever hashes the files anew still has the digest against him."""
+    name = "flights/lqr-000000000-000000040.parquet"
+    table = pq.read_table(copy / name)
+    column = table.schema.get_field_index("fuel_used_kg")
+    values = table["fuel_used_kg"].to_numpy().copy()
+    values[3] = np.nextafter(values[3], np.inf)
+    pq.write_table(table.set_column(column, table.schema.field(column), pa.array(values)), copy / name)
+    numbers = json.loads((copy / "report.json").read_text(encoding="utf-8"))
+    numbers["files"] = hash_files(copy)
+    (copy / "report.json").write_text(json.dumps(numbers), encoding="utf-8")
+    assert "does not hold what was written" in next(verify_campaign(copy))
 
 
 def test_one_altered_number_is_told(copy):

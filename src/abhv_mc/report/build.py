@@ -2,8 +2,9 @@
 
 import hashlib
 import json
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from abhv_mc.report.results import read_results
 
@@ -15,12 +16,27 @@ def hash_files(folder: Path) -> dict[str, str]:
     names = ["campaign.yaml", "samples.parquet", "envelopes.parquet", "nominal.parquet", "reference.parquet"]
     paths = [folder / name for name in names]
     paths += [*sorted((folder / "flights").glob("*.parquet")), *sorted((folder / "histories").glob("*.parquet"))]
-    hashes = {}
-    for path in paths:
-        if path.is_file():
-            with path.open("rb") as file:
-                hashes[path.relative_to(folder).as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
-    return hashes
+    return {path.relative_to(folder).as_posix(): _hash_file(path) for path in paths if path.is_file()}
+
+
+def hash_pages(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
+    """SHA-256 of written pages; None for one that is gone."""
+    return {name: _hash_file(folder / name) if (folder / name).is_file() else None for name in names}
+
+
+def _hash_file(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _read_pages(path: Path, numbers: dict[str, Any]) -> dict[str, Any]:
+    """The pages that an earlier report with the same numbers names."""
+    try:
+        held = json.loads(path.read_text(encoding="utf-8"))
+        pages: dict[str, Any] = held.pop("pages", {})
+    except (OSError, ValueError, AttributeError):
+        return {}
+    return pages if held == json.loads(json.dumps(numbers)) else {}
 
 
 def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
@@ -48,9 +64,12 @@ def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
     for stale in figures_folder.glob("*.png"):
         if stale not in kept:
             stale.unlink()
-    write_text(folder / "report.json", json.dumps(numbers, indent=1, allow_nan=False) + "\n")
     page = folder / f"report.{format}"
     write_text(
         page, make_page(results, numbers, figures) if format == "html" else make_markdown(results, numbers, figures)
     )
+    report = folder / "report.json"
+    names = [*_read_pages(report, numbers), page.name]
+    numbers = {**numbers, "pages": hash_pages(folder, dict.fromkeys(names))}
+    write_text(report, json.dumps(numbers, indent=1, allow_nan=False) + "\n")
     return page

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from abhv_mc.documents import InputError
-from abhv_mc.report.build import hash_files
+from abhv_mc.report.build import hash_files, hash_pages
 from abhv_mc.report.numbers import make_numbers
 from abhv_mc.report.results import read_results
 from abhv_mc.store.digest import Digest
@@ -66,6 +66,8 @@ def verify_campaign(root: Path) -> Iterator[str]:
         raise InputError(path, None, None, str(error), "JSON") from None
     # Cheap and sharp first: one flipped byte in any file changes its hash.
     yield from differences(written.pop("files", {}), hash_files(root), "files")
+    pages = written.pop("pages", {})
+    yield from differences(pages, hash_pages(root, pages), "pages")
     results = read_results(root)
     yield from _blocks(folder, list(results.samples))
     yield from differences(written, json.loads(json.dumps(make_numbers(results))))
