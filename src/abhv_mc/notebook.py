@@ -1,0 +1,303 @@
+"""Campaigns in a notebook: a file to fly, and a folder's results as pandas tables and figures."""
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from abhv_mc.campaign.check import CheckedCampaign, read_campaign
+from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.manifest import COMPLETE, read_manifest
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from abhv_mc.campaign.explain import Explanation
+    from abhv_mc.report.results import Results
+
+Paths = str | Path
+
+
+class Campaign:
+    """A campaign file, read and checked; :meth:`run` flies it."""
+
+    def __init__(self, path: Path, checked: CheckedCampaign) -> None:
+        self.path = path
+        self._checked = checked
+
+    @classmethod
+    def read(cls, path: Paths) -> "Campaign":
+        """Read a campaign file. Raises :class:`abhv_mc.documents.InputError` with everything that is wrong."""
+        return cls(Path(path), read_campaign(path))
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self._checked.model.name
+
+    @property
+    def question(self) -> str:
+        """What it asks."""
+        return self._checked.model.question
+
+    @property
+    def runs(self) -> int:
+        """Flights of each controller."""
+        return self._checked.runs
+
+    @property
+    def controllers(self) -> tuple[str, ...]:
+        """Names of the controllers; the first is compared with the others."""
+        return tuple(self._checked.model.controllers)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the dispersed parameters."""
+        return self._checked.names
+
+    def draw_samples(self, flights: int | None = None) -> "pd.DataFrame":
+        """The dispersions that the first flights will have (all by default), SI, one column a parameter."""
+        import pandas as pd
+
+        from abhv_mc.campaign.samples import make_samples
+
+        source = make_samples(self._checked)
+        number = self.runs if flights is None else min(flights, self.runs)
+        index = pd.RangeIndex(number, name="flight")
+        return pd.DataFrame(source.draw(0, number), columns=list(source.names), index=index)
+
+    def run(
+        self,
+        output: Paths | None = None,
+        runs: int | None = None,
+        seed: int | None = None,
+        controllers: Sequence[str] | None = None,
+        workers: int | None = None,
+        fresh: bool = False,
+    ) -> "CampaignResults":
+        """Fly it, or what its folder misses of it, as ``abhv-mc run`` does, and open the results.
+
+        ``output`` is ``reports/<name>`` by default; ``fresh`` deletes what it holds first. The other arguments
+        override the file. An interrupt keeps what was flown (``results.complete`` is False); the same call goes on.
+        Raises :class:`abhv_mc.documents.InputError` for what is wrong, and ``StorageFullError`` on a full disk.
+        """
+        from abhv_mc.campaign.runner import run_campaign
+        from abhv_mc.campaign.setup import Request
+
+        names = tuple(controllers) if controllers is not None else None
+        out = Path(output) if output is not None else None
+        return CampaignResults(run_campaign(Request(self.path, out, runs, seed, names, workers, fresh)).folder)
+
+    def __repr__(self) -> str:
+        return (
+            f"<Campaign {self.name}: {self.runs} flights of {', '.join(self.controllers)}, "
+            f"{len(self.parameters)} dispersions>"
+        )
+
+
+class CampaignResults:
+    """What a campaign's folder holds; every table is a pandas DataFrame, SI except angles in degrees."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._paths = CampaignFolder(folder)
+        self.manifest: dict[str, Any] = read_manifest(self._paths.manifest)
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything was flown."""
+        return bool(self.manifest["state"] == COMPLETE)
+
+    @property
+    def controllers(self) -> tuple[str, ...]:
+        """Names of the controllers that flew."""
+        return self._results.controllers
+
+    @cached_property
+    def flights(self) -> "pd.DataFrame":
+        """One row a flight and controller: outcome, dispersions, metrics."""
+        table = self._read(sorted(self._paths.flights.glob("*.parquet")))
+        order = {name: i for i, name in enumerate(self.controllers)}
+        return table.sort_values(["controller", "flight"], key=lambda c: c.map(order) if c.name == "controller" else c,
+                                 ignore_index=True)  # fmt: skip
+
+    @cached_property
+    def samples(self) -> "pd.DataFrame":
+        """Dispersions by flight, SI."""
+        return self._read([self._paths.samples]).set_index("flight")
+
+    @cached_property
+    def envelopes(self) -> "pd.DataFrame":
+        """Smallest and largest value and quantiles over all flights, by controller, channel and time."""
+        return self._read([self._paths.envelopes])
+
+    @cached_property
+    def histories(self) -> "pd.DataFrame":
+        """Channels over time of the flights that were kept."""
+        return self._read(sorted(self._paths.histories.glob("*.parquet")))
+
+    @cached_property
+    def nominal(self) -> "pd.DataFrame":
+        """Channels over time of each controller's nominal flight."""
+        return self._read([self._paths.nominal])
+
+    @cached_property
+    def reference(self) -> "pd.DataFrame":
+        """The mission's reference over time."""
+        return self._read([self._paths.reference])
+
+    @cached_property
+    def numbers(self) -> dict[str, Any]:
+        """Every number of the report, as ``report.json`` holds them."""
+        from abhv_mc.report.numbers import make_numbers
+
+        return make_numbers(self._results)
+
+    @property
+    def answer(self) -> list[str]:
+        """The campaign's answer in sentences."""
+        from abhv_mc.report.answer import answer_sentences, sureness_sentence
+
+        return [*answer_sentences(self.numbers), sureness_sentence(self.numbers)]
+
+    @property
+    def verdicts(self) -> "pd.DataFrame":
+        """Verdict, failures, bound and risks of each requirement on each controller."""
+        import pandas as pd
+
+        rows = [
+            {"requirement": entry["words"], "controller": name, **verdict}
+            for entry in self.numbers["requirements"]
+            for name, verdict in entry["controllers"].items()
+        ]
+        return pd.DataFrame(rows).set_index(["requirement", "controller"]) if rows else pd.DataFrame()
+
+    @property
+    def quantiles(self) -> "pd.DataFrame":
+        """Quantiles of each metric with their 95 % intervals, by metric, controller and level."""
+        import pandas as pd
+
+        rows = [
+            {"metric": metric, "controller": name, "level": level, **cell}
+            for metric, entry in self.numbers["metrics"].items()
+            for name, cells in entry["controllers"].items()
+            for level, cell in cells.items()
+            if isinstance(cell, dict)
+        ]
+        return pd.DataFrame(rows).set_index(["metric", "controller", "level"])
+
+    @cached_property
+    def _figures(self) -> "dict[str, Figure]":
+        from abhv_mc.report.gallery import make_figures
+
+        return {text.name: figure for text, figure in make_figures(self._results, self.numbers)}
+
+    @property
+    def figure_names(self) -> tuple[str, ...]:
+        """Names of the report's figures."""
+        return tuple(self._figures)
+
+    def figure(self, name: str, dpi: float = 100.0) -> "Figure":
+        """One of the report's figures. Raises KeyError for an unknown name."""
+        figure = self._figures[name]
+        figure.set_dpi(dpi)
+        return figure
+
+    def make_report(self, format: Literal["html", "md"] = "html") -> Path:  # noqa: A002
+        """Write the report into the folder and give the path of the page."""
+        from abhv_mc.report.build import build_report
+
+        return build_report(self.folder, format)
+
+    def query(self, sql: str) -> "pd.DataFrame":
+        """The answer to SQL over the tables flights, samples, histories, envelopes, nominal and reference."""
+        from abhv_mc.store.database import open_database
+
+        with open_database(self.folder) as database:
+            return database.sql(sql).df()
+
+    def replay(self, flight: int, controller: str | None = None) -> "pd.DataFrame":
+        """Channels of one flight at full rate, flown again (by default by the first controller).
+
+        Raises RuntimeError where it is not the stored flight to the last bit: another version flew it.
+        """
+        import pandas as pd
+
+        from abhv_mc.campaign.replay import replay_flight
+        from abhv_mc.campaign.setup import make_engine
+        from abhv_mc.flight.signals import CHANNEL_INDEX
+
+        again = replay_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly)
+        if again.differences:
+            raise RuntimeError(f"flight {flight} differs from the stored one: {'; '.join(again.differences)}")
+        table = pd.DataFrame(again.block.history[0], columns=list(CHANNEL_INDEX))
+        table.insert(0, "time", again.block.times)
+        return table.dropna(ignore_index=True)
+
+    def explain(self, flight: int, controller: str | None = None, requirement: str | None = None) -> "Explanation":
+        """The smallest set of a failing flight's dispersions with which it still fails; see ``abhv-mc explain``."""
+        from abhv_mc.campaign.explain import explain_flight
+        from abhv_mc.campaign.setup import make_engine
+
+        return explain_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly, requirement)
+
+    @staticmethod
+    def explained_figure(explanation: "Explanation", dpi: float = 100.0) -> "Figure":
+        """An explained flight as flown and with its causes alone, beside the nominal one."""
+        from abhv_mc.report.explained import make_explained_figure
+
+        figure = make_explained_figure(explanation)
+        figure.set_dpi(dpi)
+        return figure
+
+    def whatif(self, settings: Mapping[str, Any]) -> "pd.DataFrame":
+        """Quantiles as flown and under other dispersions, such as ``{"aero.drag.half_width": "12 %"}``.
+
+        The effective numbers of flights are in the table's ``attrs``. Raises
+        :class:`abhv_mc.documents.InputError` where the flights do not cover what is asked.
+        """
+        import pandas as pd
+
+        from abhv_mc.report.whatif import make_whatif
+
+        nested: dict[str, dict[str, Any]] = {}
+        for key, value in settings.items():
+            name, _, entry = key.rpartition(".")
+            nested.setdefault(name, {})[entry] = value
+        found = make_whatif(self.folder, nested)
+        rows = []
+        for name, part in found["controllers"].items():
+            for metric, levels in part["metrics"].items():
+                for level, pair in levels.items():
+                    row = {"metric": metric, "controller": name, "level": level}
+                    for when, cell in pair.items():
+                        row |= {when: cell["value"], f"{when}_low": cell["low"], f"{when}_high": cell["high"]}
+                    rows.append(row)
+        table = pd.DataFrame(rows).set_index(["metric", "controller", "level"])
+        table.attrs["effective_flights"] = {n: part["effective_flights"] for n, part in found["controllers"].items()}
+        return table
+
+    @cached_property
+    def _results(self) -> "Results":
+        from abhv_mc.report.results import read_results
+
+        return read_results(self.folder)
+
+    @staticmethod
+    def _read(files: Sequence[Path]) -> "pd.DataFrame":
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        tables = [pq.read_table(file, partitioning=None) for file in files]
+        return pa.concat_tables(tables, promote_options="default").to_pandas()
+
+    def __repr__(self) -> str:
+        facts = self.manifest
+        flights = f"{facts['runs_done']} of {facts['runs_planned']} flights"
+        return f"<CampaignResults {facts['name']}: {flights}, {facts['state']}>"
+
+
+def open_results(folder: Paths) -> CampaignResults:
+    """The results in a campaign's folder. Raises :class:`abhv_mc.documents.InputError` where there is none."""
+    return CampaignResults(Path(folder))

@@ -1,0 +1,98 @@
+"""The package as a notebook uses it: a light import, then campaigns and results as pandas."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from campaign.fake_flight import ENGINE, write_campaign
+
+import abhv_mc
+from abhv_mc.documents import InputError
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("notebook")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("abhv_mc.campaign.runner.make_engine", lambda: ENGINE)
+        campaign = abhv_mc.Campaign.read(write_campaign(folder / "f"))
+        return campaign, campaign.run(output=folder / "out", runs=200, workers=2)
+
+
+@pytest.fixture
+def fake(monkeypatch):
+    monkeypatch.setattr("abhv_mc.campaign.setup.make_engine", lambda: ENGINE)
+
+
+def test_the_import_takes_nothing_heavy():
+    heavy = ["numpy", "pandas", "scipy", "numba", "matplotlib", "pydantic", "pyarrow", "plotly", "duckdb"]
+    code = f"import sys, abhv_mc; print([name for name in {heavy} if name in sys.modules], 'Campaign' in dir(abhv_mc))"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[] True"
+    with pytest.raises(AttributeError, match="no attribute 'Campaigns'"):
+        _ = abhv_mc.Campaigns
+
+
+def test_a_campaign_says_what_it_will_fly(flown):
+    campaign, results = flown
+    assert (campaign.name, campaign.runs, campaign.controllers) == ("fake", 300, ("one", "two"))
+    assert repr(campaign) == "<Campaign fake: 300 flights of one, two, 2 dispersions>"
+    pd.testing.assert_frame_equal(campaign.draw_samples(200), results.samples)
+
+
+def test_tables(flown):
+    _, results = flown
+    assert results.complete and repr(results) == "<CampaignResults fake: 200 of 200 flights, complete>"
+    table = results.flights
+    assert list(table.controller) == ["one"] * 200 + ["two"] * 200 and list(table.flight[:200]) == list(range(200))
+    np.testing.assert_array_equal(table["aero.lift"][:200], results.samples["aero.lift"])
+    assert {"controller", "channel", "time", "q50"} <= set(results.envelopes)
+    assert set(results.histories.controller) == {"one", "two"} and len(results.reference) == 21
+    assert set(results.nominal.controller) == {"one", "two"}
+    count = results.query("select controller, count(*) n from flights where outcome <> 'ok' group by 1 order by 1")
+    assert list(count.n) == [int((group.outcome != "ok").sum()) for _, group in table.groupby("controller")]
+
+
+def test_numbers(flown):
+    _, results = flown
+    median = results.quantiles.loc[("fuel_used_kg", "two", "q50")]
+    flights = results.flights.query("controller == 'two'")
+    values = np.where(flights.outcome == "ok", flights.fuel_used_kg, np.inf)
+    assert median.value == pytest.approx(np.quantile(values, 0.5, method="linear"))
+    assert median.low < median.value < median.high
+    assert set(results.verdicts.status) <= {"PASS", "FAIL", "NOT SHOWN"}
+    assert results.answer[-1].startswith("Based on 200 flights")
+
+
+def test_figures_are_those_of_the_report(flown):
+    _, results = flown
+    assert "distribution_tracking" in results.figure_names
+    assert results.figure("distribution_tracking", dpi=72).get_dpi() == 72
+    page = results.make_report("md")
+    assert {path.stem for path in (results.folder / "figures").iterdir()} == set(results.figure_names)
+    assert page.read_text(encoding="utf-8").startswith("# ")
+
+
+def test_flights_again(flown, fake):
+    _, results = flown
+    history = results.replay(17, "two")
+    assert list(history.columns[:2]) == ["time", "altitude_m"] and len(history) == 21
+    lost = int(results.flights.query("outcome != 'ok'").flight.iloc[0])
+    found = results.explain(lost)
+    assert found.causes == ("atmosphere.density",)
+    assert results.explained_figure(found, dpi=50).get_dpi() == 50
+
+
+def test_other_dispersions(flown):
+    _, results = flown
+    table = results.whatif({"aero.lift.sigma": "4 %"})
+    assert {"before", "after_low"} <= set(table) and table.attrs["effective_flights"]["one"] > 100
+
+
+def test_what_is_not_there_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        abhv_mc.open_results(tmp_path)
+    with pytest.raises(InputError, match="no such file"):
+        abhv_mc.Campaign.read(tmp_path / "campaign.yaml")
