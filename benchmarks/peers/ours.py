@@ -1,0 +1,20 @@
+"""abhv-mc itself: both controllers, abreast and one at a time, metrics included."""
+
+from abhv_mc.flight.fly import fly
+from abhv_mc.flight.lanes import LANES
+from benchmarks.peers.peer import measure, read_work, write_result
+
+ALONE = 16  # flights of a repeat, one at a time
+
+
+def main() -> None:
+    work = read_work()
+    for law, plan in work.plans.items():
+        for lanes, parameters in ((LANES, work.parameters), (1, work.parameters[:ALONE])):
+            fly(plan, parameters[:LANES], lanes=lanes)
+            seconds = measure(lambda: fly(plan, parameters, lanes=lanes), len(parameters), work.repeats)  # noqa: B023
+            write_result(f"abhv-mc {law} {'abreast' if lanes > 1 else 'one at a time'}", seconds)
+
+
+if __name__ == "__main__":
+    main()

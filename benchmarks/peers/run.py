@@ -1,0 +1,189 @@
+"""Speed beside other simulators: every peer in processes of its own, on one core, in turns with ours.
+
+    make bench-peers          or          python -m benchmarks.peers.run [--rounds 3] [--repeats 5] [--flights 256]
+
+The peers are the extra ``peers`` of pyproject.toml, installed into ``benchmarks/peers/.venv``; the twin needs g++.
+Writes ``benchmarks/results/peers.json`` and the table of ``docs/performance.md``. Times are processor time, so that
+other programs on the machine count for little; a number is the median over every repeat of every process.
+"""
+
+import argparse
+import json
+import os
+import pickle
+import platform
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections import defaultdict
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from benchmarks.document import replace_part, write_json
+
+ROOT = Path(__file__).parents[2]
+RESULT = ROOT / "benchmarks" / "results" / "peers.json"
+DOCUMENT = ROOT / "docs" / "performance.md"
+ENVIRONMENT = Path(__file__).parent / ".venv"
+
+MODULES = ("ours", "twin", "jax_vmap", "diffrax_steps", "jsbsim_x15", "rocketpy_flight")
+YARDSTICK = "abhv-mc lqr abreast"
+OUR_EQUATIONS = "ours: GHAME-X, LQR, 100 Hz"
+ROWS = {  # peer: how it flies, what it flies
+    "abhv-mc tlc abreast": ("numba, 16 flights abreast, metrics", "ours: GHAME-X, TLC, 100 Hz"),
+    YARDSTICK: ("numba, 16 flights abreast, metrics", OUR_EQUATIONS),
+    "abhv-mc tlc one at a time": ("numba, one flight at a time, metrics", "ours: GHAME-X, TLC, 100 Hz"),
+    "abhv-mc lqr one at a time": ("numba, one flight at a time, metrics", OUR_EQUATIONS),
+    "C++ twin": ("g++ -O3 -march=native, one flight at a time", OUR_EQUATIONS),
+    "JAX vmap": ("XLA, 256 flights by vmap, float64", OUR_EQUATIONS),
+    "diffrax": ("XLA, 256 flights by vmap, float64", OUR_EQUATIONS),
+    "JSBSim": ("C++ called step by step", "another vehicle: its X-15 and autopilot, gliding, 100 Hz"),
+    "RocketPy": ("Python and LSODA", "another vehicle: a sounding rocket, no controller"),
+}
+QUOTED = ("CADAC++ GHAME6", "C++, one flight at a time", "GHAME, quoted from an earlier measurement", 108.0)
+
+
+def install() -> Path:
+    """The peers' interpreter, installed where it is not there yet or what it needs has changed."""
+    python = ENVIRONMENT / "bin" / "python"
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = json.dumps([project["dependencies"], project["optional-dependencies"]["peers"]])
+    stamp = ENVIRONMENT / "installed"
+    if not (stamp.exists() and stamp.read_text() == wanted):
+        print("installing the peers", file=sys.stderr, flush=True)
+        subprocess.run([sys.executable, "-m", "venv", str(ENVIRONMENT)], check=True)
+        pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+        subprocess.run([*pip, "--constraint", "requirements.lock", "--editable", ".[peers]"], check=True, cwd=ROOT)
+        stamp.write_text(wanted)
+    return python
+
+
+def write_work(path: Path, flights: int, repeats: int) -> None:
+    """What every peer flies, and how ours ends under LQR."""
+    from abhv_mc.bench.speed import make_work
+    from abhv_mc.flight.fly import fly
+
+    plans, parameters = make_work(flights)
+    block = fly(plans["lqr"], parameters, record_every=plans["lqr"].timing.ticks, keep_states=True)
+    if block.outcome.any() or plans["lqr"].timing.duration != 60.0:
+        raise RuntimeError("not every flight reached 60 s")
+    path.write_bytes(pickle.dumps((plans, parameters, block.states[:, -1], repeats)))
+
+
+def run_peer(python: Path, module: str, work: Path, core: int) -> list[dict[str, Any]]:
+    """Results of one process on one core."""
+
+    def pin() -> None:
+        if hasattr(os, "sched_setaffinity"):
+            os.sched_setaffinity(0, {core})
+
+    done = subprocess.run(
+        [str(python), "-m", f"benchmarks.peers.{module}", str(work)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        preexec_fn=pin,  # this process has one thread
+        check=False,
+    )
+    if done.returncode:
+        raise RuntimeError(f"{module}:\n{done.stderr[-2000:]}")
+    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith('{"peer"')]
+
+
+def find_versions(python: Path) -> dict[str, str]:
+    """Versions of what is compared."""
+    names = ("numba", "numpy", "jax", "diffrax", "jsbsim", "rocketpy")
+    code = f"from importlib.metadata import version; print(*(version(n) for n in {names}), sep='\\n')"
+    found = subprocess.run([str(python), "-c", code], check=True, capture_output=True, text=True).stdout.split()
+    compiler = subprocess.run(["g++", "--version"], check=True, capture_output=True, text=True).stdout.splitlines()[0]
+    return {"python": platform.python_version(), **dict(zip(names, found, strict=True)), "g++": compiler}
+
+
+def measure_peers(python: Path, rounds: int, repeats: int, flights: int) -> dict[str, dict[str, Any]]:
+    """Seconds per flight by peer, with the ratio to ours of the same round."""
+    seconds: dict[str, list[float]] = defaultdict(list)
+    ratios: dict[str, list[float]] = defaultdict(list)
+    checks: dict[str, dict[str, Any]] = {}
+    cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [0]
+    with tempfile.TemporaryDirectory() as folder:
+        work = Path(folder) / "work.pickle"
+        write_work(work, flights, repeats)
+        for i in range(rounds):
+            this_round = {}
+            for module in MODULES:
+                print(f"round {i + 1} of {rounds}: {module}", file=sys.stderr, flush=True)
+                for one in run_peer(python, module, work, cores[-1]):
+                    name = one.pop("peer")
+                    this_round[name] = one.pop("seconds")
+                    checks[name] = one
+            for name, found in this_round.items():
+                seconds[name] += found
+                ratios[name].append(median(found) / median(this_round[YARDSTICK]))
+    return {
+        name: {
+            "seconds_per_flight": median(found),
+            "lowest": min(found),
+            "highest": max(found),
+            "over_ours": median(ratios[name]),
+            "repeats": len(found),
+            "processes": rounds,
+            **checks[name],
+        }
+        for name, found in seconds.items()
+    }
+
+
+def make_table(peers: dict[str, dict[str, Any]], machine: dict[str, Any], versions: dict[str, str]) -> str:
+    """The table as Markdown."""
+    lines = [
+        f"{machine['processor']}, {machine['simd']}, {machine['cores']} cores, {machine['system']}; "
+        + ", ".join(f"{name} {version}" for name, version in versions.items())
+        + ".",
+        "",
+        "| simulator | how | what it flies | ms per 60 s flight and core | lowest to highest | times ours |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, (how, what) in ROWS.items():
+        one = peers[name]
+        low, mid, high = (f"{1e3 * one[key]:.3g}" for key in ("lowest", "seconds_per_flight", "highest"))
+        title = f"**{name}**" if name.startswith("abhv-mc") else name
+        lines.append(f"| {title} | {how} | {what} | {mid} | {low} to {high} | {one['over_ours']:.2f} |")
+    name, how, what, quoted = QUOTED
+    ratio = quoted / 1e3 / peers[YARDSTICK]["seconds_per_flight"]
+    lines.append(f"| {name} | {how} | {what} | {quoted:.0f} | not measured here | {ratio:.0f} |")
+    count = peers[YARDSTICK]
+    lines += [
+        "",
+        f"Medians of {count['repeats']} repeats in {count['processes']} processes each, processor time of one core; "
+        f"times ours: against `{YARDSTICK}` in the same round. Altitude after 60 s differs from ours by at most "
+        + ", ".join(
+            f"{peers[name]['altitude_difference_m']:.1e} m ({name})" for name in ("C++ twin", "JAX vmap", "diffrax")
+        )
+        + ".",
+    ]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--flights", type=int, default=256)
+    options = parser.parse_args()
+    from abhv_mc.bench.figures import find_simd
+    from abhv_mc.store.provenance import find_machine
+
+    python = install()
+    machine = {**find_machine(), "simd": find_simd()}
+    versions = find_versions(python)
+    peers = measure_peers(python, options.rounds, options.repeats, options.flights)
+    write_json(RESULT, {"machine": machine, "versions": versions, "flights": options.flights, "peers": peers})
+    table = make_table(peers, machine, versions)
+    replace_part(DOCUMENT, "peers", table)
+    print(table)
+
+
+if __name__ == "__main__":
+    main()

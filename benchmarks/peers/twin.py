@@ -1,0 +1,121 @@
+"""The C++ twin of the plant under the LQR law: ``twin/*.hpp``, compiled by ``g++ -O3 -march=native``.
+
+It flies the same equations, tables and gains one flight at a time, with libm. It counts no metrics, as ours does, and
+knows no gusts, turbulence, density profile, sensor noise or delay.
+"""
+
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.vehicle.arrays import Floats
+from benchmarks.peers.peer import read_work, write_result
+
+SOURCE = Path(__file__).parent / "twin"
+UNKNOWN = ("atmosphere.density_at", "wind.gust", "wind.turbulence", "sensor.delay")
+FLAGS = ("-std=c++17", "-O3", "-march=native")
+
+
+def write_names(path: Path) -> None:
+    """A header with the places of every name in the arrays, so that the twin repeats no list of ours."""
+    from abhv_mc.control.columns import LQR_ELEVATOR, LQR_GAINS, LQR_GUIDANCE, LQR_LATERAL, REFERENCE
+    from abhv_mc.plant.actuators import SUBSTEPS
+    from abhv_mc.plant.parameters import PARAMETER_INDEX
+    from abhv_mc.plant.state import STATES
+    from abhv_mc.vehicle.arrays import FIXED_TABLE_ROWS, VARIABLES
+    from abhv_mc.vehicle.model import Constants
+    from abhv_mc.world.earth import Earth
+
+    groups: dict[str, tuple[str, ...]] = {
+        "constants": Constants._fields,
+        "earth": Earth._fields,
+        "state": STATES,
+        "parameter": tuple(PARAMETER_INDEX),
+        "variable": VARIABLES,
+        "fixed_row": FIXED_TABLE_ROWS,
+        "reference": REFERENCE,
+    }
+    lines = ["#pragma once"]
+    for group, names in groups.items():
+        places = ", ".join(f"{name.replace('.', '_')} = {i}" for i, name in enumerate(names))
+        lines.append(f"namespace {group} {{ enum : int {{ {places}, count = {len(names)} }}; }}")
+    gains = f"guidance = {LQR_GUIDANCE}, elevator = {LQR_ELEVATOR}, lateral = {LQR_LATERAL}, count = {len(LQR_GAINS)}"
+    lines.append(f"namespace actuators {{ constexpr int substeps = {SUBSTEPS}; }}")
+    lines.append(f"namespace gain {{ enum : int {{ {gains} }}; }}")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def compile_twin(folder: Path) -> Path:
+    """Build the twin in a folder. Raises FileNotFoundError without g++."""
+    write_names(folder / "names.hpp")
+    program = folder / "twin"
+    source = [f"-I{folder}", f"-I{SOURCE}", str(SOURCE / "main.cpp"), "-o", str(program)]
+    subprocess.run(["g++", *FLAGS, *source], check=True)
+    return program
+
+
+def write_input(path: Path, plan: FlightPlan, parameters: Floats, states: Floats) -> None:
+    """The plan as arrays of doubles, each behind its length, in the order of ``input.hpp``.
+
+    ``states`` [flight, state]: the start of each flight, its initial errors included.
+    """
+    vehicle, timing = plan.vehicle, plan.timing
+    tables = vehicle.tables._asdict()
+    del tables["group_width"]  # spare rows
+    arrays = [
+        vehicle.constants,
+        plan.earth,
+        *tables.values(),
+        *vehicle.build_up,
+        vehicle.effector_mix,
+        timing,
+        plan.limits,
+        plan.reference,
+        plan.gains,
+        plan.settings,
+        states,
+        parameters,
+    ]
+    with path.open("wb") as file:
+        for array in arrays:
+            values = np.ascontiguousarray(array, dtype=np.float64).ravel()
+            file.write(np.int64(values.size).tobytes() + values.tobytes())
+
+
+def fly_twin(
+    program: Path, plan: FlightPlan, parameters: Floats, starts: Floats, repeats: int = 0, keep: int = 0
+) -> tuple[list[float], Floats]:
+    """(seconds per flight of each repeat, states ``[keep, tick, state]``); the kept flights must reach their end.
+
+    Raises ValueError where a flight has a dispersion that the twin does not know.
+    """
+    from abhv_mc.plant.parameters import PARAMETERS
+
+    for i, parameter in enumerate(PARAMETERS):
+        unknown = parameter.name.startswith(UNKNOWN) or parameter.name.endswith("_noise")
+        if unknown and (parameters[:, i] != parameter.nominal).any():
+            raise ValueError(f"the twin does not know {parameter.name}")
+    plan_file, states_file = program.with_name("input.bin"), program.with_name("states.bin")
+    write_input(plan_file, plan, parameters, starts)
+    command = [str(program), str(plan_file), str(states_file), str(repeats), str(keep)]
+    output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    states = np.fromfile(states_file).reshape(keep, -1, starts.shape[1])
+    return [float(line) for line in output.split()], states
+
+
+def main() -> None:
+    work = read_work()
+    with tempfile.TemporaryDirectory() as folder:
+        starts = np.tile(work.plans["lqr"].initial_state, (len(work.parameters), 1))
+        program = compile_twin(Path(folder))
+        kept = len(work.final_states)
+        seconds, states = fly_twin(program, work.plans["lqr"], work.parameters, starts, work.repeats, kept)
+    difference = float(np.abs(states[:, -1, 0] - work.final_states[:, 0]).max())
+    write_result("C++ twin", seconds, altitude_difference_m=difference)
+
+
+if __name__ == "__main__":
+    main()
