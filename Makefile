@@ -28,6 +28,7 @@ test: $(INSTALLED)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest -n $(TEST_WORKERS)
+	$(BIN)/python -m benchmarks.watch
 
 verify: $(INSTALLED)
 	$(BIN)/abhv-mc verify all --references tests/reference
@@ -36,7 +37,7 @@ bench: $(INSTALLED)
 	$(BIN)/abhv-mc bench
 
 bench-peers: $(INSTALLED)
-	$(BIN)/python benchmarks/peers/run.py
+	$(BIN)/python -m benchmarks.peers.run
 
 # The lock names versions for every Python that the project supports, and no index.
 lock: $(INSTALLED)

@@ -1,0 +1,56 @@
+"""All tables of GHAME-X for 16 lanes: in one cell, in different cells, and lane by lane."""
+
+import numpy as np
+
+from abhv_mc.bench.speed import make_work
+from abhv_mc.flight.lanes import LANES
+from abhv_mc.jit import kernel
+from abhv_mc.plant import state as s
+from abhv_mc.plant.aerodynamics import look_up
+from abhv_mc.plant.state import variable_row
+from abhv_mc.vehicle.arrays import Floats, Tables
+from benchmarks.timing import measure_ratio
+
+CALLS = 2000
+_ONE, _MACH, _ALPHA = (variable_row(name) for name in ("one", "mach", "angle_of_attack"))
+_ROWS = s.LAW
+
+
+@kernel
+def look_up_often(width, tables, mach, alpha, calls):
+    """Look up ``calls`` times for ``width`` of the 16 lanes."""
+    Z = np.zeros((_ROWS, LANES))
+    T = np.zeros((s.MAX_TABLE_ROWS, LANES))
+    hints = np.zeros((s.MAX_AXES, LANES), dtype=np.int64)
+    fractions = np.zeros((s.MAX_AXES, LANES))
+    weights = np.zeros((4, LANES))
+    scratch = np.zeros(s.MAX_TABLE_ROWS)
+    total = 0.0
+    for call in range(calls):
+        for lane in range(width):
+            Z[_ONE, lane] = 1.0
+            Z[_MACH, lane] = mach[lane] + 1e-6 * call
+            Z[_ALPHA, lane] = alpha[lane]
+        look_up(Z, T, width, tables, hints, fractions, weights, scratch)
+        total += T[0, 0]
+    return total
+
+
+def measure_look_up() -> dict[str, float]:
+    """Ratios of times."""
+    plans, _ = make_work(1)
+    tables = plans["lqr"].vehicle.tables
+    one_cell = np.full(LANES, 4.72), np.full(LANES, 0.031)
+    cells = np.linspace(2.0, 12.0, LANES), np.linspace(0.0, 0.3, LANES)
+
+    def fly(width: int, points: tuple[Floats, Floats], calls: int, t: Tables = tables) -> float:
+        return float(look_up_often(width, t, *points, calls))
+
+    return {
+        "look-up: one lane, 16 times / 16 lanes in one cell": measure_ratio(
+            lambda: fly(1, one_cell, LANES * CALLS), lambda: fly(LANES, one_cell, CALLS)
+        ),
+        "look-up: 16 lanes in different cells / in one": measure_ratio(
+            lambda: fly(LANES, cells, CALLS), lambda: fly(LANES, one_cell, CALLS)
+        ),
+    }

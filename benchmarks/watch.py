@@ -1,0 +1,51 @@
+"""Whether flights abreast still become vector code: fails where abreast / one at a time falls under its limit.
+
+    python -m benchmarks.watch
+
+Part of ``make test``: seconds of processor time, ratios only. 2 with AVX-512, 1.4 with AVX2; elsewhere only printed.
+"""
+
+import dataclasses
+import sys
+
+from abhv_mc.bench.figures import find_simd
+from abhv_mc.bench.speed import make_work
+from abhv_mc.flight.fly import fly
+from abhv_mc.flight.lanes import LANES
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.vehicle.arrays import Floats
+from benchmarks.timing import measure_ratio
+
+LIMITS = {"AVX-512": 2.0, "AVX2": 1.4}
+TICKS = 400  # of each flight: the ratio needs no whole flight
+ATTEMPTS = 3
+
+
+def measure_gain(plan: FlightPlan, parameters: Floats) -> float:
+    """Time of as many flights as there are lanes, one at a time over abreast."""
+    short = dataclasses.replace(plan, timing=plan.timing._replace(ticks=TICKS))
+    return measure_ratio(lambda: fly(short, parameters, lanes=1), lambda: fly(short, parameters, lanes=LANES))
+
+
+def main() -> int:
+    """Exit code: 1 where a controller stays under the limit in every attempt."""
+    simd = find_simd()
+    limit = LIMITS.get(simd, 0.0)
+    plans, parameters = make_work(LANES)
+    slow = []
+    for name, plan in plans.items():
+        gain = 0.0
+        for _ in range(ATTEMPTS):
+            gain = max(gain, measure_gain(plan, parameters))
+            if gain >= limit:
+                break
+        wanted = f"at least {limit:g} with {simd}" if limit else f"no limit with {simd}"
+        print(f"{name}: {LANES} flights abreast are {gain:.2f} times as fast as one at a time ({wanted})")
+        slow += [name] if gain < limit else []
+    if slow:
+        print(f"too slow: {', '.join(slow)}; see the rules in abhv_mc/jit.py", file=sys.stderr)
+    return 1 if slow else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
