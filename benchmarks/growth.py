@@ -1,0 +1,182 @@
+"""How the default campaign grows with its flights: time, memory and disk of ``abhv-mc run`` and ``abhv-mc report``.
+
+    python -m benchmarks.growth [--flights 100 1000 10000 100000] [--repeats 3] [--controllers tlc] [--million]
+
+Every command runs in processes of its own, one worker for each core, as a user starts it. Kept are the metrics of all
+flights, the envelopes and the histories of the worst 20. A line is fitted to each quantity, deviations counting in per
+cent. Writes ``benchmarks/results/growth.json``, ``docs/images/growth.png`` and a table of ``docs/performance.md``.
+
+``--million`` measures instead 1e4, 1e5 and 1e6 flights of the manoeuvre's first 2 s, once: all that a campaign does
+beside flying, in minutes. Writes ``benchmarks/results/million.json`` and its own table.
+"""
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from benchmarks.document import replace_part, write_json
+from benchmarks.processes import measure_disk, run_command
+
+ROOT = Path(__file__).parents[1]
+CAMPAIGN = ROOT / "campaigns" / "s_manoeuvre.yaml"
+MISSION = ROOT / "configs" / "mission" / "s_manoeuvre.yaml"
+RESULTS = ROOT / "benchmarks" / "results"
+FIGURE = ROOT / "docs" / "images" / "growth.png"
+DOCUMENT = ROOT / "docs" / "performance.md"
+
+MILLION = [10_000, 100_000, 1_000_000]
+SHORT = 2  # s, of a flight of the million
+QUANTITIES = {  # name: (what, unit, unit of a thousandth)
+    "run_s": ("flying, to the last file", "s", "ms"),
+    "report_s": ("report", "s", "ms"),
+    "run_memory_mb": ("peak memory, flying", "MB", "kB"),
+    "report_memory_mb": ("peak memory, report", "MB", "kB"),
+    "disk_mb": ("disk, without the report", "MB", "kB"),
+}
+
+Series = dict[str, list[float]]  # by quantity, one value a size
+Lines = dict[str, dict[str, float]]  # by quantity: intercept, slope, largest_deviation
+
+
+def measure(campaign: Path, flights: int, controllers: str) -> dict[str, float]:
+    """One campaign of ``flights`` flights of each controller, and its report."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = str(Path(folder) / "out")
+        words = ("run", str(campaign), "--output", out, "--runs", str(flights), "--no-report")
+        run = run_command(*words, "--controllers", controllers)
+        disk = measure_disk(Path(out))
+        report = run_command("report", out)
+    return {
+        "run_s": run.seconds,
+        "report_s": report.seconds,
+        "run_memory_mb": run.memory_mb,
+        "report_memory_mb": report.memory_mb,
+        "disk_mb": disk,
+    }
+
+
+def measure_all(campaign: Path, flights: list[int], controllers: str, repeats: int) -> Series:
+    """Medians of ``repeats`` campaigns of each size."""
+    found: Series = {name: [] for name in QUANTITIES}
+    for count in flights:
+        campaigns = []
+        for _ in range(repeats):
+            campaigns.append(measure(campaign, count, controllers))
+            print(count, {name: round(value, 3) for name, value in campaigns[-1].items()}, file=sys.stderr, flush=True)
+        for name, values in found.items():
+            values.append(median(one[name] for one in campaigns))
+    return found
+
+
+def write_short_campaign(folder: Path) -> Path:
+    """The default campaign on a mission of ``SHORT`` seconds, in a folder. Returns its path."""
+    mission = MISSION.read_text(encoding="utf-8")
+    campaign = CAMPAIGN.read_text(encoding="utf-8")
+    short = mission.replace("duration: 60 s", f"duration: {SHORT} s")
+    if short == mission or "../configs/mission/s_manoeuvre.yaml" not in campaign:
+        raise RuntimeError("the default campaign or its mission is no longer what this benchmark shortens")
+    (folder / "mission.yaml").write_text(short, encoding="utf-8")
+    campaign = campaign.replace("../configs/mission/s_manoeuvre.yaml", "mission.yaml")
+    path = folder / "campaign.yaml"
+    path.write_text(campaign.replace("../configs/", f"{ROOT.as_posix()}/configs/"), encoding="utf-8")
+    return path
+
+
+def fit_line(flights: list[int], values: list[float]) -> dict[str, float]:
+    """Intercept, slope and the largest deviation, residuals weighed as shares of the values."""
+    import numpy as np
+
+    slope, intercept = np.polyfit(flights, values, 1, w=1.0 / np.asarray(values))
+    worst = max(abs(v / (intercept + slope * n) - 1.0) for n, v in zip(flights, values, strict=True))
+    return {"intercept": float(intercept), "slope": float(slope), "largest_deviation": float(worst)}
+
+
+def describe_slope(name: str, line: dict[str, float]) -> str:
+    """The slope in the unit of a single flight."""
+    return f"{1e3 * line['slope']:.3g} {QUANTITIES[name][2]} a flight"
+
+
+def plot_growth(path: Path, flights: list[int], found: Series, lines: Lines) -> None:
+    """Three panels: time, memory, disk; points as measured and the fitted lines."""
+    import numpy as np
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from abhv_mc.report.figures.style import CYCLE, DPI, MARKERS, WIDTH, styled
+
+    @styled
+    def plot() -> Figure:
+        figure = Figure(figsize=(WIDTH, 2.6), layout="constrained")
+        FigureCanvasAgg(figure)
+        panels: dict[str, tuple[str, ...]] = {
+            "time, s": ("run_s", "report_s"),
+            "peak memory, MB": ("run_memory_mb", "report_memory_mb"),
+            "disk, MB": ("disk_mb",),
+        }
+        dense = np.geomspace(min(flights), max(flights), 200)
+        for axes, (title, names) in zip(figure.subplots(1, 3), panels.items(), strict=True):
+            for i, name in enumerate(names):
+                line = lines[name]
+                what, unit, _ = QUANTITIES[name]
+                label = f"{what}:\n{line['intercept']:.3g} {unit} + {describe_slope(name, line)}"
+                axes.plot(flights, found[name], MARKERS[i], color=CYCLE[i], markersize=4, label=label)
+                axes.plot(dense, line["intercept"] + line["slope"] * dense, color=CYCLE[i])
+            axes.set(xscale="log", yscale="log", xlabel="flights", ylabel=title)
+            low, high = axes.get_ylim()
+            axes.set_ylim(low / 1.5, high * 8.0)  # room for the legend
+            axes.legend(loc="upper left", fontsize=6.5)
+        return figure
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    plot().savefig(path, dpi=DPI // 2)
+
+
+def make_table(flights: list[int], found: Series, lines: Lines, note: str) -> str:
+    """The table as Markdown."""
+    heads = [f"{what}, {unit}" for what, unit, _ in QUANTITIES.values()]
+    table = [note, "", f"| flights | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
+    for i, count in enumerate(flights):
+        table.append(f"| {count:,} | {' | '.join(f'{found[name][i]:.3g}' for name in QUANTITIES)} |")
+    fits = [f"{lines[name]['intercept']:.3g} + {describe_slope(name, lines[name])}" for name in QUANTITIES]
+    off = [f"{100.0 * lines[name]['largest_deviation']:.0f} %" for name in QUANTITIES]
+    return "\n".join([*table, f"| line | {' | '.join(fits)} |", f"| furthest from it | {' | '.join(off)} |"])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--flights", nargs="+", type=int, help="default: 100 1000 10000 100000")
+    parser.add_argument("--repeats", type=int, help="default: 3")
+    parser.add_argument("--controllers", default="tlc")
+    parser.add_argument("--million", action="store_true", help=f"flights of {SHORT} s, up to a million, once")
+    options = parser.parse_args()
+    name = "million" if options.million else "growth"
+    flights = sorted(set(options.flights or (MILLION if options.million else [100, 1000, 10_000, 100_000])))
+    repeats = options.repeats or (1 if options.million else 3)
+    run_command("fly", "s_manoeuvre", "--controller", options.controllers.split(",", maxsplit=1)[0])  # compiles
+    with tempfile.TemporaryDirectory() as folder:
+        campaign = write_short_campaign(Path(folder)) if options.million else CAMPAIGN
+        found = measure_all(campaign, flights, options.controllers, repeats)
+    lines = {quantity: fit_line(flights, values) for quantity, values in found.items()}
+
+    from abhv_mc.bench.figures import find_simd
+    from abhv_mc.store.provenance import find_machine
+
+    machine = {**find_machine(), "simd": find_simd()}
+    seconds = SHORT if options.million else 60
+    record: dict[str, Any] = {"machine": machine, "controllers": options.controllers, "flight_s": seconds}
+    record |= {"repeats": repeats, "flights": flights, "medians": found, "lines": lines}
+    write_json(RESULTS / f"{name}.json", record)
+    if not options.million:
+        plot_growth(FIGURE, flights, found, lines)
+    note = (
+        f"Flights of {seconds} s. {machine['processor']}, {machine['cores']} cores; controllers {options.controllers}; "
+        + ("one campaign of each size." if repeats == 1 else f"medians of {repeats} campaigns of each size.")
+    )
+    replace_part(DOCUMENT, name, make_table(flights, found, lines, note))
+
+
+if __name__ == "__main__":
+    main()

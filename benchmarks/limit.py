@@ -1,0 +1,78 @@
+"""``abhv-mc bench`` in several processes: the medians of its figures, and how far they spread.
+
+    python -m benchmarks.limit [--processes 3]
+
+Writes ``benchmarks/results/bench.json`` and a table of ``docs/performance.md``.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from benchmarks.document import replace_part, write_json
+
+ROOT = Path(__file__).parents[1]
+RESULT = ROOT / "benchmarks" / "results" / "bench.json"
+
+GOALS = {  # figure: (words, goal as text)
+    "peak_gflops_per_core": ("peak of a core, GFLOP/s", ""),
+    "flights_per_second_per_core": ("flights per second and core", "TLC: 700 where the peak is 58 GFLOP/s"),
+    "ms_per_flight": ("ms a flight, abreast", ""),
+    "one_at_a_time_ms": ("ms a flight, one at a time", ""),
+    "abreast_over_one": ("abreast / one at a time", "3.5 with AVX-512, 1.8 with AVX2"),
+    "flops_per_flight": ("operations a flight", ""),
+    "times_the_floor": ("time / floor of the operations", "at most 4"),
+    "two_workers_over_one": ("two workers / one", "1.85"),
+    "cold_start_s": ("start to first flight, nothing compiled, s", "at most 15"),
+    "warm_start_s": ("start to first flight, from the cache, s", "at most 1"),
+    "import_s": ("import abhv_mc, s", "at most 0.3"),
+    "peak_memory_mb": ("memory of the default campaign and its report, MB", ""),
+}
+
+
+def read_figures() -> dict[str, Any]:
+    """What one process of ``abhv-mc bench`` finds."""
+    command = [sys.executable, "-m", "abhv_mc", "bench", "--json", "-"]
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+    figures: dict[str, Any] = json.loads(done.stdout)
+    return figures
+
+
+def make_rows(runs: list[dict[str, Any]]) -> list[str]:
+    """One row for each figure: median, and lowest to highest of the processes."""
+    rows = []
+    for name, (words, goal) in GOALS.items():
+        of_controllers = [(f"{words}, {c}", [run["controllers"][c].get(name) for run in runs]) for c in ("tlc", "lqr")]
+        for title, values in of_controllers if None not in of_controllers[0][1] else [(words, [r[name] for r in runs])]:
+            shown = (f"{value:.3g}" if value < 1e4 else f"{value:,.0f}" for value in (median(values), *_ends(values)))
+            middle, low, high = shown
+            rows.append(f"| {title} | {middle} | {low} to {high} | {goal} |")
+    return rows
+
+
+def _ends(values: list[float]) -> tuple[float, float]:
+    return min(values), max(values)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--processes", type=int, default=3)
+    options = parser.parse_args()
+    runs = [read_figures() for _ in range(options.processes)]
+    machine = runs[0]["machine"]
+    write_json(RESULT, runs)
+    head = [
+        f"{machine['cpu']}, {machine['simd']}, {machine['cores']} cores; medians of {len(runs)} processes.",
+        "",
+        "| figure | median | lowest to highest | goal |",
+        "|---|---|---|---|",
+    ]
+    replace_part(ROOT / "docs" / "performance.md", "bench", "\n".join([*head, *make_rows(runs)]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,66 @@
+"""Commands as a user starts them, each with all of its processes: how long, and how much memory together."""
+
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import psutil
+
+INTERVAL = 0.1  # s between looks at the memory
+
+
+class Usage(NamedTuple):
+    """What a command took."""
+
+    seconds: float  # by the clock on the wall
+    memory_mb: float  # at the peak, of the command and the processes that it started, together
+
+
+def run_command(*words: str) -> Usage:
+    """Run ``abhv-mc`` with these words. Raises RuntimeError where it fails; a failed requirement is no failure."""
+    start = time.perf_counter()
+    with tempfile.TemporaryFile("w+") as errors:
+        process = subprocess.Popen([sys.executable, "-m", "abhv_mc", *words], stdout=subprocess.DEVNULL, stderr=errors)
+        ended = threading.Event()
+        together: list[float] = []
+        watch = threading.Thread(target=_watch_memory, args=(process.pid, ended, together))
+        watch.start()
+        _, status, usage = os.wait4(process.pid, 0)
+        seconds = time.perf_counter() - start
+        ended.set()
+        watch.join()
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode not in {0, 1}:  # 1: a requirement of the campaign failed
+            errors.seek(0)
+            raise RuntimeError(f"abhv-mc {' '.join(words)}: {errors.read()[-2000:]}")
+    # The kernel's peak of the largest single process misses nothing between two looks.
+    largest = usage.ru_maxrss / (1e3 if sys.platform == "linux" else 1e6)
+    return Usage(seconds, max([largest, *together]))
+
+
+def _watch_memory(pid: int, ended: threading.Event, found: list[float]) -> None:
+    """Append the memory of a process and its descendants, MB, until ``ended``."""
+    with contextlib.suppress(psutil.NoSuchProcess):
+        root = psutil.Process(pid)
+        while not ended.wait(INTERVAL):
+            found.append(sum(_own_memory(one) for one in (root, *root.children(recursive=True))) / 1e6)
+
+
+def _own_memory(process: psutil.Process) -> int:
+    """Bytes of one process, where the system tells: a page that several share counts once in their sum."""
+    try:
+        memory = process.memory_full_info()
+    except (psutil.NoSuchProcess, psutil.AccessDenied):
+        return 0
+    return int(getattr(memory, "pss", memory.uss))
+
+
+def measure_disk(folder: Path) -> float:
+    """Size of all files in a folder, MB."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) / 1e6
