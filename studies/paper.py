@@ -3,9 +3,10 @@
     abhv-mc run campaigns/paper.yaml && python studies/paper.py [reports/paper]
 
 The ranges are those of the axes of Zhu and Shen (2014), Figures 2-11; the paper gives no data. A quantity is matched
-where the nominal flight of TLC, or LQR, stays in the range (2 % of its width more, for reading it off), and matched
-after the steps where it does so from 5 s after each step of the reference on. A reason stands beside what is not
-matched; it was written for certain verdicts, and where they are no longer found this script stops.
+where the nominal flight stays in the range (2 % of its width more, for reading it off), and matched after the steps
+where it does so from 5 s after each step of the reference on; the same for all dispersed flights together. A reason
+stands beside what is not matched; it was written for certain verdicts, and where they are no longer found this script
+stops.
 """
 
 import argparse
@@ -32,7 +33,13 @@ from abhv_mc.report.results import Results, read_results
 
 THEIR_START = 180.0  # s, the paper's time at the beginning of the S
 READING = 0.02  # of a range's width
-IN, AFTER, OUT = "matched", "after the steps", "not matched"
+IN, AFTER, OUT = VERDICTS = ("matched", "after the steps", "not matched")
+CONTROLLERS = {"tlc": "TLC", "lqr": "LQR", "lqr_retuned": "LQR retuned"}
+COMMANDS = {
+    "angle_of_attack_deg": "angle_of_attack_command_deg",
+    "bank_deg": "bank_command_deg",
+}  # the paper shows them
+ZOOMED = 3.0  # curves that leave the paper's range by this many widths are shown once more, near it
 
 # Table 1 of the paper: damping and bandwidth (rad/s).
 TABLE_1 = {
@@ -57,7 +64,8 @@ class Point:
     low: float  # the paper's range, unit of the label
     high: float
     unit: str
-    verdicts: tuple[str, str]  # TLC's and LQR's, for which ``why`` was written
+    verdicts: tuple[str, str, str]  # those of CONTROLLERS, for which ``why`` was written
+    dispersed: tuple[str, str, str]  # the same of all dispersed flights
     why: str = ""
     sign: float = 1.0  # -1: mirrored, because the paper's first bank is positive
     scale: float = 1.0
@@ -79,8 +87,19 @@ STEP = (
     "{times:.0f} times as easily"
 )
 POINTS = (
-    Point("3", "altitude", "altitude_m", 19.95, 20.05, "km", (IN, IN), scale=1e-3),
-    Point("3", "speed", "speed_mps", 1395.0, 1405.0, "m/s", (IN, IN)),
+    Point("3", "altitude", "altitude_m", 19.95, 20.05, "km", (IN, IN, IN), (IN, IN, IN), scale=1e-3),
+    Point(
+        "3",
+        "speed",
+        "speed_mps",
+        1395.0,
+        1405.0,
+        "m/s",
+        (IN, IN, IN),
+        (IN, OUT, IN),
+        "dispersed, LQR with the paper's weights goes from {speed_low:.0f} to {speed_high:.0f} m/s: the cycle of its "
+        "angle of attack (Figure 5) cycles the drag",
+    ),
     Point(
         "4",
         "heading",
@@ -88,11 +107,22 @@ POINTS = (
         84.0,
         91.0,
         "deg",
-        (OUT, OUT),
+        (OUT, OUT, OUT),
+        (OUT, OUT, OUT),
         "5 km in a half cosine of 50 s turn the heading by {turn:.2f} deg, to {heading:.2f}; the paper prints no "
         "formula of its S, and 84 deg belong to one of {length:.0f} s",
     ),
-    Point("5", "angle of attack", "angle_of_attack_deg", 2.0, 6.0, "deg", (IN, OUT), "LQR: " + LQR_CYCLE),
+    Point(
+        "5",
+        "angle of attack",
+        "angle_of_attack_deg",
+        2.0,
+        6.0,
+        "deg",
+        (IN, OUT, IN),
+        (IN, OUT, IN),
+        "LQR: " + LQR_CYCLE,
+    ),
     Point(
         "6",
         "sideslip",
@@ -100,12 +130,26 @@ POINTS = (
         -0.2,
         0.7,
         "deg",
-        (IN, AFTER),
+        (IN, AFTER, IN),
+        (IN, AFTER, IN),
         "LQR: the paper's weights leave the yaw of {lqr_aileron:.0f} deg of aileron to {lqr_rudder:.1f} deg of rudder",
         sign=-1.0,
     ),
-    Point("7", "bank", "bank_deg", -55.0, 55.0, "deg", (IN, IN), sign=-1.0),
-    Point("8", "aileron", "aileron_deg", -1.2, 0.8, "deg", (AFTER, AFTER), STEP, sign=-1.0),
+    Point(
+        "7",
+        "bank",
+        "bank_deg",
+        -55.0,
+        55.0,
+        "deg",
+        (IN, IN, IN),
+        (IN, IN, AFTER),
+        "the retuned LQR passes its command at the first step, dispersed up to {retuned_bank:.1f} deg",
+        sign=-1.0,
+    ),
+    Point(
+        "8", "aileron", "aileron_deg", -1.2, 0.8, "deg", (AFTER, AFTER, AFTER), (AFTER, AFTER, AFTER), STEP, sign=-1.0
+    ),
     Point(
         "9",
         "rudder",
@@ -113,7 +157,8 @@ POINTS = (
         -0.4,
         0.3,
         "deg",
-        (OUT, AFTER),
+        (OUT, AFTER, AFTER),
+        (OUT, AFTER, AFTER),
         "the rudder answers the yaw of the aileron at the steps; with TLC it is back in the range {rudder_first:.1f} s "
         "after the first and {rudder_second:.1f} s after the second",
         sign=-1.0,
@@ -125,12 +170,24 @@ POINTS = (
         -0.5,
         2.5,
         "deg",
-        (OUT, OUT),
+        (OUT, OUT, OUT),
+        (OUT, OUT, OUT),
         "the vehicle file puts the 1 g elevator to 0, and GHAME needs it trailing edge up, negative, for more angle of "
-        "attack: down to {tlc_low:.2f} deg after the steps with TLC. The paper's goes the other way from 0; it prints "
-        "neither its sign nor its tables. LQR: as in Figure 5",
+        "attack: down to {tlc_low:.2f} deg after the steps with TLC, {own_low:.2f} with the retuned LQR. The paper's "
+        "goes the other way from 0; it prints neither its sign nor its tables. LQR: as in Figure 5",
     ),
-    Point("11", "equivalence ratio, commanded", "equivalence_ratio_command", 0.8, 1.25, "", (IN, IN)),
+    Point(
+        "11",
+        "equivalence ratio, commanded",
+        "equivalence_ratio_command",
+        0.8,
+        1.25,
+        "",
+        (IN, IN, IN),
+        (IN, IN, AFTER),
+        "the retuned LQR answers the worst flights' first error of speed, in the second tenth of a second, with "
+        "{retuned_eta:.2f}",
+    ),
 )
 
 
@@ -211,49 +268,85 @@ def find_facts(results: Results, steps: tuple[float, ...]) -> dict[str, float]:
         "rudder_first": float(outside[outside < steps[1]].max() - steps[0]),
         "rudder_second": float(outside.max() - steps[1]),
         "tlc_low": float(tlc["elevator_deg"][late].min()),
+        "own_low": float(results.nominal["lqr_retuned"]["elevator_deg"][late].min()),
+        "speed_low": float(results.envelopes["lqr", "speed_mps"].bands["min"].min()),
+        "speed_high": float(results.envelopes["lqr", "speed_mps"].bands["max"].max()),
+        "retuned_bank": float(-results.envelopes["lqr_retuned", "bank_deg"].bands["min"].min()),
+        "retuned_eta": float(results.envelopes["lqr_retuned", "equivalence_ratio_command"].bands["min"].min()),
     }
 
 
+def axis_of(point: Point) -> str:
+    """The paper's range in words."""
+    return f"{point.low:g} to {point.high:g} {point.unit}".strip().replace("-", "\N{MINUS SIGN}")
+
+
+def check_verdicts(point: Point, found: list[str], wanted: tuple[str, ...]) -> None:
+    """Raise SystemExit where verdicts are not those that a reason was written for."""
+    if tuple(found) != wanted:
+        raise SystemExit(f"Figure {point.figure}, {point.words}: {found}, but the reason says {wanted}")
+
+
 def table(results: Results, steps: tuple[float, ...]) -> Iterator[str]:
-    """The rows of the page's table. Raises SystemExit where a verdict is not the one that a reason was written for."""
+    """The rows of the nominal flights."""
     for point in POINTS:
         cells, verdicts = [], []
-        for name in ("tlc", "lqr", "lqr_retuned"):
+        for name in CONTROLLERS:
             flown = results.nominal[name]
             values = flown[point.channel]
             cells.append(spread(point, values, values))
             verdicts.append(judge(point, flown["time"], point.ours(values), steps))
-        if tuple(verdicts[:2]) != point.verdicts:
-            raise SystemExit(
-                f"Figure {point.figure}, {point.words}: {verdicts[:2]}, but the reason says {point.verdicts}"
-            )
+        check_verdicts(point, verdicts, point.verdicts)
         flown = results.nominal["tlc"]
         late = flown[point.channel][settled(flown["time"], steps)]
-        bands = results.envelopes["tlc", point.channel].bands
-        axis = f"{point.low:g} to {point.high:g} {point.unit}".strip().replace("-", "\N{MINUS SIGN}")
-        all_flights = spread(point, bands["min"], bands["max"])
-        yield (
-            f"| {point.figure} {point.words} | {axis} | {cells[0]} | {spread(point, late, late)} | {all_flights} "
-            f"| {cells[1]} | {cells[2]} | {verdicts[0]} | {verdicts[1]} |"
-        )
+        cells.insert(1, spread(point, late, late))
+        yield f"| {point.figure} {point.words} | {axis_of(point)} | {' | '.join((*cells, *verdicts))} |"
+
+
+def dispersed_table(results: Results, steps: tuple[float, ...]) -> Iterator[str]:
+    """The rows of all dispersed flights together."""
+    for point in POINTS:
+        cells, verdicts = [], []
+        for name in CONTROLLERS:
+            envelope = results.envelopes[name, point.channel]
+            ends = envelope.bands["min"], envelope.bands["max"]
+            cells.append(spread(point, *ends))
+            found = [judge(point, envelope.time, point.ours(end), steps) for end in ends]
+            verdicts.append(max(found, key=VERDICTS.index))
+        check_verdicts(point, verdicts, point.dispersed)
+        yield f"| {point.figure} {point.words} | {axis_of(point)} | {' | '.join((*cells, *verdicts))} |"
 
 
 @styled
 def plot_point(results: Results, point: Point) -> Figure:
-    """The nominal flights over the paper's time, TLC's dispersed flights and the paper's range behind them."""
-    figure = new_figure(2.0, 3.5)
-    axes = figure.subplots()
-    axes.axhspan(point.low, point.high, color=GRID, alpha=0.5, linewidth=0.0, label="paper's range")
+    """The nominal flights over the paper's time, TLC's dispersed flights and the paper's range behind them.
+
+    Commands are dotted. Curves that leave the range far are shown a second time, near it.
+    """
+    curves = {name: point.ours(flown[point.channel]) for name, flown in results.nominal.items()}
+    furthest = max(max(values.max() - point.high, point.low - values.min()) for values in curves.values())
+    twice = furthest > ZOOMED * (point.high - point.low)
+    figure = new_figure(2.0, 6.4 if twice else 3.5)
+    panels = figure.subplots(1, 2 if twice else 1, squeeze=False)[0]
     colors = controller_colors(results.controllers)
     envelope = results.envelopes["tlc", point.channel]
     low, high = (point.ours(envelope.bands[end]) for end in ("min", "max"))
-    axes.fill_between(envelope.time + THEIR_START, low, high, color=colors["tlc"], alpha=0.25, linewidth=0.0)
-    for name, flown in results.nominal.items():
-        label = controller_label(name)
-        axes.plot(flown["time"] + THEIR_START, point.ours(flown[point.channel]), color=colors[name], label=label)
-    axes.set_xlabel("the paper's time (s)")
-    axes.set_ylabel(f"{point.words} ({point.unit})" if point.unit else point.words.split(",")[0])
-    figure.legend(loc="outside lower center", ncols=4, fontsize=6.0)
+    for axes in panels:
+        axes.axhspan(point.low, point.high, color=GRID, alpha=0.5, linewidth=0.0, label="paper's range")
+        axes.fill_between(envelope.time + THEIR_START, low, high, color=colors["tlc"], alpha=0.25, linewidth=0.0)
+        for name, flown in results.nominal.items():
+            times = flown["time"] + THEIR_START
+            axes.plot(times, curves[name], color=colors[name], label=controller_label(name))
+            if point.channel in COMMANDS:
+                command = point.ours(flown[COMMANDS[point.channel]])
+                axes.plot(times, command, ":", color=colors[name], linewidth=0.8)
+        axes.set_xlabel("the paper's time (s)")
+    panels[0].set_ylabel(f"{point.words} ({point.unit})" if point.unit else point.words.split(",")[0])
+    if twice:
+        width = point.high - point.low
+        panels[1].set_ylim(point.low - 0.5 * width, point.high + 0.5 * width)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=6.0)
     return figure
 
 
@@ -279,6 +372,9 @@ def page(results: Results, steps: tuple[float, ...], images: dict[str, str]) -> 
     north = {name: flown["north_m"][-1] for name, flown in results.nominal.items()}
     if any(abs(end / 5e3 - 1.0) > 0.01 for end in north.values()):
         raise SystemExit("the page says that every track ends within 1 % of 5 km")
+    verdicts = " | ".join(f"verdict {name}" for name in CONTROLLERS.values())
+    latitude = results.nominal["tlc"]["latitude_deg"]
+    start, end = float(latitude[0]), float(latitude[-1])
     lines = [
         "# The paper, side by side",
         "",
@@ -292,17 +388,29 @@ def page(results: Results, steps: tuple[float, ...], images: dict[str, str]) -> 
         "- The lateral signs (sideslip, bank, aileron, rudder) are mirrored on this page: by the paper's equation (1) "
         "its first bank, to the north, is negative, as ours is, but its Figure 7 plots it positive.",
         "- The paper's time is ours plus 180 s.",
-        "- *matched*: the nominal flight stays in the range. *after the steps*: it does from "
+        "- *matched*: the flight stays in the range. *after the steps*: it does from "
         f"{SETTLING:g} s after each step of the bank on. Both were decided by the script.",
         "",
-        "| figure, quantity | the paper's axis | TLC | TLC after the steps | TLC, all flights | LQR | LQR retuned "
-        "| verdict TLC | verdict LQR |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "## The nominal flights",
+        "",
+        f"| figure, quantity | the paper's axis | TLC | TLC after the steps | LQR | LQR retuned | {verdicts} |",
+        "|" + "---|" * 9,
         *table(results, steps),
         "",
         f"Figure 2: the track ends {north['tlc'] / 1e3:.3f} km (TLC), {north['lqr'] / 1e3:.3f} km (LQR) and "
         f"{north['lqr_retuned'] / 1e3:.3f} km (LQR retuned) north of the start's parallel, all within 1 % of the "
-        "paper's 5 km: matched.",
+        "paper's 5 km: matched. The place is not: the paper does not print the latitude of its start. Its axis runs "
+        f"from 29.27 to 29.33 deg; our S starts at {start:.2f} deg and ends at {end:.3f}.",
+        "",
+        f"## All {runs} flights",
+        "",
+        "The lowest and the highest value over all dispersed flights of a controller, at every 20th of a second:",
+        "",
+        f"| figure, quantity | the paper's axis | {' | '.join(CONTROLLERS.values())} | {verdicts} |",
+        "|" + "---|" * 8,
+        *dispersed_table(results, steps),
+        "",
+        "## Why",
         "",
         "Where a quantity is not matched, why:",
         "",
@@ -316,7 +424,10 @@ def page(results: Results, steps: tuple[float, ...], images: dict[str, str]) -> 
         "The paper's remark that TLC tracks better with nearly the same control usage is examined in "
         "[claim.md](claim.md).",
         "",
-        "Grey: the range of the paper's axis. Lines: the nominal flights. Light blue: TLC, all flights.",
+        "## The figures",
+        "",
+        "Grey: the range of the paper's axis. Lines: the nominal flights; dotted: their commands. Light blue: TLC, all "
+        "flights. Where a curve leaves the range far, the right half shows it again near the range.",
         "",
     ]
     for name, title in images.items():

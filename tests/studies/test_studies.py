@@ -29,7 +29,7 @@ def test_a_drift_is_no_swing() -> None:
 
 
 def test_verdicts_on_a_range() -> None:
-    point = paper.Point("8", "aileron", "aileron_deg", -1.0, 1.0, "deg", (paper.IN, paper.IN), sign=-1.0)
+    point = paper.Point("8", "aileron", "aileron_deg", -1.0, 1.0, "deg", (paper.IN,) * 3, (paper.IN,) * 3, sign=-1.0)
     times, steps = np.linspace(0.0, 60.0, 601), (0.0, 50.0)
     values = np.zeros(times.size)
     assert paper.judge(point, times, values, steps) == paper.IN
