@@ -90,6 +90,16 @@ def test_other_files_are_left_alone(tmp_path, given):
     assert list(find_files(tmp_path)) == [(1, "04"), (1, "06")]
 
 
+def test_linked_case_folders_and_copies_are_compared_too(tmp_path, given):
+    case = given / "Atmos_01_DroppedSphere"
+    (tmp_path / "Atmos_01_DroppedSphere").symlink_to(case, target_is_directory=True)
+    shutil.copytree(case, tmp_path / "later")
+    assert list(find_files(tmp_path)) == [
+        *((1, "04"), (1, "04 later/Atmos_01_sim_04.csv.gz")),
+        *((1, "06"), (1, "06 later/Atmos_01_sim_06.csv.gz")),
+    ]
+
+
 def test_a_folder_without_cases_is_refused(tmp_path):
     with pytest.raises(InputError, match="no check-case"):
         verify_nesc(tmp_path)

@@ -29,14 +29,19 @@ COLUMNS = ["time", "altitudeMsl_ft", "longitude_deg", "latitude_deg", *VELOCITY,
 
 
 def find_files(folder: Path) -> dict[tuple[int, str], Path]:
-    """Files by (case, simulator), wherever in the folder they lie. Raises :class:`InputError` where there is none."""
+    """Files by (case, simulator), wherever in the folder they lie; linked case folders too.
+
+    A second file of the same case and simulator goes by its place. Raises :class:`InputError` where there is none.
+    """
     if not folder.is_dir():
         raise InputError(folder, None, None, "no such folder", "a folder of check-cases")
     found: dict[tuple[int, str], Path] = {}
-    for path in sorted(folder.rglob("Atmos_*_sim_*")):
+    names = "Atmos_*_sim_*"
+    for path in sorted({*folder.rglob(names), *folder.glob(f"*/{names}")}):
         match = _FILE.fullmatch(path.name)
         if match and int(match[1]) in CASES:
-            found.setdefault((int(match[1]), match[2]), path)
+            key = int(match[1]), match[2]
+            found[key if key not in found else (key[0], f"{key[1]} {path.relative_to(folder)}")] = path
     if not found:
         wanted = "Atmos_NN_Name/Atmos_NN_sim_MM.csv of one of the cases 01 to 10"
         raise InputError(folder, None, None, "no check-case", wanted)
