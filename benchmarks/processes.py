@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import psutil
 
-INTERVAL = 0.1  # s between looks at the memory
+INTERVAL = 0.25  # s between looks at the memory
 
 
 class Usage(NamedTuple):

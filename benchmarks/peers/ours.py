@@ -1,5 +1,6 @@
 """abhv-mc itself: both controllers, abreast and one at a time, metrics included."""
 
+from abhv_mc.bench.peak import measure_peak
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.lanes import LANES
 from benchmarks.peers.peer import measure, read_work, write_result
@@ -13,7 +14,8 @@ def main() -> None:
         for lanes, parameters in ((LANES, work.parameters), (1, work.parameters[:ALONE])):
             fly(plan, parameters[:LANES], lanes=lanes)
             seconds = measure(lambda: fly(plan, parameters, lanes=lanes), len(parameters), work.repeats)  # noqa: B023
-            write_result(f"abhv-mc {law} {'abreast' if lanes > 1 else 'one at a time'}", seconds)
+            name = f"abhv-mc {law} {'abreast' if lanes > 1 else 'one at a time'}"
+            write_result(name, seconds, peak_gflops=measure_peak() / 1e9)
 
 
 if __name__ == "__main__":

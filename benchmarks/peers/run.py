@@ -4,7 +4,8 @@
 
 The peers are the extra ``peers`` of pyproject.toml, installed into ``benchmarks/peers/.venv``; the twin needs g++.
 Writes ``benchmarks/results/peers.json`` and the table of ``docs/performance.md``. Times are processor time, so that
-other programs on the machine count for little; a number is the median over every repeat of every process.
+other programs on the machine count for little; a number is the median over every repeat of every process. A peer that
+fails is named, and the others go on; the exit code is then 1.
 """
 
 import argparse
@@ -12,6 +13,7 @@ import json
 import os
 import pickle
 import platform
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -29,6 +31,7 @@ DOCUMENT = ROOT / "docs" / "performance.md"
 ENVIRONMENT = Path(__file__).parent / ".venv"
 
 MODULES = ("ours", "twin", "jax_vmap", "diffrax_steps", "jsbsim_x15", "rocketpy_flight")
+TIME_LIMIT = 300.0  # s, of a process: compiling, checking, repeats
 YARDSTICK = "abhv-mc lqr abreast"
 OUR_EQUATIONS = "ours: GHAME-X, LQR, 100 Hz"
 ROWS = {  # peer: how it flies, what it flies
@@ -72,23 +75,31 @@ def write_work(path: Path, flights: int, repeats: int) -> None:
     path.write_bytes(pickle.dumps((plans, parameters, block.states[:, -1], repeats)))
 
 
+class PeerFailedError(Exception):
+    """A peer's process failed or took too long."""
+
+
 def run_peer(python: Path, module: str, work: Path, core: int) -> list[dict[str, Any]]:
-    """Results of one process on one core."""
+    """Results of one process on one core. Raises PeerFailedError."""
 
     def pin() -> None:
         if hasattr(os, "sched_setaffinity"):
             os.sched_setaffinity(0, {core})
 
-    done = subprocess.run(
-        [str(python), "-m", f"benchmarks.peers.{module}", str(work)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        preexec_fn=pin,  # this process has one thread
-        check=False,
-    )
-    if done.returncode:
-        raise RuntimeError(f"{module}:\n{done.stderr[-2000:]}")
+    try:
+        done = subprocess.run(
+            [str(python), "-m", f"benchmarks.peers.{module}", str(work)],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            preexec_fn=pin,  # this process has one thread
+            check=True,
+            timeout=TIME_LIMIT,
+        )
+    except subprocess.TimeoutExpired:
+        raise PeerFailedError(f"not done in {TIME_LIMIT:g} s") from None
+    except subprocess.CalledProcessError as error:
+        raise PeerFailedError(error.stderr.strip()[-2000:]) from None
     return [json.loads(line) for line in done.stdout.splitlines() if line.startswith('{"peer"')]
 
 
@@ -97,76 +108,99 @@ def find_versions(python: Path) -> dict[str, str]:
     names = ("numba", "numpy", "jax", "diffrax", "jsbsim", "rocketpy")
     code = f"from importlib.metadata import version; print(*(version(n) for n in {names}), sep='\\n')"
     found = subprocess.run([str(python), "-c", code], check=True, capture_output=True, text=True).stdout.split()
-    compiler = subprocess.run(["g++", "--version"], check=True, capture_output=True, text=True).stdout.splitlines()[0]
-    return {"python": platform.python_version(), **dict(zip(names, found, strict=True)), "g++": compiler}
+    versions = {"Python": platform.python_version(), **dict(zip(names, found, strict=True))}
+    if shutil.which("g++"):
+        said = subprocess.run(["g++", "-dumpfullversion"], check=True, capture_output=True, text=True).stdout
+        versions["g++"] = said.strip()
+    return versions
 
 
-def measure_peers(python: Path, rounds: int, repeats: int, flights: int) -> dict[str, dict[str, Any]]:
-    """Seconds per flight by peer, with the ratio to ours of the same round."""
+def measure_peers(
+    python: Path, rounds: int, repeats: int, flights: int
+) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
+    """Seconds per flight by peer, with the ratio to ours of the same round; and the modules that failed, with why."""
     seconds: dict[str, list[float]] = defaultdict(list)
     ratios: dict[str, list[float]] = defaultdict(list)
-    checks: dict[str, dict[str, Any]] = {}
+    others: dict[str, dict[str, float]] = defaultdict(dict)  # the largest of each further number
+    failed: dict[str, str] = {}
     cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [0]
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder) / "work.pickle"
         write_work(work, flights, repeats)
         for i in range(rounds):
             this_round = {}
-            for module in MODULES:
+            for module in (name for name in MODULES if name not in failed):
                 print(f"round {i + 1} of {rounds}: {module}", file=sys.stderr, flush=True)
-                for one in run_peer(python, module, work, cores[-1]):
+                try:
+                    results = run_peer(python, module, work, cores[-1])
+                except PeerFailedError as error:
+                    if module == MODULES[0]:
+                        raise
+                    failed[module] = str(error)
+                    print(f"{module} failed: {error}", file=sys.stderr, flush=True)
+                    continue
+                for one in results:
                     name = one.pop("peer")
                     this_round[name] = one.pop("seconds")
-                    checks[name] = one
+                    others[name] = {key: max(value, others[name].get(key, value)) for key, value in one.items()}
             for name, found in this_round.items():
                 seconds[name] += found
                 ratios[name].append(median(found) / median(this_round[YARDSTICK]))
-    return {
+    peers = {
         name: {
             "seconds_per_flight": median(found),
             "lowest": min(found),
             "highest": max(found),
             "over_ours": median(ratios[name]),
             "repeats": len(found),
-            "processes": rounds,
-            **checks[name],
+            "processes": len(ratios[name]),
+            **others[name],
         }
         for name, found in seconds.items()
     }
+    return peers, failed
 
 
-def make_table(peers: dict[str, dict[str, Any]], machine: dict[str, Any], versions: dict[str, str]) -> str:
-    """The table as Markdown."""
+def make_table(record: dict[str, Any]) -> str:
+    """What was found, as Markdown."""
+    machine, peers = record["machine"], record["peers"]
+    ours = peers[YARDSTICK]
     lines = [
-        f"{machine['processor']}, {machine['simd']}, {machine['cores']} cores, {machine['system']}; "
-        + ", ".join(f"{name} {version}" for name, version in versions.items())
+        f"{machine['processor']}, {machine['simd']}, {machine['cores']} cores, {machine['system']}; a core's measured "
+        f"peak {ours['peak_gflops']:.0f} GFLOP/s; "
+        + ", ".join(f"{name} {version}" for name, version in record["versions"].items())
         + ".",
         "",
         "| simulator | how | what it flies | ms per 60 s flight and core | lowest to highest | times ours |",
         "|---|---|---|---|---|---|",
     ]
     for name, (how, what) in ROWS.items():
+        title = f"**{name}**" if name.startswith("abhv-mc") else name
+        if name not in peers:
+            lines.append(f"| {title} | {how} | {what} | failed | | |")
+            continue
         one = peers[name]
         low, mid, high = (f"{1e3 * one[key]:.3g}" for key in ("lowest", "seconds_per_flight", "highest"))
-        title = f"**{name}**" if name.startswith("abhv-mc") else name
         lines.append(f"| {title} | {how} | {what} | {mid} | {low} to {high} | {one['over_ours']:.2f} |")
     name, how, what, quoted = QUOTED
-    ratio = quoted / 1e3 / peers[YARDSTICK]["seconds_per_flight"]
+    ratio = quoted / 1e3 / ours["seconds_per_flight"]
     lines.append(f"| {name} | {how} | {what} | {quoted:.0f} | not measured here | {ratio:.0f} |")
-    count = peers[YARDSTICK]
+    differences = [
+        f"{one['altitude_difference_m']:.1e} m ({name})"
+        for name, one in peers.items()
+        if "altitude_difference_m" in one
+    ]
     lines += [
         "",
-        f"Medians of {count['repeats']} repeats in {count['processes']} processes each, processor time of one core; "
+        f"Medians of {ours['repeats']} repeats in {ours['processes']} processes each, processor time of one core; "
         f"times ours: against `{YARDSTICK}` in the same round. Altitude after 60 s differs from ours by at most "
-        + ", ".join(
-            f"{peers[name]['altitude_difference_m']:.1e} m ({name})" for name in ("C++ twin", "JAX vmap", "diffrax")
-        )
+        + ", ".join(differences)
         + ".",
     ]
     return "\n".join(lines)
 
 
-def main() -> None:
+def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--repeats", type=int, default=5)
@@ -178,12 +212,14 @@ def main() -> None:
     python = install()
     machine = {**find_machine(), "simd": find_simd()}
     versions = find_versions(python)
-    peers = measure_peers(python, options.rounds, options.repeats, options.flights)
-    write_json(RESULT, {"machine": machine, "versions": versions, "flights": options.flights, "peers": peers})
-    table = make_table(peers, machine, versions)
+    peers, failed = measure_peers(python, options.rounds, options.repeats, options.flights)
+    record = {"machine": machine, "versions": versions, "flights": options.flights, "peers": peers, "failed": failed}
+    write_json(RESULT, record)
+    table = make_table(record)
     replace_part(DOCUMENT, "peers", table)
     print(table)
+    return 1 if failed else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
