@@ -1,5 +1,6 @@
 """The samples of a campaign as Parquet: what is flown is what is stored here."""
 
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -30,7 +31,7 @@ def write_samples(
     )
 
     def write(aside: Path) -> None:
-        options = {"compression": "zstd", "compression_level": 1, "use_dictionary": False}
+        options = {"compression": "zstd", "compression_level": 1, "use_dictionary": False, "write_page_checksum": True}
         encoding = dict.fromkeys(names, "BYTE_STREAM_SPLIT")
         with pq.ParquetWriter(aside, schema, column_encoding=encoding, **options) as writer:
             for first in range(0, flights, ROW_GROUP):
@@ -43,14 +44,14 @@ def write_samples(
 
 
 class SampleReader:
-    """Rows of a samples file by flight number; holds one row group in memory."""
+    """Rows of a samples file by flight number; holds two row groups in memory. Threads may share it."""
 
     def __init__(self, path: Path) -> None:
-        self._file = pq.ParquetFile(path)
+        self._file = pq.ParquetFile(path, page_checksum_verification=True)
         self.names: tuple[str, ...] = tuple(self._file.schema_arrow.names[1:])
         self.flights: int = self._file.metadata.num_rows
-        self._group = -1
-        self._values = np.empty((0, len(self.names)))
+        self._groups: dict[int, Floats] = {}
+        self._lock = threading.Lock()
 
     def rows(self, first: int, stop: int) -> Floats:
         """Values ``[flight, parameter]`` of the flights ``first`` .. ``stop - 1``."""
@@ -58,11 +59,21 @@ class SampleReader:
         while first < stop:
             group = first // ROW_GROUP
             end = min(stop, (group + 1) * ROW_GROUP)
-            if group != self._group:
-                table = self._file.read_row_group(group)
-                columns = [table[name].to_numpy() for name in self.names]
-                self._values = np.stack(columns, axis=1) if columns else np.empty((table.num_rows, 0))
-                self._group = group
-            pieces.append(self._values[first - group * ROW_GROUP : end - group * ROW_GROUP])
+            pieces.append(self._read(group)[first - group * ROW_GROUP : end - group * ROW_GROUP])
             first = end
         return np.concatenate(pieces) if pieces else np.empty((0, len(self.names)))
+
+    def verify(self) -> None:
+        """Read everything once. Raises OSError or ValueError where a page does not hold what was written."""
+        for first in range(0, self.flights, ROW_GROUP):
+            self.rows(first, min(first + 1, self.flights))
+
+    def _read(self, group: int) -> Floats:
+        with self._lock:  # blocks take off in one thread and land in another, perhaps a group apart
+            if group not in self._groups:
+                table = self._file.read_row_group(group)
+                columns = [table[name].to_numpy() for name in self.names]
+                values = np.stack(columns, axis=1) if columns else np.empty((table.num_rows, 0))
+                self._groups = {number: kept for number, kept in self._groups.items() if number == group - 1}
+                self._groups[group] = values
+            return self._groups[group]
