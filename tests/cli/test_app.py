@@ -1,5 +1,6 @@
 """The command line's frame: exit codes, what is said, and that starting is cheap."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -12,6 +13,7 @@ import abhv_mc
 from abhv_mc.cli.app import app
 from abhv_mc.cli.errors import ExitCode, exit_code_of
 from abhv_mc.documents import InputError
+from abhv_mc.store.folder import StorageFullError
 
 HEAVY = {"duckdb", "matplotlib", "numba", "numpy", "pandas", "plotly", "pyarrow", "pydantic", "scipy"}
 
@@ -60,7 +62,12 @@ def test_shell_completion(shell: str) -> None:
     [
         (InputError(Path("x.yaml"), 3, 7, "0", "more than 0"), 2, "x.yaml:3:7: found 0; wanted more than 0"),
         (KeyboardInterrupt(), 3, "interrupted"),
-        (SystemExit(130), 3, ""),  # how typer reports an interrupt
+        (SystemExit(130), 3, "interrupted"),  # how typer reports an interrupt
+        (StorageFullError("x: no space left"), 3, "x: no space left"),
+        (OSError(errno.ENOSPC, "No space left on device", "y.png"), 3, "y.png: no space left"),
+        (OSError(errno.EFBIG, "File too large", "y.png"), 3, "y.png: no space left"),
+        (PermissionError(errno.EACCES, "Permission denied", "y.png"), 2, "y.png: found a place that cannot be written"),
+        (FileNotFoundError(errno.ENOENT, "No such file", "y.png"), 70, "FileNotFoundError"),
         (SystemExit(1), 1, ""),
         (SystemExit(None), None, ""),
         (ZeroDivisionError("by zero"), 70, "ZeroDivisionError: by zero"),
@@ -73,13 +80,25 @@ def test_exit_codes(error: BaseException, code: int | None, said: str, capsys: p
     assert out == ""
 
 
-def test_interrupt_leaves_with_incomplete() -> None:
+@pytest.mark.parametrize(
+    "moment",
+    [
+        "os.kill(os.getpid(), signal.SIGINT)",
+        "os.kill(os.getpid(), signal.SIGTERM)",
+        # Python drops what a finalizer raises, and dies by SIGINT where it hit exec.
+        "type('A', (), {'__del__': lambda self: os.kill(os.getpid(), signal.SIGINT)})(); time.sleep(60)",
+        "exec('os.kill(os.getpid(), signal.SIGINT); time.sleep(60)')",
+    ],
+)
+def test_interrupt_leaves_with_incomplete(moment: str) -> None:
     code = (
-        "import os, signal, typer\n"
+        "import os, signal, time\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell has it ignored in what it runs aside
         "from abhv_mc.cli import app\n"
-        "app.app.command('wait')(lambda: os.kill(os.getpid(), signal.SIGINT))\n"
+        f"def wait():\n    {moment}\n"
+        "app.app.command('wait')(wait)\n"
         "import sys; sys.argv = ['abhv-mc', 'wait']; app.main()\n"
     )
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert answer.returncode == ExitCode.INCOMPLETE != -signal.SIGINT
+    assert answer.stderr.startswith("interrupted") and "Traceback" not in answer.stderr

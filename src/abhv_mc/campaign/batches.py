@@ -1,14 +1,18 @@
 """Work units: blocks of consecutive flights of one controller, cut from whatever is still missing."""
 
+import contextlib
 import threading
-from collections.abc import Callable, Iterator
+import warnings
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 
+T = TypeVar("T")
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Fly = Callable[[FlightPlan, Floats, int | None], FlightBlock]
@@ -78,15 +82,13 @@ class Slots:
         self._free = threading.Semaphore(number)
         self._closed = False
 
-    def fly(
-        self, fly: Fly, plan: FlightPlan, block: Block, parameters: Floats, every: int
-    ) -> tuple[Block, FlightBlock | None]:
-        """:func:`fly_block` once there is room; nothing after :meth:`close`."""
+    def call(self, work: Callable[..., T], *arguments: Any) -> T:
+        """What ``work`` gives once there is room. Raises RuntimeError after :meth:`close`, when nobody listens."""
         self._free.acquire()
         if self._closed:
             self.free()  # the next one may go home, too
-            return block, None
-        return fly_block(fly, plan, block, parameters, every)
+            raise RuntimeError("nobody waits for this block")
+        return work(*arguments)
 
     def free(self) -> None:
         """Make room: a block is on disk."""
@@ -96,3 +98,14 @@ class Slots:
         """Let every waiting worker go home."""
         self._closed = True
         self.free()
+
+
+@contextlib.contextmanager
+def closing_quietly(results: Generator[Any, None, None]) -> Iterator[None]:
+    """Stop the workers at the end; joblib's warning that not all was used is what an interrupt means."""
+    try:
+        yield
+    finally:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            results.close()

@@ -5,8 +5,9 @@ memory stays flat: integer histograms and the extreme values (see :mod:`abhv_mc.
 """
 
 import contextlib
+import io
 import shutil
-import zipfile
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from abhv_mc.campaign.histogram import Histograms, make_bins
 from abhv_mc.store.envelopes import QUANTILES, EnvelopeTable
 from abhv_mc.store.flights import DamagedFileError, parse_block_name
-from abhv_mc.store.folder import write_whole
+from abhv_mc.store.folder import write_bytes, write_whole
 
 EXACT_FLIGHTS = 4096
 PILOT_FLIGHTS = 128  # flights 0 .. 127 set the bins
@@ -89,17 +90,14 @@ class ExactCollector:
         for path in self._folder.glob(f"{controller}-*.npy"):
             with contextlib.suppress(DamagedFileError, ValueError, OSError, EOFError):
                 name, first, stop = parse_block_name(path)
-                if name == controller and self._open(path).shape == (stop - first, cells.count):
+                if name == controller and _is_whole(path) and self._open(path).shape == (stop - first, cells.count):
                     self.covered[first:stop] = True
 
     def add(self, first: int, history: Singles) -> None:
         path = self._folder / f"{self._controller}-{first:09d}-{first + len(history):09d}.npy"
-
-        def write(aside: Path) -> None:
-            with aside.open("wb") as file:
-                np.save(file, history, allow_pickle=False)
-
-        write_whole(path, write)
+        content = io.BytesIO()  # numpy's own writing to a file does not say that a disk is full
+        np.save(content, history, allow_pickle=False)
+        write_bytes(path, content.getvalue() + _checksum(content.getvalue()))
         self.covered[first : first + len(history)] = True
 
     def save(self) -> None:
@@ -189,11 +187,21 @@ class HistogramCollector:
         self.save()
 
 
+def _checksum(content: bytes) -> bytes:
+    return zlib.crc32(content).to_bytes(4, "little")
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a block's values are followed by their checksum."""
+    content = path.read_bytes()
+    return _checksum(content[:-4]) == content[-4:]
+
+
 def _read_state(path: Path) -> dict[str, NDArray] | None:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return dict(stored)
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+    except Exception:  # numpy's and zipfile's on damaged files are of many kinds, SyntaxError among them
         return None
 
 

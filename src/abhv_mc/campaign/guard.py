@@ -26,9 +26,11 @@ from abhv_mc.flight.plan import FlightBlock, FlightPlan
 
 Floats = NDArray[np.float64]
 
-_PATIENCE = 20  # with starts that fail in a row: one killed from outside counts 1, which a machine gets over
+_PATIENCE = 20  # and one a worker, with starts that fail in a row: one killed from outside counts 1
 _OWN_END = 4  # and one that ended by itself this much
 _PAUSE = 0.05  # s, before a start, for each of these
+_COMPILING = 600.0  # s that a process may take to start and to load or compile a flight
+_STARTING = 30.0  # s, at least, that one which has done so may take to say that it starts the next
 _swap = threading.Lock()
 
 
@@ -42,7 +44,8 @@ def start_server(fly: Fly) -> None:
 
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([serve.__module__, fly.__module__])
-    forkserver.ensure_running()
+    with _deaf_to_interrupts():
+        forkserver.ensure_running()
 
 
 class _Worker:
@@ -52,7 +55,7 @@ class _Worker:
         context = multiprocessing.get_context("forkserver")
         self._connection, theirs = context.Pipe()
         self.process: BaseProcess = context.Process(target=serve, args=(theirs, fly), daemon=True)
-        with _without_main():
+        with _without_main(), _deaf_to_interrupts():
             self.process.start()
         theirs.close()
         self.plans: set[int] = set()
@@ -60,10 +63,11 @@ class _Worker:
 
     def fly(self, key: int, plan: FlightPlan, parameters: Floats, every: int | None, limit: float) -> FlightBlock:
         """Raises FlightLostError, and _EarlyEndError where the process ended before these flights started."""
+        known = key in self.plans
         try:
-            self._connection.send((key, None if key in self.plans else plan, parameters, every))
+            self._connection.send((key, None if known else plan, parameters, every))
             self.plans.add(key)
-            answer = self._receive(None)
+            answer = self._receive(max(limit, _STARTING) if known else _COMPILING)
         except (ConnectionError, FlightLostError):
             self.kill()
             raise _EarlyEndError(_describe_exit(self.process.exitcode)) from None
@@ -74,7 +78,7 @@ class _Worker:
             raise FlightLostError(answer)
         return answer
 
-    def _receive(self, limit: float | None) -> Any:
+    def _receive(self, limit: float) -> Any:
         connection: Connection = self._connection
         if not wait([connection], limit):
             self.kill()
@@ -108,6 +112,7 @@ class Guard:
         self._workers: set[_Worker] = set()
         self._plans: dict[int, tuple[int, FlightPlan]] = {}  # held, so that no id comes twice
         self._lock = threading.Lock()
+        self._patience = _PATIENCE + workers
         self._failed_starts = 0  # weighed
         self._last_end = ""
         self._closed = False
@@ -142,17 +147,20 @@ class Guard:
             self._idle.put(worker)
 
     def _start(self) -> _Worker:
-        if self._closed:
-            raise UnusableError("the campaign was stopped")
-        if self._failed_starts >= _PATIENCE:
+        if self._failed_starts >= self._patience:
             raise UnusableError(
                 f"worker processes end before they fly ({self._last_end}); 'isolation: threads' does without them"
             )
         time.sleep(_PAUSE * self._failed_starts)
-        worker = _Worker(self._fly)
-        with self._lock:
-            self._workers.add(worker)
-        return worker
+        if not self._closed:
+            worker = _Worker(self._fly)
+            with self._lock:
+                self._workers.add(worker)
+                closed = self._closed
+            if not closed:
+                return worker
+            worker.kill()
+        raise UnusableError("the campaign was stopped")
 
     def _discard(self, worker: _Worker) -> None:
         worker.kill()
@@ -163,12 +171,25 @@ class Guard:
 
     def close(self) -> None:
         """End every worker at once; flights in the air are lost."""
-        self._closed = True
         with self._lock:
+            self._closed = True
             workers = list(self._workers)
         for worker in workers:
             with contextlib.suppress(OSError, ValueError):
                 worker.process.kill()
+
+
+@contextlib.contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Start processes that no Ctrl-C reaches, which goes to everyone in the terminal: the parent decides."""
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # which lets signals in again when it starts
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextlib.contextmanager

@@ -149,8 +149,27 @@ def _words(value: Any) -> str:
 
 def read_held(folder: CampaignFolder, manifest: dict[str, Any]) -> ResolvedCampaign:
     """The resolved campaign that a folder holds. Raises InputError where it is damaged."""
-    document = read_document(folder.campaign)
+    wish = "the campaign as it was flown: restore it, or --fresh to delete what was flown and fly it anew"
     hashes = manifest.get("inputs")
-    if not isinstance(document.data, dict) or not isinstance(hashes, dict):
-        raise InputError(folder.campaign, None, None, "a damaged campaign folder", "another folder, or --fresh")
-    return ResolvedCampaign(document.data, {}, hashes)
+    try:
+        data = read_document(folder.campaign).data
+    except InputError as error:
+        raise InputError(error.file, error.line, error.column, error.found, wish) from None
+    if not isinstance(data, dict) or not isinstance(hashes, dict):
+        raise InputError(folder.campaign, None, None, "a damaged campaign file or manifest", wish)
+    return ResolvedCampaign(data, {}, hashes)
+
+
+def mend_folder(folder: CampaignFolder, manifest: dict[str, Any], wanted: ResolvedCampaign) -> None:
+    """Write the campaign's file and inputs anew where they are damaged and the manifest says that they were these."""
+    if wanted.identity != manifest.get("campaign_hash"):
+        return
+    try:
+        held = read_held(folder, manifest).identity == wanted.identity and all(
+            hashlib.sha256((folder.root / place).read_bytes()).hexdigest() == known
+            for place, known in wanted.hashes.items()
+        )
+    except (InputError, OSError):
+        held = False
+    if not held:
+        wanted.write(folder)

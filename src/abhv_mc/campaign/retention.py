@@ -1,21 +1,25 @@
 """Which flights are kept at full length, and how: flown once more when all have flown.
 
-The worst are known only then. Flying a flight again gives the same bits, which is checked against its row.
+The worst are known only then, and flying a flight again gives the same bits.
 """
 
+import contextlib
 import hashlib
+import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.batches import Fly
+from abhv_mc.campaign.batches import Fly, Slots, closing_quietly
 from abhv_mc.campaign.check import CheckedCampaign
 from abhv_mc.campaign.progress import Progress
 from abhv_mc.campaign.samples import spread_parameters
 from abhv_mc.campaign.tally import Tally
-from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.histories import history_metadata, write_histories
 from abhv_mc.store.samples import SampleReader
@@ -41,6 +45,35 @@ def choose_kept(items: tuple[int | str, ...], flights: int, tally: Tally) -> lis
     return sorted(kept - set(tally.not_computed))
 
 
+@dataclass(frozen=True)
+class HistoryFile:
+    """A file of histories that the campaign keeps."""
+
+    path: Path
+    controller: str
+    flights: list[int]
+    mark: str  # of what it holds
+
+    @property
+    def whole(self) -> bool:
+        return history_metadata(self.path).get("kept") == self.mark
+
+
+def list_histories(
+    folder: CampaignFolder, campaign: CheckedCampaign, tallies: Mapping[str, Tally]
+) -> list[HistoryFile]:
+    """The files that the histories of all flights, which have flown, are kept in."""
+    keep = campaign.model.keep.histories
+    files = []
+    for name, tally in tallies.items():
+        kept = choose_kept(keep.flights, campaign.runs, tally)
+        for part, first in enumerate(range(0, len(kept), _FLIGHTS_PER_FILE)):
+            flights = kept[first : first + _FLIGHTS_PER_FILE]
+            mark = hashlib.sha256(repr((flights, keep.channels, keep.rate)).encode()).hexdigest()
+            files.append(HistoryFile(folder.histories / f"{name}-{part:06d}.parquet", name, flights, mark))
+    return files
+
+
 def write_kept_histories(
     folder: CampaignFolder,
     campaign: CheckedCampaign,
@@ -54,32 +87,34 @@ def write_kept_histories(
     from joblib import Parallel, delayed
 
     keep = campaign.model.keep.histories
-    wanted: list[tuple[Path, str, list[int]]] = []
-    for name in plans:
-        kept = choose_kept(keep.flights, campaign.runs, tallies[name])
-        for part, first in enumerate(range(0, len(kept), _FLIGHTS_PER_FILE)):
-            path = folder.histories / f"{name}-{part:06d}.parquet"
-            wanted.append((path, name, kept[first : first + _FLIGHTS_PER_FILE]))
-    stale = set(folder.histories.glob("*.parquet")) - {path for path, _, _ in wanted}
-    missing = [(p, n, f) for p, n, f in wanted if history_metadata(p).get("kept") != _mark(f, keep.channels, keep.rate)]
-    pool = Parallel(n_jobs=workers, backend="threading", return_as="generator", pre_dispatch="n_jobs")
-    tasks = (
-        delayed(fly)(plans[name], _parameters(samples, flights), round(1.0 / (keep.rate * plans[name].timing.tick)))
-        for _, name, flights in missing
-    )
-    with Progress("histories", sum(len(flights) for _, _, flights in missing)) as progress:
-        for (path, name, flights), block in zip(missing, pool(tasks), strict=True):
-            mark = {"kept": _mark(flights, keep.channels, keep.rate)}
-            write_histories(path, name, flights, block.times, block.history, keep.channels, mark)
-            progress.add(len(flights))
-    for path in stale:
+    wanted = list_histories(folder, campaign, tallies)
+    missing = [file for file in wanted if not file.whole]
+
+    def fly_again(part: int) -> tuple[int, FlightBlock]:
+        plan = plans[missing[part].controller]
+        every = round(1.0 / (keep.rate * plan.timing.tick))
+        return part, fly(plan, _parameters(samples, missing[part].flights), every)
+
+    pool = Parallel(n_jobs=workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs")
+    slots = Slots(2 * workers)
+    results = pool(delayed(slots.call)(fly_again, part) for part in range(len(missing)))
+    total = sum(len(file.flights) for file in missing)
+    with Progress("histories", total) as progress, closing_quietly(results), contextlib.closing(slots):
+        for part, block in results:
+            file = missing[part]
+            lost = block.outcome == Outcome.FAILED_TO_RUN  # it flew the first time
+            for flight in np.array(file.flights)[lost]:
+                print(f"no history of flight {flight} of {file.controller}: run again to try again", file=sys.stderr)
+            metadata = {} if lost.any() else {"kept": file.mark}
+            write_histories(
+                file.path, file.controller, file.flights, block.times, block.history, keep.channels, metadata
+            )
+            slots.free()
+            progress.add(len(file.flights))
+    for path in set(folder.histories.glob("*.parquet")) - {file.path for file in wanted}:
         path.unlink()
 
 
 def _parameters(samples: SampleReader, flights: list[int]) -> NDArray[np.float64]:
     values = np.concatenate([samples.rows(flight, flight + 1) for flight in flights])
     return spread_parameters(samples.names, values)
-
-
-def _mark(flights: list[int], channels: tuple[str, ...], rate: float) -> str:
-    return hashlib.sha256(repr((flights, channels, rate)).encode()).hexdigest()

@@ -1,12 +1,8 @@
 """Fly a campaign: what is missing in its folder, in parallel, kept as it lands; then envelopes and histories."""
 
 import contextlib
-import signal
 import sys
-import threading
 import time
-import warnings
-from collections.abc import Generator, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,14 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.batches import Block, Mask, Slots, choose_batch, cut_blocks
+from abhv_mc.campaign.batches import Block, Mask, Slots, choose_batch, closing_quietly, cut_blocks, fly_block
 from abhv_mc.campaign.cluster import connect_cluster
 from abhv_mc.campaign.config import PROCESSES
 from abhv_mc.campaign.envelopes import Cells, Collector, make_collector
 from abhv_mc.campaign.guard import start_server
+from abhv_mc.campaign.interrupts import no_interrupt, terminate_as_interrupt
 from abhv_mc.campaign.isolation import Crew, hire_crew
 from abhv_mc.campaign.progress import Progress
-from abhv_mc.campaign.retention import write_kept_histories
+from abhv_mc.campaign.retention import HistoryFile, list_histories, write_kept_histories
 from abhv_mc.campaign.samples import spread_parameters
 from abhv_mc.campaign.setup import Engine, OpenCampaign, Request, check_source, make_engine, open_campaign, record_every
 from abhv_mc.campaign.stopping import find_goal
@@ -31,7 +28,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.signals import CHANNEL_INDEX
 from abhv_mc.store.digest import Digest
-from abhv_mc.store.envelopes import write_envelopes
+from abhv_mc.store.envelopes import is_whole, write_envelopes
 from abhv_mc.store.flights import (
     DamagedFileError,
     FlightRows,
@@ -66,13 +63,13 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
     """
     engine = engine or make_engine()
     with ExitStack() as stack:
+        stack.enter_context(terminate_as_interrupt())
         cluster = None
         if request.scheduler is not None:
             cluster = stack.enter_context(connect_cluster(request.scheduler, engine))
         elif engine.isolation == PROCESSES:
             start_server(engine.fly)  # while the campaign is made ready
         opened = open_campaign(request, engine, stack)
-        stack.enter_context(_terminate_as_interrupt())
         execution = opened.campaign.model.execution
         crew = stack.enter_context(hire_crew(engine, execution, request.workers, cluster))
         return _Run(opened, engine, crew).run()
@@ -98,18 +95,20 @@ class _Run:
     def run(self) -> RunResult:
         """Fly and finish."""
         self._take_stock()
-        if not (
-            self.manifest["state"] == COMPLETE and self._whole() and (self.sharded or self.folder.envelopes.exists())
-        ):
+        flown = (
+            self.manifest["state"] == COMPLETE and self._whole() and (self.sharded or is_whole(self.folder.envelopes))
+        )
+        if not (flown and (self.sharded or all(file.whole for file in self._list_histories()))):
             check_source(self.folder, self.manifest, self.engine)
             try:
-                self._fly()
+                if not flown:
+                    self._fly()
                 whole = self._whole()
                 if whole:
                     self._finish()
                 self._write_manifest(COMPLETE if whole else INTERRUPTED)
             except KeyboardInterrupt:
-                with _no_interrupt():
+                with no_interrupt():
                     self._save()
                     self._write_manifest(INTERRUPTED)
             except BaseException:
@@ -193,7 +192,8 @@ class _Run:
         )
         slots = Slots(2 * self.workers)
         tasks = (
-            delayed(slots.fly)(
+            delayed(slots.call)(
+                fly_block,
                 self.fly,
                 self.plans[block.controller],
                 block,
@@ -204,9 +204,9 @@ class _Run:
         )
         saved = time.monotonic()
         results = pool(tasks)
-        with Progress("flights", total) as progress, _closing_quietly(results), contextlib.closing(slots):
+        with Progress("flights", total) as progress, closing_quietly(results), contextlib.closing(slots):
             for block, flown in results:
-                with _no_interrupt():
+                with no_interrupt():
                     self._keep(block, flown)
                 slots.free()
                 progress.add(block.flights)
@@ -243,12 +243,16 @@ class _Run:
         if self.sharded:
             self._save()
             return
-        tables = {name: self.collectors[name].table() for name in self.plans}
-        write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables)
+        if self.collectors:
+            tables = {name: self.collectors[name].table() for name in self.plans}
+            write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables)
         flown = replace(self.campaign, runs=self._goal())
         write_kept_histories(self.folder, flown, self.plans, self.tallies, self.samples, self.fly, self.workers)
         for collector in self.collectors.values():
             collector.finish()
+
+    def _list_histories(self) -> list[HistoryFile]:
+        return list_histories(self.folder, replace(self.campaign, runs=self._goal()), self.tallies)
 
     def _write_manifest(self, state: str) -> None:
         failed_code = Outcome.FAILED_TO_RUN.code
@@ -273,51 +277,3 @@ class _Run:
         if self.campaign.looks:
             self.manifest["stopped_at"] = gapless if state == COMPLETE else None
         write_manifest(self.folder.manifest, self.manifest)
-
-
-@contextlib.contextmanager
-def _closing_quietly(results: Generator[Any, None, None]) -> Iterator[None]:
-    """Stop the workers at the end; joblib's warning that not all was used is what an interrupt means."""
-    try:
-        yield
-    finally:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)
-            results.close()
-
-
-@contextlib.contextmanager
-def _terminate_as_interrupt() -> Iterator[None]:
-    """Let SIGTERM end a campaign as Ctrl-C does."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def interrupt(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-@contextlib.contextmanager
-def _no_interrupt() -> Iterator[None]:
-    """Put off Ctrl-C and SIGTERM until a block is written and counted: both or neither."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    arrived: list[int] = []
-    before = {
-        number: signal.signal(number, lambda got, frame: arrived.append(got))
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    if arrived:
-        raise KeyboardInterrupt

@@ -14,7 +14,14 @@ from abhv_mc.campaign.batches import Fly
 from abhv_mc.campaign.bite import fly_trials
 from abhv_mc.campaign.check import CheckedCampaign, read_campaign
 from abhv_mc.campaign.config import PROCESSES, THREADS
-from abhv_mc.campaign.resolve import ResolvedCampaign, describe_changes, merge_campaigns, read_held, resolve_campaign
+from abhv_mc.campaign.resolve import (
+    ResolvedCampaign,
+    describe_changes,
+    mend_folder,
+    merge_campaigns,
+    read_held,
+    resolve_campaign,
+)
 from abhv_mc.campaign.samples import is_extensible, make_samples
 from abhv_mc.documents import Document, InputError
 from abhv_mc.flight.plan import FlightPlan
@@ -24,7 +31,7 @@ from abhv_mc.store.lock import hold_lock
 from abhv_mc.store.manifest import COMPLETE, RUNNING, read_manifest, write_manifest
 from abhv_mc.store.plans import read_plan, write_plan
 from abhv_mc.store.provenance import find_commit, find_machine, find_versions
-from abhv_mc.store.samples import SampleReader, write_samples
+from abhv_mc.store.samples import ROW_GROUP, SampleReader, write_samples
 
 Prepare = Callable[[Path, Path, Path, str], FlightPlan]
 
@@ -158,7 +165,9 @@ def _resume(
     if held_shard != (list(shard) if shard else None):
         words = "the whole campaign" if held_shard is None else f"shard {held_shard[0]}/{held_shard[1]}"
         raise InputError(folder.root, None, None, f"a folder that holds {words}", "that, or another folder (-o DIR)")
-    held, resolved = read_held(folder, manifest), resolve_campaign(wanted)
+    resolved = resolve_campaign(wanted)
+    mend_folder(folder, manifest, resolved)
+    held = read_held(folder, manifest)
     changes = describe_changes(held, resolved, is_extensible(wanted))
     if changes:
         found = "a folder that holds another campaign:\n  " + "\n  ".join(changes)
@@ -262,10 +271,14 @@ def _write_samples(folder: CampaignFolder, campaign: CheckedCampaign) -> None:
     held = None
     try:
         held = SampleReader(folder.samples)
+        held.verify()
         if held.names == tuple(source.names) and held.flights == campaign.runs:
             return
         shared = min(held.flights, campaign.runs)
-        if held.names != tuple(source.names) or not np.array_equal(held.rows(0, shared), source.draw(0, shared)):
+        pieces = ((first, min(first + ROW_GROUP, shared)) for first in range(0, shared, ROW_GROUP))
+        if held.names != tuple(source.names) or not all(
+            np.array_equal(held.rows(*piece), source.draw(*piece)) for piece in pieces
+        ):
             found = "samples that this version of the program does not draw"
             raise InputError(folder.samples, None, None, found, "the versions that the manifest names, or --fresh")
     except (OSError, ValueError):  # missing or truncated

@@ -12,6 +12,7 @@ import typer
 
 from abhv_mc import __version__
 from abhv_mc.cli.errors import exit_code_of
+from abhv_mc.cli.signals import heed_signals
 
 _COMMANDS = {
     "Start": ("new", "validate", "schema"),
@@ -69,7 +70,8 @@ for _panel, _names in _COMMANDS.items():
 
 def main() -> None:
     """Run the command line and exit with its code."""
-    try:
-        app(prog_name="abhv-mc")  # so that completion knows it, however it was started
-    except BaseException as error:  # every way out passes here, so that each has the promised code
-        sys.exit(exit_code_of(error))
+    with heed_signals():
+        try:
+            app(prog_name="abhv-mc")  # so that completion knows it, however it was started
+        except BaseException as error:  # every way out passes here, so that each has the promised code
+            sys.exit(exit_code_of(error))

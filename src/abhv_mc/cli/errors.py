@@ -3,8 +3,11 @@
 import sys
 import traceback
 from enum import IntEnum
+from pathlib import Path
 
+from abhv_mc.cli.signals import settle_interrupt
 from abhv_mc.input_error import InputError, Refusal
+from abhv_mc.store.folder import StorageFullError, told_plainly
 
 
 class ExitCode(IntEnum):
@@ -22,10 +25,16 @@ _TYPER_INTERRUPTED = 130
 
 def exit_code_of(error: BaseException) -> int | str | None:
     """Tell standard error what ended the program, and give the code to exit with."""
-    if isinstance(error, SystemExit):
-        return ExitCode.INCOMPLETE if error.code == _TYPER_INTERRUPTED else error.code
-    if isinstance(error, KeyboardInterrupt):
-        print("interrupted", file=sys.stderr)
+    if isinstance(error, SystemExit) and error.code != _TYPER_INTERRUPTED:
+        return error.code
+    if isinstance(error, (SystemExit, KeyboardInterrupt)):
+        settle_interrupt()
+        print("interrupted: what was done is kept, and the same command goes on", file=sys.stderr)
+        return ExitCode.INCOMPLETE
+    if isinstance(error, OSError):
+        error = _explain(error)
+    if isinstance(error, StorageFullError):
+        print(error, file=sys.stderr)
         return ExitCode.INCOMPLETE
     if isinstance(error, (InputError, Refusal)):
         print(error, file=sys.stderr)
@@ -33,3 +42,12 @@ def exit_code_of(error: BaseException) -> int | str | None:
     traceback.print_exception(error)
     print("This is a defect of abhv-mc; please report it with the lines above.", file=sys.stderr)
     return ExitCode.DEFECT
+
+
+def _explain(error: OSError) -> Exception:
+    """A full disk or a closed folder as what it is, wherever it was met; other errors as they are."""
+    try:
+        with told_plainly(Path(error.filename or ".")):
+            raise error
+    except Exception as explained:
+        return explained

@@ -55,7 +55,6 @@ def command(
     from abhv_mc.campaign.runner import run_campaign
     from abhv_mc.campaign.setup import Request
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.store.folder import StorageFullError
     from abhv_mc.store.remote import mirrored
 
     names = tuple(name.strip() for name in controllers.split(",")) if controllers else None
@@ -72,7 +71,7 @@ def command(
         with mirrored(out) if out else nullcontext() as folder:
             request = Request(campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans)
             finish(run_campaign(request, engine), no_report or part is not None, out)
-    except (StorageFullError, UnusableError) as error:
+    except UnusableError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE) from None
 

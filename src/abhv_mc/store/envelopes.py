@@ -63,4 +63,14 @@ def write_envelopes(path: Path, times: Floats, channels: Sequence[str], tables: 
     table = pa.Table.from_arrays(arrays, schema=pa.schema(fields))
     encoding = dict.fromkeys(["time", *columns], "BYTE_STREAM_SPLIT")
     options = {"compression": "zstd", "compression_level": 1, "use_dictionary": ["controller", "channel"]}
+    options["write_page_checksum"] = True
     write_whole(path, lambda aside: pq.write_table(table, aside, column_encoding=encoding, **options))
+
+
+def is_whole(path: Path) -> bool:
+    """Whether the envelopes are there as they were written."""
+    try:
+        pq.read_table(path, page_checksum_verification=True)
+    except (pa.ArrowException, OSError):
+        return False
+    return True

@@ -10,7 +10,7 @@ from pathlib import Path
 from abhv_mc.input_error import InputError
 
 _ASIDE = ".aside"  # ending of a file that is being written
-_FULL = (errno.ENOSPC, errno.EDQUOT)
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the last: a limit on a file's size (ulimit -f)
 _CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
 
 

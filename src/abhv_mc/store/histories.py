@@ -89,6 +89,12 @@ def _write(path: Path, table: pa.Table, floats: Sequence[str], words: list[str])
     write_whole(
         path,
         lambda aside: pq.write_table(
-            table, aside, compression="zstd", compression_level=1, use_dictionary=words, column_encoding=encoding
+            table,
+            aside,
+            compression="zstd",
+            compression_level=1,
+            use_dictionary=words,
+            column_encoding=encoding,
+            write_page_checksum=True,
         ),
     )

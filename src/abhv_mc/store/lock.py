@@ -17,16 +17,16 @@ def hold_lock(path: Path) -> Iterator[None]:
     """Hold the lock file ``path``. Raises InputError, which names the holder, when another process has it."""
     with told_plainly(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        file = path.open("a+", encoding="utf-8")  # held open as long as the lock
+        file = path.open("ab", buffering=0)  # held open as long as the lock
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             found = f"a campaign that {_holder(path)} is flying"
             raise InputError(path.parent, None, None, found, "its end, or another folder (-o DIR)") from None
-        file.truncate(0)
-        json.dump({"pid": os.getpid(), "host": platform.node()}, file)
-        file.flush()
+        with contextlib.suppress(OSError):  # a full disk: the lock holds all the same
+            file.truncate(0)
+            file.write(json.dumps({"pid": os.getpid(), "host": platform.node()}).encode())
         yield
 
 

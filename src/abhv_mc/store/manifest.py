@@ -7,6 +7,7 @@ from typing import Any
 from abhv_mc.input_error import InputError
 from abhv_mc.store.folder import write_text
 
+_WISH = "a manifest as it was written: restore it, or run with --fresh to delete what was flown and fly it anew"
 RUNNING, COMPLETE, INTERRUPTED = "running", "complete", "interrupted"
 
 
@@ -22,7 +23,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise InputError(path, None, None, "no such file", "the folder of a campaign") from None
     except (OSError, ValueError) as error:
-        raise InputError(path, None, None, f"a damaged manifest ({error})", "JSON") from None
+        raise InputError(path, None, None, f"a damaged manifest ({error})", _WISH) from None
     if not isinstance(manifest, dict):
-        raise InputError(path, None, None, "no mapping", "a manifest")
+        raise InputError(path, None, None, "no mapping", _WISH)
     return manifest

@@ -2,7 +2,6 @@
 
 import dataclasses
 import typing
-import zipfile
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,6 +12,7 @@ from abhv_mc.input_error import InputError
 from abhv_mc.store.folder import write_whole
 
 T = TypeVar("T")
+_WISH = "a plan as it was written: restore it, or run with --fresh to delete what was flown and fly it anew"
 _SCALARS = (bool, int, float, str)
 
 
@@ -54,9 +54,9 @@ def read_plan(path: Path) -> FlightPlan:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return rebuild(FlightPlan, dict(stored))
     except FileNotFoundError:
-        raise InputError(path, None, None, "no such file", "the plan of a campaign's controller") from None
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(path, None, None, f"a damaged plan ({error})", "a plan as it was written") from None
+        raise InputError(path, None, None, "no such file", _WISH) from None
+    except Exception as error:  # numpy's and zipfile's on damaged files are of many kinds, SyntaxError among them
+        raise InputError(path, None, None, f"a damaged plan ({error})", _WISH) from None
 
 
 def _is_record(kind: Any) -> bool:

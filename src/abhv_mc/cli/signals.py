@@ -1,0 +1,40 @@
+"""Ctrl-C and SIGTERM end every command alike, and at any moment: what was done is kept, the exit code is 3."""
+
+import contextlib
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from types import FrameType
+
+_AGAIN = 0.01  # s
+
+
+@contextlib.contextmanager
+def heed_signals() -> Iterator[None]:
+    """Let SIGTERM interrupt as Ctrl-C does, and let no interrupt get lost."""
+    hook, handler = sys.unraisablehook, signal.signal(signal.SIGTERM, _interrupt)
+
+    def interrupt_again(unraisable: "sys.UnraisableHookArgs") -> None:
+        """Python drops what is raised in a finalizer, even a KeyboardInterrupt: send it once more."""
+        if isinstance(unraisable.exc_value, KeyboardInterrupt):
+            threading.Timer(_AGAIN, os.kill, (os.getpid(), signal.SIGTERM)).start()
+        else:
+            hook(unraisable)
+
+    sys.unraisablehook = interrupt_again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
+        signal.signal(signal.SIGTERM, handler)
+
+
+def settle_interrupt() -> None:
+    """Leave with an exit code after an interrupt: one that hit exec or eval would have Python die by its signal."""
+    eval("0")  # noqa: S307  # the next one that runs to its end makes Python forget it
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
