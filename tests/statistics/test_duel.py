@@ -21,6 +21,15 @@ def test_equal_controllers_have_no_winner():
     assert (found.winner, found.ties) == ("", 50)
 
 
+def test_closer_on_more_flights_but_larger_in_the_median_wins_nothing():
+    flight = np.arange(500)
+    a = np.where(flight < 200, 0.9, 1.5)
+    b = np.where(flight >= 400, np.inf, 1.0)
+    found = metric_duel(a, b, PairedBootstrap(500, 50))
+    assert (found.a_better, found.b_better) == (300, 200) and found.median_difference.high < 0.0
+    assert found.mixed and found.winner == ""
+
+
 def test_a_failed_flight_loses():
     a, b = np.array([np.inf, 1.0, np.inf]), np.array([5.0, 2.0, np.inf])
     found = metric_duel(a, b, PairedBootstrap(3, 50))

@@ -78,6 +78,7 @@ def _metric(a: Floats, b: Floats, metric: str, names: tuple[str, str], bootstrap
         "b_better": duel.b_better,
         "ties": duel.ties,
         "winner": {"a": names[0], "b": names[1], "": None}[duel.winner],
+        "mixed": duel.mixed,
         "median_difference": interval_in_sense(duel.median_difference, sense),
         "pairing_gain": plain(duel.pairing_gain),
         **{level_name(level): interval_in_sense(interval, sense) for level, interval in levels},

@@ -66,15 +66,17 @@ def interval_of(estimate: float, replicates: Floats, confidence: float = 0.95) -
 def quantile_differences(
     a: Floats, b: Floats, probabilities: tuple[float, ...], bootstrap: PairedBootstrap, confidence: float = 0.95
 ) -> list[Interval]:
-    """Quantiles of `a` minus those of `b`, each with the bootstrap interval over pairs."""
+    """Quantiles of `a` minus those of `b`, each with the bootstrap interval over pairs; NaN where both are infinite."""
     spread_a, spread_b = bootstrap.quantiles(a, probabilities), bootstrap.quantiles(b, probabilities)
     sorted_a, sorted_b = np.sort(a), np.sort(b)
     intervals = []
     for column, probability in enumerate(probabilities):
         high_a, high_b = sorted_quantile(sorted_a, probability), sorted_quantile(sorted_b, probability)
-        estimate = 0.0 if np.isinf(high_a) and np.isinf(high_b) else high_a - high_b
+        if np.isinf(high_a) and np.isinf(high_b):
+            intervals.append(Interval(np.nan, np.nan, np.nan))
+            continue
         with np.errstate(invalid="ignore"):
             replicates = spread_a[:, column] - spread_b[:, column]
         replicates = np.nan_to_num(replicates, nan=0.0, posinf=np.inf, neginf=-np.inf)  # both infinite: a tie
-        intervals.append(interval_of(estimate, replicates, confidence))
+        intervals.append(interval_of(high_a - high_b, replicates, confidence))
     return intervals

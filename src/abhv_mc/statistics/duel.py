@@ -33,8 +33,22 @@ class MetricDuel:
     pairing_gain: float | None  # how many times the flights an unpaired comparison of means would need
 
     @property
+    def mixed(self) -> bool:
+        """Whether the one with the smaller error on more flights has the larger median error."""
+        medians = next(
+            (i for level, i in zip(self.levels, self.quantile_differences, strict=True) if level == 0.5), None
+        )
+        if medians is None:
+            return False
+        return (self._ahead == "a" and medians.value > 0.0) or (self._ahead == "b" and medians.value < 0.0)
+
+    @property
     def winner(self) -> str:
-        """'a', 'b', or '' where the interval of the median difference holds zero."""
+        """'a', 'b', or '' where the interval of the median difference holds zero or the medians contradict it."""
+        return "" if self.mixed else self._ahead
+
+    @property
+    def _ahead(self) -> str:
         return "a" if self.median_difference.high < 0.0 else "b" if self.median_difference.low > 0.0 else ""
 
 
