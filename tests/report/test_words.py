@@ -1,8 +1,15 @@
 import pytest
 
+from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.report.metrics import METRIC_WORDS
-from abhv_mc.report.parameters import shown_value
+from abhv_mc.report.parameters import shown_value, spoken_name
 from abhv_mc.report.words import bounds, estimate, fixed, p_value, percent, significant
+
+
+def test_every_parameter_has_its_own_name():
+    assert spoken_name("aero.yawing_moment.sideslip") == "yawing moment due to sideslip"
+    assert spoken_name("mass.center_of_gravity_x") == "centre of gravity x"
+    assert len({spoken_name(parameter.name) for parameter in PARAMETERS}) == len(PARAMETERS)
 
 
 def interval(value, low, high):

@@ -43,14 +43,18 @@ def _duel_sentence(duel: Mapping[str, Any]) -> str:
     if not metrics:
         return ""
     won: dict[str | None, list[str]] = {a: [], b: [], None: []}
+    mixed = [_SHORT[metric] for metric in metrics if duel["metrics"][metric]["mixed"]]
     for metric in metrics:
-        won[duel["metrics"][metric]["winner"]].append(_SHORT[metric])
+        if not duel["metrics"][metric]["mixed"]:
+            won[duel["metrics"][metric]["winner"]].append(_SHORT[metric])
     parts = []
     for name, other in ((a, b), (b, a)):
         if won[name]:
             parts.append(f"{controller_label(name)} holds {joined(won[name])} closer than {controller_label(other)}")
     if won[None]:
         parts.append(f"no difference is shown in {joined(won[None])}")
+    if mixed:
+        parts.append(f"in {joined(mixed)} the one that is closer on more flights has the larger median")
     return f"On the same {fixed(duel['pairs'], 0)} flights {'; '.join(parts)}{_usage_words(duel)}."
 
 
@@ -72,16 +76,8 @@ def _usage_words(duel: Mapping[str, Any]) -> str:
 
 
 def _early_sentences(numbers: Mapping[str, Any]) -> list[str]:
-    """How many flights each controller ended early, where those flights live, and which controller saves more."""
+    """Which controller loses fewer flights, how many each ended early, and where those flights live."""
     sentences = []
-    for name, counts in numbers["flights"].items():
-        if not counts["failed"]:
-            continue
-        failed = count_of(counts["failed"], counts["flown"], "flights")
-        text = f"{controller_label(name)} ended {failed} early"
-        kinds = numbers["drivers"].get("controllers", {}).get(name, {}).get("failures", [])
-        rules: list[Any] = next((kind["rules"] for kind in kinds if kind["kind"] == EARLY), [])
-        sentences.append(f"{text}, most of all where {rules[0]['rule']}." if rules else f"{text}.")
     for duel in numbers["duels"].values():
         found = duel["ended_early"]
         if found["only_a"] or found["only_b"]:
@@ -90,6 +86,14 @@ def _early_sentences(numbers: Mapping[str, Any]) -> list[str]:
                 f"{fixed(found['only_a'], 0)} under {controller_label(duel['a'])} alone "
                 f"(the chance of such a split were both as good: {p_value(found['p_value'])})."
             )
+    for name, counts in numbers["flights"].items():
+        if not counts["failed"]:
+            continue
+        failed = count_of(counts["failed"], counts["flown"], "flights")
+        text = f"{controller_label(name)} ended {failed} early"
+        kinds = numbers["drivers"].get("controllers", {}).get(name, {}).get("failures", [])
+        rules: list[Any] = next((kind["rules"] for kind in kinds if kind["kind"] == EARLY), [])
+        sentences.append(f"{text}, most of all where {rules[0]['rule']}." if rules else f"{text}.")
     return sentences
 
 
@@ -97,10 +101,11 @@ def _driver_sentence(numbers: Mapping[str, Any], name: str) -> str:
     """What moves each headline error of a controller most, by Sobol's total index or by rank correlation."""
     sobol = numbers["sobol"].get("controllers", {}).get(name, {}).get("metrics", {})
     ranks = numbers["drivers"].get("controllers", {}).get(name, {}).get("metrics", {})
-    parts = []
+    parts, widths = [], [0.0]
     for metric in (*HOLDING, *FOLLOWING):
         if metric in sobol:
             top = [e for e in sobol[metric] if e["total"][1] > _LEAST_SHARE][:_NAMED]
+            widths += [(e[kind][2] - e[kind][1]) / 2.0 for e in top for kind in ("first", "total")]
             words = [f"{spoken_name(e['parameter'])} ({_share(e['total'])}, {_share(e['first'])} alone)" for e in top]
         else:
             found = [e["parameter"] for e in ranks.get(metric, {}).get("parameters", []) if e["driver"]]
@@ -109,8 +114,29 @@ def _driver_sentence(numbers: Mapping[str, Any], name: str) -> str:
             parts.append(f"{_SHORT[metric]}: {joined(words)}")
     if not parts:
         return ""
-    how = "share of the variance that involves them" if sobol else "largest rank regression coefficients first"
+    how = "largest rank regression coefficients first"
+    if sobol:
+        how = f"share of the variance that involves them, within {percent(round(max(widths), 2), 2)} or closer"
     return f"What moves {controller_label(name)}'s errors most ({how}): {'; '.join(parts)}."
+
+
+def _first_drivers_sentence(numbers: Mapping[str, Any]) -> str:
+    """In which errors the parameter with the largest total index is the same for all controllers, and where not."""
+    found = {n: part["metrics"] for n, part in numbers["sobol"].get("controllers", {}).items() if part["metrics"]}
+    same, apart = [], []
+    for metric in (*HOLDING, *FOLLOWING) if len(found) > 1 else ():
+        if any(metric not in part for part in found.values()):
+            continue
+        first = {name: spoken_name(part[metric][0]["parameter"]) for name, part in found.items()}
+        if len(set(first.values())) == 1:
+            same.append(f"{_SHORT[metric]} ({next(iter(first.values()))})")
+        else:
+            each = [f"{word} for {controller_label(name)}" for name, word in first.items()]
+            apart.append(f"{_SHORT[metric]} ({', '.join(each)})")
+    parts = [f"the same in {joined(same)}"] if same else []
+    parts += [f"it differs in {joined(apart)}"] if apart else []
+    who = joined([controller_label(name) for name in found])
+    return f"What spreads an error most is for {who} {'; '.join(parts)}." if parts else ""
 
 
 def _share(index: Sequence[float]) -> str:
@@ -119,12 +145,19 @@ def _share(index: Sequence[float]) -> str:
 
 
 def answer_sentences(numbers: Mapping[str, Any]) -> list[str]:
-    """What a reader with two minutes should know, most important first."""
-    sentences = [_duel_sentence(duel) for duel in numbers["duels"].values()]
+    """What a reader with two minutes should know, most important first: flights lost, then who wins, then why.
+
+    A Saltelli campaign was flown to learn what moves the errors, and says that before who wins.
+    """
+    wins = [_duel_sentence(duel) for duel in numbers["duels"].values()]
     if numbers["requirements"]:
-        sentences.append(_requirements_sentence(numbers))
-    sentences += _early_sentences(numbers)
-    sentences += [_driver_sentence(numbers, name) for name in numbers["campaign"]["controllers"][:_MOVED]]
+        wins.append(_requirements_sentence(numbers))
+    drivers = [_first_drivers_sentence(numbers)]
+    drivers += [_driver_sentence(numbers, name) for name in numbers["campaign"]["controllers"][:_MOVED]]
+    for name, part in numbers["sobol"].get("controllers", {}).items():
+        if part["refused"]:
+            drivers.append(f"{controller_label(name)} has no Sobol indices: {part['refused']}.")
+    sentences = _early_sentences(numbers) + (drivers + wins if numbers["sobol"] else wins + drivers)
     return [sentence for sentence in sentences if sentence]
 
 
@@ -145,12 +178,15 @@ def sureness_sentence(numbers: Mapping[str, Any]) -> str:
     campaign = numbers["campaign"]
     flown = {counts["flown"] for counts in numbers["flights"].values()}
     flights = joined([fixed(count, 0) for count in sorted(flown)])
-    text = f"Based on {flights} flights of each controller, the same dispersions for all; intervals are 95 %."
+    text = f"Based on {flights} flights of each controller, the same dispersions for all"
+    text += "; intervals are 95 %." if campaign["independent_flights"] else "."
     if not campaign["independent_flights"]:
         text += (
             f" The flights of a {campaign['sampling']} design are not independent draws: exact binomial statistics do "
-            "not hold, so the numbers are estimates and no verdict is given."
+            "not hold, so quantiles, differences and their intervals are estimates and no verdict is given."
         )
+        if numbers["sobol"]:
+            text += " The intervals of the Sobol indices are 95 %, from resampled groups of flights."
     elif numbers["requirements"]:
         risks = sorted({entry["consumer_risk"] for entry in numbers["requirements"]})
         text += f" A PASS is wrong with a probability of at most {joined([percent(risk) for risk in risks])}"

@@ -14,7 +14,7 @@ from abhv_mc.report.figures.paper import FigureText, paper_figures
 from abhv_mc.report.figures.sobol import SobolPanel, plot_sobol
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.metrics import FOLLOWING, HEADLINE, HOLDING, METRIC_WORDS, USAGE, controller_label, words_of
-from abhv_mc.report.parameters import short_names
+from abhv_mc.report.parameters import spoken_name
 from abhv_mc.report.results import Floats, Results, read_histories
 from abhv_mc.report.worst import rank_worst
 
@@ -128,7 +128,6 @@ def _drivers(
 ) -> Iterator[Any]:
     found = {name: part["metrics"] for name, part in numbers["drivers"].get("controllers", {}).items()}
     panels = []
-    short = short_names(results.samples)
     for metric in HEADLINE:
         tables = {
             name: {(e["parameter"], e["either_way"]): e for e in part[metric]["parameters"]}
@@ -145,7 +144,7 @@ def _drivers(
         panels.append(
             DriverPanel(
                 _label(metric).split(" (")[0],
-                [short[name] + (", either way" if either else "") for name, either in ranked],
+                [spoken_name(name) + (", either way" if either else "") for name, either in ranked],
                 {
                     name: np.array([table.get(p, missing)["srrc"] for p in ranked], float)
                     for name, table in tables.items()
@@ -167,7 +166,6 @@ def _sobol(
     results: Results, numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> Iterator[Any]:
     found = {n: part["metrics"] for n, part in numbers["sobol"].get("controllers", {}).items() if part["metrics"]}
-    short = short_names(results.samples)
     panels = []
     for metric in HEADLINE:
         tables = {name: {e["parameter"]: e for e in part[metric]} for name, part in found.items() if metric in part}
@@ -179,7 +177,7 @@ def _sobol(
             {name: np.array([table[p][kind] for p in ranked], float) for name, table in tables.items()}
             for kind in ("first", "total")
         )
-        panels.append(SobolPanel(_label(metric).split(" (")[0], [short[p] for p in ranked], first, total))
+        panels.append(SobolPanel(_label(metric).split(" (")[0], [spoken_name(p) for p in ranked], first, total))
     if panels:
         text = FigureText(
             "sobol",
@@ -196,19 +194,24 @@ def _convergence(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: 
     for metric in HEADLINE:
         if any(metric not in part["metrics"] for part in traces.values()):
             continue
-        for level, words in (("q95", "95 %"),):
-            series = {}
-            for name, part in traces.items():
-                table = part["metrics"][metric][level]
-                series[name] = np.array([table["value"], table["low"], table["high"]], dtype=float).T
-            flights = {name: np.array(part["flights"], float) for name, part in traces.items()}
-            panels.append(ConvergencePanel(f"{_label(metric)}, {words}", flights, series))
+        tables = {name: part["metrics"][metric] for name, part in traces.items()}
+        reached = all(table["q95"]["value"][-1] is not None for table in tables.values())
+        level, words = ("q95", "95 %") if reached else ("q50", "median")
+        series = {
+            name: np.array([table[level][end] for end in ("value", "low", "high")], dtype=float).T
+            for name, table in tables.items()
+        }
+        if all(np.isnan(table[:, 0]).all() for table in series.values()):
+            continue
+        flights = {name: np.array(part["flights"], float) for name, part in traces.items()}
+        panels.append(ConvergencePanel(f"{_label(metric)}, {words}", flights, series))
     if panels and any(table.shape[0] > 1 for panel in panels for table in panel.series.values()):
         text = FigureText(
             "convergence",
             "How the numbers settled",
-            "The 95 % quantile of each error after so many flights, in flight order, with its exact 95 % interval "
-            "where the flights bound it on both sides.",
+            "The 95 % quantile of each error (the median where more than 5 % of a controller's flights ended early) "
+            "after so many flights, in flight order, with its exact 95 % interval where the flights bound it on both "
+            "sides.",
         )
         yield text, plot_convergence(panels, labels, colors)
 

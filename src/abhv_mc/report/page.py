@@ -84,7 +84,8 @@ def _packed_plotly() -> Markup:
 def _dispersions(numbers: Mapping[str, Any]) -> list[dict[str, str]]:
     rows = []
     for name, entry in numbers["campaign"]["dispersions"].items():
-        settings = ", ".join(f"{k.replace('_', ' ')} {v}" for k, v in entry.items() if k != "distribution")
+        widths = {k: v.replace(" ", "\N{NO-BREAK SPACE}") if isinstance(v, str) else v for k, v in entry.items()}
+        settings = ", ".join(f"{k.replace('_', ' ')} {v}" for k, v in widths.items() if k != "distribution")
         law = str(entry.get("distribution", "")).replace("_", " ")
         rows.append({"name": name, "doc": parameter_doc(name), "law": law, "settings": settings})
     return rows

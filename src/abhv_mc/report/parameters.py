@@ -1,7 +1,6 @@
 """How a report speaks of a dispersed parameter and its values."""
 
 import math
-from collections.abc import Iterable
 
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.report.words import fixed, significant
@@ -26,21 +25,17 @@ def shown_value(name: str, value: float) -> str:
 
 
 def spoken_name(name: str) -> str:
-    """'lift' for 'aero.lift', 'wind north' for 'wind.north', 'centre of gravity x' for 'mass.center_of_gravity_x'."""
+    """'lift' for 'aero.lift', 'wind north' for 'wind.north', 'yawing moment due to sideslip' for that part of it."""
     group, _, rest = name.partition(".")
     if name == "mass.total":
         return "mass"
-    words = rest if group in _UNSPOKEN else name
+    unspoken = group in _UNSPOKEN or (group == "sensor" and name.endswith(("_bias", "_noise")))
+    words = rest if unspoken else name
+    if group == "aero" and not words.endswith(".increment"):
+        words = words.replace(".", " due to ")
     return words.replace("center_of", "centre_of").replace(".", " ").replace("_", " ")
 
 
 def parameter_doc(name: str) -> str:
     """What it is, in words."""
     return PARAMETERS[PARAMETER_INDEX[name]].doc if name in PARAMETER_INDEX else ""
-
-
-def short_names(parameters: Iterable[str]) -> dict[str, str]:
-    """Parameters without their group where that leaves no two alike: 'density' for 'atmosphere.density'."""
-    names = list(parameters)
-    last = [name.split(".", 1)[-1] for name in names]
-    return {name: word if last.count(word) == 1 else name for name, word in zip(names, last, strict=True)}

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from abhv_mc.report.metrics import FOLLOWING, HOLDING, METRIC_WORDS, USAGE, MetricWords, controller_label, words_of
-from abhv_mc.report.parameters import parameter_doc, short_names, shown_value
+from abhv_mc.report.parameters import parameter_doc, shown_value, spoken_name
 from abhv_mc.report.words import bounds, count_of, estimate, p_value, percent, significant
 
 GROUPS = {
@@ -89,7 +89,7 @@ def headline_rows(numbers: Mapping[str, Any]) -> list[Row]:
             differences.append(
                 {
                     **_cell(found["median_difference"]),
-                    "winner": controller_label(found["winner"]) if found["winner"] else "neither",
+                    "winner": _winner(found),
                     "better": count_of(found["a_better"], duel["pairs"]),
                 }
             )
@@ -102,6 +102,12 @@ def headline_rows(numbers: Mapping[str, Any]) -> list[Row]:
             }
         )
     return rows
+
+
+def _winner(found: Mapping[str, Any]) -> str:
+    if found["mixed"]:
+        return "mixed"
+    return controller_label(found["winner"]) if found["winner"] else "neither"
 
 
 def metric_groups(numbers: Mapping[str, Any]) -> Iterator[Row]:
@@ -248,7 +254,6 @@ def sobol_rows(numbers: Mapping[str, Any]) -> list[Row]:
 def worst_tables(numbers: Mapping[str, Any], folder: str) -> list[Row]:
     """The worst flights of each controller, each with the command that replays it."""
     tables = []
-    short = short_names(numbers["campaign"]["parameters"])
     for name, flights in numbers["worst"].items():
         rows = []
         for entry in flights:
@@ -260,7 +265,7 @@ def worst_tables(numbers: Mapping[str, Any], folder: str) -> list[Row]:
                     "share": percent(entry["share"], 2) if entry["share"] is not None else "\N{EM DASH}",
                     "values": [significant(entry["metrics"].get(m)) for m in (*FOLLOWING, *HOLDING)],
                     "samples": ", ".join(
-                        f"{short[key]} {shown_value(key, value)}" for key, value in entry["samples"].items()
+                        f"{spoken_name(key)} {shown_value(key, value)}" for key, value in entry["samples"].items()
                     ),
                     "command": f"abhv-mc replay {folder} --flight {entry['flight']} --controller {name}",
                 }

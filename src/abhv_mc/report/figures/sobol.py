@@ -32,6 +32,7 @@ def plot_sobol(panels: Sequence[SobolPanel], labels: Mapping[str, str], colors: 
     most = max(len(panel.parameters) for panel in panels)
     figure = new_figure(0.5 + rows * (0.6 + 0.17 * most * max(1.0, len(labels) / 2.0)))
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True)
+    lowest, highest = -0.05, 1.0
     for axes, panel in zip(grid.flat, panels, strict=False):
         place = np.arange(len(panel.parameters))
         for i, name in enumerate(panel.total):
@@ -51,9 +52,11 @@ def plot_sobol(panels: Sequence[SobolPanel], labels: Mapping[str, str], colors: 
         axes.axvline(0.0, color=INK, linewidth=0.6)
         axes.set_yticks(place, panel.parameters)
         axes.set_ylim(len(panel.parameters) - 0.5, -0.5)
-        axes.set_xlim(-0.1, 1.1)
+        ends = np.concatenate([table.ravel() for table in (*panel.first.values(), *panel.total.values())])
+        lowest, highest = min(lowest, float(ends.min())), max(highest, float(ends.max()))
         axes.set_title(panel.title, fontsize=8, loc="left")
         axes.grid(visible=False, axis="y")
+    grid.flat[0].set_xlim(lowest - 0.05, highest + 0.05)  # of all: noise takes ends past 0 and 1
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
     for axes in grid.flat[max(0, len(panels) - columns) : len(panels)]:
