@@ -8,7 +8,7 @@ from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import look_up
 from abhv_mc.plant.state import variable_row
-from abhv_mc.vehicle.arrays import Floats, Tables
+from abhv_mc.vehicle.arrays import Floats
 from benchmarks.timing import measure_ratio
 
 CALLS = 2000
@@ -36,21 +36,21 @@ def look_up_often(width, tables, mach, alpha, calls):
     return total
 
 
-def measure_look_up() -> dict[str, float]:
-    """Ratios of times."""
+ONE_CELL = np.full(LANES, 4.72), np.full(LANES, 0.031)
+CELLS = np.linspace(2.0, 12.0, LANES), np.linspace(0.0, 0.3, LANES)
+COMPARED = {  # what: (lanes, Mach numbers and angles, calls) of the slower and of the faster
+    "one lane, 16 times / 16 lanes in one cell": ((1, ONE_CELL, LANES * CALLS), (LANES, ONE_CELL, CALLS)),
+    "16 lanes in different cells / in one": ((LANES, CELLS, CALLS), (LANES, ONE_CELL, CALLS)),
+}
+
+
+def measure_look_up(compared: str) -> float:
+    """The ratio of times."""
     plans, _ = make_work(1)
     tables = plans["lqr"].vehicle.tables
-    one_cell = np.full(LANES, 4.72), np.full(LANES, 0.031)
-    cells = np.linspace(2.0, 12.0, LANES), np.linspace(0.0, 0.3, LANES)
+    slow, fast = COMPARED[compared]
 
-    def fly(width: int, points: tuple[Floats, Floats], calls: int, t: Tables = tables) -> float:
-        return float(look_up_often(width, t, *points, calls))
+    def call(width: int, points: tuple[Floats, Floats], calls: int) -> float:
+        return float(look_up_often(width, tables, *points, calls))
 
-    return {
-        "look-up: one lane, 16 times / 16 lanes in one cell": measure_ratio(
-            lambda: fly(1, one_cell, LANES * CALLS), lambda: fly(LANES, one_cell, CALLS)
-        ),
-        "look-up: 16 lanes in different cells / in one": measure_ratio(
-            lambda: fly(LANES, cells, CALLS), lambda: fly(LANES, one_cell, CALLS)
-        ),
-    }
+    return measure_ratio(lambda: call(*slow), lambda: call(*fast))

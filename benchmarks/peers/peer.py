@@ -47,9 +47,9 @@ def main(make_fly: Callable[[FlightPlan], Callable[[Floats], Floats]], name: str
     """Measure a peer that flies ``parameters`` [flight, parameter] under LQR to final states [flight, state]."""
     work = read_work()
     fly = make_fly(work.plans["lqr"])
-    start = time.perf_counter()
+    start = time.process_time()
     final = fly(work.parameters)
-    first = time.perf_counter() - start
+    first = time.process_time() - start
     difference = float(np.abs(final[:, 0] - work.final_states[:, 0]).max())
     seconds = measure(lambda: fly(work.parameters), len(work.parameters), work.repeats)
     write_result(name, seconds, altitude_difference_m=difference, first_call_s=first)

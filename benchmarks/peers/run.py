@@ -190,11 +190,14 @@ def make_table(record: dict[str, Any]) -> str:
         for name, one in peers.items()
         if "altitude_difference_m" in one
     ]
+    first = [f"{one['first_call_s']:.0f} s ({name})" for name, one in peers.items() if "first_call_s" in one]
     lines += [
         "",
         f"Medians of {ours['repeats']} repeats in {ours['processes']} processes each, processor time of one core; "
         f"times ours: against `{YARDSTICK}` in the same round. Altitude after 60 s differs from ours by at most "
         + ", ".join(differences)
+        + ". Not counted: compiling, within the first call, which took up to "
+        + ", ".join(first)
         + ".",
     ]
     return "\n".join(lines)
