@@ -11,14 +11,13 @@ stops.
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from experiment import ROOT, Floats, wrapped
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from experiment import ROOT, wrapped
+from paper_figures import plot_point, plot_track
+from paper_points import CONTROLLERS, POINTS, VERDICTS, Point, axis_of, judge, settled, spread
 
 from abhv_mc.control.columns import LQR_ELEVATOR, LQR_GUIDANCE, LQR_LATERAL
 from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
@@ -27,19 +26,8 @@ from abhv_mc.control.mission import read_mission
 from abhv_mc.control.profile import step_times
 from abhv_mc.control.reference import SETTLING, make_mission_trim_tables, solve_reference
 from abhv_mc.plant.vehicles import load_vehicle
-from abhv_mc.report.figures.style import GRID, controller_colors, new_figure, styled, write_png
-from abhv_mc.report.metrics import controller_label
+from abhv_mc.report.figures.style import write_png
 from abhv_mc.report.results import Results, read_results
-
-THEIR_START = 180.0  # s, the paper's time at the beginning of the S
-READING = 0.02  # of a range's width
-IN, AFTER, OUT = VERDICTS = ("matched", "after the steps", "not matched")
-CONTROLLERS = {"tlc": "TLC", "lqr": "LQR", "lqr_retuned": "LQR retuned"}
-COMMANDS = {
-    "angle_of_attack_deg": "angle_of_attack_command_deg",
-    "bank_deg": "bank_command_deg",
-}  # the paper shows them
-ZOOMED = 3.0  # curves that leave the paper's range by this many widths are shown once more, near it
 
 # Table 1 of the paper: damping and bandwidth (rad/s).
 TABLE_1 = {
@@ -52,165 +40,6 @@ TABLE_1 = {
     "rates.pitch_rate": (3.4, 1.2),
     "rates.yaw_rate": (3.4, 1.5),
 }
-
-
-@dataclass(frozen=True)
-class Point:
-    """One curve of one figure."""
-
-    figure: str
-    words: str
-    channel: str
-    low: float  # the paper's range, unit of the label
-    high: float
-    unit: str
-    verdicts: tuple[str, str, str]  # those of CONTROLLERS, for which ``why`` was written
-    dispersed: tuple[str, str, str]  # the same of all dispersed flights
-    why: str = ""
-    sign: float = 1.0  # -1: mirrored, because the paper's first bank is positive
-    scale: float = 1.0
-
-    def ours(self, values: Floats) -> Floats:
-        """A channel in the paper's unit and sign."""
-        return self.sign * self.scale * values
-
-
-LQR_CYCLE = (
-    "the paper's weights do not fit this vehicle: the fastest pole of its guidance, {guidance_pole:.1f} /s, is faster "
-    "than those of the angle of attack, {attitude_pole:.1f} /s, and angle of attack and elevator keep cycling; the "
-    "retuned LQR's do not"
-)
-STEP = (
-    "at a step of the bank command Table 1 asks for {acceleration:.0f} deg/s2 of roll at once, before its "
-    "differentiators add to it. Within {limit:.1f} deg of aileron that takes {needed:.0f} deg/s2 per degree; this "
-    "vehicle has {effectiveness:.0f}. The paper's command cannot have stepped as its text says, or its vehicle rolls "
-    "{times:.0f} times as easily"
-)
-POINTS = (
-    Point("3", "altitude", "altitude_m", 19.95, 20.05, "km", (IN, IN, IN), (IN, IN, IN), scale=1e-3),
-    Point(
-        "3",
-        "speed",
-        "speed_mps",
-        1395.0,
-        1405.0,
-        "m/s",
-        (IN, IN, IN),
-        (IN, OUT, IN),
-        "dispersed, LQR with the paper's weights goes from {speed_low:.0f} to {speed_high:.0f} m/s: the cycle of its "
-        "angle of attack (Figure 5) cycles the drag",
-    ),
-    Point(
-        "4",
-        "heading",
-        "heading_deg",
-        84.0,
-        91.0,
-        "deg",
-        (OUT, OUT, OUT),
-        (OUT, OUT, OUT),
-        "5 km in a half cosine of 50 s turn the heading by {turn:.2f} deg, to {heading:.2f}; the paper prints no "
-        "formula of its S, and 84 deg belong to one of {length:.0f} s",
-    ),
-    Point(
-        "5",
-        "angle of attack",
-        "angle_of_attack_deg",
-        2.0,
-        6.0,
-        "deg",
-        (IN, OUT, IN),
-        (IN, OUT, IN),
-        "LQR: " + LQR_CYCLE,
-    ),
-    Point(
-        "6",
-        "sideslip",
-        "sideslip_deg",
-        -0.2,
-        0.7,
-        "deg",
-        (IN, AFTER, IN),
-        (IN, AFTER, IN),
-        "LQR: the paper's weights leave the yaw of {lqr_aileron:.0f} deg of aileron to {lqr_rudder:.1f} deg of rudder",
-        sign=-1.0,
-    ),
-    Point(
-        "7",
-        "bank",
-        "bank_deg",
-        -55.0,
-        55.0,
-        "deg",
-        (IN, IN, IN),
-        (IN, IN, AFTER),
-        "the retuned LQR passes its command at the first step, dispersed up to {retuned_bank:.1f} deg",
-        sign=-1.0,
-    ),
-    Point(
-        "8", "aileron", "aileron_deg", -1.2, 0.8, "deg", (AFTER, AFTER, AFTER), (AFTER, AFTER, AFTER), STEP, sign=-1.0
-    ),
-    Point(
-        "9",
-        "rudder",
-        "rudder_deg",
-        -0.4,
-        0.3,
-        "deg",
-        (OUT, AFTER, AFTER),
-        (OUT, AFTER, AFTER),
-        "the rudder answers the yaw of the aileron at the steps; with TLC it is back in the range {rudder_first:.1f} s "
-        "after the first and {rudder_second:.1f} s after the second",
-        sign=-1.0,
-    ),
-    Point(
-        "10",
-        "elevator",
-        "elevator_deg",
-        -0.5,
-        2.5,
-        "deg",
-        (OUT, OUT, OUT),
-        (OUT, OUT, OUT),
-        "the vehicle file puts the 1 g elevator to 0, and GHAME needs it trailing edge up, negative, for more angle of "
-        "attack: down to {tlc_low:.2f} deg after the steps with TLC, {own_low:.2f} with the retuned LQR. The paper's "
-        "goes the other way from 0; it prints neither its sign nor its tables. LQR: as in Figure 5",
-    ),
-    Point(
-        "11",
-        "equivalence ratio, commanded",
-        "equivalence_ratio_command",
-        0.8,
-        1.25,
-        "",
-        (IN, IN, IN),
-        (IN, IN, AFTER),
-        "the retuned LQR answers the worst flights' first error of speed, in the second tenth of a second, with "
-        "{retuned_eta:.2f}",
-    ),
-)
-
-
-def settled(times: Floats, steps: tuple[float, ...]) -> NDArray[np.bool_]:
-    """From SETTLING after each step of the reference to the next one."""
-    kept = np.ones(times.size, dtype=bool)
-    for step in steps:
-        kept &= (times < step - 1e-9) | (times >= step + SETTLING - 1e-9)
-    return kept
-
-
-def judge(point: Point, times: Floats, values: Floats, steps: tuple[float, ...]) -> str:
-    """The verdict on a nominal flight."""
-    room = READING * (point.high - point.low)
-    inside = (values >= point.low - room) & (values <= point.high + room)
-    return IN if inside.all() else AFTER if inside[settled(times, steps)].all() else OUT
-
-
-def spread(point: Point, low: Floats, high: Floats) -> str:
-    """'a to b' in the digits of the paper's range."""
-    digits = max(1, int(np.ceil(2.0 - np.log10(point.high - point.low))))
-    ends = np.concatenate([point.ours(low), point.ours(high)])
-    return f"{ends.min():.{digits}f} to {ends.max():.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
 def check_gains() -> None:
@@ -276,11 +105,6 @@ def find_facts(results: Results, steps: tuple[float, ...]) -> dict[str, float]:
     }
 
 
-def axis_of(point: Point) -> str:
-    """The paper's range in words."""
-    return f"{point.low:g} to {point.high:g} {point.unit}".strip().replace("-", "\N{MINUS SIGN}")
-
-
 def check_verdicts(point: Point, found: list[str], wanted: tuple[str, ...]) -> None:
     """Raise SystemExit where verdicts are not those that a reason was written for."""
     if tuple(found) != wanted:
@@ -315,54 +139,6 @@ def dispersed_table(results: Results, steps: tuple[float, ...]) -> Iterator[str]
             verdicts.append(max(found, key=VERDICTS.index))
         check_verdicts(point, verdicts, point.dispersed)
         yield f"| {point.figure} {point.words} | {axis_of(point)} | {' | '.join((*cells, *verdicts))} |"
-
-
-@styled
-def plot_point(results: Results, point: Point) -> Figure:
-    """The nominal flights over the paper's time, TLC's dispersed flights and the paper's range behind them.
-
-    Commands are dotted. Curves that leave the range far are shown a second time, near it.
-    """
-    curves = {name: point.ours(flown[point.channel]) for name, flown in results.nominal.items()}
-    furthest = max(max(values.max() - point.high, point.low - values.min()) for values in curves.values())
-    twice = furthest > ZOOMED * (point.high - point.low)
-    figure = new_figure(2.0, 6.4 if twice else 3.5)
-    panels = figure.subplots(1, 2 if twice else 1, squeeze=False)[0]
-    colors = controller_colors(results.controllers)
-    envelope = results.envelopes["tlc", point.channel]
-    low, high = (point.ours(envelope.bands[end]) for end in ("min", "max"))
-    for axes in panels:
-        axes.axhspan(point.low, point.high, color=GRID, alpha=0.5, linewidth=0.0, label="paper's range")
-        axes.fill_between(envelope.time + THEIR_START, low, high, color=colors["tlc"], alpha=0.25, linewidth=0.0)
-        for name, flown in results.nominal.items():
-            times = flown["time"] + THEIR_START
-            axes.plot(times, curves[name], color=colors[name], label=controller_label(name))
-            if point.channel in COMMANDS:
-                command = point.ours(flown[COMMANDS[point.channel]])
-                axes.plot(times, command, ":", color=colors[name], linewidth=0.8)
-        axes.set_xlabel("the paper's time (s)")
-    panels[0].set_ylabel(f"{point.words} ({point.unit})" if point.unit else point.words.split(",")[0])
-    if twice:
-        width = point.high - point.low
-        panels[1].set_ylim(point.low - 0.5 * width, point.high + 0.5 * width)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=6.0)
-    return figure
-
-
-@styled
-def plot_track(results: Results) -> Figure:
-    """Latitude over longitude, as Figure 2."""
-    figure = new_figure(2.0, 3.5)
-    axes = figure.subplots()
-    colors = controller_colors(results.controllers)
-    for name, flown in results.nominal.items():
-        x, y = flown["longitude_deg"], flown["latitude_deg"]
-        axes.plot(x, y, color=colors[name], label=controller_label(name))
-    axes.set_xlabel("longitude (deg)")
-    axes.set_ylabel("latitude (deg)")
-    figure.legend(loc="outside lower center", ncols=3, fontsize=6.0)
-    return figure
 
 
 def page(results: Results, steps: tuple[float, ...], images: dict[str, str]) -> str:
