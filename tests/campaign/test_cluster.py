@@ -131,9 +131,10 @@ def test_workers_with_other_code_stop_the_campaign(dask, tmp_path):
         run_campaign(request, replace(ENGINE, checked=True))
 
 
-def test_no_scheduler_is_bad_input(tmp_path, monkeypatch):
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "carrier-pigeon://here:1"])
+def test_no_scheduler_is_bad_input(tmp_path, monkeypatch, address):
     monkeypatch.setattr("abhv_mc.campaign.cluster._CONNECT", 0.5)
-    request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler="tcp://127.0.0.1:9")
+    request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=address)
     with pytest.raises(InputError, match="no scheduler"):
         run_campaign(request, ENGINE)
     assert not (tmp_path / "out").exists()

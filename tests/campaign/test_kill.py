@@ -5,38 +5,65 @@ import os
 import random
 import signal
 import time
+from dataclasses import replace
 
+import psutil
 import pyarrow.parquet as pq
 import pytest
 from campaign.fake_flight import ENGINE, SLOW_ENGINE, write_campaign
 
 from abhv_mc.campaign import envelopes
+from abhv_mc.campaign.config import PROCESSES, THREADS
 from abhv_mc.campaign.runner import run_campaign
 from abhv_mc.campaign.setup import Request
 
-KILLS = 12  # of each kind of envelope
+KILLS = {THREADS: 8, PROCESSES: 4}
 SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload(["campaign.fake_flight", "abhv_mc.campaign.runner", "scipy.stats", "joblib"])
 
 
-def fly_in_child(campaign, out, exact):
+def fly_in_child(campaign, out, exact, isolation=THREADS):
+    os.setsid()  # its workers are found by it
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     envelopes.EXACT_FLIGHTS = exact
-    run_campaign(Request(campaign, out, workers=2), SLOW_ENGINE)
+    run_campaign(Request(campaign, out, workers=2), replace(SLOW_ENGINE, isolation=isolation))
 
 
-@pytest.mark.parametrize("exact", [4096, 0])
-def test_random_kills_lose_nothing(tmp_path, exact, monkeypatch, capfd):
+def count_blocks(out):
+    return len(list((out / "flights").glob("*.parquet")))
+
+
+def wait_for_nobody(session):
+    """Workers end with their parent, whatever they do. Fails where one of them lives on."""
+    deadline = time.monotonic() + 60.0
+    while left := [process for process in psutil.process_iter() if in_session(process, session)]:
+        assert time.monotonic() < deadline, left
+        time.sleep(0.02)
+
+
+def in_session(process, session):
+    try:
+        return os.getsid(process.pid) == session and process.status() != psutil.STATUS_ZOMBIE
+    except (ProcessLookupError, psutil.Error):
+        return False
+
+
+@pytest.mark.parametrize(("exact", "isolation"), [(4096, THREADS), (0, THREADS), (0, PROCESSES)])
+def test_random_kills_lose_nothing(tmp_path, exact, isolation, monkeypatch, capfd):
     monkeypatch.setattr(envelopes, "EXACT_FLIGHTS", exact)
     campaign = write_campaign(tmp_path / "files", execution="{batch: 16}")
     whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
     moments, kills, folders = random.Random(exact), 0, 0
-    while kills < KILLS:
+    while kills < KILLS[isolation]:
         out, folders, attempts = tmp_path / f"out{folders}", folders + 1, 0
         while True:
-            child = SERVER.Process(target=fly_in_child, args=(campaign, out, exact))
+            child = SERVER.Process(target=fly_in_child, args=(campaign, out, exact, isolation))
             child.start()
-            if attempts < 5:  # then let it end
+            if attempts < 4:  # then let it end
+                if isolation == PROCESSES and attempts:  # in the air: processes take their time to start
+                    held = count_blocks(out)
+                    while child.exitcode is None and count_blocks(out) == held:
+                        child.join(0.02)
                 child.join(moments.uniform(0.05, 0.5))
             else:
                 child.join()
@@ -46,6 +73,7 @@ def test_random_kills_lose_nothing(tmp_path, exact, monkeypatch, capfd):
                 break
             os.kill(child.pid, signal.SIGKILL)
             child.join()
+            wait_for_nobody(child.pid)
             kills += 1
         done = run_campaign(Request(campaign, out), ENGINE)  # complete: reads and proves every block
         assert done.complete and done.manifest["digest"] == whole["digest"]

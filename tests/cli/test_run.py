@@ -96,6 +96,7 @@ def test_status_and_list(abhv_mc, flown):
     assert [entry["name"] for entry in listed] == ["fake"]
     assert status["digest"][:12] in abhv_mc("list")[1]
     assert abhv_mc("status", flown.parent)[0] == 2
+    assert abhv_mc("list", flown / "nowhere")[0] == 2
 
 
 def test_a_killed_campaign_is_not_called_running(abhv_mc, flown):

@@ -114,10 +114,12 @@ def connect_cluster(address: str, engine: Engine) -> Iterator[Cluster]:
     """The cluster whose scheduler is at ``address``. Raises InputError where there is none."""
     try:
         from distributed import Client
+        from distributed.comm.addressing import get_address_host_port
     except ImportError:
         wish = "pip install 'abhv-mc[cluster]'"
         raise InputError("--scheduler", None, None, "no Dask in this installation", wish) from None
     try:
+        get_address_host_port(address)  # a client that has found this out leaves a traceback half a minute later
         client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
         found = f"no scheduler at '{address}' ({str(error).splitlines()[0]})"

@@ -5,11 +5,13 @@ from typing import Annotated
 
 import typer
 
+from abhv_mc.input_error import InputError
+
+_DEFAULT = Path("reports")
+
 
 def command(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that holds campaigns' folders.")] = Path(
-        "reports"
-    ),
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that holds campaigns' folders.")] = _DEFAULT,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """List the campaigns in a folder: name, state, flights, when, and the digest's first digits."""
@@ -17,6 +19,8 @@ def command(
 
     from abhv_mc.campaign.status import find_campaigns
 
+    if not folder.is_dir() and folder != _DEFAULT:
+        raise InputError(folder, None, None, "no such folder", "one that holds campaigns' folders")
     found = find_campaigns(folder)
     if json:
         print(writer.dumps(found, indent=2))

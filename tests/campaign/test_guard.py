@@ -1,0 +1,73 @@
+"""Worker processes that stand still or lose the process they were forked from are replaced; flights are as ever."""
+
+import contextlib
+import os
+import signal
+from multiprocessing import forkserver
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from campaign.fake_flight import fly, make_plan
+
+from abhv_mc.campaign import guard as module
+from abhv_mc.campaign.guard import Guard
+from abhv_mc.campaign.rescue import UnusableError
+from abhv_mc.flight.fly import nominal_parameters
+
+
+@pytest.fixture
+def guard():
+    """One worker process that has flown."""
+    with contextlib.closing(Guard(fly, 1, 60.0)) as guard:
+        check_flight(guard)
+        yield guard
+
+
+PLAN = make_plan("one")
+
+
+def check_flight(guard):
+    """A block as this process flies it."""
+    parameters = nominal_parameters(3)
+    np.testing.assert_array_equal(guard.fly(PLAN, parameters).metrics, fly(PLAN, parameters).metrics)
+
+
+def find_worker(guard):
+    (worker,) = guard._workers
+    return worker.process.pid
+
+
+def test_a_worker_that_stands_still_is_replaced(guard, monkeypatch):
+    monkeypatch.setattr(module, "_STARTING", 0.2)
+    guard._limit = 0.2
+    before = find_worker(guard)
+    os.kill(before, signal.SIGSTOP)
+    monkeypatch.setattr(module, "time_limit", lambda flights, one: one if find_worker(guard) == before else 60.0)
+    check_flight(guard)
+    assert find_worker(guard) != before and not psutil.pid_exists(before)
+
+
+def test_without_the_server_that_workers_are_forked_from(guard):
+    before = find_worker(guard)
+    server = psutil.Process(forkserver._forkserver._forkserver_pid)
+    server.kill()
+    os.kill(before, signal.SIGKILL)
+    check_flight(guard)
+    assert find_worker(guard) != before
+
+
+def test_a_closed_guard_starts_nobody(guard):
+    guard.close()
+    with pytest.raises(UnusableError, match="stopped"):
+        check_flight(guard)
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="asks Linux")
+def test_workers_hear_no_interrupt(guard):
+    """Ctrl-C goes to everyone in a terminal; the parent decides what it means."""
+    status = Path(f"/proc/{find_worker(guard)}/status").read_text(encoding="ascii")
+    masks = [int(line.split()[1], 16) for line in status.splitlines() if line.startswith(("SigBlk:", "SigIgn:"))]
+    assert (masks[0] | masks[1]) & 1 << (signal.SIGINT - 1)
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, set())
