@@ -62,7 +62,7 @@ def columns(block: FlightBlock, names: tuple[str, ...]) -> Floats:
 
 def wrapped(line: str) -> str:
     """A paragraph or a list's entry of a page in lines of 120 columns; tables, images and titles as they are."""
-    if line.startswith(("|", "!", "#")):
+    if line.startswith(("|", "!", "#", ">")):
         return line
     return "\n".join(textwrap.wrap(line, 120, subsequent_indent="  " if line.startswith("- ") else ""))
 

@@ -8,8 +8,8 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "studies"))
 
-import paper
-import tune_tlc
+import paper_points as paper
+import tuning_flights
 from experiment import CORNERS, corner_parameters, random_parameters
 
 from abhv_mc.plant.parameters import PARAMETER_INDEX
@@ -19,13 +19,13 @@ from abhv_mc.plant.parameters import PARAMETER_INDEX
 def test_swings_are_counted_where_they_are_large(amplitude: float, cycles: int, swings: int) -> None:
     times = np.linspace(0.0, 1.0, 2001)
     wave = amplitude * np.sin(2.0 * np.pi * cycles * times)
-    assert abs(tune_tlc.count_swings(wave.astype(np.float32)) - swings) <= 1
+    assert abs(tuning_flights.count_swings(wave.astype(np.float32)) - swings) <= 1
     chatter = 0.01 * np.sin(2.0 * np.pi * 300.0 * times)
-    assert tune_tlc.count_swings((wave + chatter).astype(np.float32)) <= swings + 1
+    assert tuning_flights.count_swings((wave + chatter).astype(np.float32)) <= swings + 1
 
 
 def test_a_drift_is_no_swing() -> None:
-    assert tune_tlc.count_swings(np.linspace(0.0, 0.4, 100, dtype=np.float32)) == 0
+    assert tuning_flights.count_swings(np.linspace(0.0, 0.4, 100, dtype=np.float32)) == 0
 
 
 def test_verdicts_on_a_range() -> None:

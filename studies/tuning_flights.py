@@ -1,0 +1,108 @@
+"""TLC flown with numbers that change from Table 1's: what studies/tune_tlc.py asks."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from experiment import ERRORS, ROOT, Bench, Floats, columns, corner_parameters
+from numpy.typing import NDArray
+
+from abhv_mc.control.controller_file import TlcController
+from abhv_mc.control.profile import step_times
+from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.signals import CHANNEL_INDEX
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+
+INNER = tuple(f"attitude.{name}" for name in ("angle_of_attack", "sideslip", "bank")) + tuple(
+    f"rates.{name}" for name in ("roll_rate", "pitch_rate", "yaw_rate")
+)
+OUTER = ("altitude", *(f"velocity.{name}" for name in ("flight_path_angle", "heading", "speed")))
+FACTORS = (1.0 / 3.0, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
+SWING, MANY = 0.5, 6  # deg; Table 1 makes 5 on the nominal vehicle: the step itself, and the way back
+NOISE = 0.01  # deg and deg/s: rms of the white noise on each measured angle and body rate
+NOISY = [
+    f"sensor.{name}_noise"
+    for name in (
+        *("flight_path_angle", "heading", "angle_of_attack", "sideslip", "bank"),
+        *("roll_rate", "pitch_rate", "yaw_rate"),
+    )
+]
+SURFACES = ("aileron", "rudder", "elevator")
+SHOWN = (*ERRORS, "aileron_travel_deg", "rudder_travel_deg", "elevator_travel_deg")
+HEADS = ("altitude m", "speed m/s", "heading deg", "alpha deg", "bank deg", "beta deg", "aileron", "rudder", "elevator")
+
+
+class Tuning:
+    """Flights of TLC with gains that change from Table 1's."""
+
+    def __init__(self, vehicle: Path) -> None:
+        mission = ROOT / "configs/mission/s_manoeuvre.yaml"
+        self.bench, self.parameters = Bench(vehicle, mission), corner_parameters()
+        self.steps = step_times(self.bench.mission)
+
+    def controller(self, changes: dict[str, float]) -> TlcController:
+        """Table 1 with other numbers: 'attitude.bank.damping', 'differentiators.rates', ..."""
+        data: dict[str, Any] = self.bench.table_1.model_dump(mode="json")
+        for path, value in changes.items():
+            *parts, last = path.split(".")
+            place = data
+            for part in parts:
+                place = place[part]
+            place[last] = value if last == "damping" else f"{value!r} rad/s"
+        return TlcController.model_validate_json(json.dumps(data))
+
+    def fly(self, changes: dict[str, float]) -> tuple[Floats, int] | None:
+        """Means of SHOWN, and the most swings of a surface between two steps; None where a flight ends early."""
+        block = self.bench.fly_tlc(self.controller(changes), self.parameters, record_every=2)
+        if (block.outcome != Outcome.OK).any():
+            return None
+        first, second = (np.searchsorted(block.times, step - 1e-9) for step in self.steps)
+        surfaces = [CHANNEL_INDEX[f"{surface}_deg"] for surface in SURFACES]
+        most = max(count_swings(values) for flight in block.history[:, first:second, surfaces] for values in flight.T)
+        return columns(block, SHOWN).mean(axis=0), most
+
+    def noisy_travel(self, changes: dict[str, float]) -> float:
+        """Travel of all surfaces together on a nominal flight with NOISE, deg; not-a-number where it ends early."""
+        parameters = nominal_parameters()
+        parameters[0, [PARAMETER_INDEX[name] for name in NOISY]] = np.deg2rad(NOISE)
+        block = self.bench.fly_tlc(self.controller(changes), parameters)
+        travel = columns(block, tuple(f"{surface}_travel_deg" for surface in SURFACES))
+        return float(travel.sum()) if block.outcome[0] == Outcome.OK else float("nan")
+
+    def overshoot(self, changes: dict[str, float]) -> float:
+        """By how much the nominal bank passes its own command's extreme after the first step, deg."""
+        block = self.bench.fly_tlc(self.controller(changes), self.parameters[:1], record_every=1)
+        early = block.times < 8.0
+        bank, command = (
+            block.history[0, early, CHANNEL_INDEX[name]].astype(np.float64) for name in ("bank_deg", "bank_command_deg")
+        )
+        return float(np.abs(bank).max() - np.abs(command).max())
+
+
+def count_swings(values: NDArray[np.float32]) -> int:
+    """How often a curve turns back by more than SWING."""
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(values)))) + 1
+    count, way = 0, 0
+    low = high = float(values[0])
+    for value in [*values[turns].tolist(), float(values[-1])]:
+        low, high = min(low, value), max(high, value)
+        if (way >= 0 and high - value > SWING) or (way <= 0 and value - low > SWING):
+            way = -1 if high - value > SWING and way >= 0 else 1
+            low = high = value
+            count += 1
+    return count
+
+
+def bandwidth_of(tuning: Tuning, channel: str) -> float:
+    """Table 1's bandwidth, or that of a differentiator, rad/s."""
+    value: Any = tuning.bench.table_1
+    for part in channel.split("."):
+        value = getattr(value, part)
+    return float(value if channel.startswith("differentiators") else value.bandwidth)
+
+
+def key_of(channel: str) -> str:
+    """The place of a bandwidth in the controller file."""
+    return channel if channel.startswith("differentiators") else f"{channel}.bandwidth"
