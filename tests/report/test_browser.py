@@ -33,6 +33,7 @@ Promise.all([loaded, drawn]).then(() => {
   found.images = [...document.images].every((image) => image.complete && image.naturalWidth > 0);
   found.width = document.documentElement.clientWidth;
   found.overflow = document.documentElement.scrollWidth;
+  found.tools = [...plot.querySelectorAll(".modebar-btn")].map((button) => button.dataset.title);
   found.asked = performance.getEntriesByType("resource").map((entry) => entry.name)
     .filter((name) => !name.startsWith("data:"));
   document.body.dataset.found = JSON.stringify(found);
@@ -83,6 +84,12 @@ def test_the_console_is_silent(visit):
 def test_no_request_leaves(visit):
     # A blocked request would also stand on the console, which is silent.
     assert found_in(visit[0])["asked"] == []
+
+
+def test_no_button_uploads_the_data(visit):
+    tools = found_in(visit[0])["tools"]
+    assert "Zoom in" in tools and "Reset axes" in tools
+    assert not any("hare" in title or "loud" in title or "dit" in title for title in tools)
 
 
 def test_switches_work(visit):

@@ -14,6 +14,9 @@
     { name: "reference", label: "reference", on: true },
   ];
 
+  // Named one by one: the library's own set has a button that uploads the plot's data.
+  const tools = ["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "autoScale2d", "resetScale2d"];
+
   const addBox = (parent, name, label, checked) => {
     const box = document.createElement("input");
     box.type = "checkbox";
@@ -86,7 +89,7 @@
       font: { family: "system-ui, Segoe UI, Liberation Sans, Arial, sans-serif", size: 13, color: "#1b1b1b" },
       height: narrow ? 400 : 480,
       uirevision: channel.name,
-    }, { responsive: true, displaylogo: false });
+    }, { responsive: true, displaylogo: false, plotlyServerURL: "", modeBarButtons: [tools] });
     describe(channel, controllers);
   }
 
