@@ -11,6 +11,7 @@ beside flying, in minutes. Writes ``benchmarks/results/million.json`` and its ow
 """
 
 import argparse
+import os
 import sys
 import tempfile
 from pathlib import Path
@@ -124,9 +125,13 @@ def plot_growth(path: Path, flights: list[int], found: Series, lines: Lines) -> 
                 label = f"{what}:\n{line['intercept']:.3g} {unit} + {describe_slope(name, line)}"
                 axes.plot(flights, found[name], MARKERS[i], color=CYCLE[i], markersize=4, label=label)
                 axes.plot(dense, line["intercept"] + line["slope"] * dense, color=CYCLE[i])
-            axes.set(xscale="log", yscale="log", xlabel="flights", ylabel=title)
-            low, high = axes.get_ylim()
-            axes.set_ylim(low / 1.5, high * 8.0)  # room for the legend
+            axes.set(xscale="log", xlabel="flights", ylabel=title)
+            if "memory" in title:
+                axes.set_ylim(0.0, 1.6 * axes.get_ylim()[1])  # room for the legend
+            else:
+                axes.set_yscale("log")
+                low, high = axes.get_ylim()
+                axes.set_ylim(low / 1.5, high * 8.0)
             axes.legend(loc="upper left", fontsize=6.5)
         return figure
 
@@ -155,6 +160,7 @@ def main() -> None:
     name = "million" if options.million else "growth"
     flights = sorted(set(options.flights or (MILLION if options.million else [100, 1000, 10_000, 100_000])))
     repeats = options.repeats or (1 if options.million else 3)
+    load = os.getloadavg()[0]
     run_command("fly", "s_manoeuvre", "--controller", options.controllers.split(",", maxsplit=1)[0])  # compiles
     with tempfile.TemporaryDirectory() as folder:
         campaign = write_short_campaign(Path(folder)) if options.million else CAMPAIGN
@@ -164,7 +170,7 @@ def main() -> None:
     from abhv_mc.bench.figures import find_simd
     from abhv_mc.store.provenance import find_machine
 
-    machine = {**find_machine(), "simd": find_simd()}
+    machine = {**find_machine(), "simd": find_simd(), "load_before": load}
     seconds = SHORT if options.million else 60
     record: dict[str, Any] = {"machine": machine, "controllers": options.controllers, "flight_s": seconds}
     record |= {"repeats": repeats, "flights": flights, "medians": found, "lines": lines}
@@ -172,7 +178,8 @@ def main() -> None:
     if not options.million:
         plot_growth(FIGURE, flights, found, lines)
     note = (
-        f"Flights of {seconds} s. {machine['processor']}, {machine['cores']} cores; controllers {options.controllers}; "
+        f"Flights of {seconds} s. {machine['processor']}, {machine['cores']} cores, load {load:.1f} before the start; "
+        f"controllers {options.controllers}; "
         + ("one campaign of each size." if repeats == 1 else f"medians of {repeats} campaigns of each size.")
     )
     replace_part(DOCUMENT, name, make_table(flights, found, lines, note))

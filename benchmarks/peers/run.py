@@ -166,8 +166,8 @@ def make_table(record: dict[str, Any]) -> str:
     machine, peers = record["machine"], record["peers"]
     ours = peers[YARDSTICK]
     lines = [
-        f"{machine['processor']}, {machine['simd']}, {machine['cores']} cores, {machine['system']}; a core's measured "
-        f"peak {ours['peak_gflops']:.0f} GFLOP/s; "
+        f"{machine['processor']}, {machine['simd']}, {machine['cores']} cores, {machine['system']}, load "
+        f"{machine['load_before']:.1f} before the start; a core's measured peak {ours['peak_gflops']:.0f} GFLOP/s; "
         + ", ".join(f"{name} {version}" for name, version in record["versions"].items())
         + ".",
         "",
@@ -213,7 +213,7 @@ def main() -> int:
     from abhv_mc.store.provenance import find_machine
 
     python = install()
-    machine = {**find_machine(), "simd": find_simd()}
+    machine = {**find_machine(), "simd": find_simd(), "load_before": os.getloadavg()[0]}
     versions = find_versions(python)
     peers, failed = measure_peers(python, options.rounds, options.repeats, options.flights)
     record = {"machine": machine, "versions": versions, "flights": options.flights, "peers": peers, "failed": failed}

@@ -46,7 +46,7 @@ def test_a_peer_that_fails_is_named_and_the_others_go_on(measured):
     peers, failed, tried = measured
     assert failed == {"jsbsim_x15": "no aircraft"}
     assert (tried.count("jsbsim_x15"), tried.count("rocketpy_flight")) == (1, 2)
-    machine = {"processor": "P", "simd": "AVX2", "cores": 2, "system": "S"}
+    machine = {"processor": "P", "simd": "AVX2", "cores": 2, "system": "S", "load_before": 0.0}
     table = run.make_table({"machine": machine, "versions": {"Python": "3.12"}, "peers": peers})
     rows = {row.split(" | ")[0].strip("| *"): row for row in table.splitlines() if row.startswith("|")}
     assert "| failed |" in rows["JSBSim"]
