@@ -94,6 +94,10 @@ def test_nothing_is_loaded_from_elsewhere(outline, report_page):
     assert len(re.findall(b"plotly.js v", gzip.decompress(base64.b64decode(packed)))) == 1
 
 
+def test_how_far_apart_the_samples_of_the_bands_lie_is_told(report_page):
+    assert "are of samples 0.1 s apart" in " ".join(report_page.split())  # synthetic.TICK
+
+
 def test_every_command_is_there(report_page):
     assert report_page.count("abhv-mc replay ") == 30
     assert re.search(r"abhv-mc replay &#39;[^&]*a campaign&#39; --flight \d+ --controller lqr_retuned", report_page)

@@ -113,6 +113,14 @@ def _plain_words(value: Any) -> str:
     return "\N{EM DASH}" if value is None else str(value)
 
 
+def _sample_step(results: Results) -> str:
+    """Seconds between the samples of the envelopes, as text; empty where there are none."""
+    for envelope in results.envelopes.values():
+        if envelope.time.size > 1:
+            return f"{envelope.time[1] - envelope.time[0]:.4g}"
+    return ""
+
+
 def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
     campaign = numbers["campaign"]
     names = campaign["controllers"]
@@ -153,6 +161,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
             }
             for name, counts in numbers["flights"].items()
         ],
+        "step": _sample_step(results),
         "state": numbers["state"],
         "provenance": _provenance(results),
         "folder": folder,
