@@ -35,7 +35,12 @@ def test_report_and_its_verification(folder):
 def test_compare(folder, tmp_path):
     shown = run("compare", folder, folder)
     assert shown.exit_code == 0
-    assert "Bank error, rms (deg)" in shown.stdout
+    for words in ("Bank error, rms (deg)", "of 95 % quantiles (95 %)", "pairing saved", "A to B: error against"):
+        assert words in shown.stdout
+    failing = write_campaign(tmp_path / "failing", runs=40, failing=4)
+    crossed = run("compare", failing, failing, "--controllers", "tlc,lqr").stdout
+    (line,) = [line for line in crossed.splitlines() if line.startswith("reached the end")]
+    assert "only A failed 0, only B 4" in line and line.partition("only B: ")[2].count(",") == 3
     assert len(json.loads(run("compare", folder, folder, "--json").stdout)["duels"]) == 3
     other = write_campaign(tmp_path / "other", runs=12, seed=8)
     assert isinstance(run("compare", folder, other).exception, InputError)

@@ -37,24 +37,74 @@ def _print(found: dict[str, Any]) -> None:
 
     from abhv_mc.cli.printing import print_table
     from abhv_mc.report.metrics import METRIC_WORDS, words_of
-    from abhv_mc.report.words import bounds, estimate, p_value
+    from abhv_mc.report.words import p_value, significant
 
     console = Console()
     for duel in found["duels"]:
         table = Table(title=f"{duel['a']}  minus  {duel['b']}: {duel['pairs']} flights", box=SIMPLE)
         table.add_column("metric", no_wrap=True)
-        for heading in ("median", "95 % interval", "95 % quantiles", "A better", "B better"):
+        for heading in (
+            "median difference (95 %)",
+            "of 95 % quantiles (95 %)",
+            "A better",
+            "B better",
+            "pairing saved",
+        ):
             table.add_column(heading, justify="right")
         for metric, numbers in duel["metrics"].items():
             words = METRIC_WORDS.get(metric) or words_of(metric)
-            median, high = numbers["median_difference"], numbers["q95"]
-            row = (estimate(median), bounds(median), estimate(high), str(numbers["a_better"]), str(numbers["b_better"]))
-            table.add_row(words.label_with_unit, *row)
+            gain = numbers["pairing_gain"]
+            saved = f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none"
+            row = (str(numbers["a_better"]), str(numbers["b_better"]), saved)
+            table.add_row(
+                words.label_with_unit, _with_bounds(numbers["median_difference"]), _with_bounds(numbers["q95"]), *row
+            )
         print_table(table)
+        _print_usage(duel["usage"])
         listed = [*found["requirements"], "reached the end of the mission"]
         for words_, failed in zip(listed, [*duel["requirements"], duel["ended_early"]], strict=True):
             console.print(
                 f"{words_}: only A failed {failed['only_a']}, only B {failed['only_b']}, both {failed['both']} "
-                f"(McNemar p {p_value(failed['p_value'])})",
+                f"(McNemar p {p_value(failed['p_value'])}){_listed(failed)}",
                 highlight=False,
+                soft_wrap=True,
             )
+
+
+def _with_bounds(interval: dict[str, Any]) -> str:
+    from abhv_mc.report.words import bounds, estimate
+
+    ends = bounds(interval)
+    return f"{estimate(interval)} ({ends})" if ends else estimate(interval)
+
+
+def _listed(failed: dict[str, Any]) -> str:
+    """The first flights that failed under one alone."""
+    parts = []
+    for key in ("a", "b"):
+        flights = failed[f"flights_only_{key}"]
+        more = ", ..." if failed[f"only_{key}"] > len(flights) else ""
+        if flights:
+            parts.append(f"; only {key.upper()}: {', '.join(map(str, flights))}{more}")
+    return "".join(parts)
+
+
+def _print_usage(usage: dict[str, Any]) -> None:
+    """Tracking error against control usage: the ratios, and in how many flights less error was bought with more use."""
+    from rich.box import SIMPLE
+    from rich.table import Table
+
+    from abhv_mc.cli.printing import print_table
+    from abhv_mc.report.metrics import words_of
+
+    table = Table(title="A to B: error against surface usage", box=SIMPLE)
+    table.add_column("metric", no_wrap=True)
+    for heading in ("error ratio", "usage ratio", "less error, no more use", "less error, more use"):
+        table.add_column(heading, justify="right")
+    for metric, numbers in usage.items():
+        if numbers:
+            counts = [str(numbers[f"less_error_{use}_usage"]) for use in ("less", "more")]
+            ratios = [_with_bounds(numbers[name]) for name in ("error_ratio", "usage_ratio")]
+            table.add_row(words_of(metric).label, *ratios, *counts)
+    if table.row_count:
+        print_table(table)
