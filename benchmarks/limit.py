@@ -7,6 +7,7 @@ Writes ``benchmarks/results/bench.json`` and a table of ``docs/performance.md``.
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -46,27 +47,33 @@ def make_rows(runs: list[dict[str, Any]]) -> list[str]:
     """One row for each figure: median, and lowest to highest of the processes."""
     rows = []
     for name, (words, goal) in GOALS.items():
-        of_controllers = [(f"{words}, {c}", [run["controllers"][c].get(name) for run in runs]) for c in ("tlc", "lqr")]
-        for title, values in of_controllers if None not in of_controllers[0][1] else [(words, [r[name] for r in runs])]:
-            shown = (f"{value:.3g}" if value < 1e4 else f"{value:,.0f}" for value in (median(values), *_ends(values)))
-            middle, low, high = shown
-            rows.append(f"| {title} | {middle} | {low} to {high} | {goal} |")
+        if name in runs[0]:
+            rows.append(_make_row(words, [run[name] for run in runs], goal))
+            continue
+        for controller in runs[0]["controllers"]:
+            values = [run["controllers"][controller][name] for run in runs]
+            of_another = goal.startswith("TLC") and controller != "tlc"
+            rows.append(_make_row(f"{words}, {controller.upper()}", values, "" if of_another else goal))
     return rows
 
 
-def _ends(values: list[float]) -> tuple[float, float]:
-    return min(values), max(values)
+def _make_row(words: str, values: list[float], goal: str) -> str:
+    numbers = (median(values), min(values), max(values))
+    middle, low, high = (f"{value:.3g}" if value < 1e4 else f"{value:,.0f}" for value in numbers)
+    return f"| {words} | {middle} | {low} to {high} | {goal} |"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--processes", type=int, default=3)
     options = parser.parse_args()
+    load = os.getloadavg()[0]
     runs = [read_figures() for _ in range(options.processes)]
     machine = runs[0]["machine"]
     write_json(RESULT, runs)
     head = [
-        f"{machine['cpu']}, {machine['simd']}, {machine['cores']} cores; medians of {len(runs)} processes.",
+        f"{machine['cpu']}, {machine['simd']}, {machine['cores']} cores, load {load:.1f} before the start; "
+        f"medians of {len(runs)} processes.",
         "",
         "| figure | median | lowest to highest | goal |",
         "|---|---|---|---|",
