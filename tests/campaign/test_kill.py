@@ -3,7 +3,9 @@
 import multiprocessing
 import os
 import random
+import resource
 import signal
+import sys
 import time
 from dataclasses import replace
 
@@ -16,6 +18,7 @@ from abhv_mc.campaign import envelopes
 from abhv_mc.campaign.config import PROCESSES, THREADS
 from abhv_mc.campaign.runner import run_campaign
 from abhv_mc.campaign.setup import Request
+from abhv_mc.store.folder import StorageFullError
 
 KILLS = {THREADS: 8, PROCESSES: 4}
 SERVER = multiprocessing.get_context("forkserver")
@@ -94,3 +97,29 @@ def test_a_polite_signal_ends_with_a_manifest_that_says_so(tmp_path, number, cap
     assert child.exitcode == 0
     result = run_campaign(Request(campaign, tmp_path / "out", runs=None), ENGINE)
     assert result.complete
+
+
+def fly_within(campaign, out, size):
+    """Exit code 3 where a file may not grow to what it should be: all that a full disk does, and no root needed."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+    try:
+        fly_in_child(campaign, out, 4096)
+    except StorageFullError:
+        sys.exit(3)
+
+
+def test_a_disk_that_fills_up_anywhere_loses_nothing(tmp_path, capfd):
+    """Plans, samples, states of envelopes, blocks, histories: each file is once the one that does not fit."""
+    campaign = write_campaign(tmp_path / "files", execution="{batch: 100}")
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    sizes = {path.stat().st_size for path in (tmp_path / "whole").rglob("*") if path.is_file()}
+    codes = []
+    for size in sorted(sizes):
+        child = SERVER.Process(target=fly_within, args=(campaign, tmp_path / "out", size))
+        child.start()
+        child.join()
+        codes.append(child.exitcode)
+        assert not list((tmp_path / "out").rglob("*.aside"))
+    assert codes.count(3) > 5 and set(codes) <= {0, 3}
+    done = run_campaign(Request(campaign, tmp_path / "out"), ENGINE)
+    assert done.complete and done.manifest["digest"] == whole["digest"]

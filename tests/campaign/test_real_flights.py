@@ -10,6 +10,8 @@ import pytest
 from abhv_mc.campaign.replay import replay_flight
 from abhv_mc.campaign.runner import run_campaign
 from abhv_mc.campaign.setup import Request, make_engine
+from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.store.plans import flatten, read_plan
 
@@ -84,3 +86,41 @@ def test_nominal_and_reference_stand_on_the_same_times(flown):
         np.testing.assert_allclose(flight.time, reference.time, atol=1e-9)
         assert np.abs(flight.altitude_m.to_numpy() - reference.altitude_reference_m.to_numpy()).max() < 100.0
         assert np.abs(flight.bank_deg.to_numpy() - reference.bank_reference_deg.to_numpy()).max() < 60.0
+
+
+# What GHAME-X's tables do not hold, and densities at heights that the S does not come near: refused in a campaign.
+WITHOUT_EFFECT = {
+    *(f"aero.{force}.{cause}" for force in ("lift", "drag") for cause in ("sideslip", "roll_rate", "pitch_rate")),
+    *(f"aero.{force}.{cause}" for force in ("lift", "drag") for cause in ("yaw_rate", "aileron", "rudder")),
+    "aero.drag.elevator",
+    *(f"aero.side_force.{cause}" for cause in ("roll_rate", "pitch_rate", "yaw_rate", "elevator")),
+    *(f"aero.rolling_moment.{cause}" for cause in ("pitch_rate", "elevator")),
+    *(f"aero.pitching_moment.{cause}" for cause in ("sideslip", "roll_rate", "yaw_rate", "aileron", "rudder")),
+    *(f"aero.yawing_moment.{cause}" for cause in ("pitch_rate", "elevator")),
+    *(f"atmosphere.density_at_{km}km" for km in (10, 30, 35, 40)),
+}
+MOVED = {"m": 5.0, "m/s": 2.0, "1/s": 1e-4, "rad": 0.002, "rad/s": 0.002, "s": 0.03, "-": 0.1}
+LIMITS = {
+    "actuator.rate_limit": 0.1,
+    "actuator.deflection_limit": 0.3,
+    "engine.rate_limit": 0.01,
+    "engine.equivalence_ratio_limit": 0.5,
+}
+
+
+def test_every_parameter_bites(flown, engine):
+    """In a gusty, turbulent, noisy flight, where each of them has something to change."""
+    listed = PARAMETERS[1:]  # the first is no parameter of a vehicle
+    base = nominal_parameters()[0]
+    for name, value in {"wind.gust_north": 3.0, "wind.gust_start": 5.0, "wind.turbulence": 0.5}.items():
+        base[PARAMETER_INDEX[name]] = value
+    for parameter in listed:
+        if parameter.name.endswith("_noise"):
+            base[PARAMETER_INDEX[parameter.name]] = 0.1 * MOVED[parameter.unit]
+    rows = np.tile(base, (1 + len(listed), 1))
+    for row, parameter in zip(rows[1:], listed, strict=True):
+        place = PARAMETER_INDEX[parameter.name]
+        row[place] = LIMITS.get(parameter.name, row[place] + MOVED[parameter.unit])
+    metrics = engine.fly(read_plan(flown.folder / "plans/tlc.npz"), rows).metrics
+    still = {p.name for p, row in zip(listed, metrics[1:], strict=True) if np.array_equal(row, metrics[0])}
+    assert still == WITHOUT_EFFECT

@@ -1,5 +1,6 @@
 """What is counted as blocks land, in any order: outcomes, the digest, failures of requirements, the worst flights."""
 
+from array import array
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
@@ -55,8 +56,8 @@ class Tally:
     requirements: list[RequirementCount]
     digest: Digest = field(default_factory=Digest)
     outcomes: Counter[str] = field(default_factory=Counter)
-    failed: list[int] = field(default_factory=list)  # flights that ended early
-    not_computed: list[int] = field(default_factory=list)  # flights that failed to run
+    failed: "array[int]" = field(default_factory=lambda: array("q"))  # flights that ended early; perhaps a million
+    not_computed: "array[int]" = field(default_factory=lambda: array("q"))  # flights that failed to run
     worst: list[tuple[bool, float, int]] = field(default_factory=list)  # ok?, -metric, flight: rising
 
     def add(self, rows: FlightRows, digest: Digest) -> None:
@@ -66,8 +67,8 @@ class Tally:
         outcome = np.array(rows.outcome)
         flown = outcome != _FAILED
         early = (outcome != _OK) & flown
-        self.failed += rows.flights[early].tolist()
-        self.not_computed += rows.flights[~flown].tolist()
+        self.failed.extend(rows.flights[early].tolist())
+        self.not_computed.extend(rows.flights[~flown].tolist())
         for count in self.requirements:
             count.add(rows.values[flown, METRIC_INDEX[count.requirement.metric]], early[flown], rows.flights[flown])
         if self.worst_kept:
