@@ -139,12 +139,17 @@ def plot_growth(path: Path, flights: list[int], found: Series, lines: Lines) -> 
     plot().savefig(path, dpi=DPI // 2)
 
 
+def show(value: float) -> str:
+    """Three digits, or all of an integer."""
+    return f"{value:.3g}" if value < 1e3 else f"{value:,.0f}"
+
+
 def make_table(flights: list[int], found: Series, lines: Lines, note: str) -> str:
     """The table as Markdown."""
     heads = [f"{what}, {unit}" for what, unit, _ in QUANTITIES.values()]
     table = [note, "", f"| flights | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
     for i, count in enumerate(flights):
-        table.append(f"| {count:,} | {' | '.join(f'{found[name][i]:.3g}' for name in QUANTITIES)} |")
+        table.append(f"| {count:,} | {' | '.join(show(found[name][i]) for name in QUANTITIES)} |")
     fits = [f"{lines[name]['intercept']:.3g} + {describe_slope(name, lines[name])}" for name in QUANTITIES]
     off = [f"{100.0 * lines[name]['largest_deviation']:.0f} %" for name in QUANTITIES]
     return "\n".join([*table, f"| line | {' | '.join(fits)} |", f"| furthest from it | {' | '.join(off)} |"])
