@@ -61,7 +61,7 @@ def explanation_numbers(found: Explanation) -> dict[str, Any]:
 
 def make_explained_figure(found: Explanation) -> Figure:
     """The flight as flown and with its causes alone, beside the nominal flight."""
-    names = [f"{name} {shown_value(name, found.samples[name])}" for name in found.causes[:_IN_TITLE]]
+    names = [f"{name}\N{NO-BREAK SPACE}{shown_value(name, found.samples[name])}" for name in found.causes[:_IN_TITLE]]
     more = len(found.causes) - len(names)
     listed = ", ".join(names) + (f" and {more} more" if more else "") or "nothing dispersed"
     what = f"Flight {found.flight} of {controller_label(found.controller)} {found.failure.words}"

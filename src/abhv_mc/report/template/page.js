@@ -62,7 +62,8 @@
       const curves = controller.curves[channel.name];
       const low = Math.min(...curves.min.filter((v) => v !== null));
       const high = Math.max(...curves.max.filter((v) => v !== null));
-      return `${controller.label} ${Number(low.toPrecision(5))} to ${Number(high.toPrecision(5))} ${channel.unit}`.trim();
+      const text = (value) => String(Number(value.toPrecision(4))).replace("-", "\u2212");
+      return `${controller.label} ${text(low)} to ${text(high)} ${channel.unit}`.trim();
     };
     words.textContent = controllers.length
       ? `${channel.label} (${channel.doc}) over all flights and times: ${controllers.map(range).join("; ")}.`
