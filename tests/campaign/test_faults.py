@@ -132,7 +132,7 @@ def test_the_digest_leaves_out_what_failed_to_run(tmp_path, capfd):
 
 
 def test_a_machine_that_flies_nothing_stops_the_campaign(tmp_path, capfd):
-    campaign = write_campaign(tmp_path / "f")
+    campaign = write_campaign(tmp_path / "f", runs="32", execution="{workers: 2, batch: 16}")
     with pytest.raises(UnusableError, match="exit code 3"):
         run_campaign(Request(campaign, tmp_path / "out"), engine_of(fly_nowhere))
     assert not list((tmp_path / "out/flights").glob("*.parquet"))

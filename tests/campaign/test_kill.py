@@ -22,7 +22,6 @@ from abhv_mc.store.folder import StorageFullError
 
 KILLS = {THREADS: 8, PROCESSES: 4}
 SERVER = multiprocessing.get_context("forkserver")
-SERVER.set_forkserver_preload(["campaign.fake_flight", "abhv_mc.campaign.runner", "scipy.stats", "joblib"])
 
 
 def fly_in_child(campaign, out, exact, isolation=THREADS):
