@@ -55,7 +55,7 @@ def ghame6(
 
 @app.command("invariants")
 def invariants(json: _Json = None, tolerance_scale: _Scale = 1.0) -> None:
-    """Check what needs no data: invariants, the integrator's order, atmosphere, Earth, tables, root finder."""
+    """Check what needs no data: invariants, order, atmosphere, Earth, tables, root finder, loops, vehicles."""
     from abhv_mc.verification.everything import verify_sections
 
     _show(verify_sections(_prepare(tolerance_scale, json)), json)

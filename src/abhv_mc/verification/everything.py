@@ -10,9 +10,11 @@ from abhv_mc.verification.look_up import verify_look_up
 from abhv_mc.verification.loops import verify_loops
 from abhv_mc.verification.nesc import verify_nesc
 from abhv_mc.verification.order import verify_order
+from abhv_mc.verification.responses import verify_responses
 from abhv_mc.verification.roots import verify_roots
 from abhv_mc.verification.rows import Row
 from abhv_mc.verification.step_study import verify_step
+from abhv_mc.verification.vehicles import verify_usage, verify_vehicles
 from abhv_mc.verification.world import verify_atmosphere, verify_earth
 
 # What needs no data of others.
@@ -24,6 +26,9 @@ SECTIONS: dict[str, Callable[[], list[Row]]] = {
     "tables": verify_look_up,
     "root finder": verify_roots,
     "loops": verify_loops,
+    "step responses": verify_responses,
+    "vehicles": verify_vehicles,
+    "control usage": verify_usage,
 }
 
 
