@@ -74,10 +74,10 @@ SQL over the folder's Parquet, one flight again at full rate (the same bits), an
     ),
     (
         "code",
-        """results.query('''
+        '''results.query("""
     select controller, flight, altitude_error_max_m, "atmosphere.density", "aero.lift"
     from flights order by altitude_error_max_m desc limit 3
-''')""",
+""")''',
     ),
     (
         "code",
