@@ -6,7 +6,7 @@ from abhv_mc.bench.speed import make_work
 from abhv_mc.flight.lanes import LANES
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
-from abhv_mc.plant.aerodynamics import look_up
+from abhv_mc.plant.aerodynamics import Cells, look_up
 from abhv_mc.plant.state import variable_row
 from abhv_mc.vehicle.arrays import Floats
 from benchmarks.timing import measure_ratio
@@ -21,17 +21,21 @@ def look_up_often(width, tables, mach, alpha, calls):
     """Look up ``calls`` times for ``width`` of the 16 lanes."""
     Z = np.zeros((_ROWS, LANES))
     T = np.zeros((s.MAX_TABLE_ROWS, LANES))
-    hints = np.zeros((s.MAX_AXES, LANES), dtype=np.int64)
-    fractions = np.zeros((s.MAX_AXES, LANES))
-    weights = np.zeros((4, LANES))
-    scratch = np.zeros(s.MAX_TABLE_ROWS)
+    cells = Cells(
+        np.zeros((s.MAX_AXES, LANES), dtype=np.int64),
+        np.zeros((s.MAX_AXES, LANES)),
+        np.zeros(s.MAX_AXES, dtype=np.int64),
+        np.zeros(s.MAX_AXES, dtype=np.int64),
+        np.zeros((4, LANES)),
+        np.zeros(s.MAX_TABLE_ROWS),
+    )
     total = 0.0
     for call in range(calls):
         for lane in range(width):
             Z[_ONE, lane] = 1.0
             Z[_MACH, lane] = mach[lane] + 1e-6 * call
             Z[_ALPHA, lane] = alpha[lane]
-        look_up(Z, T, width, tables, hints, fractions, weights, scratch)
+        look_up(Z, T, width, tables, cells)
         total += T[0, 0]
     return total
 

@@ -11,6 +11,7 @@ from abhv_mc.control.design_tables import slope
 from abhv_mc.control.tlc import N_ROWS, SLOPES, nominal_vehicle
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
+from abhv_mc.plant.aerodynamics import Cells
 from abhv_mc.plant.effectiveness import INPUTS, N_INPUTS, make_effectiveness
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.vehicle.arrays import Floats
@@ -31,15 +32,21 @@ def compute(vehicle, effectiveness, width, variables, density, speed, moments, s
     """Moments [axis, lane], their slopes [axis, deflection, lane] and the slope of CY with sideslip [lane]."""
     Z = np.zeros((_Z_ROWS, _CAPACITY))
     T = np.zeros((s.MAX_TABLE_ROWS, _CAPACITY))
-    hints = np.zeros((s.MAX_AXES, _CAPACITY), dtype=np.int64)
-    fractions, weights = np.zeros((s.MAX_AXES, _CAPACITY)), np.zeros((4, _CAPACITY))
-    low, high = np.empty(s.MAX_TABLE_ROWS), np.empty(s.MAX_TABLE_ROWS)
+    cells = Cells(
+        np.zeros((s.MAX_AXES, _CAPACITY), dtype=np.int64),
+        np.zeros((s.MAX_AXES, _CAPACITY)),
+        np.zeros(s.MAX_AXES, dtype=np.int64),
+        np.zeros(s.MAX_AXES, dtype=np.int64),
+        np.zeros((4, _CAPACITY)),
+        np.zeros(s.MAX_TABLE_ROWS),
+    )
+    high = np.empty(s.MAX_TABLE_ROWS)
     unit_factors = np.zeros(vehicle.build_up.factor.size, dtype=np.int64)
     for lane in range(width):
         Z[s.P, lane] = 1.0
         for i in range(s.N_VARIABLES):
             Z[s.VAR + i, lane] = variables[i, lane]
-    nominal_vehicle(Z, T, width, vehicle, effectiveness, (hints, hints, fractions, weights, low, high), unit_factors)
+    nominal_vehicle(Z, T, width, vehicle, effectiveness, (cells, cells.cell, high), unit_factors)
     for lane in range(width):
         q_bar = 0.5 * density * speed[lane] * speed[lane]
         moments[0, lane], moments[1, lane], moments[2, lane] = nominal_moment(

@@ -10,7 +10,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
-from abhv_mc.plant.aerodynamics import build_up, look_up
+from abhv_mc.plant.aerodynamics import Cells, build_up, look_up
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.arrays import COEFFICIENTS
@@ -48,16 +48,21 @@ def compute(vehicle, variables, parameters, coefficients):
     """Coefficients [coefficient, point] at variables [variable, point] under parameters [parameter, point]."""
     Z = np.zeros((s.LAW, WIDTH))
     T = np.zeros((s.MAX_TABLE_ROWS, WIDTH))
-    hints = np.zeros((s.MAX_AXES, WIDTH), dtype=np.int64)
-    fractions, weights = np.zeros((s.MAX_AXES, WIDTH)), np.zeros((4, WIDTH))
-    scratch = np.zeros(s.MAX_TABLE_ROWS)
+    cells = Cells(
+        np.zeros((s.MAX_AXES, WIDTH), dtype=np.int64),
+        np.zeros((s.MAX_AXES, WIDTH)),
+        np.zeros(s.MAX_AXES, dtype=np.int64),
+        np.zeros(s.MAX_AXES, dtype=np.int64),
+        np.zeros((4, WIDTH)),
+        np.zeros(s.MAX_TABLE_ROWS),
+    )
     for first in range(0, variables.shape[1], WIDTH):
         for lane in range(WIDTH):
             for i in range(s.N_VARIABLES):
                 Z[s.VAR + i, lane] = variables[i, first + lane]
             for i in range(s.N_PARAMETERS):
                 Z[s.P + i, lane] = parameters[i, first + lane]
-        look_up(Z, T, WIDTH, vehicle.tables, hints, fractions, weights, scratch)
+        look_up(Z, T, WIDTH, vehicle.tables, cells)
         build_up(Z, T, WIDTH, vehicle.build_up, vehicle.build_up.factor)
         for c in range(s.N_COEFFICIENTS):
             for lane in range(WIDTH):

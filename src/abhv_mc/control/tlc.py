@@ -22,13 +22,13 @@ from abhv_mc.control.tlc_loops import (
 from abhv_mc.jit import lanes, scalar
 from abhv_mc.numerics.angles import clamp, wrap
 from abhv_mc.numerics.lane_math import exp, sincos
-from abhv_mc.numerics.tables import bracket, interpolate_3d
+from abhv_mc.numerics.tables import bracket
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import build_up, look_up
 from abhv_mc.plant.air_data import set_effectors
 from abhv_mc.plant.effectiveness import N_INPUTS, slopes_of_coefficients, table_slopes
 from abhv_mc.plant.state import LAW, N_COEFFICIENTS, variable_row
-from abhv_mc.world.atmosphere import atmosphere
+from abhv_mc.world.atmosphere import atmosphere_lanes
 
 _ONE = variable_row("one")
 _MACH = variable_row("mach")
@@ -116,13 +116,12 @@ def tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt):
 def nominal_variables(Z, width, vehicle, reference, k):
     """Variables of the nominal vehicle at the measured state and the last commands."""
     constants = vehicle.constants
+    atmosphere_lanes(Z, width, s.M_ALTITUDE, RHO_NOM, _MACH)
     for lane in range(width):
-        density, _, _, speed_of_sound = atmosphere(Z[s.M_ALTITUDE, lane])
         speed = Z[s.M_SPEED, lane]
         half_inverse = 0.5 / speed
-        Z[RHO_NOM, lane] = density
         Z[_ONE, lane] = 1.0
-        Z[_MACH, lane] = speed / speed_of_sound
+        Z[_MACH, lane] = speed / Z[_MACH, lane]
         Z[_ALPHA, lane] = Z[s.M_ALPHA, lane]
         Z[_BETA, lane] = Z[s.M_BETA, lane]
         Z[_P_HAT, lane] = Z[s.M_P, lane] * constants.span * half_inverse
@@ -145,11 +144,16 @@ def axis_nodes(tables, axis):
     return tables.grid[start:end], tables.inverse_step[start:end]
 
 
+@scalar
+def trim_at(data, corner, s0, s2, w00, w10, w01, w11):
+    """One trim row at a node of the angle of attack: bilinear in Mach and equivalence ratio."""
+    return w00 * data[corner] + w10 * data[corner + s0] + w01 * data[corner + s2] + w11 * data[corner + s0 + s2]
+
+
 @lanes
-def trim_data(Z, width, trim, hints, low, high):
+def trim_data(Z, width, trim, hints):
     """Trimmed lift, drag and thrust coefficients at (Mach, commanded alpha, eta), and their slopes with alpha."""
     s0, s1, s2 = trim.group_stride[0, 0], trim.group_stride[0, 1], trim.group_stride[0, 2]
-    used = trim.group_used[0]
     grid_0, step_0 = axis_nodes(trim, 0)
     grid_1, step_1 = axis_nodes(trim, 1)
     grid_2, step_2 = axis_nodes(trim, 2)
@@ -161,14 +165,21 @@ def trim_data(Z, width, trim, hints, low, high):
         hints[1, lane] = i1
         hints[2, lane] = i2
         corner = trim.group_start[0] + i0 * s0 + i1 * s1 + i2 * s2
-        interpolate_3d(trim.data, corner, s0, s1, s2, t0, 0.0, t2, used, low)
-        interpolate_3d(trim.data, corner, s0, s1, s2, t0, 1.0, t2, used, high)
+        w00, w10 = (1.0 - t0) * (1.0 - t2), t0 * (1.0 - t2)
+        w01, w11 = (1.0 - t0) * t2, t0 * t2
+        lift = trim_at(trim.data, corner + _TRIM_LIFT, s0, s2, w00, w10, w01, w11)
+        drag = trim_at(trim.data, corner + _TRIM_DRAG, s0, s2, w00, w10, w01, w11)
+        thrust = trim_at(trim.data, corner + _TRIM_THRUST, s0, s2, w00, w10, w01, w11)
+        corner += s1
+        lift_up = trim_at(trim.data, corner + _TRIM_LIFT, s0, s2, w00, w10, w01, w11)
+        drag_up = trim_at(trim.data, corner + _TRIM_DRAG, s0, s2, w00, w10, w01, w11)
+        thrust_up = trim_at(trim.data, corner + _TRIM_THRUST, s0, s2, w00, w10, w01, w11)
         inverse = step_1[i1]
-        Z[T_LIFT, lane] = (1.0 - t1) * low[_TRIM_LIFT] + t1 * high[_TRIM_LIFT]
-        Z[T_DRAG, lane] = (1.0 - t1) * low[_TRIM_DRAG] + t1 * high[_TRIM_DRAG]
-        Z[T_THRUST, lane] = (1.0 - t1) * low[_TRIM_THRUST] + t1 * high[_TRIM_THRUST]
-        Z[T_LIFT_SLOPE, lane] = (high[_TRIM_LIFT] - low[_TRIM_LIFT]) * inverse
-        Z[T_THRUST_SLOPE, lane] = (high[_TRIM_THRUST] - low[_TRIM_THRUST]) * inverse
+        Z[T_LIFT, lane] = (1.0 - t1) * lift + t1 * lift_up
+        Z[T_DRAG, lane] = (1.0 - t1) * drag + t1 * drag_up
+        Z[T_THRUST, lane] = (1.0 - t1) * thrust + t1 * thrust_up
+        Z[T_LIFT_SLOPE, lane] = (lift_up - lift) * inverse
+        Z[T_THRUST_SLOPE, lane] = (thrust_up - thrust) * inverse
 
 
 @lanes
@@ -309,9 +320,9 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
 @lanes
 def nominal_vehicle(Z, T, width, vehicle, effectiveness, scratch, unit_factors):
     """Coefficients, fixed quantities and slopes (rows from ``SLOPES``) of the nominal vehicle at its variables."""
-    hints, _, fractions, weights, low, high = scratch
-    look_up(Z, T, width, vehicle.tables, hints, fractions, weights, low)
-    table_slopes(T, width, vehicle.tables, effectiveness, hints, fractions, low, high)
+    cells, _, high = scratch
+    look_up(Z, T, width, vehicle.tables, cells)
+    table_slopes(T, width, vehicle.tables, effectiveness, cells, high)
     build_up(Z, T, width, vehicle.build_up, unit_factors)
     slopes_of_coefficients(Z, T, width, effectiveness, SLOPES)
 
@@ -321,9 +332,9 @@ def tlc_tick(
     Z, T, width, vehicle, trim, effectiveness, earth, reference, gains, settings, k, dt, first, scratch, unit_factors
 ):
     """Commands from the measurement at control tick ``k``."""
-    _, trim_hints, _, _, low, high = scratch
+    _, trim_hints, _ = scratch
     tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt)
     nominal_variables(Z, width, vehicle, reference, k)
     nominal_vehicle(Z, T, width, vehicle, effectiveness, scratch, unit_factors)
-    trim_data(Z, width, trim, trim_hints, low, high)
+    trim_data(Z, width, trim, trim_hints)
     tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, first)

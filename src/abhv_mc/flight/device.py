@@ -19,6 +19,7 @@ from abhv_mc.flight.lanes import LAWS, fly_groups
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.jit_cuda import cuda, device_kernel, find_device, uncontracted
 from abhv_mc.plant import state as s
+from abhv_mc.plant.aerodynamics import Cells
 from abhv_mc.vehicle.arrays import Floats
 
 THREADS = 32  # of a block: one warp, so that flights that end early free their place soonest
@@ -65,15 +66,21 @@ def make_flight_kernel(
             Z = cuda.local.array((_Z_ROWS, 1), np.float64)
             O = cuda.local.array((_O_ROWS, 1), np.float64)
             T = cuda.local.array((table_rows, 1), np.float64)
-            hints = cuda.local.array((axes, 1), np.int64)
-            fractions = cuda.local.array((axes, 1), np.float64)
+            cells = Cells(
+                cuda.local.array((axes, 1), np.int64),
+                cuda.local.array((axes, 1), np.float64),
+                cuda.local.array(axes, np.int64),
+                cuda.local.array(axes, np.int64),
+                cuda.local.array((4, 1), np.float64),
+                cuda.local.array(scratch_rows, np.float64),
+            )
             trim_hints = cuda.local.array((_TRIM_AXES, 1), np.int64)
-            weights = cuda.local.array((4, 1), np.float64)
-            low = cuda.local.array(scratch_rows, np.float64)
             high = cuda.local.array(scratch_rows, np.float64)
             for i in range(axes):
-                hints[i, 0] = 0
-                fractions[i, 0] = 0.0
+                cells.cell[i, 0] = 0
+                cells.fraction[i, 0] = 0.0
+                cells.lowest[i] = 0
+                cells.spread[i] = 0
             for i in range(_TRIM_AXES):
                 trim_hints[i, 0] = 0
             for sample in range(history.shape[1]):
@@ -88,7 +95,7 @@ def make_flight_kernel(
                 T,
                 O,
                 1,
-                (hints, trim_hints, fractions, weights, low, high),
+                (cells, trim_hints, high),
                 unit_factors,
                 vehicle,
                 trim,

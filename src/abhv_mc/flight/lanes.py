@@ -20,9 +20,9 @@ from abhv_mc.flight.start import start_flights
 from abhv_mc.jit import kernel, lanes
 from abhv_mc.plant import state as s
 from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
-from abhv_mc.plant.aerodynamics import build_up, look_up
+from abhv_mc.plant.aerodynamics import Cells, build_up, look_up
 from abhv_mc.plant.air_data import air_data, deflections
-from abhv_mc.plant.disturbance import disturb
+from abhv_mc.plant.disturbance import any_lane, disturb
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
 
 LANES = 16
@@ -35,11 +35,11 @@ _Z_ROWS = s.LAW + tlc.N_ROWS
 
 
 @lanes
-def evaluate(Z, T, width, vehicle, earth, hints, fractions, weights, scratch, stage):
+def evaluate(Z, T, width, vehicle, earth, cells, stage):
     """One Runge-Kutta stage at ``XS``."""
     air_data(Z, width, vehicle, earth)
     deflections(Z, width, vehicle)
-    look_up(Z, T, width, vehicle.tables, hints, fractions, weights, scratch)
+    look_up(Z, T, width, vehicle.tables, cells)
     build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
     equations_of_motion(Z, width, vehicle, earth, stage)
 
@@ -75,7 +75,7 @@ def fly_groups(
 ):
     """Every group of ``width`` flights, one after another, in lane memory that the caller allocated."""
     flights = parameters.shape[0]
-    hints, _, fractions, weights, low, _ = scratch
+    cells, _, _ = scratch
     is_recorded = law == RECORDED
     tick_length = step * steps_per_tick
     for first in range(0, flights, width):
@@ -116,28 +116,28 @@ def fly_groups(
                 lqr_tick(Z, width, vehicle, earth, reference, gains, settings, tick)
             else:
                 recorded_tick(Z, width, gains, tick)
-            evaluate(Z, T, width, vehicle, earth, hints, fractions, weights, low, runge_kutta_stage(0, step))
-            judge(Z, O, width, limits, tick)
-            measure(Z, O, width, vehicle, reference, tick, tick_length)
-            if record_every > 0 and tick % record_every == 0:
-                record(Z, width, history, first, n, tick // record_every)
-                if states.shape[1] > 0:
-                    record_states(Z, states, first, n, tick // record_every)
-            alive = 0.0
-            for lane in range(width):
-                alive += O[observe.ALIVE, lane]
-            if tick == ticks or alive == 0.0:
+            flying = True
+            for evaluation in range(4 * steps_per_tick):  # one loop, so that its code is there once
+                stage = evaluation % 4
+                evaluate(Z, T, width, vehicle, earth, cells, runge_kutta_stage(stage, step))
+                if evaluation == 0:
+                    judge(Z, O, width, limits, tick)
+                    measure(Z, O, width, vehicle, reference, tick, tick_length)
+                    if record_every > 0 and tick % record_every == 0:
+                        record(Z, width, history, first, n, tick // record_every)
+                        if states.shape[1] > 0:
+                            record_states(Z, states, first, n, tick // record_every)
+                    flying = tick < ticks and any_lane(O, width, observe.ALIVE, 0.0)
+                    if not flying:
+                        break
+                if stage == 0:
+                    run_actuators(Z, width, vehicle.constants, step, is_recorded)
+                elif stage == 2:
+                    set_actuators(Z, width)
+                elif stage == 3:
+                    finish_step(Z, width, O[observe.ALIVE])
+            if not flying:
                 break
-            for inner in range(steps_per_tick):
-                for stage in range(4):
-                    if inner > 0 or stage > 0:  # the first is evaluated already, for the observer
-                        rule = runge_kutta_stage(stage, step)
-                        evaluate(Z, T, width, vehicle, earth, hints, fractions, weights, low, rule)
-                    if stage == 0:
-                        run_actuators(Z, width, vehicle.constants, step, is_recorded)
-                    elif stage == 2:
-                        set_actuators(Z, width)
-                finish_step(Z, width, O[observe.ALIVE])
         finish_metrics(O, width, metrics, first, n)
         for lane in range(n):
             outcome[first + lane] = int(O[observe.OUTCOME, lane])
@@ -181,20 +181,24 @@ def make_fly_lanes(capacity: int) -> Callable[..., None]:
         """
         Z = np.empty((_Z_ROWS, capacity))
         O = np.empty((observe.N_ROWS, capacity))
-        hints = np.zeros((s.MAX_AXES, capacity), dtype=np.int64)
-        trim_hints = np.zeros((3, capacity), dtype=np.int64)
-        fractions = np.zeros((s.MAX_AXES, capacity))
-        low = np.empty(s.MAX_TABLE_ROWS)
-        high = np.empty(s.MAX_TABLE_ROWS)
         T = np.empty((s.MAX_TABLE_ROWS, capacity))
-        weights = np.empty((4, capacity))
+        cells = Cells(
+            np.zeros((s.MAX_AXES, capacity), dtype=np.int64),
+            np.zeros((s.MAX_AXES, capacity)),
+            np.zeros(s.MAX_AXES, dtype=np.int64),
+            np.zeros(s.MAX_AXES, dtype=np.int64),
+            np.empty((4, capacity)),
+            np.empty(s.MAX_TABLE_ROWS),
+        )
+        trim_hints = np.zeros((3, capacity), dtype=np.int64)
+        high = np.empty(s.MAX_TABLE_ROWS)
         unit_factors = np.zeros(vehicle.build_up.factor.size, dtype=np.int64)
         fly_groups(
             Z,
             T,
             O,
             width,
-            (hints, trim_hints, fractions, weights, low, high),
+            (cells, trim_hints, high),
             unit_factors,
             vehicle,
             trim,

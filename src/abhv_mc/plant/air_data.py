@@ -44,7 +44,7 @@ from abhv_mc.plant.state import (
     variable_row,
 )
 from abhv_mc.vehicle.arrays import VARIABLES
-from abhv_mc.world.atmosphere import atmosphere
+from abhv_mc.world.atmosphere import atmosphere_lanes
 from abhv_mc.world.wind import wind_ned
 
 _DENSITY = parameter_row("atmosphere.density")
@@ -97,6 +97,8 @@ def set_effectors(Z, width, mix):
     """The vehicle's own surfaces from the three (effective) axis deflections."""
     for e in range(N_EFFECTORS):
         aileron, rudder, elevator = mix[e, 0], mix[e, 1], mix[e, 2]
+        if aileron == 0.0 and rudder == 0.0 and elevator == 0.0:
+            continue  # not one of this vehicle's
         for lane in range(width):
             Z[_EFFECTOR + e, lane] = (
                 aileron * Z[_DELTA_A, lane] + rudder * Z[_DELTA_R, lane] + elevator * Z[_DELTA_E, lane]
@@ -110,6 +112,7 @@ def air_data(Z, width, vehicle, earth):
     The damping terms feel the body rates relative to the Earth, with which the air turns.
     """
     constants = vehicle.constants
+    atmosphere_lanes(Z, width, XS + ALTITUDE, RHO, _MACH)  # the speed of sound, until the Mach number is known
     for lane in range(width):
         q0, q1, q2, q3 = Z[XS + Q0, lane], Z[XS + Q1, lane], Z[XS + Q2, lane], Z[XS + Q3, lane]
         altitude = Z[XS + ALTITUDE, lane]
@@ -122,8 +125,7 @@ def air_data(Z, width, vehicle, earth):
             Z[XS + V, lane] - (wind_v + Z[GUST_V, lane]),
             Z[XS + W, lane] - (wind_w + Z[GUST_W, lane]),
         )
-        density, _, _, speed_of_sound = atmosphere(altitude)
-        rho = density * (Z[_DENSITY, lane] * Z[DENSITY_PROFILE, lane])
+        rho = Z[RHO, lane] * (Z[_DENSITY, lane] * Z[DENSITY_PROFILE, lane])
         Z[RHO, lane] = rho
         Z[Q_BAR, lane] = 0.5 * rho * speed * speed
         Z[AIRSPEED, lane] = speed
@@ -143,7 +145,7 @@ def air_data(Z, width, vehicle, earth):
         half_inverse = 0.5 / (speed if speed > 1e-9 else 1.0)
         half_inverse = half_inverse if speed > 1e-9 else 0.0
         Z[_ONE, lane] = 1.0
-        Z[_MACH, lane] = speed / speed_of_sound
+        Z[_MACH, lane] = speed / Z[_MACH, lane]
         Z[_ALPHA, lane] = alpha
         Z[_BETA, lane] = beta
         Z[_P_HAT, lane] = (Z[XS + ROLL_RATE, lane] - earth_x) * constants.span * half_inverse

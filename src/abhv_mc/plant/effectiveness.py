@@ -96,11 +96,12 @@ def make_effectiveness(vehicle: Vehicle) -> Effectiveness:
 
 
 @lanes
-def table_slopes(T, W, tables, effectiveness, hints, fractions, low, high):
+def table_slopes(T, W, tables, effectiveness, cells, high):
     """Slope rows of every lane, from the cells and fractions that the look-up just found.
 
-    low and high [MAX_TABLE_ROWS] are scratch.
+    high [MAX_TABLE_ROWS] is scratch.
     """
+    low = cells.row
     for slope in range(effectiveness.slope_group.size):
         g = effectiveness.slope_group[slope]
         axis = effectiveness.slope_axis[slope]
@@ -110,10 +111,10 @@ def table_slopes(T, W, tables, effectiveness, hints, fractions, low, high):
         used = tables.group_used[g]
         row = effectiveness.slope_row[slope]
         for lane in range(W):
-            corner = start + hints[a0, lane] * s0 + hints[a1, lane] * s1 + hints[a2, lane] * s2
-            t0, t1, t2 = fractions[a0, lane], fractions[a1, lane], fractions[a2, lane]
+            corner = start + cells.cell[a0, lane] * s0 + cells.cell[a1, lane] * s1 + cells.cell[a2, lane] * s2
+            t0, t1, t2 = cells.fraction[a0, lane], cells.fraction[a1, lane], cells.fraction[a2, lane]
             on_0, on_1, on_2 = a0 == axis, a1 == axis, a2 == axis
-            inverse = tables.inverse_step[tables.axis_start[axis] + hints[axis, lane]]
+            inverse = tables.inverse_step[tables.axis_start[axis] + cells.cell[axis, lane]]
             interpolate_3d(
                 tables.data,
                 corner,

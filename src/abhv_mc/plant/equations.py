@@ -210,6 +210,14 @@ def finish_step(Z, width, alive):
         Z[XS + s.Q1, lane] = q1 * norm
         Z[XS + s.Q2, lane] = q2 * norm
         Z[XS + s.Q3, lane] = q3 * norm
+    flying = 0
+    for lane in range(width):
+        flying += alive[lane] > 0.0
+    if flying == width:
+        for i in range(s.N_STATES):
+            for lane in range(width):
+                Z[X + i, lane] = Z[XS + i, lane]
+        return
     for i in range(s.N_STATES):
         for lane in range(width):
             kept = Z[XS + i, lane] if alive[lane] > 0.0 else Z[X + i, lane]

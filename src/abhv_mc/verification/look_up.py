@@ -6,7 +6,7 @@ import numpy as np
 
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
-from abhv_mc.plant.aerodynamics import look_up
+from abhv_mc.plant.aerodynamics import Cells, look_up
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.vehicle.arrays import VARIABLES, Floats, Tables
@@ -22,15 +22,19 @@ def _look_up_points(tables: Any, variables: Any, rows: Any) -> None:
     """Table rows ``[row, point]`` of variables ``[variable, point]``, sixteen abreast as in flight."""
     Z = np.zeros((s.LAW, 16))
     T = np.zeros((s.MAX_TABLE_ROWS, 16))
-    weights = np.zeros((4, 16))
-    scratch = np.zeros(s.MAX_TABLE_ROWS)
-    hints = np.zeros((s.MAX_AXES, 16), dtype=np.int64)
-    fractions = np.zeros((s.MAX_AXES, 16))
+    cells = Cells(
+        np.zeros((s.MAX_AXES, 16), dtype=np.int64),
+        np.zeros((s.MAX_AXES, 16)),
+        np.zeros(s.MAX_AXES, dtype=np.int64),
+        np.zeros(s.MAX_AXES, dtype=np.int64),
+        np.zeros((4, 16)),
+        np.zeros(s.MAX_TABLE_ROWS),
+    )
     for first in range(0, variables.shape[1], 16):
         for i in range(variables.shape[0]):
             for lane in range(16):
                 Z[s.VAR + i, lane] = variables[i, first + lane]
-        look_up(Z, T, 16, tables, hints, fractions, weights, scratch)
+        look_up(Z, T, 16, tables, cells)
         for i in range(rows.shape[0]):
             for lane in range(16):
                 rows[i, first + lane] = T[i, lane]

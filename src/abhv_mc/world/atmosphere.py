@@ -7,8 +7,9 @@ and exceeds it by 0.04 % at 86 km.
 """
 
 import math
+from typing import NamedTuple
 
-from abhv_mc.jit import scalar
+from abhv_mc.jit import lanes, scalar
 from abhv_mc.numerics.lane_math import exp, log
 
 GEOPOTENTIAL_RADIUS = 6356766.0  # m, r0: geopotential altitude H = r0 Z / (r0 + Z)
@@ -53,14 +54,27 @@ _PRESSURE = (  # Pa, at the base
 )
 
 
-@scalar
-def atmosphere(altitude: float) -> tuple[float, float, float, float]:
-    """(density kg/m3, pressure Pa, temperature K, speed of sound m/s) at a geometric altitude in metres.
+class Layer(NamedTuple):
+    """One layer of the standard atmosphere."""
 
-    Below 0 m the lowest layer goes on; above 86 km the air is isothermal. NaN in, NaN out.
-    """
-    height = GEOPOTENTIAL_RADIUS * altitude / (GEOPOTENTIAL_RADIUS + altitude)
-    base = _BASE[0]
+    base: float  # geopotential height, m
+    top: float
+    temperature: float  # K, at the base
+    relative_lapse: float  # 1/m
+    rate: float
+    pressure: float  # Pa, at the base
+
+
+@scalar
+def geopotential_height(altitude: float) -> float:
+    """Geopotential height, m, of a geometric altitude in metres."""
+    return GEOPOTENTIAL_RADIUS * altitude / (GEOPOTENTIAL_RADIUS + altitude)
+
+
+@scalar
+def layer_at(height: float) -> Layer:
+    """The layer of a geopotential height in metres; the lowest goes on below 0 m and for NaN."""
+    base, top = _BASE[0], _BASE[1]
     base_temperature = _TEMPERATURE[0]
     relative_lapse = _RELATIVE_LAPSE[0]
     rate = _RATE[0]
@@ -68,14 +82,58 @@ def atmosphere(altitude: float) -> tuple[float, float, float, float]:
     for i in range(1, 8):
         above = height >= _BASE[i]
         base = _BASE[i] if above else base
+        top = (_BASE[i + 1] if i < 7 else math.inf) if above else top
         base_temperature = _TEMPERATURE[i] if above else base_temperature
         relative_lapse = _RELATIVE_LAPSE[i] if above else relative_lapse
         rate = _RATE[i] if above else rate
         base_pressure = _PRESSURE[i] if above else base_pressure
-    above_base = height - base
-    ratio = 1.0 + relative_lapse * above_base
-    temperature = base_temperature * ratio
-    pressure = base_pressure * exp(rate * (log(ratio) if relative_lapse != 0.0 else above_base))
-    density = pressure / (GAS_CONSTANT * temperature)
+    return Layer(base, top, base_temperature, relative_lapse, rate, base_pressure)
+
+
+@scalar
+def air_in_layer(layer: Layer, height: float, isothermal: bool) -> tuple[float, float, float, float]:
+    """What :func:`atmosphere` gives; ``isothermal`` may be False for any layer and spares one the logarithm."""
+    above_base = height - layer.base
+    ratio = 1.0 if isothermal else 1.0 + layer.relative_lapse * above_base
+    temperature = layer.temperature * ratio
+    along = above_base if isothermal else (log(ratio) if layer.relative_lapse != 0.0 else above_base)
+    pressure = layer.pressure * exp(layer.rate * along)
+    density = pressure * (1.0 / (GAS_CONSTANT * temperature))
     speed_of_sound = math.sqrt((HEAT_CAPACITY_RATIO * GAS_CONSTANT) * temperature)
     return density, pressure, temperature, speed_of_sound
+
+
+@scalar
+def atmosphere(altitude: float) -> tuple[float, float, float, float]:
+    """(density kg/m3, pressure Pa, temperature K, speed of sound m/s) at a geometric altitude in metres.
+
+    Below 0 m the lowest layer goes on; above 86 km the air is isothermal. NaN in, NaN out.
+    """
+    height = geopotential_height(altitude)
+    return air_in_layer(layer_at(height), height, False)
+
+
+@lanes
+def atmosphere_lanes(Z, width, altitude_row, density_row, sound_row):
+    """Density and speed of sound of every lane, the bits of :func:`atmosphere`.
+
+    Flights of one campaign mostly share a layer: then its numbers are plain numbers, and an isothermal one needs no
+    logarithm.
+    """
+    for lane in range(width):
+        Z[density_row, lane] = geopotential_height(Z[altitude_row, lane])
+    layer = layer_at(Z[density_row, 0])
+    elsewhere = 0
+    for lane in range(width):
+        height = Z[density_row, lane]
+        elsewhere += 0 if layer.base <= height < layer.top else 1
+    if elsewhere > 0:
+        for lane in range(width):
+            height = Z[density_row, lane]
+            Z[density_row, lane], _, _, Z[sound_row, lane] = air_in_layer(layer_at(height), height, False)
+    elif layer.relative_lapse == 0.0:
+        for lane in range(width):
+            Z[density_row, lane], _, _, Z[sound_row, lane] = air_in_layer(layer, Z[density_row, lane], True)
+    else:
+        for lane in range(width):
+            Z[density_row, lane], _, _, Z[sound_row, lane] = air_in_layer(layer, Z[density_row, lane], False)
