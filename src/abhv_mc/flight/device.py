@@ -66,6 +66,8 @@ def make_flight_kernel(
             Z = cuda.local.array((_Z_ROWS, 1), np.float64)
             O = cuda.local.array((_O_ROWS, 1), np.float64)
             T = cuda.local.array((table_rows, 1), np.float64)
+            kept = cuda.local.array((1, 1), np.float64)  # a thread has one flight, which nobody takes the lane of
+            order = cuda.local.array(1, np.int64)
             cells = Cells(
                 cuda.local.array((axes, 1), np.int64),
                 cuda.local.array((axes, 1), np.float64),
@@ -95,6 +97,8 @@ def make_flight_kernel(
                 T,
                 O,
                 1,
+                kept,
+                order,
                 (cells, trim_hints, high),
                 unit_factors,
                 vehicle,

@@ -26,12 +26,15 @@ from abhv_mc.plant.disturbance import any_lane, disturb
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
 
 LANES = 16
+CLOSING = 500  # ticks after which flights close ranks
+TOGETHER = 256  # flights that do: what they remember stays near the processor
 
 # Which law flies: the integers that the kernel compares.
 TLC, LQR, RECORDED = range(3)
 LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED}
 
-_Z_ROWS = s.LAW + tlc.N_ROWS
+Z_ROWS = s.LAW + tlc.N_ROWS
+KEPT_ROWS = Z_ROWS + observe.N_ROWS
 
 
 @lanes
@@ -45,11 +48,94 @@ def evaluate(Z, T, width, vehicle, earth, cells, stage):
 
 
 @lanes
+def fly_ticks(
+    Z,
+    T,
+    O,
+    width,
+    scratch,
+    unit_factors,
+    vehicle,
+    trim,
+    effectiveness,
+    earth,
+    law,
+    reference,
+    gains,
+    settings,
+    limits,
+    step,
+    steps_per_tick,
+    ticks,
+    first_tick,
+    end,
+    record_every,
+    flights,
+    n,
+    history,
+    states,
+):
+    """One group of flights from ``first_tick`` to before tick ``end``, or until none of them flies."""
+    cells, _, _ = scratch
+    tick_length = step * steps_per_tick
+    for tick in range(first_tick, end):
+        navigate(Z, width, tick_length, tick == 0)
+        disturb(Z, width, tick * tick_length, tick_length, tick == 0)
+        sense(Z, width, tick_length, tick)
+        if law == TLC:
+            tlc_tick(
+                Z,
+                T,
+                width,
+                vehicle,
+                trim,
+                effectiveness,
+                earth,
+                reference,
+                gains,
+                settings,
+                tick,
+                tick_length,
+                tick == 0,
+                scratch,
+                unit_factors,
+            )
+        elif law == LQR:
+            lqr_tick(Z, width, vehicle, earth, reference, gains, settings, tick)
+        else:
+            recorded_tick(Z, width, gains, tick)
+        flying = True
+        for evaluation in range(4 * steps_per_tick):  # one loop, so that its code is there once
+            stage = evaluation % 4
+            evaluate(Z, T, width, vehicle, earth, cells, runge_kutta_stage(stage, step))
+            if evaluation == 0:
+                judge(Z, O, width, limits, tick)
+                measure(Z, O, width, vehicle, reference, tick, tick_length)
+                if record_every > 0 and tick % record_every == 0:
+                    record(Z, history, flights, n, tick // record_every)
+                    if states.shape[1] > 0:
+                        record_states(Z, states, flights, n, tick // record_every)
+                flying = tick < ticks and any_lane(O, width, observe.ALIVE, 0.0)
+                if not flying:
+                    break
+            if stage == 0:
+                run_actuators(Z, width, vehicle.constants, step, law == RECORDED)
+            elif stage == 2:
+                set_actuators(Z, width)
+            elif stage == 3:
+                finish_step(Z, width, O[observe.ALIVE])
+        if not flying:
+            break
+
+
+@lanes
 def fly_groups(
     Z,
     T,
     O,
     width,
+    kept,
+    order,
     scratch,
     unit_factors,
     vehicle,
@@ -73,75 +159,100 @@ def fly_groups(
     history,
     states,
 ):
-    """Every group of ``width`` flights, one after another, in lane memory that the caller allocated."""
-    flights = parameters.shape[0]
-    cells, _, _ = scratch
-    is_recorded = law == RECORDED
-    tick_length = step * steps_per_tick
-    for first in range(0, flights, width):
-        n = min(width, flights - first)
-        for i in range(_Z_ROWS):
-            for lane in range(width):
-                Z[i, lane] = 0.0
-        for lane in range(width):
-            flight = first + min(lane, n - 1)  # spare lanes repeat the last flight, unseen
-            for i in range(s.N_PARAMETERS):
-                Z[s.P + i, lane] = parameters[flight, i]
-        start_flights(Z, width, initial_state)
-        prepare_actuators(Z, width, vehicle.constants, step)
-        start_observing(Z, O, width)
-        for tick in range(ticks + 1):
-            navigate(Z, width, tick_length, tick == 0)
-            disturb(Z, width, tick * tick_length, tick_length, tick == 0)
-            sense(Z, width, tick_length, tick)
-            if law == TLC:
-                tlc_tick(
+    """Every flight, in groups of ``width`` abreast, in memory that the caller allocated.
+
+    As many flights as ``kept`` [flight, row] has room for fly a while group by group; then those still flying close
+    ranks: a lane whose flight has ended is taken by another. ``order`` [flight] is room for their numbers.
+    """
+    together = 1 < width < parameters.shape[0]  # otherwise there is nobody to close ranks with
+    for first in range(0, parameters.shape[0], kept.shape[0]):
+        flying = min(kept.shape[0], parameters.shape[0] - first)
+        for i in range(flying):
+            order[i] = first + i
+        for first_tick in range(0, ticks + 1, CLOSING if together else ticks + 1):
+            end = min(first_tick + CLOSING, ticks + 1) if together else ticks + 1
+            still_flying = 0
+            for group in range(0, flying, width):
+                n = min(width, flying - group)
+                flights = order[group : group + n]
+                if first_tick == 0:
+                    start_lanes(Z, width, parameters, flights, n)
+                    start_flights(Z, width, initial_state)
+                    prepare_actuators(Z, width, vehicle.constants, step)
+                    start_observing(Z, O, width)
+                else:
+                    fetch_lanes(Z, O, width, kept, group, n)
+                fly_ticks(
                     Z,
                     T,
+                    O,
                     width,
+                    scratch,
+                    unit_factors,
                     vehicle,
                     trim,
                     effectiveness,
                     earth,
+                    law,
                     reference,
                     gains,
                     settings,
-                    tick,
-                    tick_length,
-                    tick == 0,
-                    scratch,
-                    unit_factors,
+                    limits,
+                    step,
+                    steps_per_tick,
+                    ticks,
+                    first_tick,
+                    end,
+                    record_every,
+                    flights,
+                    n,
+                    history,
+                    states,
                 )
-            elif law == LQR:
-                lqr_tick(Z, width, vehicle, earth, reference, gains, settings, tick)
-            else:
-                recorded_tick(Z, width, gains, tick)
-            flying = True
-            for evaluation in range(4 * steps_per_tick):  # one loop, so that its code is there once
-                stage = evaluation % 4
-                evaluate(Z, T, width, vehicle, earth, cells, runge_kutta_stage(stage, step))
-                if evaluation == 0:
-                    judge(Z, O, width, limits, tick)
-                    measure(Z, O, width, vehicle, reference, tick, tick_length)
-                    if record_every > 0 and tick % record_every == 0:
-                        record(Z, width, history, first, n, tick // record_every)
-                        if states.shape[1] > 0:
-                            record_states(Z, states, first, n, tick // record_every)
-                    flying = tick < ticks and any_lane(O, width, observe.ALIVE, 0.0)
-                    if not flying:
-                        break
-                if stage == 0:
-                    run_actuators(Z, width, vehicle.constants, step, is_recorded)
-                elif stage == 2:
-                    set_actuators(Z, width)
-                elif stage == 3:
-                    finish_step(Z, width, O[observe.ALIVE])
-            if not flying:
-                break
-        finish_metrics(O, width, metrics, first, n)
-        for lane in range(n):
-            outcome[first + lane] = int(O[observe.OUTCOME, lane])
-            end_tick[first + lane] = int(O[observe.END, lane])
+                for lane in range(n):
+                    flight = flights[lane]
+                    if O[observe.ALIVE, lane] > 0.0 and end <= ticks:
+                        keep_lane(Z, O, lane, kept, still_flying)  # at or before its own place, already fetched
+                        order[still_flying] = flight
+                        still_flying += 1
+                    else:
+                        finish_metrics(O, lane, metrics[flight])
+                        outcome[flight] = int(O[observe.OUTCOME, lane])
+                        end_tick[flight] = int(O[observe.END, lane])
+            flying = still_flying
+
+
+@lanes
+def start_lanes(Z, width, parameters, flights, n):
+    """Clear the lanes and give each its flight's parameters; spare lanes repeat the last flight, unseen."""
+    for i in range(Z_ROWS):
+        for lane in range(width):
+            Z[i, lane] = 0.0
+    for lane in range(width):
+        flight = flights[min(lane, n - 1)]
+        for i in range(s.N_PARAMETERS):
+            Z[s.P + i, lane] = parameters[flight, i]
+
+
+@lanes
+def keep_lane(Z, O, lane, kept, place):
+    """Put everything that a flight remembers into its place."""
+    row = kept[place]
+    for i in range(Z_ROWS):
+        row[i] = Z[i, lane]
+    for i in range(observe.N_ROWS):
+        row[Z_ROWS + i] = O[i, lane]
+
+
+@lanes
+def fetch_lanes(Z, O, width, kept, first, n):
+    """Flights from their places back into the lanes; spare lanes repeat the last."""
+    for lane in range(width):
+        row = kept[first + min(lane, n - 1)]
+        for i in range(Z_ROWS):
+            Z[i, lane] = row[i]
+        for i in range(observe.N_ROWS):
+            O[i, lane] = row[Z_ROWS + i]
 
 
 def make_fly_lanes(capacity: int) -> Callable[..., None]:
@@ -179,7 +290,9 @@ def make_fly_lanes(capacity: int) -> Callable[..., None]:
 
         ``states`` [flight, sample, state] may have no samples; then no state is kept.
         """
-        Z = np.empty((_Z_ROWS, capacity))
+        Z = np.empty((Z_ROWS, capacity))
+        kept = np.empty((TOGETHER, KEPT_ROWS))
+        order = np.empty(TOGETHER, dtype=np.int64)
         O = np.empty((observe.N_ROWS, capacity))
         T = np.empty((s.MAX_TABLE_ROWS, capacity))
         cells = Cells(
@@ -198,6 +311,8 @@ def make_fly_lanes(capacity: int) -> Callable[..., None]:
             T,
             O,
             width,
+            kept,
+            order,
             (cells, trim_hints, high),
             unit_factors,
             vehicle,

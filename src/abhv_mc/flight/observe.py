@@ -180,33 +180,32 @@ def add_surface(Z, O, lane, counts, i, first_metric):
 
 
 @lanes
-def finish_metrics(O, width, out, first, n):
-    """Means under the roots, and the first ``n`` lanes into ``out[flight, metric]``."""
-    for lane in range(n):
-        inverse = 1.0 / larger(1.0, O[SAMPLES, lane])
-        for i in range(N_METRICS):
-            out[first + lane, i] = O[i, lane]
-        for i in (
-            M_ALTITUDE_RMS,
-            M_SPEED_RMS,
-            M_HEADING_RMS,
-            M_CROSS_RMS,
-            M_ALPHA_RMS,
-            M_BANK_RMS,
-            M_BETA_RMS,
-            M_AILERON,
-            M_ELEVATOR,
-            M_RUDDER,
-        ):
-            out[first + lane, i] = math.sqrt(O[i, lane] * inverse)
+def finish_metrics(O, lane, out):
+    """The metrics of one lane, ``out`` [metric], with means under the roots."""
+    inverse = 1.0 / larger(1.0, O[SAMPLES, lane])
+    for i in range(N_METRICS):
+        out[i] = O[i, lane]
+    for i in (
+        M_ALTITUDE_RMS,
+        M_SPEED_RMS,
+        M_HEADING_RMS,
+        M_CROSS_RMS,
+        M_ALPHA_RMS,
+        M_BANK_RMS,
+        M_BETA_RMS,
+        M_AILERON,
+        M_ELEVATOR,
+        M_RUDDER,
+    ):
+        out[i] = math.sqrt(O[i, lane] * inverse)
 
 
 @lanes
-def record(Z, width, history, first, n, sample):
-    """The channels at this tick, in the order of CHANNELS, for the flights that still fly."""
+def record(Z, history, flights, n, sample):
+    """The channels at this tick, in the order of CHANNELS, of the lanes' ``flights`` that still fly."""
     for lane in range(n):
         if Z[s.COUNTED, lane] > 0.0:
-            row = history[first + lane, sample]
+            row = history[flights[lane], sample]
             row[0] = Z[X + s.ALTITUDE, lane]
             row[1] = Z[s.SPEED, lane]
             row[2] = Z[s.GAMMA, lane] * _DEG
@@ -238,9 +237,9 @@ def record(Z, width, history, first, n, sample):
 
 
 @lanes
-def record_states(Z, states, first, n, sample):
+def record_states(Z, states, flights, n, sample):
     """The whole state at this tick, in the order of STATES and in double precision, for the flights that still fly."""
     for lane in range(n):
         if Z[s.COUNTED, lane] > 0.0:
             for i in range(s.N_STATES):
-                states[first + lane, sample, i] = Z[X + i, lane]
+                states[flights[lane], sample, i] = Z[X + i, lane]
