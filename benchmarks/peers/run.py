@@ -166,7 +166,7 @@ def make_table(record: dict[str, Any]) -> str:
     machine, peers = record["machine"], record["peers"]
     ours = peers[YARDSTICK]
     lines = [
-        f"{machine['processor']}, {machine['simd']}, {machine['cores']} cores, {machine['system']}, load "
+        f"{machine['processor']}, {machine['simd']}, {machine['cores']} cores, load "
         f"{machine['load_before']:.1f} before the start; a core's measured peak {ours['peak_gflops']:.0f} GFLOP/s; "
         + ", ".join(f"{name} {version}" for name, version in record["versions"].items())
         + ".",

@@ -123,4 +123,5 @@ def describe_requirement(entry: dict[str, Any]) -> str:
     """One line on a requirement: what it asks, what was counted, the verdict."""
     side = "below" if "below" in entry else "above"
     asked = f"{entry['metric']} {side} {entry[side]:g} in {100 * entry['probability']:g} %"
-    return f"{entry['controller']:<12} {asked}: {entry['failures']} failures in {entry['flights']}, {entry['verdict']}"
+    failures = "1 failure" if entry["failures"] == 1 else f"{entry['failures']} failures"
+    return f"{entry['controller']:<12} {asked}: {failures} in {entry['flights']}, {entry['verdict']}"
