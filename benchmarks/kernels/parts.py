@@ -1,0 +1,202 @@
+"""Where a flight's time goes: each part of a tick alone, sixteen abreast, as a share of the whole flight's time.
+
+python -m benchmarks.kernels.parts [--json FILE]
+
+A part alone runs from the nearest cache; in a flight all parts take turns, and lanes stand in different cells: what the
+sum leaves over. Writes ``benchmarks/results/parts.json`` and a table of ``docs/performance.md``.
+"""
+
+import argparse
+import math
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.bench.figures import find_simd
+from abhv_mc.bench.operations import count_operations
+from abhv_mc.bench.speed import make_work
+from abhv_mc.control.lqr import lqr_tick
+from abhv_mc.control.tlc import nominal_variables, nominal_vehicle, tlc_attitude, tlc_guidance, trim_data
+from abhv_mc.flight import observe
+from abhv_mc.flight.fly import fly
+from abhv_mc.flight.lanes import LANES, Z_ROWS, evaluate, start_lanes
+from abhv_mc.flight.navigation import navigate
+from abhv_mc.flight.observe import judge, measure, start_observing
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.sensors import sense
+from abhv_mc.flight.start import start_flights
+from abhv_mc.jit import kernel
+from abhv_mc.plant import state as s
+from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
+from abhv_mc.plant.aerodynamics import Cells, build_up, find_cells, interpolate_groups
+from abhv_mc.plant.air_data import air_data, deflections
+from abhv_mc.plant.disturbance import disturb
+from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
+from abhv_mc.vehicle.arrays import Floats
+from benchmarks.document import replace_part, write_json
+from benchmarks.timing import measure_time
+
+ROOT = Path(__file__).parents[2]
+REPEATS = 9
+
+# name: (number in the kernel, calls in a tick, laws that fly it)
+BOTH = ("tlc", "lqr")
+PARTS = {
+    "air data: atmosphere, flow angles": (0, 4, BOTH),
+    "deflections felt": (1, 4, BOTH),
+    "tables: find the cells": (2, 4, BOTH),
+    "tables: interpolate": (3, 4, BOTH),
+    "build-up of the coefficients": (4, 4, BOTH),
+    "equations of motion, Runge-Kutta": (5, 4, BOTH),
+    "actuators": (6, 1, BOTH),
+    "end of the step": (7, 1, BOTH),
+    "navigation, disturbances, sensors": (8, 1, BOTH),
+    "outcome and metrics": (9, 1, BOTH),
+    "LQR": (10, 1, ("lqr",)),
+    "TLC: guidance loops": (11, 1, ("tlc",)),
+    "TLC: nominal vehicle and its slopes": (12, 1, ("tlc",)),
+    "TLC: trim data": (13, 1, ("tlc",)),
+    "TLC: attitude loops and allocation": (14, 1, ("tlc",)),
+}
+N = 1024  # numbers of an array in the nearest cache
+
+
+@kernel
+def run_part(part, calls, vehicle, trim, effectiveness, earth, tlc, lqr, reference, limits, step, parameters, start):
+    """One part ``calls`` times at the start of the mission. tlc, lqr: (gains, settings)."""
+    Z = np.zeros((Z_ROWS, LANES))
+    O = np.zeros((observe.N_ROWS, LANES))
+    T = np.zeros((s.MAX_TABLE_ROWS, LANES))
+    cells = Cells(
+        np.zeros((s.MAX_AXES, LANES), dtype=np.int64),
+        np.zeros((s.MAX_AXES, LANES)),
+        np.zeros(s.MAX_AXES, dtype=np.int64),
+        np.zeros(s.MAX_AXES, dtype=np.int64),
+        np.zeros((4, LANES)),
+        np.zeros(s.MAX_TABLE_ROWS),
+    )
+    trim_hints = np.zeros((3, LANES), dtype=np.int64)
+    scratch = (cells, trim_hints, np.zeros(s.MAX_TABLE_ROWS))
+    unit_factors = np.zeros(vehicle.build_up.factor.size, dtype=np.int64)
+    width = parameters.shape[0]
+    start_lanes(Z, width, parameters, np.arange(width), width)
+    start_flights(Z, width, start)
+    prepare_actuators(Z, width, vehicle.constants, step)
+    start_observing(Z, O, width)
+    still = runge_kutta_stage(0, 0.0)  # the state stays where it is
+    evaluate(Z, T, width, vehicle, earth, cells, still)
+    for _ in range(calls):
+        if part == 0:
+            air_data(Z, width, vehicle, earth)
+        elif part == 1:
+            deflections(Z, width, vehicle)
+        elif part == 2:
+            find_cells(Z, width, vehicle.tables, cells)
+        elif part == 3:
+            interpolate_groups(T, width, vehicle.tables, cells)
+        elif part == 4:
+            build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
+        elif part == 5:
+            equations_of_motion(Z, width, vehicle, earth, still)
+        elif part == 6:
+            run_actuators(Z, width, vehicle.constants, step, False)
+            set_actuators(Z, width)
+        elif part == 7:
+            finish_step(Z, width, O[observe.ALIVE])
+        elif part == 8:
+            navigate(Z, width, step, False)
+            disturb(Z, width, step, step, False)
+            sense(Z, width, step, 1)
+        elif part == 9:
+            judge(Z, O, width, limits, 1)
+            measure(Z, O, width, vehicle, reference, 1, step)
+        elif part == 10:
+            lqr_tick(Z, width, vehicle, earth, reference, lqr[0], lqr[1], 1)
+        elif part == 11:
+            tlc_guidance(Z, width, vehicle, reference, tlc[0], tlc[1], 1, step)
+        elif part == 12:
+            nominal_variables(Z, width, vehicle, reference, 1)
+            nominal_vehicle(Z, T, width, vehicle, effectiveness, scratch, unit_factors)
+        elif part == 13:
+            trim_data(Z, width, trim, trim_hints)
+        elif part == 14:
+            tlc_attitude(Z, width, vehicle, earth, reference, tlc[0], tlc[1], 1, step, False)
+    return Z[s.X, 0]
+
+
+@kernel
+def divide(x, y, out):
+    for i in range(x.size):
+        out[i] = x[i] / y[i]
+
+
+@kernel
+def take_roots(x, y, out):
+    for i in range(x.size):
+        out[i] = math.sqrt(x[i] + y[i])
+
+
+def time_of_one(operation: Callable[..., None]) -> float:
+    """Seconds of one operation in a loop over arrays, median."""
+    x, y, out = np.full(N, 2.0), np.full(N, 1.5), np.empty(N)
+
+    def often() -> None:
+        for _ in range(1000):
+            operation(x, y, out)
+
+    often()
+    return median(measure_time(often) for _ in range(REPEATS)) / (1000 * N)
+
+
+def time_of(part: int, calls: int, plans: dict[str, FlightPlan], parameters: Floats) -> float:
+    """Seconds of processor time for ``calls`` calls with all lanes, median."""
+    tlc, lqr = plans["tlc"], plans["lqr"]
+    arguments: tuple[Any, ...] = (
+        *(tlc.vehicle, tlc.trim_tables, tlc.effectiveness, tlc.earth, (tlc.gains, tlc.settings)),
+        *((lqr.gains, lqr.settings), tlc.reference, tlc.limits, tlc.timing.step, parameters, tlc.initial_state),
+    )
+    run_part(part, 1, *arguments)
+    return median(measure_time(lambda: run_part(part, calls, *arguments)) for _ in range(REPEATS))
+
+
+def measure_parts() -> dict[str, dict[str, float]]:
+    """By law and part: ms of a flight; ``flight`` is the whole, ``divisions and roots`` what these alone take."""
+    plans, parameters = make_work(LANES)
+    ticks = plans["tlc"].timing.ticks
+    seconds = {name: time_of(number, ticks * calls, plans, parameters) for name, (number, calls, _) in PARTS.items()}
+    division, root = time_of_one(divide), time_of_one(take_roots)
+    counts = count_operations(plans)
+    found = {}
+    for law, plan in plans.items():
+        ms = {name: 1e3 * seconds[name] / LANES for name, (_, _, laws) in PARTS.items() if law in laws}
+        fly(plan, parameters)
+        whole = median(measure_time(lambda plan=plan: fly(plan, parameters)) for _ in range(REPEATS))
+        slow = counts[law].divisions * division + counts[law].square_roots * root
+        found[law] = {**ms, "flight": 1e3 * whole / LANES, "of it divisions and roots": 1e3 * slow}
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", type=Path, default=ROOT / "benchmarks" / "results" / "parts.json")
+    options = parser.parse_args()
+    found = measure_parts()
+    write_json(options.json, {law: {name: round(ms, 4) for name, ms in parts.items()} for law, parts in found.items()})
+    whole = {law: parts["flight"] for law, parts in found.items()}
+    names = [*PARTS, "of it divisions and roots"]
+    lines = [f"| part ({find_simd()}) | TLC | LQR |", "|---|---|---|"]
+    for name in names:
+        shares = [f"{100 * found[law][name] / whole[law]:.1f} %" if name in found[law] else "" for law in BOTH]
+        lines.append(f"| {name} | {shares[0]} | {shares[1]} |")
+    rest = [100 * (1 - sum(found[law].get(name, 0.0) for name in PARTS) / whole[law]) for law in BOTH]
+    lines.append(f"| the flight beyond its parts | {rest[0]:.1f} % | {rest[1]:.1f} % |")
+    table = "\n".join(lines)
+    replace_part(ROOT / "docs" / "performance.md", "parts", table)
+    print(table)
+
+
+if __name__ == "__main__":
+    main()
