@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import rankdata
 
 from abhv_mc.statistics.drivers import rank_drivers
-from abhv_mc.statistics.failure_drivers import find_rules
+from abhv_mc.statistics.failure_drivers import bin_inputs, find_rules
 
 IDLE, FLIGHTS = 30, 400
 
@@ -74,7 +74,7 @@ def test_a_corner_of_two_inputs_is_found_in_95_of_100_seeds():
     found = 0
     for seed in range(100):
         inputs = _inputs(seed)
-        rules = find_rules(inputs, _corner(inputs, 0.9, 3000 + seed))
+        rules = find_rules(bin_inputs(inputs.T), _corner(inputs, 0.9, 3000 + seed))
         best = {(c.input, c.above) for c in rules[0].conditions} if rules else set()
         pairs = {frozenset(c.input for c in rule.conditions) for rule in rules}
         idle = any(not set(pair) <= {4, 9} for pair in pairs)
@@ -86,13 +86,13 @@ def test_no_rule_where_failures_fall_at_random():
     false_alarms = 0
     for seed in range(100):
         failed = np.random.default_rng(4000 + seed).random(FLIGHTS) < 0.1
-        false_alarms += bool(find_rules(_inputs(seed), failed))
+        false_alarms += bool(find_rules(bin_inputs(_inputs(seed).T), failed))
     assert false_alarms <= 5
 
 
 def test_a_rule_counts_what_it_says():
     inputs = np.column_stack([np.arange(200.0), np.random.default_rng(1).random(200)])
-    (rule,) = find_rules(inputs, inputs[:, 0] > 179.1)
+    (rule,) = find_rules(bin_inputs(inputs.T), inputs[:, 0] > 179.1)
     (condition,) = rule.conditions
     assert condition.input == 0
     assert condition.above
@@ -103,4 +103,4 @@ def test_a_rule_counts_what_it_says():
 def test_few_failures_give_no_rule():
     failed = np.zeros(FLIGHTS, dtype=bool)
     failed[:4] = True
-    assert find_rules(_inputs(0), failed) == []
+    assert find_rules(bin_inputs(_inputs(0).T), failed) == []

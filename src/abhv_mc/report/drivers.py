@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from abhv_mc.report.failures import failure_kinds
 from abhv_mc.report.parameters import shown_value
 from abhv_mc.report.plain import plain
-from abhv_mc.report.results import Floats, Results
+from abhv_mc.report.results import Results
 from abhv_mc.report.severities import severities
 from abhv_mc.report.sobol import independent_rows
 from abhv_mc.report.words import percent
 from abhv_mc.statistics.drivers import FALSE_DISCOVERY_RATE, rank_drivers
 from abhv_mc.statistics.failure_drivers import FALSE_DISCOVERY_RATE as RULES_RATE
-from abhv_mc.statistics.failure_drivers import FEWEST_FAILURES, Rule, find_rules
+from abhv_mc.statistics.failure_drivers import FEWEST_FAILURES, Rule, bin_inputs, find_rules
 
 _LISTED = 12  # parameters of a metric, largest first
 _MOST_FLIGHTS = 5_000  # the first so many tell correlations of 0.05 from chance
@@ -25,22 +25,22 @@ def driver_numbers(results: Results) -> dict[str, Any]:
     names = list(results.samples)
     if not names:
         return {}
-    everything = np.column_stack([results.samples[name] for name in names])
     numbers: dict[str, Any] = {}
     for controller in results.controllers:
         flights = results.flights[controller]
-        independent = independent_rows(results, flights.flight)
-        inputs = everything[flights.flight][independent]
+        rows = np.flatnonzero(independent_rows(results, flights.flight))
+        kinds = failure_kinds(results, controller)
+        binned = bin_inputs(column[flights.flight[rows]] for column in results.samples.values()) if kinds else None
         numbers[controller] = {
-            "metrics": _coefficients(results, controller, names, inputs, independent),
+            "metrics": _coefficients(results, controller, rows),
             "failures": [
                 {
                     "kind": kind,
                     "flights": int(failed.size),
                     "failures": int(failed.sum()),
-                    "rules": [_rule(rule, names) for rule in find_rules(inputs, failed[independent])],
+                    "rules": [_rule(rule, names) for rule in find_rules(binned, failed[rows])] if binned else [],
                 }
-                for kind, failed in failure_kinds(results, controller)
+                for kind, failed in kinds
             ],
         }
     return {
@@ -51,17 +51,18 @@ def driver_numbers(results: Results) -> dict[str, Any]:
     }
 
 
-def _coefficients(
-    results: Results, controller: str, names: list[str], inputs: Floats, independent: NDArray[np.bool_]
-) -> dict[str, Any]:
-    metrics = list(results.metrics)
+def _coefficients(results: Results, controller: str, rows: NDArray[np.intp]) -> dict[str, Any]:
+    metrics, names = list(results.metrics), list(results.samples)
     flights = results.flights[controller]
-    outputs = np.column_stack([severities(flights, metric)[independent] for metric in metrics])
-    # A largest absolute error often grows with a parameter's distance from its middle, whichever way; ranks of the
-    # parameter alone do not see that.
-    folded = np.abs(inputs - np.median(inputs, axis=0))
-    both = np.concatenate([inputs, folded], axis=1)
-    drivers = rank_drivers(both[:_MOST_FLIGHTS], outputs[:_MOST_FLIGHTS])
+    first = rows[:_MOST_FLIGHTS]
+    outputs = np.column_stack([severities(flights, metric, first) for metric in metrics])
+    inputs, folded = [], []
+    for sampled in results.samples.values():
+        inputs.append(sampled[flights.flight[first]])
+        # A largest absolute error often grows with a parameter's distance from its middle, whichever way; ranks of
+        # the parameter alone do not see that.
+        folded.append(np.abs(inputs[-1] - np.median(sampled[flights.flight[rows]])))
+    drivers = rank_drivers(np.column_stack([*inputs, *folded]), outputs)
     if drivers is None:
         return {}
     table = {}

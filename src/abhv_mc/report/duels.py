@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.report.columns import Floats
 from abhv_mc.report.failures import requirement_failures
+from abhv_mc.report.flights import ControllerFlights
 from abhv_mc.report.metrics import HEADLINE, USAGE, words_of
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
-from abhv_mc.report.results import ControllerFlights, Floats, Requirement, Results
+from abhv_mc.report.results import Requirement, Results
 from abhv_mc.report.severities import common_rows, severities
 from abhv_mc.statistics.bootstrap import PairedBootstrap
 from abhv_mc.statistics.duel import failure_duel, median_ratio, metric_duel, usage_duel
@@ -49,7 +51,7 @@ def pair_numbers(
         "replicates": bootstrap.replicates,
         "metrics": {
             metric: _metric(
-                severities(flights_a, metric)[rows_a], severities(flights_b, metric)[rows_b], metric, names, bootstrap
+                severities(flights_a, metric, rows_a), severities(flights_b, metric, rows_b), metric, names, bootstrap
             )
             for metric in metrics
         },

@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.report.flights import ControllerFlights
 from abhv_mc.report.metrics import METRIC_WORDS, words_of
-from abhv_mc.report.results import ControllerFlights, Requirement, Results
+from abhv_mc.report.results import Requirement, Results
 from abhv_mc.statistics.sequential import (
     at_least_as_bad,
     at_least_as_good,

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from abhv_mc.report.columns import Floats
 from abhv_mc.report.duels import total_usage
 from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributions, plot_error_against_usage
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
@@ -15,7 +16,7 @@ from abhv_mc.report.figures.sobol import SobolPanel, plot_sobol
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.metrics import FOLLOWING, HEADLINE, HOLDING, METRIC_WORDS, USAGE, controller_label, words_of
 from abhv_mc.report.parameters import spoken_name
-from abhv_mc.report.results import Floats, Results, read_histories
+from abhv_mc.report.results import Results, read_histories
 from abhv_mc.report.worst import rank_worst
 
 _USAGE_LABEL = "surface usage, rms (deg)"
@@ -93,8 +94,8 @@ def _worst(results: Results, colors: Mapping[str, str]) -> Iterator[Any]:
     listed = {}
     for name in names:
         flights = results.flights[name]
-        ranked = flights.flight[rank_worst(flights, results.campaign.requirements)].tolist()
-        listed[name] = [number for number in ranked if number in kept[name]][:_SHOWN_WORST]
+        ranked = flights.flight[rank_worst(flights, results.campaign.requirements)]
+        listed[name] = ranked[np.isin(ranked, list(kept[name]))][:_SHOWN_WORST].tolist()
     if not any(listed.values()):
         return
     rows = []

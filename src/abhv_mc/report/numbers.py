@@ -4,7 +4,6 @@ The same folder gives the same numbers to the last bit: seeds are fixed and noth
 Infinite and missing values are None.
 """
 
-from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -16,10 +15,9 @@ from abhv_mc.report.failures import requirement_failures, requirement_words, seq
 from abhv_mc.report.metrics import words_of
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.results import Results
-from abhv_mc.report.severities import severities
 from abhv_mc.report.sobol import sobol_numbers
 from abhv_mc.report.worst import worst_numbers
-from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
+from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
 from abhv_mc.statistics.verdicts import clopper_pearson, judge
 
 FORMAT = 1
@@ -29,13 +27,12 @@ def _flight_counts(results: Results) -> dict[str, Any]:
     counts = {}
     for name in results.controllers:
         flights = results.flights[name]
-        outcomes = Counter(flights.outcome.tolist())
         failed = int(flights.failed.sum())
         counts[name] = {
             "flown": int(flights.flight.size),
             "failed": failed,
             "not_computed": flights.not_computed,
-            "outcomes": dict(sorted(outcomes.items())),
+            "outcomes": flights.count_outcomes(),
             "failure_share": plain(
                 Interval(failed / flights.flight.size, *clopper_pearson(failed, flights.flight.size))
             )
@@ -82,14 +79,16 @@ def _metric_table(results: Results) -> dict[str, Any]:
         entry: dict[str, Any] = {}
         for name in results.controllers:
             flights = results.flights[name]
-            values = severities(results.flights[name], metric)
+            measured = flights.metrics[metric]
+            values = severity(measured, words.sense, flights.failed)
             cell: dict[str, Any] = {
-                level_name(level): interval_in_sense(quantile(values, level), words.sense) for level in LEVELS
+                level_name(level): interval_in_sense(interval, words.sense)
+                for level, interval in zip(LEVELS, quantiles(values, LEVELS), strict=True)
             }
-            flown = np.where(flights.failed | np.isnan(flights.metrics[metric]), -np.inf, values)
+            flown = np.where(flights.failed | np.isnan(measured), -np.inf, values)
             worst = int(np.argmax(flown))
             if np.isfinite(flown[worst]):
-                cell["worst"] = float(flights.metrics[metric][worst])
+                cell["worst"] = float(measured[worst])
                 cell["worst_flight"] = int(flights.flight[worst])
             else:
                 cell["worst"] = cell["worst_flight"] = None

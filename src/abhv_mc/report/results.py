@@ -1,6 +1,6 @@
 """A campaign's folder as plain arrays: what every table, figure and page of a report is made from."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,15 +10,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from abhv_mc.documents import InputError
-from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.signals import METRICS
+from abhv_mc.report.columns import FileColumns, Floats, read_table
+from abhv_mc.report.flights import ControllerFlights, read_flights
 from abhv_mc.store.envelopes import QUANTILE_COLUMNS
-from abhv_mc.store.flights import END_TIME
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.manifest import read_manifest
 
-Floats = NDArray[np.float64]
 BANDS = ("min", *QUANTILE_COLUMNS, "max")
 INDEPENDENT_DESIGNS = ("random",)
 
@@ -61,22 +59,6 @@ class CampaignFacts:
 
 
 @dataclass(frozen=True)
-class ControllerFlights:
-    """The flights of one controller, ascending by number; those that a machine could not compute are left out."""
-
-    flight: NDArray[np.int64]  # [flight]
-    outcome: NDArray[np.str_]  # [flight]
-    metrics: dict[str, Floats]  # name -> [flight]
-    end_time: Floats  # [flight] s
-    not_computed: int  # flights that say nothing about the vehicle
-
-    @property
-    def failed(self) -> NDArray[np.bool_]:
-        """Which flights did not end as planned."""
-        return self.outcome != "ok"
-
-
-@dataclass(frozen=True)
 class Envelope:
     """The bands of one channel of one controller over all flights."""
 
@@ -92,7 +74,7 @@ class Results:
     folder: Path
     campaign: CampaignFacts
     manifest: dict[str, Any]
-    samples: dict[str, Floats]  # parameter -> [flight], flight k at index k
+    samples: Mapping[str, Floats]  # parameter -> [flight], flight k at index k; read anew each time
     flights: dict[str, ControllerFlights]
     envelopes: dict[tuple[str, str], Envelope]  # (controller, channel)
     reference: dict[str, Floats]  # "time" and REFERENCE_CHANNELS -> [time]
@@ -115,10 +97,6 @@ class Results:
         """The first controller against each other one."""
         first, *others = self.controllers
         return ((first, other) for other in others)
-
-
-def _missing(path: Path, wanted: str) -> InputError:
-    return InputError(path, None, None, "no such file", wanted)
 
 
 def read_facts(path: Path) -> CampaignFacts:
@@ -152,54 +130,12 @@ def read_facts(path: Path) -> CampaignFacts:
     )
 
 
-def _columns(table: pa.Table, names: list[str] | None = None) -> dict[str, Any]:
-    return {name: table[name].to_numpy(zero_copy_only=False) for name in names or table.column_names}
-
-
-def _read(path: Path, wanted: str) -> pa.Table:
-    if not path.is_file():
-        raise _missing(path, wanted)
-    try:
-        return pq.read_table(path, partitioning=None)
-    except (pa.ArrowInvalid, OSError) as error:
-        raise InputError(path, None, None, str(error).splitlines()[0], wanted) from None
-
-
-def _read_flights(folder: CampaignFolder) -> dict[str, ControllerFlights]:
-    files = sorted(folder.flights.glob("*.parquet"))
-    if not files:
-        raise _missing(folder.flights, "at least one flown block (*.parquet)")
-    table = pa.concat_tables([_read(file, "a block of flights") for file in files], promote_options="default")
-    table = table.sort_by("flight")
-    metrics = [
-        name
-        for name in table.column_names
-        if "." not in name and name != END_TIME.name and pa.types.is_floating(table.schema.field(name).type)
-    ]
-    names = _texts(table, "controller")
-    outcome = _texts(table, "outcome")
-    flight = table["flight"].to_numpy().astype(np.int64)
-    columns = {name: table[name].to_numpy().astype(np.float64) for name in (*metrics, END_TIME.name)}
-    computed = outcome != Outcome.FAILED_TO_RUN.code
-    flown = {}
-    for name in dict.fromkeys(names.tolist()):
-        rows = np.flatnonzero((names == name) & computed)
-        values = {key: column[rows] for key, column in columns.items()}
-        end_time = values.pop(END_TIME.name)
-        lost = int(np.sum((names == name) & ~computed))
-        if rows.size:
-            flown[name] = ControllerFlights(flight[rows], outcome[rows], values, end_time, lost)
-    if not flown:
-        raise _missing(folder.flights, "a flight that was computed")
-    return flown
-
-
-def _texts(table: pa.Table, name: str) -> NDArray[np.str_]:
-    return np.asarray(table[name].cast(pa.string()).to_numpy(zero_copy_only=False), dtype=np.str_)
+def _columns(table: pa.Table) -> dict[str, Any]:
+    return {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
 
 
 def _read_envelopes(path: Path) -> dict[tuple[str, str], Envelope]:
-    columns = _columns(_read(path, "the envelopes of a campaign"))
+    columns = _columns(read_table(path, "the envelopes of a campaign"))
     controller, channel = columns["controller"].astype(str), columns["channel"].astype(str)
     cells: dict[tuple[str, str], Envelope] = {}
     for key in dict.fromkeys(zip(controller.tolist(), channel.tolist(), strict=True)):
@@ -211,7 +147,7 @@ def _read_envelopes(path: Path) -> dict[tuple[str, str], Envelope]:
 
 
 def _read_nominal(path: Path) -> dict[str, dict[str, Floats]]:
-    columns = _columns(_read(path, "the nominal flight of each controller"))
+    columns = _columns(read_table(path, "the nominal flight of each controller"))
     names = columns.pop("controller").astype(str)
     return {
         name: {key: value[names == name].astype(np.float64) for key, value in columns.items()}
@@ -223,14 +159,13 @@ def read_results(root: Path) -> Results:
     """Read a campaign's folder. Raises InputError where a file is missing or unreadable."""
     folder = CampaignFolder(root)
     manifest = read_manifest(folder.manifest)
-    reference = _columns(_read(folder.reference, "the mission's reference"))
-    samples = _columns(_read(folder.samples, "the samples of a campaign"))
+    reference = _columns(read_table(folder.reference, "the mission's reference"))
     return Results(
         folder=root,
         campaign=read_facts(folder.campaign),
         manifest=manifest,
-        samples={name: value.astype(np.float64) for name, value in samples.items() if name != "flight"},
-        flights=_read_flights(folder),
+        samples=FileColumns(folder.samples, "the samples of a campaign", without="flight"),
+        flights=read_flights(folder.flights),
         envelopes=_read_envelopes(folder.envelopes),
         reference={name: value.astype(np.float64) for name, value in reference.items()},
         nominal=_read_nominal(folder.nominal),

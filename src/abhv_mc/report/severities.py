@@ -4,14 +4,15 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.report.columns import Floats
+from abhv_mc.report.flights import ControllerFlights
 from abhv_mc.report.metrics import words_of
-from abhv_mc.report.results import ControllerFlights, Floats
 from abhv_mc.statistics.estimates import severity
 
 
-def severities(flights: ControllerFlights, metric: str) -> Floats:
-    """Severities [flight] of a metric."""
-    return severity(flights.metrics[metric], words_of(metric).sense, flights.failed)
+def severities(flights: ControllerFlights, metric: str, rows: Any = slice(None)) -> Floats:
+    """Severities [flight] of a metric; of all flights, or of those in `rows`."""
+    return severity(flights.metrics[metric][rows], words_of(metric).sense, flights.failed[rows])
 
 
 def common_rows(a: ControllerFlights, b: ControllerFlights) -> tuple[Any, Any]:

@@ -1,41 +1,50 @@
 """The worst flights of each controller."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.report.columns import Floats
+from abhv_mc.report.flights import ControllerFlights
 from abhv_mc.report.metrics import HEADLINE, USAGE
 from abhv_mc.report.plain import plain
-from abhv_mc.report.results import ControllerFlights, Floats, Requirement, Results
+from abhv_mc.report.results import Requirement, Results
 from abhv_mc.report.severities import severities
 
 _LISTED = 10
 
 
-def _scores(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -> dict[str, Floats]:
-    """Metrics as shares of what they may be: of the limit that they have to keep, or else of their own median."""
-    scores: dict[str, Floats] = {}
-    for item in requirements:
-        value = flights.metrics[item.metric]
+def _scores(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -> Iterator[tuple[str, Floats]]:
+    """Metrics as shares [flight] of what they may be: of the limit that they have to keep, or of their own median."""
+    for metric, item in {item.metric: item for item in requirements}.items():
+        value = flights.metrics[metric]
         with np.errstate(divide="ignore", invalid="ignore"):
-            scores[item.metric] = value / item.limit if item.below else item.limit / value
-    if not scores:
-        for metric in HEADLINE:
-            if metric in flights.metrics:
-                value = severities(flights, metric)
-                finite = value[np.isfinite(value)]
-                middle = float(np.median(finite)) if finite.size else 0.0
-                scores[metric] = value / (middle or 1.0)
-    return scores
+            share = value / item.limit if item.below else item.limit / value
+        yield metric, _comparable(share)
+    if requirements:
+        return
+    for metric in HEADLINE:
+        if metric in flights.metrics:
+            value = severities(flights, metric)
+            finite = value[np.isfinite(value)]
+            middle = float(np.median(finite)) if finite.size else 0.0
+            yield metric, _comparable(value / (middle or 1.0))
+
+
+def _comparable(share: Floats) -> Floats:
+    return np.nan_to_num(share, nan=np.inf)
 
 
 def rank_worst(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -> NDArray[np.intp]:
     """Rows [flight], worst first: those that ended early, then by the largest share of any limit."""
-    scores = _scores(flights, requirements)
-    if not scores:
+    share: Floats | None = None
+    for _, score in _scores(flights, requirements):
+        share = score if share is None else np.maximum(share, score)
+    if share is None:
         return np.lexsort((flights.flight, ~flights.failed))
-    share = np.nan_to_num(np.stack(list(scores.values())), nan=np.inf).max(axis=0)
     return np.lexsort((flights.flight, -share, ~flights.failed))
 
 
@@ -45,18 +54,21 @@ def worst_numbers(results: Results) -> dict[str, Any]:
     requirements = results.campaign.requirements
     for name in results.controllers:
         flights = results.flights[name]
-        scores = _scores(flights, requirements)
         rows = rank_worst(flights, requirements)[:_LISTED]
-        table = np.nan_to_num(np.stack(list(scores.values())), nan=np.inf) if scores else np.zeros((0, 0))
+        numbers = flights.flight[rows]
+        scores = {metric: score[rows] for metric, score in _scores(flights, requirements)}
+        table = np.stack(list(scores.values())) if scores else np.zeros((0, 0))
+        metrics = {m: flights.metrics[m][rows] for m in (*HEADLINE, *USAGE) if m in flights.metrics}
+        samples = {key: value[numbers] for key, value in results.samples.items()}
         worst[name] = [
             {
-                "flight": int(flights.flight[row]),
-                "outcome": str(flights.outcome[row]),
-                "by": list(scores)[int(np.argmax(table[:, row]))] if scores else None,
-                "share": plain(float(table[:, row].max())) if scores else None,
-                "metrics": {m: plain(flights.metrics[m][row]) for m in (*HEADLINE, *USAGE) if m in flights.metrics},
-                "samples": {key: plain(value[flights.flight[row]]) for key, value in results.samples.items()},
+                "flight": int(numbers[i]),
+                "outcome": Outcome(int(flights.outcome[row])).code,
+                "by": list(scores)[int(np.argmax(table[:, i]))] if scores else None,
+                "share": plain(float(table[:, i].max())) if scores else None,
+                "metrics": {metric: plain(values[i]) for metric, values in metrics.items()},
+                "samples": {key: plain(values[i]) for key, values in samples.items()},
             }
-            for row in rows
+            for i, row in enumerate(rows)
         ]
     return worst

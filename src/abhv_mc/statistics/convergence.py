@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.statistics.estimates import LEVELS, Floats, Interval, quantile
+from abhv_mc.statistics.estimates import LEVELS, Floats, Interval, quantiles
 from abhv_mc.statistics.verdicts import clopper_pearson
 
 
@@ -34,7 +34,8 @@ def quantile_traces(
     values: Floats, counts: NDArray[np.int64], levels: tuple[float, ...] = LEVELS, confidence: float = 0.95
 ) -> list[Trace]:
     """Quantiles of the first n of `values` [flight] for each n in `counts`, one trace a level."""
-    return [_trace(counts, [quantile(values[:n], level, confidence) for n in counts]) for level in levels]
+    settled = [quantiles(values[:n], levels, confidence) for n in counts]
+    return [_trace(counts, list(series)) for series in zip(*settled, strict=True)]
 
 
 def failure_trace(failed: NDArray[np.bool_], counts: NDArray[np.int64], confidence: float = 0.95) -> Trace:

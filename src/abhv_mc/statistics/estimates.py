@@ -4,6 +4,7 @@ A flight that failed counts as worse than every flight that did not: its value i
 sense of the metric, so a quantile is finite only as long as fewer flights failed than lie beyond it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -67,7 +68,16 @@ def _lower_rank(runs: int, probability: float, tail: float) -> int:
 
 def quantile(values: Floats, probability: float, confidence: float = 0.95) -> Interval:
     """The `probability` quantile with its exact, distribution-free two-sided interval from order statistics."""
+    return _quantile_of_sorted(np.sort(values), probability, confidence)
+
+
+def quantiles(values: Floats, probabilities: Sequence[float], confidence: float = 0.95) -> list[Interval]:
+    """The same for several probabilities, the values sorted once."""
     ascending = np.sort(values)
+    return [_quantile_of_sorted(ascending, probability, confidence) for probability in probabilities]
+
+
+def _quantile_of_sorted(ascending: Floats, probability: float, confidence: float) -> Interval:
     tail = (1.0 - confidence) / 2.0
     if ascending.size == 0:
         return Interval(np.nan, -np.inf, np.inf)

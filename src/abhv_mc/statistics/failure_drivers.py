@@ -6,6 +6,7 @@ best of each input's (pair's) candidates pays for all of them by Bonferroni, and
 the Benjamini-Hochberg procedure.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,14 +44,30 @@ class Rule:
     q_value: float  # false-discovery rate at which it is still found
 
 
-def find_rules(inputs: Floats, failed: NDArray[np.bool_]) -> list[Rule]:
-    """Rules for the `failed` flights among `inputs` [flight, input], best first; empty where chance explains all."""
-    flights, count = inputs.shape
+@dataclass(frozen=True)
+class BinnedInputs:
+    """Inputs as far as rules see them."""
+
+    edges: Floats  # [threshold, input], the deciles
+    bins: NDArray[np.uint8]  # [flight, input], how many thresholds lie below the value
+
+
+def bin_inputs(inputs: Iterable[Floats]) -> BinnedInputs:
+    """Bin `inputs`, each [flight]; one is held at a time."""
+    edges, bins = [], []
+    for values in inputs:
+        edges.append(np.quantile(values, np.arange(1, _BINS) / _BINS))
+        bins.append(np.searchsorted(edges[-1], values, side="left").astype(np.uint8))
+    return BinnedInputs(np.stack(edges, axis=1), np.stack(bins, axis=1))
+
+
+def find_rules(inputs: BinnedInputs, failed: NDArray[np.bool_]) -> list[Rule]:
+    """Rules for the `failed` flights [flight], best first; empty where chance explains all."""
+    edges, bins = inputs.edges, inputs.bins
+    flights, count = bins.shape
     failures = int(failed.sum())
     if failures < FEWEST_FAILURES or flights - failures < FEWEST_FAILURES:
         return []
-    edges = np.quantile(inputs, np.arange(1, _BINS) / _BINS, axis=0)  # [threshold, input]
-    bins = np.stack([np.searchsorted(edges[:, j], inputs[:, j], side="left") for j in range(count)], axis=1)
     candidates = [line for j in range(count) for line in _best_half_lines(j, bins[:, j], failed, edges[:, j])]
     candidates += _best_corners(bins, failed, edges)
     if not candidates:
@@ -58,7 +75,7 @@ def find_rules(inputs: Floats, failed: NDArray[np.bool_]) -> list[Rule]:
     p_values = _p_values(candidates)
     q_values = false_discovery_control(p_values)
     rules = [
-        _rule(inputs, failed, candidate.conditions, float(p_values[k]), float(q_values[k]))
+        _rule(candidate, flights, failures, float(p_values[k]), float(q_values[k]))
         for k, candidate in enumerate(candidates)
         if q_values[k] <= FALSE_DISCOVERY_RATE
     ]
@@ -67,21 +84,9 @@ def find_rules(inputs: Floats, failed: NDArray[np.bool_]) -> list[Rule]:
     return rules[:_MOST_RULES]
 
 
-def _rule(
-    inputs: Floats, failed: NDArray[np.bool_], conditions: tuple[Condition, ...], p_value: float, q_value: float
-) -> Rule:
-    inside = np.ones(failed.size, dtype=np.bool_)
-    for c in conditions:
-        inside &= inputs[:, c.input] > c.threshold if c.above else inputs[:, c.input] <= c.threshold
-    return Rule(
-        conditions,
-        int(np.sum(inside & failed)),
-        int(failed.sum()),
-        int(np.sum(inside & ~failed)),
-        int(np.sum(~failed)),
-        p_value,
-        q_value,
-    )
+def _rule(candidate: "_Candidate", flights: int, failures: int, p_value: float, q_value: float) -> Rule:
+    inside, bad = (int(number) for number in candidate.tables[0][:2])  # the same in each of its tables
+    return Rule(candidate.conditions, bad, failures, inside - bad, flights - failures, p_value, q_value)
 
 
 def _sides(histogram: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
@@ -126,7 +131,9 @@ def _condition(column: int, side: int, edges: Floats) -> Condition:
     return Condition(column, side >= lines, float(edges[side % lines]))
 
 
-def _best_half_lines(column: int, bins: NDArray[np.intp], failed: NDArray[np.bool_], edges: Floats) -> list[_Candidate]:
+def _best_half_lines(
+    column: int, bins: NDArray[np.uint8], failed: NDArray[np.bool_], edges: Floats
+) -> list[_Candidate]:
     """The best half-line below and the best above: failures may live at both ends."""
     inside = _sides(np.bincount(bins, minlength=_BINS), 0)
     bad = _sides(np.bincount(bins[failed], minlength=_BINS), 0)
@@ -141,7 +148,7 @@ def _best_half_lines(column: int, bins: NDArray[np.intp], failed: NDArray[np.boo
     return candidates
 
 
-def _joint_counts(bins: NDArray[np.intp]) -> NDArray[np.int64]:
+def _joint_counts(bins: NDArray[np.uint8]) -> NDArray[np.int64]:
     """How many flights fall into each pair of bins of each pair of inputs: [input, bin, input, bin]."""
     flights, count = bins.shape
     total = np.zeros((count * _BINS, count * _BINS))
@@ -153,7 +160,7 @@ def _joint_counts(bins: NDArray[np.intp]) -> NDArray[np.int64]:
     return total.reshape(count, _BINS, count, _BINS).astype(np.int64)
 
 
-def _best_corners(bins: NDArray[np.intp], failed: NDArray[np.bool_], edges: Floats) -> list[_Candidate]:
+def _best_corners(bins: NDArray[np.uint8], failed: NDArray[np.bool_], edges: Floats) -> list[_Candidate]:
     """The best corner of each pair of inputs (columns of `bins` and `edges`)."""
     first, second = np.triu_indices(bins.shape[1], 1)
     if not first.size:

@@ -1,0 +1,111 @@
+"""The flights of a campaign by controller, from its blocks."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from abhv_mc.documents import InputError
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.report.columns import Floats, SpooledColumns, missing_file, read_table
+from abhv_mc.store.flights import END_TIME
+
+_WANTED = "a block of flights"
+_CODES = {outcome.code: int(outcome) for outcome in Outcome}
+
+
+@dataclass(frozen=True)
+class ControllerFlights:
+    """The flights of one controller, ascending by number; those that a machine could not compute are left out."""
+
+    flight: NDArray[np.int64]  # [flight]
+    outcome: NDArray[np.uint8]  # [flight], of `Outcome`
+    metrics: Mapping[str, Floats]  # name -> [flight], copied anew each time
+    not_computed: int  # flights that say nothing about the vehicle
+
+    @cached_property
+    def failed(self) -> NDArray[np.bool_]:
+        """Which flights [flight] did not end as planned."""
+        return self.outcome != Outcome.OK
+
+    def count_outcomes(self) -> dict[str, int]:
+        """How many flights ended in each way that occurred, by its code."""
+        counts = np.bincount(self.outcome, minlength=len(Outcome)).tolist()
+        return {code: counts[number] for code, number in sorted(_CODES.items()) if counts[number]}
+
+
+class _Collected:
+    """What the blocks read so far say of one controller."""
+
+    def __init__(self, metrics: list[str]) -> None:
+        self.flight: list[NDArray[np.int64]] = []
+        self.outcome: list[NDArray[np.uint8]] = []
+        self.metrics = SpooledColumns(metrics)
+        self.not_computed = 0
+
+    def add(self, flight: NDArray[np.int64], outcome: NDArray[np.uint8], values: Floats) -> None:
+        """Rows of a block: [flight], [flight] and [metric, flight]."""
+        computed = outcome != Outcome.FAILED_TO_RUN
+        self.not_computed += int(np.sum(~computed))
+        self.flight.append(flight[computed])
+        self.outcome.append(outcome[computed])
+        self.metrics.append(values[:, computed])
+
+    def finish(self) -> ControllerFlights:
+        """All of them, ascending by number."""
+        flight, outcome = np.concatenate(self.flight), np.concatenate(self.outcome)
+        if np.any(flight[1:] < flight[:-1]):
+            order = np.argsort(flight, kind="stable")
+            flight, outcome = flight[order], outcome[order]
+            self.metrics.put_in_order(order)
+        return ControllerFlights(flight, outcome, self.metrics, self.not_computed)
+
+
+def read_flights(folder: Path) -> dict[str, ControllerFlights]:
+    """All blocks of a folder, each read once; controllers without a computed flight are left out.
+
+    Raises InputError where there is no flight, or where a block is unreadable or not like the others.
+    """
+    files = sorted(folder.glob("*.parquet"))
+    if not files:
+        raise missing_file(folder, "at least one flown block (*.parquet)")
+    metrics = _find_metrics(read_table(files[0], _WANTED).schema)
+    collected: dict[str, _Collected] = {}
+    for path in files:
+        table = read_table(path, _WANTED, ["flight", "controller", "outcome", *metrics])
+        try:
+            flight = table["flight"].to_numpy().astype(np.int64)
+            names, owner = np.unique(_texts(table, "controller"), return_inverse=True)
+            codes, which = np.unique(_texts(table, "outcome"), return_inverse=True)
+            values = np.stack([table[name].to_numpy() for name in metrics])
+        except KeyError as error:
+            raise InputError(path, None, None, str(error.args[0]), f"the columns of {files[0].name}") from None
+        unknown = [code for code in codes.tolist() if code not in _CODES]
+        if unknown:
+            raise InputError(path, None, None, f"the outcome '{unknown[0]}'", " or ".join(_CODES))
+        outcome = np.array([_CODES[code] for code in codes.tolist()], dtype=np.uint8)[which]
+        for k, name in enumerate(names.tolist()):
+            rows = owner == k
+            collected.setdefault(name, _Collected(metrics)).add(flight[rows], outcome[rows], values[:, rows])
+    flown = {name: found.finish() for name, found in collected.items()}
+    flown = {name: flights for name, flights in flown.items() if flights.flight.size}
+    if not flown:
+        raise missing_file(folder, "a flight that was computed")
+    return flown
+
+
+def _find_metrics(schema: pa.Schema) -> list[str]:
+    """Columns of numbers that are neither samples, whose names have a point, nor the end time."""
+    return [
+        field.name
+        for field in schema
+        if "." not in field.name and field.name != END_TIME.name and pa.types.is_floating(field.type)
+    ]
+
+
+def _texts(table: pa.Table, name: str) -> NDArray[np.str_]:
+    return np.asarray(table[name].cast(pa.string()).to_numpy(zero_copy_only=False), dtype=np.str_)
