@@ -81,13 +81,13 @@ class _InlinedCompiler(Compiler):
         self, typing_context: Any, context: Any, library: Any, args: Any, returns: Any, flags: Any, local: Any
     ) -> None:
         flags.no_compile = True
-        library = _InlinedLibrary(context.codegen(), "inlined")
-        super().__init__(typing_context, context, library, args, returns, flags, local)
+        self._code = _InlinedLibrary(context.codegen(), "inlined")
+        super().__init__(typing_context, context, self._code, args, returns, flags, local)
 
     def _compile_core(self) -> Any:
         result = super()._compile_core()
         entry = set[Any]().remove  # numba tells functions apart by a builtin, their entry, which nobody calls
-        result.target_context.insert_user_function(entry, result.fndesc, [result.library])
+        result.target_context.insert_user_function(entry, result.fndesc, [self._code])
         return result._replace(entry_point=entry)
 
 

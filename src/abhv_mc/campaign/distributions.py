@@ -4,6 +4,7 @@ Values carry the parameter's unit; those of a factor are numbers or percentages.
 factor are relative to its nominal value 1, those of an error are in its unit about its nominal value 0.
 """
 
+from abc import abstractmethod
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -17,9 +18,9 @@ Value = float | str  # a number, or text with a unit
 
 
 class _Distribution(StrictModel):
+    @abstractmethod
     def make_law(self, parameter: Parameter) -> Law:
         """The law of ``parameter`` in SI. Raises Refusal."""
-        raise NotImplementedError
 
     def _read(self, key: str, parameter: Parameter) -> float | None:
         value = getattr(self, key)
