@@ -58,6 +58,40 @@ def test_without_the_server_that_workers_are_forked_from(guard):
     assert find_worker(guard) != before
 
 
+def test_while_the_server_is_dying(guard, monkeypatch):
+    """Nobody hears it at its address any more, and it does not count as ended yet: the next starts are refused."""
+    asked, revive = [], forkserver._forkserver.ensure_running
+
+    def believe_it_runs():
+        asked.append(True)
+        if len(asked) > 3:
+            revive()
+
+    monkeypatch.setattr(forkserver._forkserver, "ensure_running", believe_it_runs)
+    server = psutil.Process(forkserver._forkserver._forkserver_pid)
+    server.kill()
+    while server.status() != psutil.STATUS_ZOMBIE:
+        pass
+    os.kill(find_worker(guard), signal.SIGKILL)
+    check_flight(guard)
+    assert len(asked) == 4 and guard._failed_starts == 0
+
+
+def test_no_process_can_be_started(guard, monkeypatch):
+    """The message says why, and nothing stays open."""
+    monkeypatch.setattr(module, "_PAUSE", 0.0)
+
+    def refuse():
+        raise OSError(24, "Too many open files")
+
+    monkeypatch.setattr(forkserver._forkserver, "ensure_running", refuse)
+    os.kill(find_worker(guard), signal.SIGKILL)
+    descriptors = psutil.Process().num_fds()
+    with pytest.raises(UnusableError, match=r"Too many open files.*isolation: threads"):
+        check_flight(guard)
+    assert psutil.Process().num_fds() <= descriptors
+
+
 def test_a_closed_guard_starts_nobody(guard):
     guard.close()
     with pytest.raises(UnusableError, match="stopped"):

@@ -26,7 +26,7 @@ from abhv_mc.flight.plan import FlightBlock, FlightPlan
 
 Floats = NDArray[np.float64]
 
-_PATIENCE = 20  # and one a worker, with starts that fail in a row: one killed from outside counts 1
+_PATIENCE = 20  # and one a worker, with starts that fail in a row: one refused or killed from outside counts 1
 _OWN_END = 4  # and one that ended by itself this much
 _PAUSE = 0.05  # s, before a start, for each of these
 _COMPILING = 600.0  # s that a process may take to start and to load or compile a flight
@@ -35,7 +35,7 @@ _swap = threading.Lock()
 
 
 class _EarlyEndError(Exception):
-    """A worker's process ended before it flew what it was sent: no flight's fault."""
+    """A worker's process did not start, or ended before it flew what it was sent: no flight's fault."""
 
 
 def start_server(fly: Fly) -> None:
@@ -52,12 +52,17 @@ class _Worker:
     """One process and the pipe to it."""
 
     def __init__(self, fly: Fly) -> None:
+        """Raises _EarlyEndError where the process could not be started."""
         context = multiprocessing.get_context("forkserver")
         self._connection, theirs = context.Pipe()
         self.process: BaseProcess = context.Process(target=serve, args=(theirs, fly), daemon=True)
-        with _without_main(), _deaf_to_interrupts():
-            self.process.start()
-        theirs.close()
+        with theirs:
+            try:
+                with _without_main(), _deaf_to_interrupts():
+                    self.process.start()
+            except (OSError, EOFError) as error:  # the server is dying and not known to be dead, or cannot fork
+                self._connection.close()
+                raise _EarlyEndError(f"not started: {error or 'the server they are forked from ended'}") from None
         self.plans: set[int] = set()
         self.proven = False  # whether it has come to fly anything
 
@@ -127,12 +132,16 @@ class Guard:
         worker = self._idle.get()
         try:
             while True:
-                worker = worker or self._start()
                 try:
+                    worker = worker or self._start()
                     block = worker.fly(key, plan, parameters, every, time_limit(len(parameters), self._limit))
                 except _EarlyEndError as end:
-                    self._discard(worker)
-                    worker, self._last_end = None, str(end)
+                    self._last_end = str(end)
+                    if worker is None:
+                        self._count_failed_start(1)
+                    else:
+                        self._discard(worker)
+                    worker = None
                 else:
                     self._failed_starts = 0
                     return block
@@ -166,8 +175,12 @@ class Guard:
         worker.kill()
         with self._lock:
             self._workers.discard(worker)
-            if not worker.proven:
-                self._failed_starts += 1 if worker.process.exitcode == -signal.SIGKILL else _OWN_END
+        if not worker.proven:
+            self._count_failed_start(1 if worker.process.exitcode == -signal.SIGKILL else _OWN_END)
+
+    def _count_failed_start(self, weight: int) -> None:
+        with self._lock:
+            self._failed_starts += weight
 
     def close(self) -> None:
         """End every worker at once; flights in the air are lost."""
