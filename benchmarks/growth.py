@@ -6,8 +6,8 @@ Every command runs in processes of its own, one worker for each core, as a user 
 flights, the envelopes and the histories of the worst 20. A line is fitted to each quantity, deviations counting in per
 cent. Writes ``benchmarks/results/growth.json``, ``docs/images/growth.png`` and a table of ``docs/performance.md``.
 
-``--million`` measures instead 1e4, 1e5 and 1e6 flights of the manoeuvre's first 2 s, once: all that a campaign does
-beside flying, in minutes. Writes ``benchmarks/results/million.json`` and its own table.
+``--million`` measures instead 1e4, 1e5 and 1e6 flights of the manoeuvre's first 2 s: all that a campaign does beside
+flying, in minutes. Writes ``benchmarks/results/million.json`` and its own table.
 """
 
 import argparse
@@ -15,11 +15,11 @@ import os
 import sys
 import tempfile
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 from benchmarks.document import replace_part, write_json
 from benchmarks.processes import measure_disk, run_command
+from benchmarks.spread import PROCESSES, Spread, describe_machine, find_spreads, read_count
 
 ROOT = Path(__file__).parents[1]
 CAMPAIGN = ROOT / "campaigns" / "s_manoeuvre.yaml"
@@ -59,16 +59,16 @@ def measure(campaign: Path, flights: int, controllers: str) -> dict[str, float]:
     }
 
 
-def measure_all(campaign: Path, flights: list[int], controllers: str, repeats: int) -> Series:
-    """Medians of ``repeats`` campaigns of each size."""
-    found: Series = {name: [] for name in QUANTITIES}
+def measure_all(campaign: Path, flights: list[int], controllers: str, repeats: int) -> dict[str, list[Spread]]:
+    """By quantity, what ``repeats`` campaigns of each size took: one spread a size."""
+    found: dict[str, list[Spread]] = {name: [] for name in QUANTITIES}
     for count in flights:
         campaigns = []
         for _ in range(repeats):
             campaigns.append(measure(campaign, count, controllers))
             print(count, {name: round(value, 3) for name, value in campaigns[-1].items()}, file=sys.stderr, flush=True)
-        for name, values in found.items():
-            values.append(median(one[name] for one in campaigns))
+        for name, spread in find_spreads(campaigns).items():
+            found[name].append(spread)
     return found
 
 
@@ -158,34 +158,39 @@ def make_table(flights: list[int], found: Series, lines: Lines, note: str) -> st
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--flights", nargs="+", type=int, help="default: 100 1000 10000 100000")
-    parser.add_argument("--repeats", type=int, help="default: 3")
+    parser.add_argument("--repeats", type=read_count, default=PROCESSES, help=f"of each size; default: {PROCESSES}")
     parser.add_argument("--controllers", default="tlc")
-    parser.add_argument("--million", action="store_true", help=f"flights of {SHORT} s, up to a million, once")
+    parser.add_argument("--million", action="store_true", help=f"flights of {SHORT} s, up to a million")
     options = parser.parse_args()
     name = "million" if options.million else "growth"
     flights = sorted(set(options.flights or (MILLION if options.million else [100, 1000, 10_000, 100_000])))
-    repeats = options.repeats or (1 if options.million else 3)
     load = os.getloadavg()[0]
     run_command("fly", "s_manoeuvre", "--controller", options.controllers.split(",", maxsplit=1)[0])  # compiles
     with tempfile.TemporaryDirectory() as folder:
         campaign = write_short_campaign(Path(folder)) if options.million else CAMPAIGN
-        found = measure_all(campaign, flights, options.controllers, repeats)
+        spreads = measure_all(campaign, flights, options.controllers, options.repeats)
+    found, lowest, highest = (
+        {quantity: [getattr(one, end) for one in sizes] for quantity, sizes in spreads.items()}
+        for end in Spread._fields
+    )
     lines = {quantity: fit_line(flights, values) for quantity, values in found.items()}
 
-    from abhv_mc.bench.figures import find_simd
-    from abhv_mc.store.provenance import find_machine
-
-    machine = {**find_machine(), "simd": find_simd(), "load_before": load}
+    machine = describe_machine(load)
     seconds = SHORT if options.million else 60
     record: dict[str, Any] = {"machine": machine, "controllers": options.controllers, "flight_s": seconds}
-    record |= {"repeats": repeats, "flights": flights, "medians": found, "lines": lines}
+    record |= {"repeats": options.repeats, "flights": flights, "medians": found, "lines": lines}
+    record |= {"lowest": lowest, "highest": highest}
     write_json(RESULTS / f"{name}.json", record)
     if not options.million:
         plot_growth(FIGURE, flights, found, lines)
     note = (
         f"Flights of {seconds} s. {machine['processor']}, {machine['cores']} cores, load {load:.1f} before the start; "
         f"controllers {options.controllers}; "
-        + ("one campaign of each size." if repeats == 1 else f"medians of {repeats} campaigns of each size.")
+        + (
+            "one campaign of each size."
+            if options.repeats == 1
+            else f"medians of {options.repeats} campaigns of each size."
+        )
     )
     replace_part(DOCUMENT, name, make_table(flights, found, lines, note))
 

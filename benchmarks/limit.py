@@ -1,20 +1,16 @@
 """``abhv-mc bench`` in several processes: the medians of its figures, and how far they spread.
 
-    python -m benchmarks.limit [--processes 3]
+    python -m benchmarks.limit [--processes 3] [--json FILE]
 
 Writes ``benchmarks/results/bench.json`` and a table of ``docs/performance.md``.
 """
 
-import argparse
-import json
 import os
-import subprocess
-import sys
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 from benchmarks.document import replace_part, write_json
+from benchmarks.spread import describe_machine, find_spread, make_note, make_parser, repeat
 
 ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "bench.json"
@@ -35,14 +31,6 @@ GOALS = {  # figure: (words, goal as text)
 }
 
 
-def read_figures() -> dict[str, Any]:
-    """What one process of ``abhv-mc bench`` finds."""
-    command = [sys.executable, "-m", "abhv_mc", "bench", "--json", "-"]
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
-    figures: dict[str, Any] = json.loads(done.stdout)
-    return figures
-
-
 def make_rows(runs: list[dict[str, Any]]) -> list[str]:
     """One row for each figure: median, and lowest to highest of the processes."""
     rows = []
@@ -58,22 +46,17 @@ def make_rows(runs: list[dict[str, Any]]) -> list[str]:
 
 
 def _make_row(words: str, values: list[float], goal: str) -> str:
-    numbers = (median(values), min(values), max(values))
-    middle, low, high = (f"{value:.3g}" if value < 1e4 else f"{value:,.0f}" for value in numbers)
+    middle, low, high = (f"{value:.3g}" if value < 1e4 else f"{value:,.0f}" for value in find_spread(values))
     return f"| {words} | {middle} | {low} to {high} | {goal} |"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--processes", type=int, default=3)
-    options = parser.parse_args()
+    options = make_parser(__doc__, RESULT).parse_args()
     load = os.getloadavg()[0]
-    runs = [read_figures() for _ in range(options.processes)]
-    machine = runs[0]["machine"]
-    write_json(RESULT, runs)
+    runs = repeat(options.processes, "abhv_mc", "bench", "--json", "-")
+    write_json(options.json, runs)
     head = [
-        f"{machine['cpu']}, {machine['simd']}, {machine['cores']} cores, load {load:.1f} before the start; "
-        f"medians of {len(runs)} processes.",
+        make_note(describe_machine(load), len(runs)),
         "",
         "| figure | median | lowest to highest | goal |",
         "|---|---|---|---|",

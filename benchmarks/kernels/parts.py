@@ -1,13 +1,14 @@
 """Where a flight's time goes: each part of a tick alone, sixteen abreast, as a share of the whole flight's time.
 
-python -m benchmarks.kernels.parts [--json FILE]
+    python -m benchmarks.kernels.parts [--processes 3] [--json FILE]      or, of one process and to the screen, --once
 
 A part alone runs from the nearest cache; in a flight all parts take turns, and lanes stand in different cells: what the
 sum leaves over. Writes ``benchmarks/results/parts.json`` and a table of ``docs/performance.md``.
 """
 
-import argparse
+import json
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 from statistics import median
@@ -15,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.bench.figures import find_simd
 from abhv_mc.bench.operations import count_operations
 from abhv_mc.bench.speed import make_work
 from abhv_mc.control.lqr import lqr_tick
@@ -37,9 +37,12 @@ from abhv_mc.plant.disturbance import disturb
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
 from abhv_mc.vehicle.arrays import Floats
 from benchmarks.document import replace_part, write_json
+from benchmarks.spread import Spread, describe_machine, find_spreads, make_note, make_parser, repeat
 from benchmarks.timing import measure_time
 
 ROOT = Path(__file__).parents[2]
+RESULT = ROOT / "benchmarks" / "results" / "parts.json"
+DOCUMENT = ROOT / "docs" / "performance.md"
 REPEATS = 9
 
 # name: (number in the kernel, calls in a tick, laws that fly it)
@@ -61,6 +64,7 @@ PARTS = {
     "TLC: trim data": (13, 1, ("tlc",)),
     "TLC: attitude loops and allocation": (14, 1, ("tlc",)),
 }
+SLOW, REST = "of it divisions and roots", "the flight beyond its parts"
 N = 1024  # numbers of an array in the nearest cache
 
 
@@ -163,7 +167,7 @@ def time_of(part: int, calls: int, plans: dict[str, FlightPlan], parameters: Flo
 
 
 def measure_parts() -> dict[str, dict[str, float]]:
-    """By law and part: ms of a flight; ``flight`` is the whole, ``divisions and roots`` what these alone take."""
+    """By law and part: ms of a flight; ``flight`` is the whole, ``SLOW`` what divisions and roots alone take."""
     plans, parameters = make_work(LANES)
     ticks = plans["tlc"].timing.ticks
     seconds = {name: time_of(number, ticks * calls, plans, parameters) for name, (number, calls, _) in PARTS.items()}
@@ -175,26 +179,66 @@ def measure_parts() -> dict[str, dict[str, float]]:
         fly(plan, parameters)
         whole = median(measure_time(lambda plan=plan: fly(plan, parameters)) for _ in range(REPEATS))
         slow = counts[law].divisions * division + counts[law].square_roots * root
-        found[law] = {**ms, "flight": 1e3 * whole / LANES, "of it divisions and roots": 1e3 * slow}
+        found[law] = {**ms, "flight": 1e3 * whole / LANES, SLOW: 1e3 * slow}
     return found
 
 
+def find_shares(parts: dict[str, float]) -> dict[str, float]:
+    """A law's parts in one process as shares of the flight in the same, and what they leave over."""
+    whole = parts["flight"]
+    shares = {name: ms / whole for name, ms in parts.items() if name != "flight"}
+    return {**shares, REST: 1.0 - sum(share for name, share in shares.items() if name != SLOW)}
+
+
+def make_record(
+    machine: dict[str, Any], runs: list[dict[str, dict[str, float]]], shares: dict[str, dict[str, Spread]]
+) -> dict[str, Any]:
+    """What is kept: by law medians in ms; shares with their ends."""
+    ms = {
+        law: {name: round(one.median, 4) for name, one in find_spreads([run[law] for run in runs]).items()}
+        for law in BOTH
+    }
+    ends = {
+        key: {law: {name: round(getattr(one, end), 5) for name, one in shares[law].items()} for law in BOTH}
+        for key, end in {"shares": "median", "lowest": "lowest", "highest": "highest"}.items()
+    }
+    return {**ms, "machine": machine, "processes": len(runs), **ends}
+
+
+def make_table(machine: dict[str, Any], processes: int, shares: dict[str, dict[str, Spread]]) -> str:
+    """The table as Markdown, in per cent."""
+    lines = [make_note(machine, processes), ""]
+    lines += [
+        f"| part ({machine['simd']}) | TLC | lowest to highest | LQR | lowest to highest |",
+        "|---|---|---|---|---|",
+    ]
+    for name in (*PARTS, SLOW, REST):
+        cells = []
+        for law in BOTH:
+            one = shares[law].get(name)
+            cells += (
+                [f"{100 * one.median:.1f} %", f"{100 * one.lowest:.1f} to {100 * one.highest:.1f} %"]
+                if one
+                else ["", ""]
+            )
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", type=Path, default=ROOT / "benchmarks" / "results" / "parts.json")
+    parser = make_parser(__doc__, RESULT)
+    parser.add_argument("--once", action="store_true", help="measure in this process, print JSON, write nothing")
     options = parser.parse_args()
-    found = measure_parts()
-    write_json(options.json, {law: {name: round(ms, 4) for name, ms in parts.items()} for law, parts in found.items()})
-    whole = {law: parts["flight"] for law, parts in found.items()}
-    names = [*PARTS, "of it divisions and roots"]
-    lines = [f"| part ({find_simd()}) | TLC | LQR |", "|---|---|---|"]
-    for name in names:
-        shares = [f"{100 * found[law][name] / whole[law]:.1f} %" if name in found[law] else "" for law in BOTH]
-        lines.append(f"| {name} | {shares[0]} | {shares[1]} |")
-    rest = [100 * (1 - sum(found[law].get(name, 0.0) for name in PARTS) / whole[law]) for law in BOTH]
-    lines.append(f"| the flight beyond its parts | {rest[0]:.1f} % | {rest[1]:.1f} % |")
-    table = "\n".join(lines)
-    replace_part(ROOT / "docs" / "performance.md", "parts", table)
+    if options.once:
+        print(json.dumps(measure_parts()))
+        return
+    load = os.getloadavg()[0]
+    runs = repeat(options.processes, "benchmarks.kernels.parts", "--once")
+    shares = {law: find_spreads([find_shares(run[law]) for run in runs]) for law in BOTH}
+    machine = describe_machine(load)
+    write_json(options.json, make_record(machine, runs, shares))
+    table = make_table(machine, len(runs), shares)
+    replace_part(DOCUMENT, "parts", table)
     print(table)
 
 

@@ -24,6 +24,7 @@ from statistics import median
 from typing import Any
 
 from benchmarks.document import replace_part, write_json
+from benchmarks.spread import describe_machine
 
 ROOT = Path(__file__).parents[2]
 RESULT = ROOT / "benchmarks" / "results" / "peers.json"
@@ -209,13 +210,11 @@ def main() -> int:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--flights", type=int, default=256)
     options = parser.parse_args()
-    from abhv_mc.bench.figures import find_simd
-    from abhv_mc.store.provenance import find_machine
-
     python = install()
-    machine = {**find_machine(), "simd": find_simd(), "load_before": os.getloadavg()[0]}
+    load = os.getloadavg()[0]
     versions = find_versions(python)
     peers, failed = measure_peers(python, options.rounds, options.repeats, options.flights)
+    machine = describe_machine(load)
     record = {"machine": machine, "versions": versions, "flights": options.flights, "peers": peers, "failed": failed}
     write_json(RESULT, record)
     table = make_table(record)

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from abhv_mc.campaign.check import read_campaign
-from benchmarks import processes
+from benchmarks import growth, processes
 from benchmarks.growth import QUANTITIES, SHORT, fit_line, make_table, write_short_campaign
+from benchmarks.spread import Spread
 
 FLIGHTS = [100, 1000, 10_000, 100_000]
 
@@ -32,6 +33,14 @@ def test_the_table_says_the_slope_in_the_unit_of_a_flight():
     table = make_table(FLIGHTS, found, {name: fit_line(FLIGHTS, values) for name, values in found.items()}, "where")
     assert "| 100,000 | 203 |" in table
     assert "| line | 3 + 2 ms a flight |" in table
+
+
+def test_every_size_has_the_spread_of_its_own_campaigns(monkeypatch):
+    times = iter([3.0, 1.0, 2.0, 30.0, 10.0, 20.0])
+    monkeypatch.setattr(growth, "measure", lambda *_: dict.fromkeys(QUANTITIES, next(times)))
+    found = growth.measure_all(growth.CAMPAIGN, [100, 1000], "tlc", 3)
+    assert found["run_s"] == [Spread(2.0, 1.0, 3.0), Spread(20.0, 10.0, 30.0)]
+    assert found.keys() == QUANTITIES.keys()
 
 
 def test_the_short_campaign_is_the_default_one_but_for_its_length(tmp_path, repository):
