@@ -18,19 +18,20 @@ from typing import Any, TypeVar, cast
 
 import numba
 from numba.core import event
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
+
+from abhv_mc.jit_compiler import InlinedCompiler, KernelCompiler, Scalar
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).parent
-_COMPILED_LAYERS = ("jit.py", "jit_cuda.py", "numerics", "world", "vehicle", "plant", "control", "flight")
+_COMPILED_FILES = ("jit.py", "jit_compiler.py", "jit_cuda.py")
+_COMPILED_LAYERS = ("numerics", "world", "vehicle", "plant", "control", "flight")
 
 
 def source_hash() -> str:
-    """Hash of everything that compiled code is made from: these layers' sources and numba itself."""
+    """Hash of everything that compiled code is made from: its sources and numba itself."""
     digest = hashlib.sha256(f"numba {numba.__version__}".encode())
-    for layer in _COMPILED_LAYERS:
+    for layer in (*_COMPILED_FILES, *_COMPILED_LAYERS):
         path = _PACKAGE / layer
         for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
             digest.update(file.relative_to(_PACKAGE).as_posix().encode())
@@ -61,39 +62,13 @@ numba.config.OPT = type(numba.config.OPT)(2)  # type: ignore[attr-defined]
 # Without numba's reference counting (``_nrt``): nothing in here allocates, and an atomic count on each
 # array of a named tuple in each lane costs three times the physics.
 _INLINED: dict[str, Any] = {"forceinline": True, "error_model": "numpy", "_nrt": False}
-
-
-class _InlinedLibrary(JITCodeLibrary):
-    """Code that only ever becomes part of its caller's: not optimized by itself, never made machine code."""
-
-    def finalize(self) -> None:
-        self._raise_if_finalized()
-        for library in dict.fromkeys(self._linking_libraries):
-            self._reload_init.update(library._reload_init)
-            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
-        self._finalized = True
-
-
-class _InlinedCompiler(Compiler):
-    """Numba's compiler as far as LLVM's intermediate code: half of the time that a cold start takes."""
-
-    def __init__(
-        self, typing_context: Any, context: Any, library: Any, args: Any, returns: Any, flags: Any, local: Any
-    ) -> None:
-        flags.no_compile = True
-        self._code = _InlinedLibrary(context.codegen(), "inlined")
-        super().__init__(typing_context, context, self._code, args, returns, flags, local)
-
-    def _compile_core(self) -> Any:
-        result = super()._compile_core()
-        entry = set[Any]().remove  # numba tells functions apart by a builtin, their entry, which nobody calls
-        result.target_context.insert_user_function(entry, result.fndesc, [self._code])
-        return result._replace(entry_point=entry)
+_NO_ENTRY: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_CALLED: dict[str, Any] = {"cache": True, "no_cfunc_wrapper": True, "pipeline_class": KernelCompiler}
 
 
 def scalar(function: F) -> F:
     """Compile a pure function of scalars; inlined into the lane loop that calls it, callable from Python too."""
-    return cast("F", numba.njit(**_INLINED, cache=True)(function))
+    return cast("F", Scalar(function, {**_INLINED, **_NO_ENTRY}, numba.njit(**_INLINED, **_CALLED)))
 
 
 def lanes(function: F) -> F:
@@ -101,18 +76,19 @@ def lanes(function: F) -> F:
 
     Only kernels call it: it has no entry from Python.
     """
-    no_entry: dict[str, Any] = {
-        "no_cpython_wrapper": True,
-        "no_cfunc_wrapper": True,
-        "pipeline_class": _InlinedCompiler,
-    }
-    return cast("F", numba.njit(**_INLINED, **no_entry)(function))
+    return cast("F", numba.njit(**_INLINED, **_NO_ENTRY, pipeline_class=InlinedCompiler)(function))
+
+
+def routine(function: F) -> F:
+    """Compile a function that kernels call in many places: not inlined, and without an entry from Python."""
+    options = {**_INLINED, "forceinline": False}
+    return cast("F", numba.njit(**options, **_NO_ENTRY, pipeline_class=InlinedCompiler)(function))
 
 
 def kernel(function: F) -> F:
     """Compile an entry point called from Python: cached on disk, releases the interpreter's lock."""
     _KERNELS.add(function)
-    return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    return cast("F", numba.njit(nogil=True, error_model="numpy", **_CALLED)(function))
 
 
 class _FirstCompile(event.Listener):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.control.trim_tables import TRIM_ROWS
-from abhv_mc.jit import kernel, scalar
+from abhv_mc.jit import kernel, routine, scalar
 from abhv_mc.numerics.root_finding import NO_SIGN_CHANGE, brent
 from abhv_mc.numerics.tables import bracket
 from abhv_mc.vehicle.arrays import VARIABLES, Floats, Tables
@@ -89,7 +89,7 @@ class _Cut(NamedTuple):
     line: Floats  # [alpha, TRIM_ROWS]
 
 
-@kernel
+@routine
 def _cut_at_mach(tables, mach, cut):
     """Interpolate the trim tables in Mach, into ``cut.plane``."""
     start, length = tables.axis_start[0], tables.axis_length[0]
@@ -116,7 +116,7 @@ def _place(nodes, x):
     return low, min(max((x - nodes[low]) / (nodes[low + 1] - nodes[low]), 0.0), 1.0)
 
 
-@kernel
+@routine
 def _cut_at_eta(eta, cut):
     """Interpolate ``cut.plane`` in the equivalence ratio, into ``cut.line``."""
     k, u = _place(cut.eta, eta)
@@ -125,7 +125,7 @@ def _cut_at_eta(eta, cut):
             cut.line[j, row] = (1.0 - u) * cut.plane[k, j, row] + u * cut.plane[k + 1, j, row]
 
 
-@kernel
+@routine
 def _look_up(alpha, row, cut):
     """One of TRIM_ROWS on the line."""
     j, t = _place(cut.alpha, alpha)
@@ -145,7 +145,7 @@ def _sin_bank_of(normal, lateral):
     return min(max(sine, -limit), limit)
 
 
-@kernel
+@routine
 def _normal_force(alpha, cut, wanted):
     """N = L + T sin(alpha + e), N."""
     j, t = _place(cut.alpha, alpha)
@@ -154,14 +154,14 @@ def _normal_force(alpha, cut, wanted):
     return wanted.q_area * (lift + thrust * (np.sin(alpha) * wanted.thrust_cos + np.cos(alpha) * wanted.thrust_sin))
 
 
-@kernel
+@routine
 def _alpha_residual(alpha, cut, wanted):
     normal = _normal_force(alpha, cut, wanted)
     sine = _sin_bank_of(normal, wanted.lateral)
     return normal * np.sqrt(1.0 - sine * sine) - wanted.vertical
 
 
-@kernel
+@routine
 def _alpha_of(eta, cut, wanted, bounds):
     """Second equation with the third inside it: (angle of attack, status); leaves the cut at ``eta``."""
     _cut_at_eta(eta, cut)
@@ -176,14 +176,14 @@ def _alpha_of(eta, cut, wanted, bounds):
     return root, status
 
 
-@kernel
+@routine
 def _eta_residual(eta, cut, wanted, bounds):
     alpha, _ = _alpha_of(eta, cut, wanted, bounds)
     cos_thrust = np.cos(alpha) * wanted.thrust_cos - np.sin(alpha) * wanted.thrust_sin
     return wanted.q_area * (_look_up(alpha, THRUST, cut) * cos_thrust - _look_up(alpha, DRAG, cut)) - wanted.axial
 
 
-@kernel
+@routine
 def _eta_of(near, margin, cut, wanted, bounds):
     """First equation with the others inside it: (equivalence ratio, iterations, status)."""
     low, high = max(bounds.eta_low, near - margin), min(bounds.eta_high, near + margin)

@@ -1,0 +1,152 @@
+"""Numba's compiler, as much of it as this package's functions need: the same bits and speed after half of the time.
+
+Functions here call each other a hundred deep, are all inlined into a few kernels, hold no closures, exceptions or
+objects, and are typed over and over with the same few types. Seconds that each measure saves of a cold start that
+takes 30 without them (measured alone; ``python -m abhv_mc bench`` has today's sum):
+
+- inlined functions never become machine code by themselves: half of what numba would need;
+- numba remembers what an operation on given types returns: 3;
+- kernels are optimized once, without unrolling: a loop over lanes runs twice, unrolled it has an end for each
+  remainder (flights are 4 % faster, too): 2;
+- no search for garbage while a kernel is compiled: 2;
+- passes for what is not used here are left out: 1.
+"""
+
+import contextlib
+import gc
+from collections.abc import Iterator
+from typing import Any
+
+import llvmlite.binding as llvm
+from numba.core import typed_passes, types, untyped_passes
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.compiler_machinery import PassManager
+from numba.core.registry import CPUDispatcher
+
+_PASSES = (
+    untyped_passes.TranslateByteCode,
+    untyped_passes.FixupArgs,
+    untyped_passes.IRProcessing,
+    untyped_passes.GenericRewrites,
+    untyped_passes.ReconstructSSA,
+    typed_passes.NopythonTypeInference,
+    typed_passes.PreLowerStripPhis,
+    typed_passes.IRLegalization,
+    typed_passes.NativeLowering,
+    typed_passes.NoPythonBackend,
+)
+
+
+_Function: Any = types.BaseFunction
+_ask = _Function.get_call_type
+_known: dict[Any, Any] = {}
+
+
+def _recall(function: Any, context: Any, arguments: Any, keywords: Any) -> Any:
+    """What a call of one of numba's own functions returns; numba tries up to thirty templates at each ``a * b``."""
+    if keywords or any(isinstance(each, types.Literal | types.Dispatcher) for each in arguments):
+        return _ask(function, context, arguments, keywords)
+    key = (function, context, *arguments)
+    if key not in _known:
+        _known[key] = _ask(function, context, arguments, keywords)
+    return _known[key]
+
+
+@contextlib.contextmanager
+def _recalling() -> Iterator[None]:
+    """Have numba remember types; its lock is held, nobody else compiles."""
+    before = _Function.get_call_type
+    _Function.get_call_type = _recall
+    try:
+        yield
+    finally:
+        _Function.get_call_type = before
+
+
+@contextlib.contextmanager
+def _without_collection() -> Iterator[None]:
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+class _Compiler(Compiler):
+    """Numba's compiler with fewer passes."""
+
+    def define_pipelines(self) -> list[PassManager]:
+        manager = PassManager("nopython")
+        for each in _PASSES:
+            manager.add_pass(each, each.name())
+        manager.finalize()
+        return [manager]
+
+
+class _InlinedLibrary(JITCodeLibrary):
+    """Code that only ever becomes part of another's: not optimized by itself, never made machine code."""
+
+    def finalize(self) -> None:
+        self._raise_if_finalized()
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage == llvm.Linkage.external:
+                function.linkage = "weak_odr"  # a linker drops a linkonce_odr that nobody calls yet
+        self._finalized = True
+
+    def _get_module_for_linking(self) -> Any:
+        return self._final_module
+
+    def with_called(self) -> list[Any]:
+        """This and all that it calls at any depth, once each: a caller links them all."""
+        return list(dict.fromkeys([self, *self._linking_libraries]))
+
+
+class InlinedCompiler(_Compiler):
+    """Compiles as far as LLVM's intermediate code."""
+
+    def compile_extra(self, function: Any) -> Any:
+        self.state.flags.no_compile = True
+        self.state.library = _InlinedLibrary(self.state.targetctx.codegen(), function.__qualname__)
+        result = super().compile_extra(function)
+        entry = set[Any]().remove  # numba tells functions apart by a builtin, their entry, which nobody calls
+        result.target_context.insert_user_function(entry, result.fndesc, result.library.with_called())
+        return result._replace(entry_point=entry)
+
+
+class _KernelLibrary(JITCodeLibrary):
+    """Code that is optimized once, when everything that it calls is there, for loops over lanes."""
+
+    def _optimize_final_module(self) -> None:
+        for function in self._final_module.functions:
+            if function.linkage == llvm.Linkage.weak_odr:
+                function.linkage = "linkonce_odr"  # goes when it is inlined
+        options = llvm.create_pipeline_tuning_options(speed_level=2)  # faster to compile than 3, flights as fast
+        options.loop_vectorization = options.slp_vectorization = True
+        options.loop_unrolling = options.loop_interleaving = False
+        builder = llvm.create_pass_builder(self._codegen._tm, options)
+        builder.getModulePassManager().run(self._final_module, builder)
+
+
+class KernelCompiler(_Compiler):
+    """Compiles what Python calls."""
+
+    def compile_extra(self, function: Any) -> Any:
+        self.state.library = _KernelLibrary(self.state.targetctx.codegen(), function.__qualname__)
+        self.state.library.enable_object_caching()
+        with _recalling(), _without_collection():
+            return super().compile_extra(function)
+
+
+class Scalar(CPUDispatcher):
+    """A function that is inlined where compiled code calls it, and compiled by itself where Python does."""
+
+    def __init__(self, function: Any, inlined: dict[str, Any], called: Any) -> None:
+        """``inlined``: numba's options; ``called``: a decorator for what Python calls."""
+        super().__init__(function, targetoptions={"nopython": True, **inlined}, pipeline_class=InlinedCompiler)
+        self._called = called(function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._called(*arguments)
