@@ -31,7 +31,10 @@ def run(code, source, cache):
     return done.stdout.split()
 
 
-@pytest.mark.parametrize("layer", ["jit.py", "numerics", "world", "vehicle", "plant", "control", "flight"])
+LAYERS = ["jit.py", "jit_compiler.py", "numerics", "world", "vehicle", "plant", "control", "flight"]
+
+
+@pytest.mark.parametrize("layer", LAYERS)
 def test_any_change_to_what_is_compiled_changes_the_folder(source, monkeypatch, layer):
     assert jit.source_hash() == jit.source_hash()
     before = jit.source_hash()

@@ -71,7 +71,7 @@ for _panel, _names in _COMMANDS.items():
 
 def main() -> None:
     """Run the command line and exit with its code."""
-    gc.set_threshold(100_000, 50, 50)  # libraries being loaded are no garbage: a tenth of a cached start
+    gc.set_threshold(100_000, 10, 10)  # libraries being loaded are no garbage: a tenth of a cached start
     with heed_signals():
         try:
             app(prog_name="abhv-mc")  # so that completion knows it, however it was started
