@@ -108,11 +108,12 @@ class InlinedCompiler(_Compiler):
     """Compiles as far as LLVM's intermediate code."""
 
     def compile_extra(self, function: Any) -> Any:
+        code = _InlinedLibrary(self.state.targetctx.codegen(), function.__qualname__)
         self.state.flags.no_compile = True
-        self.state.library = _InlinedLibrary(self.state.targetctx.codegen(), function.__qualname__)
+        self.state["library"] = code
         result = super().compile_extra(function)
         entry = set[Any]().remove  # numba tells functions apart by a builtin, their entry, which nobody calls
-        result.target_context.insert_user_function(entry, result.fndesc, result.library.with_called())
+        result.target_context.insert_user_function(entry, result.fndesc, code.with_called())
         return result._replace(entry_point=entry)
 
 
@@ -134,8 +135,9 @@ class KernelCompiler(_Compiler):
     """Compiles what Python calls."""
 
     def compile_extra(self, function: Any) -> Any:
-        self.state.library = _KernelLibrary(self.state.targetctx.codegen(), function.__qualname__)
-        self.state.library.enable_object_caching()
+        code = _KernelLibrary(self.state.targetctx.codegen(), function.__qualname__)
+        code.enable_object_caching()
+        self.state["library"] = code
         with _recalling(), _without_collection():
             return super().compile_extra(function)
 

@@ -19,7 +19,7 @@ import scipy
 from abhv_mc.control.controller_file import Controller
 from abhv_mc.control.mission import Mission, Recorded
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.jit import cache_folder, source_hash
+from abhv_mc.jit import cache_folder
 from abhv_mc.vehicle.model import Vehicle
 
 KEPT = 12  # plans of 2 to 3 MB each
@@ -30,7 +30,7 @@ def find_plan_file(vehicle: Vehicle, mission: Mission, controller: Controller) -
     """Where the plan of these is kept, whether it is there or not; None for a mission that refers to another file."""
     if isinstance(mission.manoeuvre, Recorded):
         return None
-    digest = hashlib.sha256(f"{source_hash()} {np.__version__} {scipy.__version__}".encode())
+    digest = hashlib.sha256(f"{np.__version__} {scipy.__version__}".encode())  # the folder's name covers the source
     digest.update(mission.model_dump_json().encode())
     digest.update(controller.model_dump_json().encode())
     for name, value in _flatten(vehicle, "vehicle"):
@@ -63,7 +63,7 @@ def keep_plan(file: Path, plan: FlightPlan) -> None:
             except OSError:
                 Path(aside.name).unlink(missing_ok=True)
                 raise
-        latest_first = sorted(file.parent.glob("*.npz"), key=lambda path: path.stat().st_mtime, reverse=True)
+        latest_first = sorted(file.parent.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
         for old in latest_first[KEPT:]:
             old.unlink(missing_ok=True)
 
