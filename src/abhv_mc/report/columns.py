@@ -3,7 +3,7 @@
 import os
 import tempfile
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -42,38 +42,45 @@ def read_table(path: Path, wanted: str, columns: Sequence[str] | None = None) ->
         return file.read(columns=columns, use_threads=file.num_row_groups > 1)
 
 
-class FileColumns(Mapping[str, Floats]):
+class _Columns(Mapping[str, Floats]):
+    """Columns whose names are known without reading them."""
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self._places = {name: i for i, name in enumerate(names)}
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._places
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
+class FileColumns(_Columns):
     """Columns [row] of a Parquet file, each read when it is asked for, and not kept."""
 
     def __init__(self, path: Path, wanted: str, without: str) -> None:
         """All columns but `without`. Raises InputError where the file is missing or unreadable."""
         self._path, self._wanted = path, wanted
         with _open(path, wanted) as file:
-            self._names = tuple(name for name in file.schema_arrow.names if name != without)
+            super().__init__(name for name in file.schema_arrow.names if name != without)
 
     def __getitem__(self, name: str) -> Floats:
-        if name not in self._names:
+        if name not in self._places:
             raise KeyError(name)
         return np.asarray(read_table(self._path, self._wanted, [name])[name].to_numpy(), dtype=np.float64)
 
-    def __contains__(self, name: object) -> bool:
-        return name in self._names  # without reading it
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
-
-
-class SpooledColumns(Mapping[str, Floats]):
+class SpooledColumns(_Columns):
     """Columns [row] of a table that comes in pieces, each copied out when it is asked for.
 
     A table larger than a few ten megabytes lies in an unnamed temporary file, which goes with the object.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
-        self._places = {name: i for i, name in enumerate(names)}
+        super().__init__(names)
         self._waiting: list[Floats] = []  # pieces too small to be written alone
         self._chunks: list[int] = []  # rows of each
         self._order: NDArray[np.intp] | None = None
@@ -111,12 +118,3 @@ class SpooledColumns(Mapping[str, Floats]):
             before += len(self._places) * part.nbytes
             row += rows
         return column if self._order is None else column[self._order]
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._places  # without reading it
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._places)
-
-    def __len__(self) -> int:
-        return len(self._places)
