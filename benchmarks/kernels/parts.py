@@ -83,9 +83,10 @@ def run_part(part, calls, vehicle, trim, effectiveness, earth, tlc, lqr, referen
         np.zeros(s.MAX_TABLE_ROWS),
     )
     trim_hints = np.zeros((3, LANES), dtype=np.int64)
-    scratch = (cells, trim_hints, np.zeros(s.MAX_TABLE_ROWS))
+    high = np.zeros(s.MAX_TABLE_ROWS)
+    scratch = (cells, trim_hints, high)
     unit_factors = np.zeros(vehicle.build_up.factor.size, dtype=np.int64)
-    width = parameters.shape[0]
+    width = Z.shape[1]
     start_lanes(Z, width, parameters, np.arange(width), width)
     start_flights(Z, width, start)
     prepare_actuators(Z, width, vehicle.constants, step)
@@ -125,7 +126,7 @@ def run_part(part, calls, vehicle, trim, effectiveness, earth, tlc, lqr, referen
             nominal_variables(Z, width, vehicle, reference, 1)
             nominal_vehicle(Z, T, width, vehicle, effectiveness, scratch, unit_factors)
         elif part == 13:
-            trim_data(Z, width, trim, trim_hints)
+            trim_data(Z, width, trim, trim_hints, cells.row, high)
         elif part == 14:
             tlc_attitude(Z, width, vehicle, earth, reference, tlc[0], tlc[1], 1, step, False)
     return Z[s.X, 0]

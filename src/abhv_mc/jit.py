@@ -5,6 +5,7 @@ Rules for compiled functions (measured; the benchmark ``abhv-mc bench`` holds th
 - strict floating point everywhere, so that flights abreast equal one flight at a time bit for bit;
 - a ``scalar`` function takes and returns floats, named tuples of floats and nothing that allocates;
 - a ``lanes`` function loops over the lanes of blocks that its caller allocated inside the kernel;
+- arrays that a function takes do not overlap where it writes to one: the compiler relies on that;
 - no libm call inside a lane loop: use :mod:`abhv_mc.numerics.lane_math`;
 - data (tables, gains, references) are arguments, never globals: numba freezes globals silently.
 """

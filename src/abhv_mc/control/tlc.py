@@ -22,12 +22,13 @@ from abhv_mc.control.tlc_loops import (
 from abhv_mc.jit import lanes, scalar
 from abhv_mc.numerics.angles import clamp, wrap
 from abhv_mc.numerics.lane_math import exp, sincos
-from abhv_mc.numerics.tables import bracket
+from abhv_mc.numerics.tables import bracket, interpolate_2d, natural
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import build_up, look_up
 from abhv_mc.plant.air_data import set_effectors
 from abhv_mc.plant.effectiveness import N_INPUTS, slopes_of_coefficients, table_slopes
 from abhv_mc.plant.state import LAW, N_COEFFICIENTS, variable_row
+from abhv_mc.vehicle.arrays import CHUNK
 from abhv_mc.world.atmosphere import atmosphere_lanes
 
 _ONE = variable_row("one")
@@ -144,15 +145,12 @@ def axis_nodes(tables, axis):
     return tables.grid[start:end], tables.inverse_step[start:end]
 
 
-@scalar
-def trim_at(data, corner, s0, s2, w00, w10, w01, w11):
-    """One trim row at a node of the angle of attack: bilinear in Mach and equivalence ratio."""
-    return w00 * data[corner] + w10 * data[corner + s0] + w01 * data[corner + s2] + w11 * data[corner + s0 + s2]
-
-
 @lanes
-def trim_data(Z, width, trim, hints):
-    """Trimmed lift, drag and thrust coefficients at (Mach, commanded alpha, eta), and their slopes with alpha."""
+def trim_data(Z, width, trim, hints, low, high):
+    """Trimmed lift, drag and thrust coefficients at (Mach, commanded alpha, eta), and their slopes with alpha.
+
+    low, high [CHUNK] are scratch: a node's trim rows are one vector.
+    """
     s0, s1, s2 = trim.group_stride[0, 0], trim.group_stride[0, 1], trim.group_stride[0, 2]
     grid_0, step_0 = axis_nodes(trim, 0)
     grid_1, step_1 = axis_nodes(trim, 1)
@@ -164,16 +162,11 @@ def trim_data(Z, width, trim, hints):
         hints[0, lane] = i0
         hints[1, lane] = i1
         hints[2, lane] = i2
-        corner = trim.group_start[0] + i0 * s0 + i1 * s1 + i2 * s2
-        w00, w10 = (1.0 - t0) * (1.0 - t2), t0 * (1.0 - t2)
-        w01, w11 = (1.0 - t0) * t2, t0 * t2
-        lift = trim_at(trim.data, corner + _TRIM_LIFT, s0, s2, w00, w10, w01, w11)
-        drag = trim_at(trim.data, corner + _TRIM_DRAG, s0, s2, w00, w10, w01, w11)
-        thrust = trim_at(trim.data, corner + _TRIM_THRUST, s0, s2, w00, w10, w01, w11)
-        corner += s1
-        lift_up = trim_at(trim.data, corner + _TRIM_LIFT, s0, s2, w00, w10, w01, w11)
-        drag_up = trim_at(trim.data, corner + _TRIM_DRAG, s0, s2, w00, w10, w01, w11)
-        thrust_up = trim_at(trim.data, corner + _TRIM_THRUST, s0, s2, w00, w10, w01, w11)
+        corner = natural(trim.group_start[0] + i0 * s0 + i1 * s1 + i2 * s2)
+        interpolate_2d(trim.data, corner, s0, s2, t0, t2, CHUNK, low)
+        interpolate_2d(trim.data, corner + s1, s0, s2, t0, t2, CHUNK, high)
+        lift, drag, thrust = low[_TRIM_LIFT], low[_TRIM_DRAG], low[_TRIM_THRUST]
+        lift_up, drag_up, thrust_up = high[_TRIM_LIFT], high[_TRIM_DRAG], high[_TRIM_THRUST]
         inverse = step_1[i1]
         Z[T_LIFT, lane] = (1.0 - t1) * lift + t1 * lift_up
         Z[T_DRAG, lane] = (1.0 - t1) * drag + t1 * drag_up
@@ -332,9 +325,9 @@ def tlc_tick(
     Z, T, width, vehicle, trim, effectiveness, earth, reference, gains, settings, k, dt, first, scratch, unit_factors
 ):
     """Commands from the measurement at control tick ``k``."""
-    _, trim_hints, _ = scratch
+    cells, trim_hints, high = scratch
     tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt)
     nominal_variables(Z, width, vehicle, reference, k)
     nominal_vehicle(Z, T, width, vehicle, effectiveness, scratch, unit_factors)
-    trim_data(Z, width, trim, trim_hints)
+    trim_data(Z, width, trim, trim_hints, cells.row, high)
     tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, first)

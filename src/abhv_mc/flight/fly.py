@@ -78,7 +78,6 @@ def fly(
     every = record_every or 0
     results = make_results(plan, len(parameters), every, keep_states)
     _lanes(lanes)(
-        lanes,
         plan.vehicle,
         plan.trim_tables,
         plan.effectiveness,

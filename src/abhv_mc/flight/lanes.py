@@ -258,13 +258,12 @@ def fetch_lanes(Z, O, width, kept, first, n):
 def make_fly_lanes(capacity: int) -> Callable[..., None]:
     """The compiled flight for ``capacity`` lanes (compiled at its first call, cached on disk).
 
-    The kernel takes the number of lanes again at run time: a constant row length tells the compiler that rows do not
-    overlap, but loops of a constant length are unrolled into scalar code before they could become vectors.
+    The number of lanes is a constant of the machine code, but for numba a number as any other: functions for each
+    constant would be optimized each by itself, and small loops unrolled into scalar code before they became vectors.
     """
 
     @kernel
     def fly_lanes(
-        width,
         vehicle,
         trim,
         effectiveness,
@@ -310,7 +309,7 @@ def make_fly_lanes(capacity: int) -> Callable[..., None]:
             Z,
             T,
             O,
-            width,
+            Z.shape[1],
             kept,
             order,
             (cells, trim_hints, high),

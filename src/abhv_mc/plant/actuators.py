@@ -117,7 +117,7 @@ def run_actuator(Z, width, position_row, rate_row, command_row, block, low, high
     position: the same to the integrator's order, and right where a limit bends the way. low, high, rate_limit: [lane].
     A recorded actuator has its rate in the command row.
     """
-    slow = 0.0
+    slow = 0
     for lane in range(width):
         position, rate, command = Z[X + position_row, lane], Z[X + rate_row, lane], Z[command_row, lane]
         error = position - command
@@ -130,8 +130,8 @@ def run_actuator(Z, width, position_row, rate_row, command_row, block, low, high
         reach = Z[block + _REACH, lane] * abs(rate) + Z[block + _REACH + 1, lane] * abs(error)
         span = step * reach
         inside = reach < rate_limit[lane] and position - span > low[lane] and position + span < high[lane]
-        slow += 0.0 if inside else 1.0
-    if slow == 0.0 or recorded:
+        slow += 0 if inside else 1
+    if slow == 0 or recorded:
         return
     short = step / SUBSTEPS
     for lane in range(width):

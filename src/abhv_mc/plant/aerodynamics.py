@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from abhv_mc.jit import lanes
-from abhv_mc.numerics.tables import bracket, interpolate_2d, interpolate_3d
+from abhv_mc.numerics.tables import bracket, interpolate_2d, interpolate_3d, natural
 from abhv_mc.plant.state import COEF, FIXED, N_COEFFICIENTS, OUTSIDE, VAR, P
 from abhv_mc.vehicle.arrays import FIXED_TABLE_ROWS, Floats, Ints
 
@@ -31,12 +31,12 @@ def find_cells(Z, W, tables, cells):
     for lane in range(W):
         Z[OUTSIDE, lane] = 0.0
     for a in range(tables.axis_start.size):
-        start = tables.axis_start[a]
-        length = tables.axis_length[a]
-        variable = VAR + tables.axis_variable[a]
+        start = natural(tables.axis_start[a])
+        length = natural(tables.axis_length[a])
+        variable = VAR + natural(tables.axis_variable[a])
         grid = tables.grid[start : start + length]
         inverse_step = tables.inverse_step[start : start + length]
-        cell = cells.lowest[a]
+        cell = natural(cells.lowest[a])
         last = min(cell + 2, length - 1)
         left, middle, right = grid[cell], grid[cell + 1], grid[last]
         per_left, per_right = inverse_step[cell], inverse_step[cell + 1]
@@ -80,14 +80,15 @@ def interpolate_groups(T, W, tables, cells):
     """
     data, fraction, weight = tables.data, cells.fraction, cells.weight
     for g in range(tables.group_start.size):
-        a0, a1, a2 = tables.group_axis[g, 0], tables.group_axis[g, 1], tables.group_axis[g, 2]
-        s0, s1, s2 = tables.group_stride[g, 0], tables.group_stride[g, 1], tables.group_stride[g, 2]
-        start = tables.group_start[g]
-        row = tables.group_row[g]
-        used = tables.group_used[g]
+        axis, stride = tables.group_axis[g], tables.group_stride[g]
+        a0, a1, a2 = natural(axis[0]), natural(axis[1]), natural(axis[2])
+        s0, s1, s2 = natural(stride[0]), natural(stride[1]), natural(stride[2])
+        start = natural(tables.group_start[g])
+        row = natural(tables.group_row[g])
+        used = natural(tables.group_used[g])
         flat = tables.group_dimensions[g] == 2
         spread = cells.spread[a0] + cells.spread[a1] + (0 if flat else cells.spread[a2])
-        c = start + cells.lowest[a0] * s0 + cells.lowest[a1] * s1
+        c = natural(start + cells.lowest[a0] * s0 + cells.lowest[a1] * s1)
         if flat and spread == 0:
             set_weights(weight, fraction, a0, a1, W)
             for k in range(0, used, 2):  # in pairs: the padding makes their number even
@@ -109,11 +110,11 @@ def interpolate_groups(T, W, tables, cells):
                 )
         elif flat and spread == 1:
             set_weights(weight, fraction, a0, a1, W)
-            split, stride = (a0, s0) if cells.spread[a0] == 1 else (a1, s1)
+            split, further = (a0, s0) if cells.spread[a0] == 1 else (a1, s1)
             upper = cells.lowest[split] + 1
             for k in range(used):
                 i = c + k
-                j = i + stride
+                j = i + further
                 choose_corners_2d(
                     T[row + k],
                     weight,
@@ -136,7 +137,7 @@ def interpolate_groups(T, W, tables, cells):
                 for k in range(used):
                     T[row + k, lane] = cells.row[k]
         elif spread == 0:
-            c += cells.lowest[a2] * s2
+            c = natural(c + cells.lowest[a2] * s2)
             set_weights(weight, fraction, a0, a1, W)
             for k in range(used):
                 share_corners_3d(
@@ -211,7 +212,7 @@ def look_up(Z, T, W, tables, cells):
     find_cells(Z, W, tables, cells)
     interpolate_groups(T, W, tables, cells)
     for i in range(N_FIXED):
-        row = T[tables.fixed_row[i]]
+        row = T[natural(tables.fixed_row[i])]
         for lane in range(W):
             Z[FIXED + i, lane] = row[lane]
 
@@ -223,9 +224,17 @@ def build_up(Z, T, W, terms, factors):
         for lane in range(W):
             Z[COEF + c, lane] = 0.0
     for term in range(terms.coefficient.size):
-        coefficient = COEF + terms.coefficient[term]
-        table = terms.table[term]
-        variable = VAR + terms.variable[term]
-        factor = P + factors[term]
-        for lane in range(W):
-            Z[coefficient, lane] += Z[factor, lane] * (T[table, lane] * Z[variable, lane])
+        add_term(
+            Z[COEF + natural(terms.coefficient[term])],
+            Z[P + natural(factors[term])],
+            T[natural(terms.table[term])],
+            Z[VAR + natural(terms.variable[term])],
+            W,
+        )
+
+
+@lanes
+def add_term(total, factor, table, variable, W):
+    """One term of a coefficient."""
+    for lane in range(W):
+        total[lane] += factor[lane] * (table[lane] * variable[lane])

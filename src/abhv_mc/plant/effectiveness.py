@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.jit import lanes
-from abhv_mc.numerics.tables import interpolate_3d
+from abhv_mc.numerics.tables import interpolate_3d, natural
 from abhv_mc.plant.state import N_COEFFICIENTS, VAR
 from abhv_mc.vehicle.arrays import VARIABLES, Floats, Ints
 from abhv_mc.vehicle.model import Vehicle
@@ -150,9 +150,18 @@ def slopes_of_coefficients(Z, T, W, effectiveness, first_row):
         for lane in range(W):
             Z[first_row + i, lane] = 0.0
     for term in range(effectiveness.coefficient.size):
-        out = first_row + effectiveness.coefficient[term] * N_INPUTS + effectiveness.input[term]
-        row = effectiveness.row[term]
-        variable = VAR + effectiveness.variable[term]
-        weight = effectiveness.weight[term]
-        for lane in range(W):
-            Z[out, lane] += weight * (T[row, lane] * Z[variable, lane])
+        slope = natural(effectiveness.coefficient[term] * N_INPUTS + effectiveness.input[term])
+        add_weighted(
+            Z[first_row + slope],
+            effectiveness.weight[term],
+            T[natural(effectiveness.row[term])],
+            Z[VAR + natural(effectiveness.variable[term])],
+            W,
+        )
+
+
+@lanes
+def add_weighted(total, weight, table, variable, W):
+    """One term of a slope."""
+    for lane in range(W):
+        total[lane] += weight * (table[lane] * variable[lane])
