@@ -11,8 +11,7 @@ import sys
 from abhv_mc.bench.figures import find_simd
 from abhv_mc.bench.speed import make_work
 from abhv_mc.flight.fly import fly
-from abhv_mc.flight.lanes import LANES
-from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.vehicle.arrays import Floats
 from benchmarks.timing import measure_ratio
 

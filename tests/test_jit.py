@@ -12,7 +12,7 @@ import pytest
 import abhv_mc
 from abhv_mc import jit
 from abhv_mc.flight.fly import _lanes, fly, nominal_parameters
-from abhv_mc.flight.lanes import LANES
+from abhv_mc.flight.plan import LANES
 from abhv_mc.flight.prepare import prepare
 
 PACKAGE = Path(abhv_mc.__file__).parent

@@ -1,12 +1,12 @@
-"""All tables of GHAME-X for 16 lanes: in one cell, in different cells, and lane by lane."""
+"""All tables of GHAME-X for all lanes: in one cell, in different cells, and lane by lane."""
 
 import numpy as np
 
 from abhv_mc.bench.speed import make_work
-from abhv_mc.flight.lanes import LANES
+from abhv_mc.flight.plan import LANES
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
-from abhv_mc.plant.aerodynamics import Cells, look_up
+from abhv_mc.plant.aerodynamics import look_up, make_cells
 from abhv_mc.plant.state import variable_row
 from abhv_mc.vehicle.arrays import Floats
 from benchmarks.timing import measure_ratio
@@ -17,18 +17,10 @@ _ROWS = s.LAW
 
 
 @kernel
-def look_up_often(width, tables, mach, alpha, calls):
-    """Look up ``calls`` times for ``width`` of the 16 lanes."""
+def look_up_often(width, tables, cells, mach, alpha, calls):
+    """Look up ``calls`` times for ``width`` of the lanes."""
     Z = np.zeros((_ROWS, LANES))
     T = np.zeros((s.MAX_TABLE_ROWS, LANES))
-    cells = Cells(
-        np.zeros((s.MAX_AXES, LANES), dtype=np.int64),
-        np.zeros((s.MAX_AXES, LANES)),
-        np.zeros(s.MAX_AXES, dtype=np.int64),
-        np.zeros(s.MAX_AXES, dtype=np.int64),
-        np.zeros((4, LANES)),
-        np.zeros(s.MAX_TABLE_ROWS),
-    )
     total = 0.0
     for call in range(calls):
         for lane in range(width):
@@ -43,18 +35,18 @@ def look_up_often(width, tables, mach, alpha, calls):
 ONE_CELL = np.full(LANES, 4.72), np.full(LANES, 0.031)
 CELLS = np.linspace(2.0, 12.0, LANES), np.linspace(0.0, 0.3, LANES)
 COMPARED = {  # what: (lanes, Mach numbers and angles, calls) of the slower and of the faster
-    "one lane, 16 times / 16 lanes in one cell": ((1, ONE_CELL, LANES * CALLS), (LANES, ONE_CELL, CALLS)),
-    "16 lanes in different cells / in one": ((LANES, CELLS, CALLS), (LANES, ONE_CELL, CALLS)),
+    f"one lane, {LANES} times / {LANES} lanes in one cell": ((1, ONE_CELL, LANES * CALLS), (LANES, ONE_CELL, CALLS)),
+    f"{LANES} lanes in different cells / in one": ((LANES, CELLS, CALLS), (LANES, ONE_CELL, CALLS)),
 }
 
 
 def measure_look_up(compared: str) -> float:
     """The ratio of times."""
     plans, _ = make_work(1)
-    tables = plans["lqr"].vehicle.tables
+    tables, cells = plans["lqr"].vehicle.tables, make_cells(LANES)
     slow, fast = COMPARED[compared]
 
     def call(width: int, points: tuple[Floats, Floats], calls: int) -> float:
-        return float(look_up_often(width, tables, *points, calls))
+        return float(look_up_often(width, tables, cells, *points, calls))
 
     return measure_ratio(lambda: call(*slow), lambda: call(*fast))

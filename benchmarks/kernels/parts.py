@@ -1,4 +1,4 @@
-"""Where a flight's time goes: each part of a tick alone, sixteen abreast, as a share of the whole flight's time.
+"""Where a flight's time goes: each part of a tick alone, all lanes abreast, as a share of the whole flight's time.
 
     python -m benchmarks.kernels.parts [--processes 3] [--json FILE]      or, of one process and to the screen, --once
 
@@ -22,16 +22,17 @@ from abhv_mc.control.lqr import lqr_tick
 from abhv_mc.control.tlc import nominal_variables, nominal_vehicle, tlc_attitude, tlc_guidance, trim_data
 from abhv_mc.flight import observe
 from abhv_mc.flight.fly import fly
-from abhv_mc.flight.lanes import LANES, Z_ROWS, evaluate, start_lanes
+from abhv_mc.flight.lanes import evaluate, start_lanes
+from abhv_mc.flight.memory import fix_width, make_memory
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.observe import judge, measure, start_observing
-from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.flight.sensors import sense
 from abhv_mc.flight.start import start_flights
-from abhv_mc.jit import kernel
+from abhv_mc.jit import bare_kernel, kernel
 from abhv_mc.plant import state as s
 from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
-from abhv_mc.plant.aerodynamics import Cells, build_up, find_cells, interpolate_groups
+from abhv_mc.plant.aerodynamics import build_up, find_cells, interpolate_groups
 from abhv_mc.plant.air_data import air_data, deflections
 from abhv_mc.plant.disturbance import disturb
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
@@ -68,31 +69,22 @@ SLOW, REST = "of it divisions and roots", "the flight beyond its parts"
 N = 1024  # numbers of an array in the nearest cache
 
 
-@kernel
-def run_part(part, calls, vehicle, trim, effectiveness, earth, tlc, lqr, reference, limits, step, parameters, start):
+@bare_kernel
+def run_part(
+    memory, part, calls, vehicle, trim, effectiveness, earth, tlc, lqr, reference, limits, step, parameters, start
+):
     """One part ``calls`` times at the start of the mission. tlc, lqr: (gains, settings)."""
-    Z = np.zeros((Z_ROWS, LANES))
-    O = np.zeros((observe.N_ROWS, LANES))
-    T = np.zeros((s.MAX_TABLE_ROWS, LANES))
-    cells = Cells(
-        np.zeros((s.MAX_AXES, LANES), dtype=np.int64),
-        np.zeros((s.MAX_AXES, LANES)),
-        np.zeros(s.MAX_AXES, dtype=np.int64),
-        np.zeros(s.MAX_AXES, dtype=np.int64),
-        np.zeros((4, LANES)),
-        np.zeros(s.MAX_TABLE_ROWS),
-    )
-    trim_hints = np.zeros((3, LANES), dtype=np.int64)
-    high = np.zeros(s.MAX_TABLE_ROWS)
+    Z, O, T, cells, trim_hints, high, unit_factors, _, order = fix_width(memory, LANES)
     scratch = (cells, trim_hints, high)
-    unit_factors = np.zeros(vehicle.build_up.factor.size, dtype=np.int64)
     width = Z.shape[1]
-    start_lanes(Z, width, parameters, np.arange(width), width)
+    for lane in range(width):
+        order[lane] = lane
+    start_lanes(Z, width, parameters, order, width)
     start_flights(Z, width, start)
     prepare_actuators(Z, width, vehicle.constants, step)
     start_observing(Z, O, width)
     still = runge_kutta_stage(0, 0.0)  # the state stays where it is
-    evaluate(Z, T, width, vehicle, earth, cells, still)
+    evaluate(Z, T, width, vehicle, earth, cells, still, False)
     for _ in range(calls):
         if part == 0:
             air_data(Z, width, vehicle, earth)
@@ -110,7 +102,7 @@ def run_part(part, calls, vehicle, trim, effectiveness, earth, tlc, lqr, referen
             run_actuators(Z, width, vehicle.constants, step, False)
             set_actuators(Z, width)
         elif part == 7:
-            finish_step(Z, width, O[observe.ALIVE])
+            finish_step(Z, width, step, O[observe.ALIVE])
         elif part == 8:
             navigate(Z, width, step, False)
             disturb(Z, width, step, step, False)
@@ -133,27 +125,27 @@ def run_part(part, calls, vehicle, trim, effectiveness, earth, tlc, lqr, referen
 
 
 @kernel
-def divide(x, y, out):
-    for i in range(x.size):
-        out[i] = x[i] / y[i]
+def divide(x, y, out, times):
+    for time in range(times):
+        x[0] = float(time)  # no two passes alike
+        for i in range(x.size):
+            out[i] = x[i] / y[i]
 
 
 @kernel
-def take_roots(x, y, out):
-    for i in range(x.size):
-        out[i] = math.sqrt(x[i] + y[i])
+def take_roots(x, y, out, times):
+    for time in range(times):
+        x[0] = float(time)
+        for i in range(x.size):
+            out[i] = math.sqrt(x[i] + y[i])
 
 
 def time_of_one(operation: Callable[..., None]) -> float:
     """Seconds of one operation in a loop over arrays, median."""
     x, y, out = np.full(N, 2.0), np.full(N, 1.5), np.empty(N)
 
-    def often() -> None:
-        for _ in range(1000):
-            operation(x, y, out)
-
-    often()
-    return median(measure_time(often) for _ in range(REPEATS)) / (1000 * N)
+    operation(x, y, out, 1)
+    return median(measure_time(lambda: operation(x, y, out, 10_000)) for _ in range(REPEATS)) / (10_000 * N)
 
 
 def time_of(part: int, calls: int, plans: dict[str, FlightPlan], parameters: Floats) -> float:
@@ -163,8 +155,9 @@ def time_of(part: int, calls: int, plans: dict[str, FlightPlan], parameters: Flo
         *(tlc.vehicle, tlc.trim_tables, tlc.effectiveness, tlc.earth, (tlc.gains, tlc.settings)),
         *((lqr.gains, lqr.settings), tlc.reference, tlc.limits, tlc.timing.step, parameters, tlc.initial_state),
     )
-    run_part(part, 1, *arguments)
-    return median(measure_time(lambda: run_part(part, calls, *arguments)) for _ in range(REPEATS))
+    memory = make_memory(LANES, tlc.vehicle.build_up.factor.size)
+    run_part(memory, part, 1, *arguments)
+    return median(measure_time(lambda: run_part(memory, part, calls, *arguments)) for _ in range(REPEATS))
 
 
 def measure_parts() -> dict[str, dict[str, float]]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from abhv_mc.bench.speed import make_work
-from abhv_mc.flight.lanes import LANES
+from abhv_mc.flight.plan import LANES
 from benchmarks.document import replace_part, write_json
 from benchmarks.kernels.functions import PAIRS, measure_function
 from benchmarks.kernels.look_up import COMPARED, measure_look_up

@@ -8,7 +8,7 @@ Larger is better. asv drops PYTHONPATH: hence the other name.
 """
 
 from abhv_mc.bench.speed import CONTROLLERS, make_work
-from abhv_mc.flight.lanes import LANES
+from abhv_mc.flight.plan import LANES
 from benchmarks.kernels.functions import PAIRS, measure_function
 from benchmarks.kernels.look_up import COMPARED, measure_look_up
 from benchmarks.watch import measure_gain

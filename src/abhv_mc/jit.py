@@ -60,9 +60,10 @@ numba.config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]
 numba.config.OPT = type(numba.config.OPT)(2)  # type: ignore[attr-defined]
 
 
-# Without numba's reference counting (``_nrt``): nothing in here allocates, and an atomic count on each
-# array of a named tuple in each lane costs three times the physics.
-_INLINED: dict[str, Any] = {"forceinline": True, "error_model": "numpy", "_nrt": False}
+# Without numba's reference counting: nothing in here allocates, and an atomic count on each array of a named tuple in
+# each lane costs three times the physics.
+_UNCOUNTED: dict[str, Any] = {"_nrt": False}
+_INLINED: dict[str, Any] = {"forceinline": True, "error_model": "numpy", **_UNCOUNTED}
 _NO_ENTRY: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _CALLED: dict[str, Any] = {"cache": True, "no_cfunc_wrapper": True, "pipeline_class": KernelCompiler}
 
@@ -90,6 +91,12 @@ def kernel(function: F) -> F:
     """Compile an entry point called from Python: cached on disk, releases the interpreter's lock."""
     _KERNELS.add(function)
     return cast("F", numba.njit(nogil=True, error_model="numpy", **_CALLED)(function))
+
+
+def bare_kernel(function: F) -> F:
+    """As :func:`kernel`, for an entry point that allocates nothing: without reference counting."""
+    _KERNELS.add(function)
+    return cast("F", numba.njit(nogil=True, error_model="numpy", **_UNCOUNTED, **_CALLED)(function))
 
 
 class _FirstCompile(event.Listener):

@@ -11,7 +11,7 @@ from abhv_mc.control.design_tables import slope
 from abhv_mc.control.tlc import N_ROWS, SLOPES, nominal_vehicle
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
-from abhv_mc.plant.aerodynamics import Cells
+from abhv_mc.plant.aerodynamics import make_cells
 from abhv_mc.plant.effectiveness import INPUTS, N_INPUTS, make_effectiveness
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.vehicle.arrays import Floats
@@ -28,18 +28,10 @@ _SIDE_BY_SIDESLIP = SLOPES + INPUTS.index("sideslip") + 2 * N_INPUTS  # side for
 
 
 @kernel
-def compute(vehicle, effectiveness, width, variables, density, speed, moments, slopes, side):
+def compute(vehicle, effectiveness, cells, width, variables, density, speed, moments, slopes, side):
     """Moments [axis, lane], their slopes [axis, deflection, lane] and the slope of CY with sideslip [lane]."""
     Z = np.zeros((_Z_ROWS, _CAPACITY))
     T = np.zeros((s.MAX_TABLE_ROWS, _CAPACITY))
-    cells = Cells(
-        np.zeros((s.MAX_AXES, _CAPACITY), dtype=np.int64),
-        np.zeros((s.MAX_AXES, _CAPACITY)),
-        np.zeros(s.MAX_AXES, dtype=np.int64),
-        np.zeros(s.MAX_AXES, dtype=np.int64),
-        np.zeros((4, _CAPACITY)),
-        np.zeros(s.MAX_TABLE_ROWS),
-    )
     high = np.empty(s.MAX_TABLE_ROWS)
     unit_factors = np.zeros(vehicle.build_up.factor.size, dtype=np.int64)
     for lane in range(width):
@@ -100,7 +92,18 @@ def test_moment_and_effectiveness_are_the_design_models(name: str, off_axis: boo
     speed = point["mach"] * AIR.sound_speed
     moments, slopes, side = np.empty((3, N)), np.empty((3, 3, N)), np.empty(N)
     variables = make_variables(vehicle, **point)
-    compute(vehicle, make_effectiveness(vehicle), N, variables, AIR.density, speed, moments, slopes, side)
+    compute(
+        vehicle,
+        make_effectiveness(vehicle),
+        make_cells(_CAPACITY),
+        N,
+        variables,
+        AIR.density,
+        speed,
+        moments,
+        slopes,
+        side,
+    )
 
     deflections = np.stack([point[axis] for axis in INPUTS[:3]])
     expected = wrench_of(vehicle, point, point["sideslip"], deflections).moment
@@ -124,7 +127,18 @@ def test_side_force_slope_is_the_design_models(name: str, off_axis: bool) -> Non
     speed = point["mach"] * AIR.sound_speed
     moments, slopes, side = np.empty((3, N)), np.empty((3, 3, N)), np.empty(N)
     variables = make_variables(vehicle, **point)
-    compute(vehicle, make_effectiveness(vehicle), N, variables, AIR.density, speed, moments, slopes, side)
+    compute(
+        vehicle,
+        make_effectiveness(vehicle),
+        make_cells(_CAPACITY),
+        N,
+        variables,
+        AIR.density,
+        speed,
+        moments,
+        slopes,
+        side,
+    )
 
     for lane in range(N):
         here = {key: value[lane] for key, value in point.items()}

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.lanes import CLOSING, TOGETHER
+from abhv_mc.flight.lanes import CLOSING
+from abhv_mc.flight.memory import TOGETHER
 from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import LANES
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 
-FLIGHTS = 16
+FLIGHTS = LANES
 FACTOR = 0.05
 HALF_WIDTH = {"-": 2e-4, "m": 0.02, "m/s": 3.0, "1/s": 1e-4, "rad": 0.005, "rad/s": 0.001, "s": 0.02}  # what adds
 NEVER_NEGATIVE = ("_noise", "turbulence", "delay", "gust_start")
@@ -57,7 +59,7 @@ def assert_equal(one, other, order=slice(None)):
 
 
 @pytest.mark.parametrize("law", ["tlc", "lqr"])
-def test_one_at_a_time_is_sixteen_abreast(plans, dispersed, law):
+def test_one_at_a_time_is_abreast(plans, dispersed, law):
     abreast = fly(plans[law], dispersed, record_every=10, keep_states=True)
     alone = fly(plans[law], dispersed, record_every=10, keep_states=True, lanes=1)
     assert abreast.outcome.tolist() == [Outcome.OK] * FLIGHTS
@@ -88,7 +90,7 @@ def test_a_neighbour_that_breaks_does_not_matter(plans, dispersed, broken):
 
 
 def test_a_flight_does_not_see_the_one_before_it(plans, dispersed):
-    # 17 flights: the last starts in lanes that others have flown in, and one of those has broken down.
+    # One flight more than lanes: the last starts in lanes that others have flown in, and one of those has broken down.
     wrecked = np.concatenate([dispersed, dispersed[:1]])
     wrecked[:FLIGHTS, PARAMETER_INDEX["atmosphere.density"]] = np.nan
     after = fly(plans["tlc"], wrecked, record_every=50, keep_states=True)

@@ -45,6 +45,11 @@ def _samples(name: str) -> list[tuple[np.ndarray, ...]]:
             (_signed_decades(g, -3, 3), _signed_decades(g, -3, 3)),
             (_signed_decades(g, -100, 100), _signed_decades(g, -100, 100)),
         ],
+        "reciprocals": [
+            (_signed_decades(g, -3, 3), _signed_decades(g, -3, 3)),
+            (_signed_decades(g, -150, 150), _signed_decades(g, -150, 150)),
+        ],
+        "two_angles": [tuple(g.uniform(-1, 1, N) for _ in range(4))],
         "power": [(10 ** g.uniform(-1, 1, N), g.uniform(-0.4, 0.4, N))],
     }[{"cos": "sin", "acos": "asin"}.get(name, name)]
 
@@ -59,6 +64,16 @@ def _cos(x: float) -> float:
     return lane_math.sincos(x)[1]
 
 
+@numba.njit
+def _reciprocal(x: float, y: float) -> float:
+    return lane_math.reciprocals(x, y)[1]
+
+
+@numba.njit
+def _angle(y_1: float, x_1: float, y_2: float, x_2: float) -> float:
+    return lane_math.two_angles(y_1, x_1, y_2, x_2)[1]
+
+
 FUNCTIONS: dict[str, Callable[..., float]] = {
     "exp": lane_math.exp,
     "log": lane_math.log,
@@ -69,14 +84,21 @@ FUNCTIONS: dict[str, Callable[..., float]] = {
     "acos": lane_math.acos,
     "atan2": lane_math.atan2,
     "power": lane_math.power,
+    "reciprocals": _reciprocal,
+    "two_angles": _angle,
+}
+EXACT = {
+    "reciprocals": lambda x, y: 1 / mpmath.mpf(y),
+    "two_angles": lambda y_1, x_1, y_2, x_2: mpmath.atan2(y_2, x_2),
 }
 # ulp; measured 0.99, 0.74, 0.76, 0.76, 2.2, 1.9, 2.1, 1.7, 1.8
 LIMITS = {"exp": 1, "log": 1, "sin": 1, "cos": 1, "tan": 2.5, "asin": 2, "acos": 2.5, "atan2": 2, "power": 2.5}
+LIMITS |= {"reciprocals": 2, "two_angles": 4}
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_within_stated_ulps_of_mpmath(name: str) -> None:
-    exact = getattr(mpmath, name)
+    exact = EXACT.get(name) or getattr(mpmath, name)
     for sample in _samples(name):
         worst = 0.0
         for x in np.array(sample).T.tolist():
@@ -85,7 +107,9 @@ def test_within_stated_ulps_of_mpmath(name: str) -> None:
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-@pytest.mark.parametrize("name", ["exp", "log", "sincos", "tan", "asin", "acos", "atan2", "power"])
+@pytest.mark.parametrize(
+    "name", ["exp", "log", "sincos", "tan", "asin", "acos", "atan2", "power", "reciprocals", "two_angles"]
+)
 def test_plain_python_gives_the_same_bits(name: str) -> None:
     compiled = getattr(lane_math, name)
     for sample in _samples({"sincos": "sin"}.get(name, name)):
@@ -134,6 +158,16 @@ def test_arc_functions_at_and_beyond_one() -> None:
     assert lane_math.acos(above) == lane_math.acos(1.0) == 0.0
     assert lane_math.acos(-above) == math.pi
     assert math.isnan(lane_math.asin(math.nan))
+
+
+@given(st.tuples(*[st.floats(0.5, 1.0), st.floats(-1.0, 1.0)] * 2))
+@example((1.0, -0.0, 1.0, 0.0))
+def test_shallow_angles_are_two_angles_bit_for_bit(points: tuple[float, float, float, float]) -> None:
+    x_1, slope_1, x_2, slope_2 = points
+    y_1, y_2 = (slope * lane_math.TAN_EIGHTH_PI * x for slope, x in ((slope_1, x_1), (slope_2, x_2)))
+    if lane_math.is_shallow(y_1, x_1) and lane_math.is_shallow(y_2, x_2):
+        shallow = lane_math.shallow_angles(y_1, x_1, y_2, x_2)
+        assert repr(shallow) == repr(lane_math.two_angles(y_1, x_1, y_2, x_2))
 
 
 @given(st.floats(-700, 700))

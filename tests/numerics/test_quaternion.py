@@ -27,6 +27,14 @@ def test_rotations_are_scipys(yaw: float, pitch: float, roll: float, x: float, y
     assert quaternion.rotate_to_body(*q, *ned) == pytest.approx((x, y, z), abs=1e-11)
 
 
+@given(*[st.floats(-1.0, 1.0)] * 4, st.floats(-1e3, 1e3), st.floats(-1e3, 1e3))
+def test_a_meridional_vector_turns_as_any(
+    q0: float, q1: float, q2: float, q3: float, north: float, down: float
+) -> None:
+    short = quaternion.rotate_meridional(q0, q1, q2, q3, north, down)
+    assert short == quaternion.rotate_to_body(q0, q1, q2, q3, north, 0.0, down)
+
+
 def test_axes_are_the_aeronautical_ones() -> None:
     # Nose east after a yaw of 90 deg; positive pitch is nose up, positive roll right wing down.
     east = quaternion.rotate_to_ned(*quaternion.from_euler(math.pi / 2, 0.0, 0.0), 1.0, 0.0, 0.0)

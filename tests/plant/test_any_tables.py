@@ -10,7 +10,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
-from abhv_mc.plant.aerodynamics import Cells, build_up, look_up
+from abhv_mc.plant.aerodynamics import build_up, look_up, make_cells
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.arrays import COEFFICIENTS
@@ -44,18 +44,10 @@ surfaces: {bandwidth: 50 rad/s, damping: 0.7, limit: 20 deg, rate_limit: 400 deg
 
 
 @kernel
-def compute(vehicle, variables, parameters, coefficients):
+def compute(vehicle, cells, variables, parameters, coefficients):
     """Coefficients [coefficient, point] at variables [variable, point] under parameters [parameter, point]."""
     Z = np.zeros((s.LAW, WIDTH))
     T = np.zeros((s.MAX_TABLE_ROWS, WIDTH))
-    cells = Cells(
-        np.zeros((s.MAX_AXES, WIDTH), dtype=np.int64),
-        np.zeros((s.MAX_AXES, WIDTH)),
-        np.zeros(s.MAX_AXES, dtype=np.int64),
-        np.zeros(s.MAX_AXES, dtype=np.int64),
-        np.zeros((4, WIDTH)),
-        np.zeros(s.MAX_TABLE_ROWS),
-    )
     for first in range(0, variables.shape[1], WIDTH):
         for lane in range(WIDTH):
             for i in range(s.N_VARIABLES):
@@ -143,6 +135,6 @@ def test_any_vehicle_file_is_what_scipy_makes_of_it(seed, tmp_path):
         **{f"{name}_hat": x for name, x in rates.items()},
     )
     compiled = np.empty((len(COEFFICIENTS), POINTS))
-    compute(vehicle, variables, parameters, compiled)
+    compute(vehicle, make_cells(WIDTH), variables, parameters, compiled)
     assert compiled == pytest.approx(expected, rel=1e-9, abs=1e-9)
     assert evaluate_coefficients(vehicle, variables, parameters) == pytest.approx(compiled, rel=1e-12, abs=1e-12)

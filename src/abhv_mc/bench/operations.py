@@ -13,7 +13,6 @@ import sys
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -78,13 +77,15 @@ def _count_flight(plan: FlightPlan) -> dict[str, float]:
 def _use_counted_floats() -> None:
     """Have the flight allocate counted arrays, and its square roots and assembled floats counted."""
     from abhv_mc.bench.counted import Counted, counted_sqrt, make_counted
-    from abhv_mc.flight import lanes
+    from abhv_mc.flight import fly, memory
     from abhv_mc.numerics import float_bits, lane_math
 
-    def allocate(shape: Any, dtype: Any = np.float64) -> np.ndarray:
-        return make_counted(np.zeros(shape)) if dtype is np.float64 else np.zeros(shape, dtype)
+    def count_in(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return type(value)(*map(count_in, value))
+        return make_counted(value) if value.dtype == np.float64 else value
 
-    lanes.np = SimpleNamespace(empty=allocate, zeros=allocate, int64=np.int64)  # type: ignore[assignment, attr-defined]
+    fly.make_memory = lambda *sizes: count_in(memory.make_memory(*sizes))  # type: ignore[attr-defined]
     lane_math.bits_float = lambda bits: Counted(float_bits.bits_float(bits))  # type: ignore[attr-defined]
     math.sqrt = counted_sqrt  # type: ignore[assignment]
 

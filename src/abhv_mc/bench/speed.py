@@ -14,8 +14,7 @@ from abhv_mc.bench.peak import measure_peak
 from abhv_mc.campaign.check import read_campaign
 from abhv_mc.campaign.samples import make_samples, spread_parameters
 from abhv_mc.flight.fly import fly
-from abhv_mc.flight.lanes import LANES
-from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.vehicle.arrays import Floats

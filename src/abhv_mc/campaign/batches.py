@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan
 
 T = TypeVar("T")
 Floats = NDArray[np.float64]
@@ -19,7 +19,6 @@ Fly = Callable[[FlightPlan, Floats, int | None], FlightBlock]
 
 _SMALL, _LARGE = 128, 256  # flights of a block: enough for every lane, few enough to lose
 _MANY = 100_000
-_LANES = 16
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ def choose_batch(flights: int, workers: int) -> int:
     """Flights of a block: at least a few blocks for every worker, a whole number of lanes."""
     size = _LARGE if flights > _MANY else _SMALL
     share = -(-flights // (2 * workers))
-    return max(_LANES, min(size, -(-share // _LANES) * _LANES))
+    return max(LANES, min(size, -(-share // LANES) * LANES))
 
 
 def cut_blocks(missing: dict[str, tuple[Mask, Mask]], size: int) -> Iterator[Block]:

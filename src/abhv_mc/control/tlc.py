@@ -122,7 +122,7 @@ def nominal_variables(Z, width, vehicle, reference, k):
         speed = Z[s.M_SPEED, lane]
         half_inverse = 0.5 / speed
         Z[_ONE, lane] = 1.0
-        Z[_MACH, lane] = speed / Z[_MACH, lane]
+        Z[_MACH, lane] = speed * Z[_MACH, lane]
         Z[_ALPHA, lane] = Z[s.M_ALPHA, lane]
         Z[_BETA, lane] = Z[s.M_BETA, lane]
         Z[_P_HAT, lane] = Z[s.M_P, lane] * constants.span * half_inverse

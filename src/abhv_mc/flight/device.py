@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.control import tlc
 from abhv_mc.flight import observe
 from abhv_mc.flight.fly import check_parameters, make_block, make_results
 from abhv_mc.flight.lanes import LAWS, fly_groups
+from abhv_mc.flight.memory import TRIM_AXES, Z_ROWS
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.jit_cuda import cuda, device_kernel, find_device, uncontracted
 from abhv_mc.plant import state as s
@@ -26,9 +26,7 @@ THREADS = 32  # of a block: one warp, so that flights that end early free their 
 CAMPAIGN_BATCH = 16_384  # flights of a campaign's block: half of what an H200 flies at once, and a GB of history
 _MEMORY = 4e9  # bytes of results of one launch
 
-_Z_ROWS = s.LAW + tlc.N_ROWS
 _O_ROWS = observe.N_ROWS
-_TRIM_AXES = 3
 
 _one_at_a_time = threading.Lock()
 
@@ -63,7 +61,7 @@ def make_flight_kernel(
     ):
         flight = cuda.grid(1)
         if flight < parameters.shape[0]:
-            Z = cuda.local.array((_Z_ROWS, 1), np.float64)
+            Z = cuda.local.array((Z_ROWS, 1), np.float64)
             O = cuda.local.array((_O_ROWS, 1), np.float64)
             T = cuda.local.array((table_rows, 1), np.float64)
             kept = cuda.local.array((1, 1), np.float64)  # a thread has one flight, which nobody takes the lane of
@@ -76,14 +74,14 @@ def make_flight_kernel(
                 cuda.local.array((4, 1), np.float64),
                 cuda.local.array(scratch_rows, np.float64),
             )
-            trim_hints = cuda.local.array((_TRIM_AXES, 1), np.int64)
+            trim_hints = cuda.local.array((TRIM_AXES, 1), np.int64)
             high = cuda.local.array(scratch_rows, np.float64)
             for i in range(axes):
                 cells.cell[i, 0] = 0
                 cells.fraction[i, 0] = 0.0
                 cells.lowest[i] = 0
                 cells.spread[i] = 0
-            for i in range(_TRIM_AXES):
+            for i in range(TRIM_AXES):
                 trim_hints[i, 0] = 0
             for sample in range(history.shape[1]):
                 for channel in range(history.shape[2]):
@@ -131,7 +129,7 @@ def kernel_of(plan: FlightPlan, max_registers: int | None = None) -> Any:
     tables, slopes = plan.vehicle.tables, plan.effectiveness
     rows = [tables.n_rows, *(slopes.slope_row + tables.group_width[slopes.slope_group])]
     scratch = max(int(tables.group_width.max()), int(plan.trim_tables.group_width.max()))
-    axes = max(int(tables.axis_start.size), _TRIM_AXES)
+    axes = max(int(tables.axis_start.size), TRIM_AXES)
     return make_flight_kernel(LAWS[plan.law], int(max(rows)), axes, scratch, max_registers)
 
 

@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.flight.lanes import LANES, LAWS, make_fly_lanes
-from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.lanes import LAWS, make_fly_lanes
+from abhv_mc.flight.memory import make_memory
+from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan
 from abhv_mc.flight.signals import CHANNELS, METRICS
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.plant.state import N_STATES
@@ -78,6 +79,7 @@ def fly(
     every = record_every or 0
     results = make_results(plan, len(parameters), every, keep_states)
     _lanes(lanes)(
+        make_memory(lanes, plan.vehicle.build_up.factor.size),
         plan.vehicle,
         plan.trim_tables,
         plan.effectiveness,

@@ -6,40 +6,35 @@ another lane, so a flight is the same bit for bit whatever flies beside it.
 
 from collections.abc import Callable
 
-import numpy as np
-
-from abhv_mc.control import tlc
 from abhv_mc.control.lqr import lqr_tick
 from abhv_mc.control.recorded import recorded_tick
 from abhv_mc.control.tlc import tlc_tick
 from abhv_mc.flight import observe
+from abhv_mc.flight.memory import Z_ROWS, fix_width
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.observe import finish_metrics, judge, measure, record, record_states, start_observing
 from abhv_mc.flight.sensors import sense
 from abhv_mc.flight.start import start_flights
-from abhv_mc.jit import kernel, lanes
+from abhv_mc.jit import bare_kernel, lanes
 from abhv_mc.plant import state as s
 from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
-from abhv_mc.plant.aerodynamics import Cells, build_up, look_up
-from abhv_mc.plant.air_data import air_data, deflections
+from abhv_mc.plant.aerodynamics import build_up, look_up
+from abhv_mc.plant.air_data import air_data, deflections, move_air
 from abhv_mc.plant.disturbance import any_lane, disturb
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
 
-LANES = 16
 CLOSING = 500  # ticks after which flights close ranks
-TOGETHER = 256  # flights that do: what they remember stays near the processor
 
 # Which law flies: the integers that the kernel compares.
 TLC, LQR, RECORDED = range(3)
 LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED}
 
-Z_ROWS = s.LAW + tlc.N_ROWS
-KEPT_ROWS = Z_ROWS + observe.N_ROWS
-
 
 @lanes
-def evaluate(Z, T, width, vehicle, earth, cells, stage):
+def evaluate(Z, T, width, vehicle, earth, cells, stage, windy):
     """One Runge-Kutta stage at ``XS``."""
+    if windy:
+        move_air(Z, width)
     air_data(Z, width, vehicle, earth)
     deflections(Z, width, vehicle)
     look_up(Z, T, width, vehicle.tables, cells)
@@ -80,7 +75,7 @@ def fly_ticks(
     tick_length = step * steps_per_tick
     for tick in range(first_tick, end):
         navigate(Z, width, tick_length, tick == 0)
-        disturb(Z, width, tick * tick_length, tick_length, tick == 0)
+        windy = disturb(Z, width, tick * tick_length, tick_length, tick == 0)
         sense(Z, width, tick_length, tick)
         if law == TLC:
             tlc_tick(
@@ -107,7 +102,7 @@ def fly_ticks(
         flying = True
         for evaluation in range(4 * steps_per_tick):  # one loop, so that its code is there once
             stage = evaluation % 4
-            evaluate(Z, T, width, vehicle, earth, cells, runge_kutta_stage(stage, step))
+            evaluate(Z, T, width, vehicle, earth, cells, runge_kutta_stage(stage, step), windy)
             if evaluation == 0:
                 judge(Z, O, width, limits, tick)
                 measure(Z, O, width, vehicle, reference, tick, tick_length)
@@ -115,7 +110,7 @@ def fly_ticks(
                     record(Z, history, flights, n, tick // record_every)
                     if states.shape[1] > 0:
                         record_states(Z, states, flights, n, tick // record_every)
-                flying = tick < ticks and any_lane(O, width, observe.ALIVE, 0.0)
+                flying = tick < ticks and any_lane(O, width, observe.ALIVE, 1, 0.0)
                 if not flying:
                     break
             if stage == 0:
@@ -123,7 +118,7 @@ def fly_ticks(
             elif stage == 2:
                 set_actuators(Z, width)
             elif stage == 3:
-                finish_step(Z, width, O[observe.ALIVE])
+                finish_step(Z, width, step, O[observe.ALIVE])
         if not flying:
             break
 
@@ -262,8 +257,9 @@ def make_fly_lanes(capacity: int) -> Callable[..., None]:
     constant would be optimized each by itself, and small loops unrolled into scalar code before they became vectors.
     """
 
-    @kernel
+    @bare_kernel
     def fly_lanes(
+        memory,
         vehicle,
         trim,
         effectiveness,
@@ -289,22 +285,7 @@ def make_fly_lanes(capacity: int) -> Callable[..., None]:
 
         ``states`` [flight, sample, state] may have no samples; then no state is kept.
         """
-        Z = np.empty((Z_ROWS, capacity))
-        kept = np.empty((TOGETHER, KEPT_ROWS))
-        order = np.empty(TOGETHER, dtype=np.int64)
-        O = np.empty((observe.N_ROWS, capacity))
-        T = np.empty((s.MAX_TABLE_ROWS, capacity))
-        cells = Cells(
-            np.zeros((s.MAX_AXES, capacity), dtype=np.int64),
-            np.zeros((s.MAX_AXES, capacity)),
-            np.zeros(s.MAX_AXES, dtype=np.int64),
-            np.zeros(s.MAX_AXES, dtype=np.int64),
-            np.empty((4, capacity)),
-            np.empty(s.MAX_TABLE_ROWS),
-        )
-        trim_hints = np.zeros((3, capacity), dtype=np.int64)
-        high = np.empty(s.MAX_TABLE_ROWS)
-        unit_factors = np.zeros(vehicle.build_up.factor.size, dtype=np.int64)
+        Z, O, T, cells, trim_hints, high, unit_factors, kept, order = fix_width(memory, capacity)
         fly_groups(
             Z,
             T,

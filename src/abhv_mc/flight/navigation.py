@@ -3,10 +3,10 @@
 import math
 
 from abhv_mc.jit import lanes, scalar
-from abhv_mc.numerics.lane_math import atan2
+from abhv_mc.numerics.lane_math import atan2, two_angles
 from abhv_mc.numerics.quaternion import rotate_to_body, rotate_to_ned
 from abhv_mc.plant import state as s
-from abhv_mc.plant.air_data import flow_angles
+from abhv_mc.plant.air_data import flow_direction
 from abhv_mc.plant.state import X
 
 
@@ -26,7 +26,8 @@ def navigate(Z, width, tick, first):
         u, v, w = Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane]
         q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]
         v_n, v_e, v_d = rotate_to_ned(q0, q1, q2, q3, u, v, w)
-        speed, sin_a, cos_a, sin_b, cos_b, alpha, beta = flow_angles(u, v, w)
+        speed, _, sin_a, cos_a, sin_b, cos_b = flow_direction(u, v, w)
+        alpha, beta = two_angles(sin_a, cos_a, sin_b, cos_b)
         gamma = atan2(-v_d, math.sqrt(v_n * v_n + v_e * v_e))
         chi = atan2(v_e, v_n)
         bank = bank_angle(q0, q1, q2, q3, sin_a, cos_a, sin_b, cos_b)

@@ -141,7 +141,8 @@ def measure(Z, O, width, vehicle, reference, tick, dt):
         O[M_ETA_MAX, lane] = larger(O[M_ETA_MAX, lane], eta) if counts else O[M_ETA_MAX, lane]
         O[M_FUEL, lane] = O[FIRST_MASS, lane] - Z[X + s.MASS, lane] if counts else O[M_FUEL, lane]
         O[M_Q_BAR, lane] = larger(O[M_Q_BAR, lane], Z[s.Q_BAR, lane]) if counts else O[M_Q_BAR, lane]
-        load = Z[s.LOAD, lane] / _G0
+        x, y, z = Z[s.SPECIFIC_X, lane], Z[s.SPECIFIC_Y, lane], Z[s.SPECIFIC_Z, lane]
+        load = math.sqrt(x * x + y * y + z * z) / _G0
         O[M_LOAD, lane] = larger(O[M_LOAD, lane], load) if counts else O[M_LOAD, lane]
         O[M_OUTSIDE, lane] += dt if counts and Z[s.OUTSIDE, lane] > 0.0 else 0.0
 

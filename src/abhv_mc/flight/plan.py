@@ -11,6 +11,8 @@ from abhv_mc.vehicle.arrays import Floats, Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth
 
+LANES = 32  # flights abreast
+
 
 class Timing(NamedTuple):
     """The clock of a flight. Control ticks are 0..ticks; a tick holds ``steps_per_tick`` RK4 steps."""

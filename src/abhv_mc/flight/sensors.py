@@ -14,12 +14,10 @@ _DELAY = parameter_row("sensor.delay")
 @lanes
 def sense(Z, width, dt, tick):
     """Measured rows from the truth in them: add bias and noise, then replace them by older ones."""
-    noisy = 0
     for i in range(N_MEASURED):
         for lane in range(width):
             Z[MEASURED + i, lane] += Z[_BIAS + i, lane]
-        noisy += any_lane(Z, width, _SIGMA + i, 0.0)
-    if noisy > 0:
+    if any_lane(Z, width, _SIGMA, N_MEASURED, 0.0):
         if tick == 0:
             seed_stream(Z, width, NOISE, _SEED)
         for i in range(0, N_MEASURED, 2):
@@ -27,7 +25,7 @@ def sense(Z, width, dt, tick):
                 n0, n1 = draw_normals(Z, lane, NOISE)
                 Z[MEASURED + i, lane] += Z[_SIGMA + i, lane] * n0
                 Z[MEASURED + i + 1, lane] += Z[_SIGMA + i + 1, lane] * n1
-    if any_lane(Z, width, _DELAY, 0.0):
+    if any_lane(Z, width, _DELAY, 1, 0.0):
         delay(Z, width, dt, tick)
 
 

@@ -81,6 +81,7 @@ def start_flights(Z, width, initial_state):
         Z[X + s.PITCH_RATE, lane] += Z[_PITCH_RATE, lane]
         Z[X + s.YAW_RATE, lane] += Z[_YAW_RATE, lane]
         Z[X + s.MASS, lane] *= Z[_MASS, lane]
+        Z[s.PER_MASS_FACTOR, lane] = 1.0 / Z[_MASS, lane]
         for i in range(s.N_STATES):
             Z[XS + i, lane] = Z[X + i, lane]
         Z[s.CMD_AILERON, lane] = initial_state[s.AILERON]

@@ -37,6 +37,17 @@ def rotate_to_body(
 
 
 @scalar
+def rotate_meridional(
+    q0: float, q1: float, q2: float, q3: float, north: float, down: float
+) -> tuple[float, float, float]:
+    """:func:`rotate_to_body` of a vector without an east component."""
+    x = (1.0 - 2.0 * (q2 * q2 + q3 * q3)) * north + 2.0 * (q1 * q3 - q0 * q2) * down
+    y = 2.0 * (q1 * q2 - q0 * q3) * north + 2.0 * (q2 * q3 + q0 * q1) * down
+    z = 2.0 * (q1 * q3 + q0 * q2) * north + (1.0 - 2.0 * (q1 * q1 + q2 * q2)) * down
+    return x, y, z
+
+
+@scalar
 def quaternion_rate(
     q0: float, q1: float, q2: float, q3: float, p: float, q: float, r: float
 ) -> tuple[float, float, float, float]:

@@ -27,12 +27,21 @@ def bracket(grid, inverse_step, length, hint, x):
     high = grid[length - 1]
     x = x if x > low else low  # a NaN lands on the first node; the state itself is checked elsewhere
     x = x if x < high else high
-    i = hint
-    while i < length - 2 and x >= grid[i + 1]:
+    i = natural(hint)
+    while i < length - 2 and x >= grid[natural(i + 1)]:
         i += 1
-    while i > 0 and x < grid[i]:
+    while i > 0 and x < grid[natural(i)]:
         i -= 1
+    i = natural(i)
     return i, (x - grid[i]) * inverse_step[i]
+
+
+@scalar
+def interpolate_1d(data, corner, s0, t0, width, out):
+    """The ``width`` tables that lie side by side from ``corner`` on, between two nodes, into ``out[:width]``."""
+    a, b = natural(corner), natural(corner + s0)
+    for k in range(width):
+        out[k] = (1.0 - t0) * data[a + k] + t0 * data[b + k]
 
 
 @scalar
@@ -42,13 +51,10 @@ def interpolate_2d(data, corner, s0, s1, t0, t1, width, out):
     w10 = t0 * (1.0 - t1)
     w01 = (1.0 - t0) * t1
     w11 = t0 * t1
-    # Views, so that the index of the loop is its only index: no wrap-around of negative ones, hence vector code.
-    a = data[corner : corner + width]
-    b = data[corner + s0 : corner + s0 + width]
-    c = data[corner + s1 : corner + s1 + width]
-    d = data[corner + s0 + s1 : corner + s0 + s1 + width]
+    a, b = natural(corner), natural(corner + s0)
+    c, d = natural(corner + s1), natural(corner + s0 + s1)
     for k in range(width):
-        out[k] = w00 * a[k] + w10 * b[k] + w01 * c[k] + w11 * d[k]
+        out[k] = w00 * data[a + k] + w10 * data[b + k] + w01 * data[c + k] + w11 * data[d + k]
 
 
 @scalar
@@ -59,15 +65,11 @@ def interpolate_3d(data, corner, s0, s1, s2, t0, t1, t2, width, out):
     w01 = (1.0 - t0) * t1
     w11 = t0 * t1
     lower = 1.0 - t2
-    a = data[corner : corner + width]
-    b = data[corner + s0 : corner + s0 + width]
-    c = data[corner + s1 : corner + s1 + width]
-    d = data[corner + s0 + s1 : corner + s0 + s1 + width]
-    e = data[corner + s2 : corner + s2 + width]
-    f = data[corner + s0 + s2 : corner + s0 + s2 + width]
-    g = data[corner + s1 + s2 : corner + s1 + s2 + width]
-    h = data[corner + s0 + s1 + s2 : corner + s0 + s1 + s2 + width]
+    a, b = natural(corner), natural(corner + s0)
+    c, d = natural(corner + s1), natural(corner + s0 + s1)
+    e, f = natural(corner + s2), natural(corner + s0 + s2)
+    g, h = natural(corner + s1 + s2), natural(corner + s0 + s1 + s2)
     for k in range(width):
-        out[k] = lower * (w00 * a[k] + w10 * b[k] + w01 * c[k] + w11 * d[k]) + t2 * (
-            w00 * e[k] + w10 * f[k] + w01 * g[k] + w11 * h[k]
+        out[k] = lower * (w00 * data[a + k] + w10 * data[b + k] + w01 * data[c + k] + w11 * data[d + k]) + t2 * (
+            w00 * data[e + k] + w10 * data[f + k] + w01 * data[g + k] + w11 * data[h + k]
         )

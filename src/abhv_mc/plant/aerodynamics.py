@@ -2,9 +2,12 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from abhv_mc.jit import lanes
-from abhv_mc.numerics.tables import bracket, interpolate_2d, interpolate_3d, natural
-from abhv_mc.plant.state import COEF, FIXED, N_COEFFICIENTS, OUTSIDE, VAR, P
+from abhv_mc.numerics.lane_memory import aligned_zeros
+from abhv_mc.numerics.tables import bracket, interpolate_1d, interpolate_2d, interpolate_3d, natural
+from abhv_mc.plant.state import COEF, FIXED, MAX_AXES, MAX_TABLE_ROWS, N_COEFFICIENTS, OUTSIDE, VAR, P
 from abhv_mc.vehicle.arrays import FIXED_TABLE_ROWS, Floats, Ints
 
 N_FIXED = len(FIXED_TABLE_ROWS)
@@ -19,6 +22,18 @@ class Cells(NamedTuple):
     spread: Ints  # [axis] how many cells further the highest is
     weight: Floats  # [4, lane]
     row: Floats  # [table row]
+
+
+def make_cells(width: int, axes: int = MAX_AXES, rows: int = MAX_TABLE_ROWS) -> Cells:
+    """The memory of ``width`` lanes that have looked nothing up yet."""
+    return Cells(
+        aligned_zeros((axes, width), np.int64),
+        aligned_zeros((axes, width)),
+        aligned_zeros(axes, np.int64),
+        aligned_zeros(axes, np.int64),
+        aligned_zeros((4, width)),
+        aligned_zeros(rows),
+    )
 
 
 @lanes
@@ -40,17 +55,18 @@ def find_cells(Z, W, tables, cells):
         last = min(cell + 2, length - 1)
         left, middle, right = grid[cell], grid[cell + 1], grid[last]
         per_left, per_right = inverse_step[cell], inverse_step[cell + 1]
-        elsewhere, upper = 0, 0
+        elsewhere, some_below, some_above = False, False, False
         for lane in range(W):
             x = Z[variable, lane]
             above = x >= middle
-            elsewhere += 0 if left <= x < right else 1
-            upper += 1 if above else 0
+            elsewhere |= not (left <= x < right)  # nor is a NaN anywhere
+            some_below |= not above
+            some_above |= above
             cells.cell[a, lane] = cell + 1 if above else cell
             cells.fraction[a, lane] = (x - (middle if above else left)) * (per_right if above else per_left)
-        cells.spread[a] = 1 if 0 < upper < W else 0
-        cells.lowest[a] = cell + 1 if upper == W else cell
-        if elsewhere > 0:
+        cells.spread[a] = 1 if some_below and some_above else 0
+        cells.lowest[a] = cell if some_below else cell + 1
+        if elsewhere:
             search_cells(Z, W, cells, a, grid, inverse_step, length, variable)
 
 
@@ -87,9 +103,31 @@ def interpolate_groups(T, W, tables, cells):
         row = natural(tables.group_row[g])
         used = natural(tables.group_used[g])
         flat = tables.group_dimensions[g] == 2
-        spread = cells.spread[a0] + cells.spread[a1] + (0 if flat else cells.spread[a2])
+        line = flat and s1 == 0
+        spread = cells.spread[a0] + (0 if line else cells.spread[a1]) + (0 if flat else cells.spread[a2])
         c = natural(start + cells.lowest[a0] * s0 + cells.lowest[a1] * s1)
-        if flat and spread == 0:
+        if line and spread <= 1:
+            c = natural(start + cells.lowest[a0] * s0)
+            last = s0 if spread == 0 else 2 * s0
+            for k in range(used):
+                i = c + k
+                choose_nodes(
+                    T[row + k],
+                    fraction[a0],
+                    cells.cell[a0],
+                    cells.lowest[a0] + 1,
+                    data[i],
+                    data[i + s0],
+                    data[i + last],
+                    W,
+                )
+        elif line:
+            for lane in range(W):
+                corner = natural(start + cells.cell[a0, lane] * s0)
+                interpolate_1d(data, corner, s0, fraction[a0, lane], used, cells.row)
+                for k in range(used):
+                    T[row + k, lane] = cells.row[k]
+        elif flat and spread == 0:
             set_weights(weight, fraction, a0, a1, W)
             for k in range(0, used, 2):  # in pairs: the padding makes their number even
                 i = c + k
@@ -172,6 +210,15 @@ def set_weights(weights, fractions, a0, a1, W):
         weights[1, lane] = t0 * (1.0 - t1)
         weights[2, lane] = (1.0 - t0) * t1
         weights[3, lane] = t0 * t1
+
+
+@lanes
+def choose_nodes(out, fraction, cell, upper, a, b, c, W):
+    """One 1-D table between three nodes, for lanes in either of the two cells."""
+    for lane in range(W):
+        up = cell[lane] == upper
+        t = fraction[lane]
+        out[lane] = (1.0 - t) * (b if up else a) + t * (c if up else b)
 
 
 @lanes

@@ -3,10 +3,13 @@
 import math
 
 from abhv_mc.jit import lanes, scalar
-from abhv_mc.numerics.lane_math import atan2, sincos
-from abhv_mc.numerics.quaternion import rotate_to_body
+from abhv_mc.numerics.lane_math import is_shallow, reciprocals, shallow_angles, sincos, two_angles
+from abhv_mc.numerics.quaternion import rotate_meridional, rotate_to_body
 from abhv_mc.plant.state import (
     AILERON,
+    AIR_U,
+    AIR_V,
+    AIR_W,
     AIRSPEED,
     ALTITUDE,
     COS_ALPHA,
@@ -23,6 +26,7 @@ from abhv_mc.plant.state import (
     GUST_W,
     LATITUDE,
     MASS,
+    PER_MASS_FACTOR,
     PITCH_RATE,
     Q0,
     Q1,
@@ -52,7 +56,6 @@ _WIND_NORTH = parameter_row("wind.north")
 _WIND_EAST = parameter_row("wind.east")
 _SHEAR_NORTH = parameter_row("wind.shear_north")
 _SHEAR_EAST = parameter_row("wind.shear_east")
-_MASS_FACTOR = parameter_row("mass.total")
 _AILERON_EFFECTIVENESS = parameter_row("control.aileron_effectiveness")
 _RUDDER_EFFECTIVENESS = parameter_row("control.rudder_effectiveness")
 _ELEVATOR_EFFECTIVENESS = parameter_row("control.elevator_effectiveness")
@@ -75,21 +78,42 @@ N_EFFECTORS = sum(name.startswith("effector_") for name in VARIABLES)
 
 
 @scalar
-def flow_angles(u, v, w):
-    """Speed and flow angles of a body-axis velocity: V, sin alpha, cos alpha, sin beta, cos beta, alpha, beta.
+def flow_direction(u, v, w):
+    """Speed and direction of a body-axis velocity: V, 1 / V, sin alpha, cos alpha, sin beta, cos beta.
 
-    At rest both angles are zero, so that a dropped sphere needs no special case.
+    At rest both angles and 1 / V are zero, so that a dropped sphere needs no special case.
     """
     in_plane_squared = u * u + w * w
     speed = math.sqrt(in_plane_squared + v * v)
     in_plane = math.sqrt(in_plane_squared)
-    inverse = 1.0 / (in_plane if in_plane > 0.0 else 1.0)
-    sin_alpha = w * inverse
-    cos_alpha = u * inverse if in_plane > 0.0 else 1.0
-    inverse_speed = 1.0 / (speed if speed > 0.0 else 1.0)
-    sin_beta = v * inverse_speed
-    cos_beta = in_plane * inverse_speed if speed > 0.0 else 1.0
-    return speed, sin_alpha, cos_alpha, sin_beta, cos_beta, atan2(sin_alpha, cos_alpha), atan2(sin_beta, cos_beta)
+    per_in_plane, per_speed = reciprocals(in_plane if in_plane > 0.0 else 1.0, speed if speed > 0.0 else 1.0)
+    cos_alpha = u * per_in_plane if in_plane > 0.0 else 1.0
+    cos_beta = in_plane * per_speed if speed > 0.0 else 1.0
+    return speed, per_speed if speed > 0.0 else 0.0, w * per_in_plane, cos_alpha, v * per_speed, cos_beta
+
+
+@lanes
+def flow_angles(Z, width, alpha_row, beta_row):
+    """Angle of attack and sideslip from the sines and cosines of the air data.
+
+    In most flights the air comes from ahead: then there are no octants to tell apart (air data take a seventh less).
+    """
+    from_the_side = False
+    for lane in range(width):
+        shallow = is_shallow(Z[SIN_ALPHA, lane], Z[COS_ALPHA, lane]) and is_shallow(
+            Z[SIN_BETA, lane], Z[COS_BETA, lane]
+        )
+        from_the_side |= not shallow
+    if from_the_side:
+        for lane in range(width):
+            Z[alpha_row, lane], Z[beta_row, lane] = two_angles(
+                Z[SIN_ALPHA, lane], Z[COS_ALPHA, lane], Z[SIN_BETA, lane], Z[COS_BETA, lane]
+            )
+    else:
+        for lane in range(width):
+            Z[alpha_row, lane], Z[beta_row, lane] = shallow_angles(
+                Z[SIN_ALPHA, lane], Z[COS_ALPHA, lane], Z[SIN_BETA, lane], Z[COS_BETA, lane]
+            )
 
 
 @lanes
@@ -106,24 +130,36 @@ def set_effectors(Z, width, mix):
 
 
 @lanes
+def move_air(Z, width):
+    """Velocity of the air at the stage's state ``XS``: wind, and the gusts of the tick."""
+    for lane in range(width):
+        wind_n, wind_e = wind_ned(
+            Z[XS + ALTITUDE, lane],
+            Z[_WIND_NORTH, lane],
+            Z[_WIND_EAST, lane],
+            Z[_SHEAR_NORTH, lane],
+            Z[_SHEAR_EAST, lane],
+        )
+        q0, q1, q2, q3 = Z[XS + Q0, lane], Z[XS + Q1, lane], Z[XS + Q2, lane], Z[XS + Q3, lane]
+        wind_u, wind_v, wind_w = rotate_to_body(q0, q1, q2, q3, wind_n, wind_e, 0.0)
+        Z[AIR_U, lane] = wind_u + Z[GUST_U, lane]
+        Z[AIR_V, lane] = wind_v + Z[GUST_V, lane]
+        Z[AIR_W, lane] = wind_w + Z[GUST_W, lane]
+
+
+@lanes
 def air_data(Z, width, vehicle, earth):
     """Air data and variables of the stage's state ``XS``, dispersions included.
 
     The damping terms feel the body rates relative to the Earth, with which the air turns.
     """
     constants = vehicle.constants
-    atmosphere_lanes(Z, width, XS + ALTITUDE, RHO, _MACH)  # the speed of sound, until the Mach number is known
+    atmosphere_lanes(Z, width, XS + ALTITUDE, RHO, _MACH)  # 1 / speed of sound, until the Mach number is known
     for lane in range(width):
         q0, q1, q2, q3 = Z[XS + Q0, lane], Z[XS + Q1, lane], Z[XS + Q2, lane], Z[XS + Q3, lane]
         altitude = Z[XS + ALTITUDE, lane]
-        wind_n, wind_e = wind_ned(
-            altitude, Z[_WIND_NORTH, lane], Z[_WIND_EAST, lane], Z[_SHEAR_NORTH, lane], Z[_SHEAR_EAST, lane]
-        )
-        wind_u, wind_v, wind_w = rotate_to_body(q0, q1, q2, q3, wind_n, wind_e, 0.0)
-        speed, sin_alpha, cos_alpha, sin_beta, cos_beta, alpha, beta = flow_angles(
-            Z[XS + U, lane] - (wind_u + Z[GUST_U, lane]),
-            Z[XS + V, lane] - (wind_v + Z[GUST_V, lane]),
-            Z[XS + W, lane] - (wind_w + Z[GUST_W, lane]),
+        speed, per_speed, sin_alpha, cos_alpha, sin_beta, cos_beta = flow_direction(
+            Z[XS + U, lane] - Z[AIR_U, lane], Z[XS + V, lane] - Z[AIR_V, lane], Z[XS + W, lane] - Z[AIR_W, lane]
         )
         rho = Z[RHO, lane] * (Z[_DENSITY, lane] * Z[DENSITY_PROFILE, lane])
         Z[RHO, lane] = rho
@@ -134,25 +170,23 @@ def air_data(Z, width, vehicle, earth):
         Z[SIN_BETA, lane] = sin_beta
         Z[COS_BETA, lane] = cos_beta
         sin_lat, cos_lat = sincos(Z[XS + LATITUDE, lane])
-        earth_x, earth_y, earth_z = rotate_to_body(
-            q0, q1, q2, q3, earth.rotation_rate * cos_lat, 0.0, -earth.rotation_rate * sin_lat
+        earth_x, earth_y, earth_z = rotate_meridional(
+            q0, q1, q2, q3, earth.rotation_rate * cos_lat, -earth.rotation_rate * sin_lat
         )
         Z[SIN_LAT, lane] = sin_lat
         Z[COS_LAT, lane] = cos_lat
         Z[EARTH_X, lane] = earth_x
         Z[EARTH_Y, lane] = earth_y
         Z[EARTH_Z, lane] = earth_z
-        half_inverse = 0.5 / (speed if speed > 1e-9 else 1.0)
-        half_inverse = half_inverse if speed > 1e-9 else 0.0
+        half_inverse = 0.5 * per_speed if speed > 1e-9 else 0.0
         Z[_ONE, lane] = 1.0
-        Z[_MACH, lane] = speed / Z[_MACH, lane]
-        Z[_ALPHA, lane] = alpha
-        Z[_BETA, lane] = beta
+        Z[_MACH, lane] = speed * Z[_MACH, lane]
         Z[_P_HAT, lane] = (Z[XS + ROLL_RATE, lane] - earth_x) * constants.span * half_inverse
         Z[_Q_HAT, lane] = (Z[XS + PITCH_RATE, lane] - earth_y) * constants.chord * half_inverse
         Z[_R_HAT, lane] = (Z[XS + YAW_RATE, lane] - earth_z) * constants.span * half_inverse
         Z[_ALTITUDE, lane] = altitude
-        Z[_MASS, lane] = Z[XS + MASS, lane] / Z[_MASS_FACTOR, lane]
+        Z[_MASS, lane] = Z[XS + MASS, lane] * Z[PER_MASS_FACTOR, lane]
+    flow_angles(Z, width, _ALPHA, _BETA)
 
 
 @lanes

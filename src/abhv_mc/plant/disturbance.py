@@ -17,11 +17,10 @@ from abhv_mc.world.turbulence import (
     one_minus_cosine,
 )
 
-_GUST_NORTH = parameter_row("wind.gust_north")
-_GUST_EAST = parameter_row("wind.gust_east")
-_GUST_DOWN = parameter_row("wind.gust_down")
+_GUST = parameter_row("wind.gust_north")  # then east and down
 _GUST_START = parameter_row("wind.gust_start")
 _GUST_LENGTH = parameter_row("wind.gust_length")
+_WIND = parameter_row("wind.north")  # then east, and both shears
 _SIGMA = parameter_row("wind.turbulence")
 _LENGTH = parameter_row("wind.turbulence_length")
 _SEED = parameter_row("wind.turbulence_seed")
@@ -36,11 +35,12 @@ _FILTER = TURBULENCE + N_STATE  # u, then two states each of v and w
 
 
 @lanes
-def any_lane(Z, width, row, value):
-    """Whether a row differs from a value in any lane."""
+def any_lane(Z, width, first, rows, value):
+    """Whether any of ``rows`` rows from ``first`` differs from a value in any lane."""
     different = 0
-    for lane in range(width):
-        different += Z[row, lane] != value
+    for row in range(first, first + rows):
+        for lane in range(width):
+            different += Z[row, lane] != value
     return different > 0
 
 
@@ -81,22 +81,24 @@ def draw_normals(Z, lane, r):
 
 @lanes
 def disturb(Z, width, time, dt, first):
-    """Gust velocity in body axes and density factor of the tick that begins at ``time`` (s)."""
+    """Gust velocity in body axes and density factor of the tick that begins at ``time`` (s).
+
+    Returns whether the air moves anywhere: where it does not, its velocity is never worked out.
+    """
     for lane in range(width):
         Z[s.GUST_U, lane] = 0.0
         Z[s.GUST_V, lane] = 0.0
         Z[s.GUST_W, lane] = 0.0
         Z[s.DENSITY_PROFILE, lane] = 1.0
-    gusty = any_lane(Z, width, _GUST_NORTH, 0.0) or any_lane(Z, width, _GUST_EAST, 0.0)
-    if gusty or any_lane(Z, width, _GUST_DOWN, 0.0):
+    gusty = any_lane(Z, width, _GUST, 3, 0.0)
+    if gusty:
         gust(Z, width, time)
-    if any_lane(Z, width, _SIGMA, 0.0):
+    turbulent = any_lane(Z, width, _SIGMA, 1, 0.0)
+    if turbulent:
         turbulence(Z, width, dt, first)
-    uneven = 0
-    for knot in range(_KNOTS):
-        uneven += any_lane(Z, width, _PROFILE + knot, 1.0)
-    if uneven > 0:
+    if any_lane(Z, width, _PROFILE, _KNOTS, 1.0):
         density_profile(Z, width)
+    return gusty or turbulent or any_lane(Z, width, _WIND, 4, 0.0)
 
 
 @lanes
@@ -110,9 +112,9 @@ def gust(Z, width, time):
             Z[X + s.Q1, lane],
             Z[X + s.Q2, lane],
             Z[X + s.Q3, lane],
-            share * Z[_GUST_NORTH, lane],
-            share * Z[_GUST_EAST, lane],
-            share * Z[_GUST_DOWN, lane],
+            share * Z[_GUST, lane],
+            share * Z[_GUST + 1, lane],
+            share * Z[_GUST + 2, lane],
         )
         Z[s.GUST_U, lane] += u
         Z[s.GUST_V, lane] += v

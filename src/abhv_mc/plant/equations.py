@@ -8,7 +8,8 @@ import math
 from typing import NamedTuple
 
 from abhv_mc.jit import lanes, scalar
-from abhv_mc.numerics.quaternion import quaternion_rate, rotate_to_body, rotate_to_ned
+from abhv_mc.numerics.lane_math import reciprocals
+from abhv_mc.numerics.quaternion import quaternion_rate, rotate_meridional, rotate_to_body, rotate_to_ned
 from abhv_mc.plant import state as s
 from abhv_mc.plant.state import SUM, XS, X, parameter_row
 from abhv_mc.world.earth import gravity_ned, radii
@@ -65,36 +66,31 @@ def angular_acceleration(ixx, iyy, izz, i13, p, q, r, mx, my, mz):
     tx = mx - (q * hz - r * hy)
     ty = my - (r * hx - p * hz)
     tz = mz - (p * hy - q * hx)
-    inverse = 1.0 / (ixx * izz - i13 * i13)
-    return (izz * tx - i13 * tz) * inverse, ty / iyy, (ixx * tz - i13 * tx) * inverse
+    inverse, per_iyy = reciprocals(ixx * izz - i13 * i13, iyy)
+    return (izz * tx - i13 * tz) * inverse, ty * per_iyy, (ixx * tz - i13 * tx) * inverse
 
 
 class Stage(NamedTuple):
-    """One stage of the integrator: ``sum = keep sum + weight k``, next state ``x + by_sum sum + by_slope k``."""
+    """One stage of the integrator: ``sum = sum + weight k``, next stage's state ``x + ahead k``."""
 
-    keep: float
     weight: float
-    by_sum: float
-    by_slope: float
+    ahead: float  # s
 
 
 @scalar
 def runge_kutta_stage(stage, step):
-    """The four stages of the classical method of order 4; after the last the next state is the step's result."""
+    """The four stages of the classical method of order 4; :func:`finish_step` makes the step of their sum."""
     return Stage(
-        0.0 if stage == 0 else 1.0,
         2.0 if abs(stage - 1.5) < 1.0 else 1.0,  # the two in the middle
-        step / 6.0 if stage == 3 else 0.0,
-        0.0 if stage == 3 else (step if stage == 2 else 0.5 * step),
+        step if stage == 2 else 0.5 * step,
     )
 
 
 @lanes
 def accumulate(Z, lane, i, derivative, stage):
     """Put one derivative into the Runge-Kutta sum and into the next state."""
-    total = stage.keep * Z[SUM + i, lane] + stage.weight * derivative
-    Z[SUM + i, lane] = total
-    Z[XS + i, lane] = Z[X + i, lane] + (stage.by_sum * total + stage.by_slope * derivative)
+    Z[SUM + i, lane] += stage.weight * derivative
+    Z[XS + i, lane] = Z[X + i, lane] + stage.ahead * derivative
 
 
 @lanes
@@ -138,8 +134,8 @@ def equations_of_motion(Z, width, vehicle, earth, stage):
         )
         t = t if fuel_left else 0.0
         fuel_divisor = constants.standard_gravity * isp * Z[_K_ISP, lane]
-        fuel_flow = t / (fuel_divisor if fuel_divisor > 0.0 else 1.0)
-        fuel_flow = fuel_flow if fuel_divisor > 0.0 else 0.0
+        per_mass, per_fuel = reciprocals(mass, fuel_divisor if fuel_divisor > 0.0 else 1.0)
+        fuel_flow = t * per_fuel if fuel_divisor > 0.0 else 0.0
         tx = t * constants.thrust_cos
         tz = -t * constants.thrust_sin
         cg_x = Z[s.CG_X, lane] + Z[_CG_X, lane]
@@ -171,18 +167,17 @@ def equations_of_motion(Z, width, vehicle, earth, stage):
         meridian, vertical = radii(earth, sin_lat)
         v_n, v_e, v_d = rotate_to_ned(q0, q1, q2, q3, u, v, w)
         g_n, g_d = gravity_ned(earth, altitude, sin_lat, cos_lat)
-        g_x, g_y, g_z = rotate_to_body(q0, q1, q2, q3, g_n, 0.0, g_d)
+        g_x, g_y, g_z = rotate_meridional(q0, q1, q2, q3, g_n, g_d)
         we_x, we_y, we_z = Z[s.EARTH_X, lane], Z[s.EARTH_Y, lane], Z[s.EARTH_Z, lane]
-        inverse_mass = 1.0 / mass
         # Body rate to inertial plus Earth rate: transport and Coriolis terms together.
         a, b, c = p + we_x, q + we_y, r + we_z
-        specific_x, specific_y, specific_z = (fx + tx) * inverse_mass, fy * inverse_mass, (fz + tz) * inverse_mass
-        Z[s.LOAD, lane] = math.sqrt(specific_x * specific_x + specific_y * specific_y + specific_z * specific_z)
+        specific_x, specific_y, specific_z = (fx + tx) * per_mass, fy * per_mass, (fz + tz) * per_mass
+        Z[s.SPECIFIC_X, lane], Z[s.SPECIFIC_Y, lane], Z[s.SPECIFIC_Z, lane] = specific_x, specific_y, specific_z
         accumulate(Z, lane, s.U, specific_x + g_x - (b * w - c * v), stage)
         accumulate(Z, lane, s.V, specific_y + g_y - (c * u - a * w), stage)
         accumulate(Z, lane, s.W, specific_z + g_z - (a * v - b * u), stage)
-        lat_rate = v_n / (meridian + altitude)
-        lon_rate = v_e / ((vertical + altitude) * cos_lat)
+        per_north, per_east = reciprocals(meridian + altitude, (vertical + altitude) * cos_lat)
+        lat_rate, lon_rate = v_n * per_north, v_e * per_east
         accumulate(Z, lane, s.ALTITUDE, -v_d, stage)
         accumulate(Z, lane, s.LATITUDE, lat_rate, stage)
         accumulate(Z, lane, s.LONGITUDE, lon_rate, stage)
@@ -198,11 +193,16 @@ def equations_of_motion(Z, width, vehicle, earth, stage):
 
 
 @lanes
-def finish_step(Z, width, alive):
-    """The new state from the last stage; unit quaternion.
+def finish_step(Z, width, step, alive):
+    """The new state from the sum of the stages, with a unit quaternion; the sum is zero again.
 
     A flight that has ended (``alive`` 0) keeps its state.
     """
+    sixth = step / 6.0
+    for i in range(s.AILERON):  # the actuators after it have run
+        for lane in range(width):
+            Z[XS + i, lane] = Z[X + i, lane] + sixth * Z[SUM + i, lane]
+            Z[SUM + i, lane] = 0.0
     for lane in range(width):
         q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
         norm = 1.0 / math.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
@@ -210,16 +210,9 @@ def finish_step(Z, width, alive):
         Z[XS + s.Q1, lane] = q1 * norm
         Z[XS + s.Q2, lane] = q2 * norm
         Z[XS + s.Q3, lane] = q3 * norm
-    flying = 0
-    for lane in range(width):
-        flying += alive[lane] > 0.0
-    if flying == width:
-        for i in range(s.N_STATES):
-            for lane in range(width):
-                Z[X + i, lane] = Z[XS + i, lane]
-        return
     for i in range(s.N_STATES):
         for lane in range(width):
-            kept = Z[XS + i, lane] if alive[lane] > 0.0 else Z[X + i, lane]
+            before, after = Z[X + i, lane], Z[XS + i, lane]
+            kept = after if alive[lane] > 0.0 else before
             Z[X + i, lane] = kept
             Z[XS + i, lane] = kept

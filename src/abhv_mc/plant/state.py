@@ -56,7 +56,7 @@ VAR = P + len(PARAMETERS)  # variables of the tables and of the build-up
 COEF = VAR + len(VARIABLES)  # coefficients
 CMD = COEF + len(COEFFICIENTS)  # commands held over the tick: aileron, rudder, elevator, eta
 AIR = CMD + 4  # air data of the stage
-FIXED = AIR + 14  # the fixed quantities of the tables, in the order of FIXED_TABLE_ROWS
+FIXED = AIR + 19  # the fixed quantities of the tables, in the order of FIXED_TABLE_ROWS
 NAV = FIXED + len(FIXED_TABLE_ROWS)  # what the flight does and what its sensors say
 COUNTED = NAV + 18  # 1 where the sample of this tick counts
 COMMANDS = COUNTED + 1  # what the guidance asks of the attitude loop: flight path angle, angle of attack, bank
@@ -65,12 +65,15 @@ TURBULENCE = GUST + 4  # random numbers and filters of the turbulence
 NOISE = TURBULENCE + 11  # random numbers of the sensors
 DELAY = NOISE + 6  # the last measurements, a ring
 ACTUATORS = DELAY + (MAX_DELAY_TICKS + 1) * N_MEASURED  # what surfaces and engine need for a step, by flight
-LIMITS = ACTUATORS + 28  # of the actuator at work: lowest, highest, fastest
+PER_MASS_FACTOR = ACTUATORS + 28  # 1 / the dispersion of the mass, by flight
+LIMITS = PER_MASS_FACTOR + 1  # of the actuator at work: lowest, highest, fastest
 LAW = LIMITS + 3  # the control law's own memory follows
 
 # Rows of the air data.
-RHO, Q_BAR, AIRSPEED, SIN_ALPHA, COS_ALPHA, SIN_BETA, COS_BETA, OUTSIDE, LOAD = range(AIR, AIR + 9)
-SIN_LAT, COS_LAT, EARTH_X, EARTH_Y, EARTH_Z = range(AIR + 9, AIR + 14)  # latitude; the Earth's rotation in body axes
+RHO, Q_BAR, AIRSPEED, SIN_ALPHA, COS_ALPHA, SIN_BETA, COS_BETA, OUTSIDE = range(AIR, AIR + 8)
+SIN_LAT, COS_LAT, EARTH_X, EARTH_Y, EARTH_Z = range(AIR + 8, AIR + 13)  # latitude; the Earth's rotation in body axes
+AIR_U, AIR_V, AIR_W = range(AIR + 13, AIR + 16)  # velocity of the air, body axes
+SPECIFIC_X, SPECIFIC_Y, SPECIFIC_Z = range(AIR + 16, AIR + 19)  # specific force, body axes
 
 CAPTURE, ISP, THRUST_AREA, INERTIA_XX, INERTIA_YY, INERTIA_ZZ, INERTIA_13, CG_X, CG_Z = range(FIXED, FIXED + 9)
 

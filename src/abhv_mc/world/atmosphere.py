@@ -92,15 +92,18 @@ def layer_at(height: float) -> Layer:
 
 @scalar
 def air_in_layer(layer: Layer, height: float, isothermal: bool) -> tuple[float, float, float, float]:
-    """What :func:`atmosphere` gives; ``isothermal`` may be False for any layer and spares one the logarithm."""
+    """Density, pressure, temperature and 1 / speed of sound; ``isothermal`` spares the logarithm where it is true.
+
+    It may be False for any layer.
+    """
     above_base = height - layer.base
     ratio = 1.0 if isothermal else 1.0 + layer.relative_lapse * above_base
     temperature = layer.temperature * ratio
     along = above_base if isothermal else (log(ratio) if layer.relative_lapse != 0.0 else above_base)
     pressure = layer.pressure * exp(layer.rate * along)
-    density = pressure * (1.0 / (GAS_CONSTANT * temperature))
-    speed_of_sound = math.sqrt((HEAT_CAPACITY_RATIO * GAS_CONSTANT) * temperature)
-    return density, pressure, temperature, speed_of_sound
+    per_sound_speed = 1.0 / math.sqrt((HEAT_CAPACITY_RATIO * GAS_CONSTANT) * temperature)
+    density = pressure * (HEAT_CAPACITY_RATIO * (per_sound_speed * per_sound_speed))  # p / (R T)
+    return density, pressure, temperature, per_sound_speed
 
 
 @scalar
@@ -110,12 +113,13 @@ def atmosphere(altitude: float) -> tuple[float, float, float, float]:
     Below 0 m the lowest layer goes on; above 86 km the air is isothermal. NaN in, NaN out.
     """
     height = geopotential_height(altitude)
-    return air_in_layer(layer_at(height), height, False)
+    density, pressure, temperature, per_sound_speed = air_in_layer(layer_at(height), height, False)
+    return density, pressure, temperature, 1.0 / per_sound_speed
 
 
 @lanes
-def atmosphere_lanes(Z, width, altitude_row, density_row, sound_row):
-    """Density and speed of sound of every lane, the bits of :func:`atmosphere`.
+def atmosphere_lanes(Z, width, altitude_row, density_row, per_sound_row):
+    """Density and 1 / speed of sound of every lane.
 
     Flights of one campaign mostly share a layer: then its numbers are plain numbers, and an isothermal one needs no
     logarithm.
@@ -130,10 +134,10 @@ def atmosphere_lanes(Z, width, altitude_row, density_row, sound_row):
     if elsewhere > 0:
         for lane in range(width):
             height = Z[density_row, lane]
-            Z[density_row, lane], _, _, Z[sound_row, lane] = air_in_layer(layer_at(height), height, False)
+            Z[density_row, lane], _, _, Z[per_sound_row, lane] = air_in_layer(layer_at(height), height, False)
     elif layer.relative_lapse == 0.0:
         for lane in range(width):
-            Z[density_row, lane], _, _, Z[sound_row, lane] = air_in_layer(layer, Z[density_row, lane], True)
+            Z[density_row, lane], _, _, Z[per_sound_row, lane] = air_in_layer(layer, Z[density_row, lane], True)
     else:
         for lane in range(width):
-            Z[density_row, lane], _, _, Z[sound_row, lane] = air_in_layer(layer, Z[density_row, lane], False)
+            Z[density_row, lane], _, _, Z[per_sound_row, lane] = air_in_layer(layer, Z[density_row, lane], False)

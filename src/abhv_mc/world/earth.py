@@ -25,8 +25,9 @@ def radii(earth: Earth, sin_lat: float) -> tuple[float, float]:
     """Radii of curvature of the ellipsoid, m: (in the meridian M, in the prime vertical N)."""
     e2 = earth.flattening * (2.0 - earth.flattening)
     w2 = 1.0 - e2 * sin_lat * sin_lat
-    prime_vertical = earth.equatorial_radius / math.sqrt(w2)
-    return prime_vertical * (1.0 - e2) / w2, prime_vertical
+    per_w = 1.0 / math.sqrt(w2)
+    prime_vertical = earth.equatorial_radius * per_w
+    return prime_vertical * ((1.0 - e2) * (per_w * per_w)), prime_vertical
 
 
 @scalar
@@ -38,17 +39,16 @@ def gravity_ned(earth: Earth, altitude: float, sin_lat: float, cos_lat: float) -
     On the WGS-84 ellipsoid normal gravity, which has the other even zonals too, differs by at most 1.2e-4 m/s2.
     """
     e2 = earth.flattening * (2.0 - earth.flattening)
-    prime_vertical = earth.equatorial_radius / math.sqrt(1.0 - e2 * sin_lat * sin_lat)
+    w2 = 1.0 - e2 * sin_lat * sin_lat
+    prime_vertical = earth.equatorial_radius * (1.0 / math.sqrt(w2))
     rho = (prime_vertical + altitude) * cos_lat  # distance from the axis
     z = (prime_vertical * (1.0 - e2) + altitude) * sin_lat  # from the equatorial plane
     inverse_square = 1.0 / (rho * rho + z * z)
     central = earth.gravitational_parameter * inverse_square * math.sqrt(inverse_square)
     j2_term = 1.5 * earth.j2 * earth.equatorial_radius * earth.equatorial_radius * inverse_square
-    tilt = 5.0 * z * z * inverse_square
-    g_rho = (earth.rotation_rate * earth.rotation_rate - central * (1.0 + j2_term * (1.0 - tilt))) * rho
-    g_z = -central * (1.0 + j2_term * (3.0 - tilt)) * z
     # Along the meridian the attraction is -2 j2_term central rho z / r: what the factor takes of it, or adds.
-    taken = 2.0 * (1.0 - earth.j2_meridional) * j2_term * central * inverse_square * rho * z
-    g_rho -= taken * z
-    g_z += taken * rho
+    taken = 2.0 * (1.0 - earth.j2_meridional)
+    tilt = (5.0 - taken) * (z * z * inverse_square)
+    g_rho = (earth.rotation_rate * earth.rotation_rate - central * (1.0 + j2_term * (1.0 - tilt))) * rho
+    g_z = -central * (1.0 + j2_term * (3.0 - taken - tilt)) * z
     return g_z * cos_lat - g_rho * sin_lat, -(g_rho * cos_lat + g_z * sin_lat)
