@@ -13,7 +13,6 @@ import sys
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -84,15 +83,13 @@ def _use_counted_floats() -> None:
     def allocate(shape: Any, dtype: Any = np.float64) -> np.ndarray:
         return make_counted(np.zeros(shape)) if dtype is np.float64 else np.zeros(shape, dtype)
 
-    lanes.np = SimpleNamespace(empty=allocate, zeros=allocate, int64=np.int64)  # type: ignore[assignment, attr-defined]
+    lanes.allocate = allocate
     lane_math.bits_float = lambda bits: Counted(float_bits.bits_float(bits))  # type: ignore[attr-defined]
     math.sqrt = counted_sqrt  # type: ignore[assignment]
 
 
 def _main(paths: list[str]) -> None:
-    import numba
-
-    if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+    if os.environ.get("NUMBA_DISABLE_JIT") != "1":
         raise SystemExit("counting needs NUMBA_DISABLE_JIT=1")
     from abhv_mc.store.plans import read_plan
 

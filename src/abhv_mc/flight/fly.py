@@ -1,12 +1,12 @@
 """The engine's one entrance: fly a plan under many dispersions."""
 
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.flight.lanes import LANES, LAWS, make_fly_lanes
+from abhv_mc.flight.lanes import LANES, LAWS, make_fly_lanes, make_room
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.flight.signals import CHANNELS, METRICS
 from abhv_mc.plant.parameters import PARAMETERS
@@ -73,11 +73,16 @@ def fly(
     nor on how many fly abreast (``lanes``). Releases the interpreter's lock, so threads may call it side by side.
     Raises ValueError for an array of the wrong shape.
     """
-    parameters = check_parameters(parameters)
-    timing = plan.timing
     every = record_every or 0
-    results = make_results(plan, len(parameters), every, keep_states)
-    _lanes(lanes)(
+    results = make_results(plan, len(check_parameters(parameters)), every, keep_states)
+    _lanes(lanes)(*flight_arguments(plan, parameters, results, every, lanes))
+    return make_block(plan, results, every)
+
+
+def flight_arguments(plan: FlightPlan, parameters: Floats, results: Results, every: int, lanes: int) -> tuple[Any, ...]:
+    """What the compiled flight takes."""
+    timing = plan.timing
+    return (
         plan.vehicle,
         plan.trim_tables,
         plan.effectiveness,
@@ -91,8 +96,8 @@ def fly(
         timing.steps_per_tick,
         timing.ticks,
         every,
-        parameters,
+        check_parameters(parameters),
         plan.initial_state,
         *results,
+        make_room(lanes, plan.vehicle.build_up.factor.size),
     )
-    return make_block(plan, results, every)

@@ -4,7 +4,9 @@ One kernel serves every vehicle, mission, controller and gain: they are argument
 another lane, so a flight is the same bit for bit whatever flies beside it.
 """
 
+import math
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,17 +19,20 @@ from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.observe import finish_metrics, judge, measure, record, record_states, start_observing
 from abhv_mc.flight.sensors import sense
 from abhv_mc.flight.start import start_flights
-from abhv_mc.jit import kernel, lanes
+from abhv_mc.jit import lanes, standalone
 from abhv_mc.plant import state as s
 from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
 from abhv_mc.plant.aerodynamics import Cells, build_up, look_up
 from abhv_mc.plant.air_data import air_data, deflections
 from abhv_mc.plant.disturbance import any_lane, disturb
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
+from abhv_mc.vehicle.arrays import Floats, Ints
 
 LANES = 16
 CLOSING = 500  # ticks after which flights close ranks
 TOGETHER = 256  # flights that do: what they remember stays near the processor
+
+_LINE = 64  # bytes of a line of the cache
 
 # Which law flies: the integers that the kernel compares.
 TLC, LQR, RECORDED = range(3)
@@ -255,14 +260,58 @@ def fetch_lanes(Z, O, width, kept, first, n):
             O[i, lane] = row[Z_ROWS + i]
 
 
+class Room(NamedTuple):
+    """The memory that flights abreast work in."""
+
+    Z: Floats  # [row, lane] everything that a flight remembers, see abhv_mc.plant.state
+    O: Floats  # [row, lane] what is observed
+    T: Floats  # [table row, lane]
+    cells: Cells
+    trim_hints: Ints  # [axis, lane]
+    high: Floats  # [table row]
+    unit_factors: Ints  # [term]
+    kept: Floats  # [flight, row] what flights remember while others fly
+    order: Ints  # [flight] their numbers
+
+
+def make_room(capacity: int, terms: int) -> Room:
+    """Memory for ``capacity`` lanes and a vehicle whose coefficients have so many ``terms``."""
+    return Room(
+        Z=allocate((Z_ROWS, capacity)),
+        O=allocate((observe.N_ROWS, capacity)),
+        T=allocate((s.MAX_TABLE_ROWS, capacity)),
+        cells=Cells(
+            allocate((s.MAX_AXES, capacity), np.int64),
+            allocate((s.MAX_AXES, capacity)),
+            allocate((s.MAX_AXES,), np.int64),
+            allocate((s.MAX_AXES,), np.int64),
+            allocate((4, capacity)),
+            allocate((s.MAX_TABLE_ROWS,)),
+        ),
+        trim_hints=allocate((3, capacity), np.int64),
+        high=allocate((s.MAX_TABLE_ROWS,)),
+        unit_factors=allocate((terms,), np.int64),
+        kept=allocate((TOGETHER, KEPT_ROWS)),
+        order=allocate((TOGETHER,), np.int64),
+    )
+
+
+def allocate(shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
+    """Zeros, eight bytes each, that start where a line of the processor's cache does."""
+    size = math.prod(shape)
+    wider = np.zeros(size + _LINE // 8, dtype)
+    first = -wider.ctypes.data % _LINE // 8
+    return wider[first : first + size].reshape(shape)
+
+
 def make_fly_lanes(capacity: int) -> Callable[..., None]:
-    """The compiled flight for ``capacity`` lanes (compiled at its first call, cached on disk).
+    """The compiled flight for ``capacity`` lanes (compiled at its first call, kept on disk).
 
     The number of lanes is a constant of the machine code, but for numba a number as any other: functions for each
     constant would be optimized each by itself, and small loops unrolled into scalar code before they became vectors.
     """
 
-    @kernel
+    @standalone
     def fly_lanes(
         vehicle,
         trim,
@@ -284,56 +333,52 @@ def make_fly_lanes(capacity: int) -> Callable[..., None]:
         end_tick,
         history,
         states,
+        room,
     ):
         """Fly every row of ``parameters`` [flight, parameter]; fill the arrays behind ``initial_state``.
 
-        ``states`` [flight, sample, state] may have no samples; then no state is kept.
+        ``states`` [flight, sample, state] may have no samples; then no state is kept. ``room``: for ``capacity``.
         """
-        Z = np.empty((Z_ROWS, capacity))
-        kept = np.empty((TOGETHER, KEPT_ROWS))
-        order = np.empty(TOGETHER, dtype=np.int64)
-        O = np.empty((observe.N_ROWS, capacity))
-        T = np.empty((s.MAX_TABLE_ROWS, capacity))
-        cells = Cells(
-            np.zeros((s.MAX_AXES, capacity), dtype=np.int64),
-            np.zeros((s.MAX_AXES, capacity)),
-            np.zeros(s.MAX_AXES, dtype=np.int64),
-            np.zeros(s.MAX_AXES, dtype=np.int64),
-            np.empty((4, capacity)),
-            np.empty(s.MAX_TABLE_ROWS),
-        )
-        trim_hints = np.zeros((3, capacity), dtype=np.int64)
-        high = np.empty(s.MAX_TABLE_ROWS)
-        unit_factors = np.zeros(vehicle.build_up.factor.size, dtype=np.int64)
-        fly_groups(
-            Z,
-            T,
-            O,
-            Z.shape[1],
-            kept,
-            order,
-            (cells, trim_hints, high),
-            unit_factors,
-            vehicle,
-            trim,
-            effectiveness,
-            earth,
-            law,
-            reference,
-            gains,
-            settings,
-            limits,
-            step,
-            steps_per_tick,
-            ticks,
-            record_every,
-            parameters,
-            initial_state,
-            metrics,
-            outcome,
-            end_tick,
-            history,
-            states,
-        )
+        cells = room.cells
+        # These are so by construction; compared, they are constants to LLVM from here on.
+        if (
+            room.Z.shape[1] == capacity
+            and room.O.shape[1] == capacity
+            and room.T.shape[1] == capacity
+            and cells.cell.shape[1] == capacity
+            and cells.fraction.shape[1] == capacity
+            and cells.weight.shape[1] == capacity
+            and room.trim_hints.shape[1] == capacity
+        ):
+            fly_groups(
+                room.Z,
+                room.T,
+                room.O,
+                room.Z.shape[1],
+                room.kept,
+                room.order,
+                (cells, room.trim_hints, room.high),
+                room.unit_factors,
+                vehicle,
+                trim,
+                effectiveness,
+                earth,
+                law,
+                reference,
+                gains,
+                settings,
+                limits,
+                step,
+                steps_per_tick,
+                ticks,
+                record_every,
+                parameters,
+                initial_state,
+                metrics,
+                outcome,
+                end_tick,
+                history,
+                states,
+            )
 
     return fly_lanes
