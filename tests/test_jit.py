@@ -11,7 +11,7 @@ import pytest
 
 import abhv_mc
 from abhv_mc import code_cache
-from abhv_mc.flight.fly import _lanes, fly, nominal_parameters
+from abhv_mc.flight.fly import compiled_flight, fly, nominal_parameters
 from abhv_mc.flight.lanes import LANES
 from abhv_mc.flight.prepare import prepare
 
@@ -101,13 +101,13 @@ def test_a_changed_table_changes_the_flight_without_compiling(repository, tmp_pa
         return fly(plan, nominal_parameters()).metrics
 
     before = fly_level()
-    compiled = len(_lanes(LANES).signatures)
+    compiled = len(compiled_flight(LANES).signatures)
     table = configs / "vehicle/ghame/cd_basic.csv"
     head, *rows = table.read_text().splitlines()
     changed = [",".join([*row.split(",")[:-1], str(1.05 * float(row.split(",")[-1]))]) for row in rows]
     table.write_text("\n".join([head, *changed]) + "\n")
     after = fly_level()
-    assert len(_lanes(LANES).signatures) == compiled == 1
+    assert len(compiled_flight(LANES).signatures) == compiled == 1
     assert not np.array_equal(before, after)
     assert np.array_equal(fly_level(), after)
 

@@ -1,5 +1,6 @@
 """The engine's one entrance: fly a plan under many dispersions."""
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.plant.state import N_STATES
 from abhv_mc.vehicle.arrays import Floats
 
-_lanes = cache(make_fly_lanes)
+compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
 
 
 def nominal_parameters(flights: int = 1) -> Floats:
@@ -75,7 +76,7 @@ def fly(
     """
     every = record_every or 0
     results = make_results(plan, len(check_parameters(parameters)), every, keep_states)
-    _lanes(lanes)(*flight_arguments(plan, parameters, results, every, lanes))
+    compiled_flight(lanes)(*flight_arguments(plan, parameters, results, every, lanes))
     return make_block(plan, results, every)
 
 
