@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import abhv_mc
-from abhv_mc import jit
-from abhv_mc.flight.fly import _lanes, fly, nominal_parameters
+from abhv_mc import code_cache
+from abhv_mc.flight.fly import compiled_flight, fly, nominal_parameters
 from abhv_mc.flight.plan import LANES
 from abhv_mc.flight.prepare import prepare
 
@@ -31,36 +31,39 @@ def run(code, source, cache):
     return done.stdout.split()
 
 
-LAYERS = ["jit.py", "jit_compiler.py", "numerics", "world", "vehicle", "plant", "control", "flight"]
+LAYERS = [
+    *("code_cache.py", "machine_code.py", "jit.py", "jit_compiler.py"),
+    *("numerics", "world", "vehicle", "plant", "control", "flight"),
+]
 
 
 @pytest.mark.parametrize("layer", LAYERS)
 def test_any_change_to_what_is_compiled_changes_the_folder(source, monkeypatch, layer):
-    assert jit.source_hash() == jit.source_hash()
-    before = jit.source_hash()
-    monkeypatch.setattr(jit, "_PACKAGE", source)
-    assert jit.source_hash() == before  # the place does not matter
+    assert code_cache.source_hash() == code_cache.source_hash()
+    before = code_cache.source_hash()
+    monkeypatch.setattr(code_cache, "_PACKAGE", source)
+    assert code_cache.source_hash() == before  # the place does not matter
     changed = source / layer if layer.endswith(".py") else sorted((source / layer).rglob("*.py"))[-1]
     changed.write_bytes(changed.read_bytes() + b"#")
-    assert jit.source_hash() != before
+    assert code_cache.source_hash() != before
 
 
 def test_another_numba_has_another_folder(monkeypatch):
-    before = jit.source_hash()
-    monkeypatch.setattr("numba.__version__", "0")
-    assert jit.source_hash() != before
+    before = code_cache.source_hash()
+    monkeypatch.setattr(code_cache, "version", lambda name: "0")
+    assert code_cache.source_hash() != before
 
 
 def test_the_report_does_not_change_the_folder(source, monkeypatch):
-    before = jit.source_hash()
-    monkeypatch.setattr(jit, "_PACKAGE", source)
+    before = code_cache.source_hash()
+    monkeypatch.setattr(code_cache, "_PACKAGE", source)
     page = source / "report" / "page.py"
     page.write_bytes(page.read_bytes() + b"#")
-    assert jit.source_hash() == before
+    assert code_cache.source_hash() == before
 
 
 CALLER = """
-from abhv_mc.jit import on_first_compile, source_hash
+from abhv_mc.jit import on_first_compile
 from abhv_mc.world.caller import call
 on_first_compile(lambda: print("compiling"))
 print(call(1.0), call(2.0))
@@ -85,7 +88,7 @@ def test_a_change_in_another_file_reaches_cached_code(source, tmp_path):
 def test_a_home_that_takes_no_files_is_no_obstacle(monkeypatch, tmp_path):
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    folder = jit.cache_folder()
+    folder = code_cache.cache_folder()
     assert folder.is_dir() and tmp_path not in folder.parents
 
 
@@ -98,12 +101,26 @@ def test_a_changed_table_changes_the_flight_without_compiling(repository, tmp_pa
         return fly(plan, nominal_parameters()).metrics
 
     before = fly_level()
-    compiled = len(_lanes(LANES).signatures)
+    compiled = len(compiled_flight(LANES).signatures)
     table = configs / "vehicle/ghame/cd_basic.csv"
     head, *rows = table.read_text().splitlines()
     changed = [",".join([*row.split(",")[:-1], str(1.05 * float(row.split(",")[-1]))]) for row in rows]
     table.write_text("\n".join([head, *changed]) + "\n")
     after = fly_level()
-    assert len(_lanes(LANES).signatures) == compiled == 1
+    assert len(compiled_flight(LANES).signatures) == compiled == 1
     assert not np.array_equal(before, after)
     assert np.array_equal(fly_level(), after)
+
+
+LAZY = """
+import sys
+from abhv_mc.flight import lanes
+from abhv_mc.world.earth import WGS84, radii
+assert "numba" not in sys.modules and radii.__doc__ and radii.py_func(WGS84, 0.5)
+assert radii(WGS84, 0.5) == radii.py_func(WGS84, 0.5)
+assert "numba" in sys.modules and len(radii.signatures) == 0 < len(radii.dispatcher._called.signatures)
+"""
+
+
+def test_decorating_does_not_load_numba(tmp_path):
+    run(LAZY, PACKAGE, tmp_path)

@@ -23,13 +23,13 @@ from abhv_mc.control.tlc import nominal_variables, nominal_vehicle, tlc_attitude
 from abhv_mc.flight import observe
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.lanes import evaluate, start_lanes
-from abhv_mc.flight.memory import fix_width, make_memory
+from abhv_mc.flight.memory import has_width, make_memory
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.observe import judge, measure, start_observing
 from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.flight.sensors import sense
 from abhv_mc.flight.start import start_flights
-from abhv_mc.jit import bare_kernel, kernel
+from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
 from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
 from abhv_mc.plant.aerodynamics import build_up, find_cells, interpolate_groups
@@ -69,12 +69,14 @@ SLOW, REST = "of it divisions and roots", "the flight beyond its parts"
 N = 1024  # numbers of an array in the nearest cache
 
 
-@bare_kernel
+@kernel
 def run_part(
     memory, part, calls, vehicle, trim, effectiveness, earth, tlc, lqr, reference, limits, step, parameters, start
 ):
     """One part ``calls`` times at the start of the mission. tlc, lqr: (gains, settings)."""
-    Z, O, T, cells, trim_hints, high, unit_factors, _, order = fix_width(memory, LANES)
+    if not has_width(memory, LANES):
+        return 0.0
+    Z, O, T, cells, trim_hints, high, unit_factors, _, order = memory
     scratch = (cells, trim_hints, high)
     width = Z.shape[1]
     for lane in range(width):

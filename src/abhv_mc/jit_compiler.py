@@ -14,15 +14,24 @@ takes 30 without them (measured alone; ``python -m abhv_mc bench`` has today's s
 
 import contextlib
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import llvmlite.binding as llvm
-from numba.core import typed_passes, types, untyped_passes
+import numba
+from numba.core import event, typed_passes, types, untyped_passes
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.compiler_machinery import PassManager
 from numba.core.registry import CPUDispatcher
+
+from abhv_mc.code_cache import cache_folder
+from abhv_mc.machine_code import MachineCode
+
+# numba decides on the cache's place when it decorates, so this comes before any function is made.
+numba.config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]
+# LLVM's level 2: a tenth less to compile than level 3, and flights as fast.
+numba.config.OPT = type(numba.config.OPT)(2)  # type: ignore[attr-defined]
 
 _PASSES = (
     untyped_passes.TranslateByteCode,
@@ -150,13 +159,98 @@ class KernelCompiler(_Compiler):
             return super().compile_extra(function)
 
 
+class _StandaloneLibrary(_KernelLibrary):
+    """A kernel that becomes an object file, which LLVM here does not load."""
+
+    def _finalize_final_module(self) -> None:
+        self.object = self._codegen._tm.emit_object(self._final_module)
+        self._finalized = True
+
+
+class StandaloneCompiler(_Compiler):
+    """Compiles a kernel that numba does not call."""
+
+    def compile_extra(self, function: Any) -> Any:
+        self.state.flags.no_compile = True
+        code = _StandaloneLibrary(self.state.targetctx.codegen(), function.__qualname__)
+        self.state["library"] = code
+        with _recalling(), _without_collection():
+            result = super().compile_extra(function)
+            code.finalize()
+        return result._replace(entry_point=set[Any]().remove)
+
+
 class Scalar(CPUDispatcher):
     """A function that is inlined where compiled code calls it, and compiled by itself where Python does."""
 
-    def __init__(self, function: Any, inlined: dict[str, Any], called: Any) -> None:
-        """``inlined``: numba's options; ``called``: a decorator for what Python calls."""
-        super().__init__(function, targetoptions={"nopython": True, **inlined}, pipeline_class=InlinedCompiler)
-        self._called = called(function)
+    def __init__(self, function: Any) -> None:
+        super().__init__(
+            function, targetoptions={"nopython": True, **_INLINED, **_NO_ENTRY}, pipeline_class=InlinedCompiler
+        )
+        self._called = numba.njit(**_INLINED, **_CALLED)(function)
 
     def __call__(self, *arguments: Any) -> Any:
         return self._called(*arguments)
+
+
+# Without numba's reference counting (``_nrt``): nothing in here allocates, and an atomic count on each
+# array of a named tuple in each lane costs three times the physics.
+_INLINED: dict[str, Any] = {"forceinline": True, "error_model": "numpy", "_nrt": False}
+_NO_ENTRY: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_CALLED: dict[str, Any] = {"cache": True, "no_cfunc_wrapper": True, "pipeline_class": KernelCompiler}
+
+make_scalar = Scalar
+
+
+def make_lanes(function: Any) -> Any:
+    """What ``jit.lanes`` says."""
+    return numba.njit(**_INLINED, **_NO_ENTRY, pipeline_class=InlinedCompiler)(function)
+
+
+def make_routine(function: Any) -> Any:
+    """What ``jit.routine`` says."""
+    options = {**_INLINED, "forceinline": False}
+    return numba.njit(**options, **_NO_ENTRY, pipeline_class=InlinedCompiler)(function)
+
+
+def make_kernel(function: Any) -> Any:
+    """What ``jit.kernel`` says."""
+    return numba.njit(nogil=True, error_model="numpy", **_CALLED)(function)
+
+
+# What only numba has; a process without it could not load such code.
+_NUMBAS = ("NRT_", "numba_", "Py", "_Py", "__svml")
+
+
+def make_machine_code(function: Any, arguments: tuple[Any, ...]) -> MachineCode:
+    """Compile a function for arguments of these types.
+
+    Raises TypeError where it returns something or needs numba when it runs; numba's own where it allocates.
+    """
+    options: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+    dispatcher = numba.njit(**options, **_NO_ENTRY, pipeline_class=StandaloneCompiler)(function)
+    signature = tuple(map(numba.typeof, arguments))
+    dispatcher.compile(signature)
+    made = dispatcher.overloads[signature]
+    called = [each.name for each in made.library._final_module.functions if each.is_declaration]
+    needs = tuple(name for name in called if not name.startswith("llvm."))
+    numbas = [name for name in needs if name.startswith(_NUMBAS)]
+    if numbas or made.signature.return_type != types.none:
+        raise TypeError(f"{function.__qualname__} returns {made.signature.return_type}, and needs {numbas}")
+    return MachineCode(made.fndesc.llvm_func_name, needs, made.library.object)
+
+
+class _Compiling(event.Listener):
+    def __init__(self, called: Callable[[Any], None]) -> None:
+        self._called = called
+
+    def on_start(self, started: Any) -> None:
+        self._called(started.data["dispatcher"].py_func)
+
+    def on_end(self, ended: Any) -> None:
+        pass
+
+
+def on_compile(called: Callable[[Any], None]) -> None:
+    """Have ``called`` called with each function that numba sets out to compile because its cache lacks it."""
+    event.register("numba:compile", _Compiling(called))

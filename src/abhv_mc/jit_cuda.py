@@ -1,7 +1,7 @@
 """The graphics processor's side of :mod:`abhv_mc.jit`: numba-cuda, and how its kernels are compiled.
 
 Only what flies on a GPU imports this. A kernel calls the very functions that the processor runs: numba-cuda compiles
-numba's dispatchers as device functions. Tests set ``NUMBA_ENABLE_CUDASIM`` and get the simulator in plain Python.
+them as device functions. Tests set ``NUMBA_ENABLE_CUDASIM`` and get the simulator in plain Python.
 """
 
 import contextlib
@@ -12,16 +12,37 @@ from typing import Any, TypeVar, cast
 import numba.cuda
 
 from abhv_mc.input_error import Refusal
+from abhv_mc.jit import Compiled, load_compiler
+
+load_compiler()  # which sets numba's cache folder, too: kernels lie there
 
 cuda: Any = numba.cuda
 config: Any = numba.config
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-# Importing abhv_mc.jit, as every flight does, has set numba's cache folder: kernels lie there too.
 SIMULATED = bool(config.ENABLE_CUDASIM)
 
 config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # a small campaign is no mistake
+
+
+def _name_device_functions() -> None:
+    """Have numba-cuda take a function of ours for one that runs on the device."""
+    from numba.cuda.dispatcher import CUDADispatcher
+    from numba.cuda.typing.typeof import typeof_impl
+
+    made: dict[Compiled, Any] = {}
+
+    @typeof_impl.register(Compiled)
+    def _type(function: Compiled, context: Any) -> Any:
+        if function not in made:
+            options = {**function.dispatcher.targetoptions, "device": True, "debug": False, "opt": True}
+            made[function] = CUDADispatcher(function.py_func, options)
+        return made[function]._numba_type_
+
+
+if not SIMULATED and importlib.util.find_spec("numba_cuda") is not None:
+    _name_device_functions()
 
 
 def find_device() -> str:

@@ -91,9 +91,7 @@ def _use_counted_floats() -> None:
 
 
 def _main(paths: list[str]) -> None:
-    import numba
-
-    if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+    if os.environ.get("NUMBA_DISABLE_JIT") != "1":
         raise SystemExit("counting needs NUMBA_DISABLE_JIT=1")
     from abhv_mc.store.plans import read_plan
 

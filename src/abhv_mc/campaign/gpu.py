@@ -14,9 +14,9 @@ def make_gpu_engine() -> Engine:
 
     device = find_device()
 
+    from abhv_mc.code_cache import source_hash
     from abhv_mc.flight.device import CAMPAIGN_BATCH, fly_on_gpu
     from abhv_mc.flight.prepare import prepare
-    from abhv_mc.jit import source_hash
 
     source = f"{source_hash()}-gpu"
     return Engine(prepare, fly_on_gpu, source, isolation=THREADS, device=device, batch=CAMPAIGN_BATCH, workers=2)

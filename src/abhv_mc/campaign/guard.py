@@ -43,7 +43,7 @@ def start_server(fly: Fly) -> None:
     from multiprocessing import forkserver
 
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([serve.__module__, fly.__module__])
+    context.set_forkserver_preload([serve.__module__, fly.__module__, "llvmlite.binding"])
     with _deaf_to_interrupts():
         forkserver.ensure_running()
 

@@ -22,9 +22,8 @@ def command(
 ) -> None:
     """Fly a mission once with each controller, nothing dispersed, and print how it went."""
     from abhv_mc.cli.announce import announce_compiling, announce_warnings
-    from abhv_mc.documents import InputError
-    from abhv_mc.flight.fly import fly, nominal_parameters
-    from abhv_mc.flight.prepare import prepare
+    from abhv_mc.flight.ahead import compile_ahead
+    from abhv_mc.input_error import InputError
 
     files = [_find("control", name) for name in controller or ("tlc", "lqr")]
     names = [file.stem for file in files]
@@ -32,8 +31,12 @@ def command(
         raise InputError("--controller", None, None, ", ".join(names), "files of different names")
     if out is not None and out.exists() and not out.is_dir():
         raise InputError(out, None, None, "a file", "a folder, or the name of a new one")
-    announce_compiling()
     paths = _find("vehicle", vehicle), _find("mission", mission)
+    announce_compiling()
+    compile_ahead()  # before anything heavy is imported
+    from abhv_mc.flight.fly import fly, nominal_parameters
+    from abhv_mc.flight.prepare import prepare
+
     plans = {file.stem: prepare(*paths, file, file.stem) for file in files}
     announce_warnings(warning for plan in plans.values() for warning in plan.warnings.tolist())
     if out is not None and len({plan.timing.tick for plan in plans.values()}) > 1:
@@ -49,7 +52,7 @@ def command(
 
 def _find(kind: str, name: str) -> Path:
     """The file that is meant: a path, or the name of one that comes with the program."""
-    from abhv_mc.documents import InputError
+    from abhv_mc.input_error import InputError
     from abhv_mc.shipped import shipped_configs
 
     shipped = shipped_configs() / kind / f"{name}.yaml"

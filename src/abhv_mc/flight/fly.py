@@ -1,7 +1,8 @@
 """The engine's one entrance: fly a plan under many dispersions."""
 
+from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.plant.state import N_STATES
 from abhv_mc.vehicle.arrays import Floats
 
-_lanes = cache(make_fly_lanes)
+compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
 
 
 def nominal_parameters(flights: int = 1) -> Floats:
@@ -74,12 +75,16 @@ def fly(
     nor on how many fly abreast (``lanes``). Releases the interpreter's lock, so threads may call it side by side.
     Raises ValueError for an array of the wrong shape.
     """
-    parameters = check_parameters(parameters)
-    timing = plan.timing
     every = record_every or 0
-    results = make_results(plan, len(parameters), every, keep_states)
-    _lanes(lanes)(
-        make_memory(lanes, plan.vehicle.build_up.factor.size),
+    results = make_results(plan, len(check_parameters(parameters)), every, keep_states)
+    compiled_flight(lanes)(*flight_arguments(plan, parameters, results, every, lanes))
+    return make_block(plan, results, every)
+
+
+def flight_arguments(plan: FlightPlan, parameters: Floats, results: Results, every: int, lanes: int) -> tuple[Any, ...]:
+    """What the compiled flight takes."""
+    timing = plan.timing
+    return (
         plan.vehicle,
         plan.trim_tables,
         plan.effectiveness,
@@ -93,8 +98,8 @@ def fly(
         timing.steps_per_tick,
         timing.ticks,
         every,
-        parameters,
+        check_parameters(parameters),
         plan.initial_state,
         *results,
+        make_memory(lanes, plan.vehicle.build_up.factor.size),
     )
-    return make_block(plan, results, every)

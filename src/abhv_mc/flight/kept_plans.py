@@ -16,10 +16,10 @@ from typing import Any, get_type_hints
 import numpy as np
 import scipy
 
+from abhv_mc.code_cache import cache_folder
 from abhv_mc.control.controller_file import Controller
 from abhv_mc.control.mission import Mission, Recorded
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.jit import cache_folder
 from abhv_mc.vehicle.model import Vehicle
 
 KEPT = 12  # plans of 2 to 3 MB each

@@ -10,12 +10,12 @@ from abhv_mc.control.lqr import lqr_tick
 from abhv_mc.control.recorded import recorded_tick
 from abhv_mc.control.tlc import tlc_tick
 from abhv_mc.flight import observe
-from abhv_mc.flight.memory import Z_ROWS, fix_width
+from abhv_mc.flight.memory import Z_ROWS, has_width
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.observe import finish_metrics, judge, measure, record, record_states, start_observing
 from abhv_mc.flight.sensors import sense
 from abhv_mc.flight.start import start_flights
-from abhv_mc.jit import bare_kernel, lanes
+from abhv_mc.jit import lanes, standalone
 from abhv_mc.plant import state as s
 from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
 from abhv_mc.plant.aerodynamics import build_up, look_up
@@ -251,15 +251,14 @@ def fetch_lanes(Z, O, width, kept, first, n):
 
 
 def make_fly_lanes(capacity: int) -> Callable[..., None]:
-    """The compiled flight for ``capacity`` lanes (compiled at its first call, cached on disk).
+    """The compiled flight for ``capacity`` lanes (compiled at its first call, kept on disk).
 
     The number of lanes is a constant of the machine code, but for numba a number as any other: functions for each
     constant would be optimized each by itself, and small loops unrolled into scalar code before they became vectors.
     """
 
-    @bare_kernel
+    @standalone
     def fly_lanes(
-        memory,
         vehicle,
         trim,
         effectiveness,
@@ -280,41 +279,42 @@ def make_fly_lanes(capacity: int) -> Callable[..., None]:
         end_tick,
         history,
         states,
+        memory,
     ):
         """Fly every row of ``parameters`` [flight, parameter]; fill the arrays behind ``initial_state``.
 
-        ``states`` [flight, sample, state] may have no samples; then no state is kept.
+        ``states`` [flight, sample, state] may have no samples; then no state is kept. ``memory``: for ``capacity``.
         """
-        Z, O, T, cells, trim_hints, high, unit_factors, kept, order = fix_width(memory, capacity)
-        fly_groups(
-            Z,
-            T,
-            O,
-            Z.shape[1],
-            kept,
-            order,
-            (cells, trim_hints, high),
-            unit_factors,
-            vehicle,
-            trim,
-            effectiveness,
-            earth,
-            law,
-            reference,
-            gains,
-            settings,
-            limits,
-            step,
-            steps_per_tick,
-            ticks,
-            record_every,
-            parameters,
-            initial_state,
-            metrics,
-            outcome,
-            end_tick,
-            history,
-            states,
-        )
+        if has_width(memory, capacity):  # which is so by construction, and a constant to LLVM from here on
+            fly_groups(
+                memory.Z,
+                memory.T,
+                memory.O,
+                memory.Z.shape[1],
+                memory.kept,
+                memory.order,
+                (memory.cells, memory.trim_hints, memory.high),
+                memory.unit_factors,
+                vehicle,
+                trim,
+                effectiveness,
+                earth,
+                law,
+                reference,
+                gains,
+                settings,
+                limits,
+                step,
+                steps_per_tick,
+                ticks,
+                record_every,
+                parameters,
+                initial_state,
+                metrics,
+                outcome,
+                end_tick,
+                history,
+                states,
+            )
 
     return fly_lanes

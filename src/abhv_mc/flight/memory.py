@@ -7,7 +7,7 @@ import numpy as np
 from abhv_mc.control import tlc
 from abhv_mc.flight import observe
 from abhv_mc.jit import lanes
-from abhv_mc.numerics.lane_memory import aligned_zeros, known_width
+from abhv_mc.numerics.lane_memory import aligned_zeros
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import Cells, make_cells
 from abhv_mc.vehicle.arrays import Floats, Ints
@@ -49,24 +49,14 @@ def make_memory(width: int, terms: int) -> Memory:
 
 
 @lanes
-def fix_width(memory, width):
-    """The memory with a number of lanes that compiled code knows (see :mod:`abhv_mc.numerics.lane_memory`)."""
-    cells = memory.cells
-    return Memory(
-        known_width(memory.Z, width),
-        known_width(memory.O, width),
-        known_width(memory.T, width),
-        Cells(
-            known_width(cells.cell, width),
-            known_width(cells.fraction, width),
-            cells.lowest,
-            cells.spread,
-            known_width(cells.weight, width),
-            cells.row,
-        ),
-        known_width(memory.trim_hints, width),
-        memory.high,
-        memory.unit_factors,
-        memory.kept,
-        memory.order,
+def has_width(memory, width):
+    """Whether the memory is that of ``width`` lanes. Machine code that has asked knows how far apart rows lie."""
+    return (
+        memory.Z.shape[1] == width
+        and memory.O.shape[1] == width
+        and memory.T.shape[1] == width
+        and memory.cells.cell.shape[1] == width
+        and memory.cells.fraction.shape[1] == width
+        and memory.cells.weight.shape[1] == width
+        and memory.trim_hints.shape[1] == width
     )
