@@ -87,7 +87,7 @@ class Histograms:
             if self._filled.max(initial=0) > KEPT + _SPARE - _ABREAST:
                 self._compact()
             _count(
-                history[first : first + _ABREAST], self.low, np.float32(1.0) / self.width, self.counts,
+                np.ascontiguousarray(history[first : first + _ABREAST]), self.low, np.float32(1.0) / self.width, self.counts,
                 self._ends, self._filled, self._threshold,
             )  # fmt: skip
 
