@@ -129,6 +129,16 @@ def test_code_that_this_process_cannot_link_is_not_recalled(tmp_path):
     assert machine_code.recall_code(file, "this") == machine_code.MachineCode("f", ("sqrt", "memset"), b"\n\n")
 
 
+def test_code_of_a_source_edited_meanwhile_is_not_kept(folder, made, monkeypatch):
+    monkeypatch.setattr(jit, "source_unchanged", lambda: False)
+    assert call_anew(monkeypatch) == call_anew(monkeypatch)
+    monkeypatch.setattr(jit, "source_unchanged", lambda: True)
+    monkeypatch.setattr(jit, "file_hash", lambda _: "edited")
+    call_anew(monkeypatch)
+    call_anew(monkeypatch)
+    assert made == ["fill"] * 4
+
+
 def test_another_processor_has_its_own_code(made, monkeypatch):
     call_anew(monkeypatch)
     monkeypatch.setattr(jit, "describe_processor", lambda: "another")

@@ -28,6 +28,16 @@ def source_hash() -> str:
 _SOURCE = source_hash()
 
 
+def source_unchanged() -> bool:
+    """Whether what has been imported until now can only be the source that the folder is named after."""
+    return source_hash() == _SOURCE
+
+
+def file_hash(file: Path) -> str:
+    """Hash of a file's content."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
 def cache_folder() -> Path:
     """Folder of the compiled code for exactly this source."""
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"

@@ -22,7 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from abhv_mc.code_cache import cache_folder, one_at_a_time
+from abhv_mc.code_cache import cache_folder, file_hash, one_at_a_time, source_unchanged
 from abhv_mc.machine_code import Kinds, describe, describe_processor, flatten, keep_code, load_code, recall_code
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -50,7 +50,7 @@ class Compiled:
         """What numba makes of the function."""
         if self._dispatcher is None:
             with _lock:
-                self._dispatcher = self._dispatcher or getattr(load_compiler(), f"make_{self._role}")(self.py_func)
+                self._dispatcher = self._dispatcher or load_compiler().MAKERS[self._role](self.py_func)
         return self._dispatcher
 
     @property
@@ -73,6 +73,7 @@ class StandaloneKernel:
     def __init__(self, function: Callable[..., Any]) -> None:
         functools.update_wrapper(self, function)
         self.py_func = function
+        self._content = file_hash(Path(function.__code__.co_filename))
         self._loaded: dict[Kinds, Callable[[list[Any]], None]] = {}
 
     @property
@@ -102,7 +103,8 @@ class StandaloneKernel:
                     code = recall_code(file, made_for)  # another process has perhaps made it meanwhile
                     if code is None:
                         code = load_compiler().make_machine_code(self.py_func, arguments)
-                        keep_code(file, made_for, code)
+                        if source_unchanged() and self._content == file_hash(Path(self.py_func.__code__.co_filename)):
+                            keep_code(file, made_for, code)
             self._loaded[kinds] = load_code(code, kinds, self.py_func.__qualname__)
 
     def _source(self) -> str:
@@ -111,8 +113,7 @@ class StandaloneKernel:
         constants = dict(zip(code.co_freevars, (cell.cell_contents for cell in cells), strict=True))
         if not all(isinstance(each, int | float | str) for each in constants.values()):
             raise TypeError(f"{self.py_func.__qualname__} is made from {constants}; a standalone kernel from numbers")
-        content = hashlib.sha256(Path(code.co_filename).read_bytes()).hexdigest()
-        return f"{self.py_func.__module__}.{self.py_func.__qualname__} of {content}, {constants}"
+        return f"{self.py_func.__module__}.{self.py_func.__qualname__} of {self._content}, {constants}"
 
 
 def scalar(function: F) -> F:

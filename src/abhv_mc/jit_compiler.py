@@ -199,23 +199,15 @@ _INLINED: dict[str, Any] = {"forceinline": True, "error_model": "numpy", "_nrt":
 _NO_ENTRY: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _CALLED: dict[str, Any] = {"cache": True, "no_cfunc_wrapper": True, "pipeline_class": KernelCompiler}
 
-make_scalar = Scalar
+_UNCALLED: dict[str, Any] = {**_NO_ENTRY, "pipeline_class": InlinedCompiler}
 
-
-def make_lanes(function: Any) -> Any:
-    """What ``jit.lanes`` says."""
-    return numba.njit(**_INLINED, **_NO_ENTRY, pipeline_class=InlinedCompiler)(function)
-
-
-def make_routine(function: Any) -> Any:
-    """What ``jit.routine`` says."""
-    options = {**_INLINED, "forceinline": False}
-    return numba.njit(**options, **_NO_ENTRY, pipeline_class=InlinedCompiler)(function)
-
-
-def make_kernel(function: Any) -> Any:
-    """What ``jit.kernel`` says."""
-    return numba.njit(nogil=True, error_model="numpy", **_CALLED)(function)
+# What the decorators of :mod:`abhv_mc.jit` make of a function.
+MAKERS: dict[str, Callable[[Any], Any]] = {
+    "scalar": Scalar,
+    "lanes": numba.njit(**_INLINED, **_UNCALLED),
+    "routine": numba.njit(**{**_INLINED, "forceinline": False}, **_UNCALLED),
+    "kernel": numba.njit(nogil=True, error_model="numpy", **_CALLED),
+}
 
 
 # What only numba has; a process without it could not load such code.

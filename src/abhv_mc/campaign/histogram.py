@@ -86,8 +86,9 @@ class Histograms:
         for first in range(0, len(history), _ABREAST):
             if self._filled.max(initial=0) > KEPT + _SPARE - _ABREAST:
                 self._compact()
+            block = np.ascontiguousarray(history[first : first + _ABREAST])
             _count(
-                history[first : first + _ABREAST], self.low, np.float32(1.0) / self.width, self.counts,
+                block, self.low, np.float32(1.0) / self.width, self.counts,
                 self._ends, self._filled, self._threshold,
             )  # fmt: skip
 
