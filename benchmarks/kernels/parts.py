@@ -27,14 +27,14 @@ from abhv_mc.flight.memory import has_width, make_memory
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.observe import judge, measure, start_observing
 from abhv_mc.flight.plan import LANES, FlightPlan
-from abhv_mc.flight.sensors import sense
+from abhv_mc.flight.sensors import find_faults, sense
 from abhv_mc.flight.start import start_flights
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
 from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
 from abhv_mc.plant.aerodynamics import build_up, find_cells, interpolate_groups
 from abhv_mc.plant.air_data import air_data, deflections
-from abhv_mc.plant.disturbance import disturb
+from abhv_mc.plant.disturbance import disturb, find_unrest
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
 from abhv_mc.vehicle.arrays import Floats
 from benchmarks.document import replace_part, write_json
@@ -85,6 +85,7 @@ def run_part(
     start_flights(Z, width, start)
     prepare_actuators(Z, width, vehicle.constants, step)
     start_observing(Z, O, width)
+    unrest, faults = find_unrest(Z, width), find_faults(Z, width)
     still = runge_kutta_stage(0, 0.0)  # the state stays where it is
     evaluate(Z, T, width, vehicle, earth, cells, still, False)
     for _ in range(calls):
@@ -107,8 +108,8 @@ def run_part(
             finish_step(Z, width, step, O[observe.ALIVE])
         elif part == 8:
             navigate(Z, width, step, False)
-            disturb(Z, width, step, step, False)
-            sense(Z, width, step, 1)
+            disturb(Z, width, unrest, step, step, False)
+            sense(Z, width, faults, step, 1)
         elif part == 9:
             judge(Z, O, width, limits, 1)
             measure(Z, O, width, vehicle, reference, 1, step)

@@ -13,14 +13,14 @@ from abhv_mc.flight import observe
 from abhv_mc.flight.memory import Z_ROWS, has_width
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.observe import finish_metrics, judge, measure, record, record_states, start_observing
-from abhv_mc.flight.sensors import sense
+from abhv_mc.flight.sensors import find_faults, sense
 from abhv_mc.flight.start import start_flights
 from abhv_mc.jit import lanes, standalone
 from abhv_mc.plant import state as s
 from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
 from abhv_mc.plant.aerodynamics import build_up, look_up
 from abhv_mc.plant.air_data import air_data, deflections, move_air
-from abhv_mc.plant.disturbance import any_lane, disturb
+from abhv_mc.plant.disturbance import any_lane, disturb, find_unrest
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
 
 CLOSING = 500  # ticks after which flights close ranks
@@ -73,10 +73,11 @@ def fly_ticks(
     """One group of flights from ``first_tick`` to before tick ``end``, or until none of them flies."""
     cells, _, _ = scratch
     tick_length = step * steps_per_tick
+    unrest, faults = find_unrest(Z, width), find_faults(Z, width)
     for tick in range(first_tick, end):
         navigate(Z, width, tick_length, tick == 0)
-        windy = disturb(Z, width, tick * tick_length, tick_length, tick == 0)
-        sense(Z, width, tick_length, tick)
+        disturb(Z, width, unrest, tick * tick_length, tick_length, tick == 0)
+        sense(Z, width, faults, tick_length, tick)
         if law == TLC:
             tlc_tick(
                 Z,
@@ -102,7 +103,7 @@ def fly_ticks(
         flying = True
         for evaluation in range(4 * steps_per_tick):  # one loop, so that its code is there once
             stage = evaluation % 4
-            evaluate(Z, T, width, vehicle, earth, cells, runge_kutta_stage(stage, step), windy)
+            evaluate(Z, T, width, vehicle, earth, cells, runge_kutta_stage(stage, step), unrest.windy)
             if evaluation == 0:
                 judge(Z, O, width, limits, tick)
                 measure(Z, O, width, vehicle, reference, tick, tick_length)

@@ -1,5 +1,7 @@
 """What the sensors make of the truth: bias, white noise and delay. The control laws see nothing else."""
 
+from typing import NamedTuple
+
 from abhv_mc.jit import lanes
 from abhv_mc.plant.disturbance import any_lane, draw_normals, seed_stream
 from abhv_mc.plant.state import DELAY, MAX_DELAY_TICKS, MEASURED, N_MEASURED, NOISE, parameter_row
@@ -11,13 +13,26 @@ _SEED = parameter_row("sensor.noise_seed")
 _DELAY = parameter_row("sensor.delay")
 
 
+class Faults(NamedTuple):
+    """What the sensors of any of the flights abreast have."""
+
+    noisy: bool
+    late: bool
+
+
 @lanes
-def sense(Z, width, dt, tick):
+def find_faults(Z, width):
+    """From the parameters, which stay over a flight."""
+    return Faults(any_lane(Z, width, _SIGMA, N_MEASURED, 0.0), any_lane(Z, width, _DELAY, 1, 0.0))
+
+
+@lanes
+def sense(Z, width, faults, dt, tick):
     """Measured rows from the truth in them: add bias and noise, then replace them by older ones."""
     for i in range(N_MEASURED):
         for lane in range(width):
             Z[MEASURED + i, lane] += Z[_BIAS + i, lane]
-    if any_lane(Z, width, _SIGMA, N_MEASURED, 0.0):
+    if faults.noisy:
         if tick == 0:
             seed_stream(Z, width, NOISE, _SEED)
         for i in range(0, N_MEASURED, 2):
@@ -25,7 +40,7 @@ def sense(Z, width, dt, tick):
                 n0, n1 = draw_normals(Z, lane, NOISE)
                 Z[MEASURED + i, lane] += Z[_SIGMA + i, lane] * n0
                 Z[MEASURED + i + 1, lane] += Z[_SIGMA + i + 1, lane] * n1
-    if any_lane(Z, width, _DELAY, 1, 0.0):
+    if faults.late:
         delay(Z, width, dt, tick)
 
 

@@ -3,6 +3,8 @@
 Held over the control period. A flight without them gets exact zeros and ones, so its bits do not change.
 """
 
+from typing import NamedTuple
+
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.quaternion import rotate_to_body
 from abhv_mc.numerics.random_numbers import N_STATE, next_uniform, normal_pair, seed_word
@@ -79,26 +81,37 @@ def draw_normals(Z, lane, r):
     return normal_pair(u1, u2)
 
 
-@lanes
-def disturb(Z, width, time, dt, first):
-    """Gust velocity in body axes and density factor of the tick that begins at ``time`` (s).
+class Unrest(NamedTuple):
+    """What any of the flights abreast has; what none has is never worked out."""
 
-    Returns whether the air moves anywhere: where it does not, its velocity is never worked out.
-    """
+    gusty: bool
+    turbulent: bool
+    uneven: bool  # a density profile
+    windy: bool  # the air moves: any wind, a gust or turbulence
+
+
+@lanes
+def find_unrest(Z, width):
+    """From the parameters, which stay over a flight."""
+    gusty, turbulent = any_lane(Z, width, _GUST, 3, 0.0), any_lane(Z, width, _SIGMA, 1, 0.0)
+    windy = gusty or turbulent or any_lane(Z, width, _WIND, 4, 0.0)
+    return Unrest(gusty, turbulent, any_lane(Z, width, _PROFILE, _KNOTS, 1.0), windy)
+
+
+@lanes
+def disturb(Z, width, unrest, time, dt, first):
+    """Gust velocity in body axes and density factor of the tick that begins at ``time`` (s)."""
     for lane in range(width):
         Z[s.GUST_U, lane] = 0.0
         Z[s.GUST_V, lane] = 0.0
         Z[s.GUST_W, lane] = 0.0
         Z[s.DENSITY_PROFILE, lane] = 1.0
-    gusty = any_lane(Z, width, _GUST, 3, 0.0)
-    if gusty:
+    if unrest.gusty:
         gust(Z, width, time)
-    turbulent = any_lane(Z, width, _SIGMA, 1, 0.0)
-    if turbulent:
+    if unrest.turbulent:
         turbulence(Z, width, dt, first)
-    if any_lane(Z, width, _PROFILE, _KNOTS, 1.0):
+    if unrest.uneven:
         density_profile(Z, width)
-    return gusty or turbulent or any_lane(Z, width, _WIND, 4, 0.0)
 
 
 @lanes
