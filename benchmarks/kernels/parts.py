@@ -19,7 +19,8 @@ import numpy as np
 from abhv_mc.bench.operations import count_operations
 from abhv_mc.bench.speed import make_work
 from abhv_mc.control.lqr import lqr_tick
-from abhv_mc.control.tlc import nominal_variables, nominal_vehicle, tlc_attitude, tlc_guidance, trim_data
+from abhv_mc.control.tlc import T_LIFT, nominal_variables, nominal_vehicle, tlc_attitude, tlc_guidance
+from abhv_mc.control.trim_lookup import look_up_trim
 from abhv_mc.flight import observe
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.lanes import evaluate, start_lanes
@@ -76,8 +77,8 @@ def run_part(
     """One part ``calls`` times at the start of the mission. tlc, lqr: (gains, settings)."""
     if not has_width(memory, LANES):
         return 0.0
-    Z, O, T, cells, trim_hints, high, unit_factors, _, order = memory
-    scratch = (cells, trim_hints, high)
+    Z, O, T, cells, trim_cells, high, unit_factors, _, order = memory
+    scratch = (cells, trim_cells, high)
     width = Z.shape[1]
     for lane in range(width):
         order[lane] = lane
@@ -121,7 +122,7 @@ def run_part(
             nominal_variables(Z, width, vehicle, reference, 1)
             nominal_vehicle(Z, T, width, vehicle, effectiveness, scratch, unit_factors)
         elif part == 13:
-            trim_data(Z, width, trim, trim_hints, cells.row, high)
+            look_up_trim(Z, width, trim, trim_cells, s.ALPHA_CMD, s.CMD_ETA, T_LIFT)
         elif part == 14:
             tlc_attitude(Z, width, vehicle, earth, reference, tlc[0], tlc[1], 1, step, False)
     return Z[s.X, 0]

@@ -19,16 +19,15 @@ from abhv_mc.control.tlc_loops import (
     moment_inverse,
     rate_gains,
 )
+from abhv_mc.control.trim_lookup import look_up_trim
 from abhv_mc.jit import lanes, scalar
 from abhv_mc.numerics.angles import clamp, wrap
 from abhv_mc.numerics.lane_math import exp, sincos
-from abhv_mc.numerics.tables import bracket, interpolate_2d, natural
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import build_up, look_up
 from abhv_mc.plant.air_data import set_effectors
 from abhv_mc.plant.effectiveness import N_INPUTS, slopes_of_coefficients, table_slopes
 from abhv_mc.plant.state import LAW, N_COEFFICIENTS, variable_row
-from abhv_mc.vehicle.arrays import CHUNK
 from abhv_mc.world.atmosphere import atmosphere_lanes
 
 _ONE = variable_row("one")
@@ -55,9 +54,6 @@ T_LIFT, T_DRAG, T_THRUST, T_LIFT_SLOPE, T_THRUST_SLOPE = range(LAW + 15, LAW + 2
 RHO_NOM = LAW + 20
 SLOPES = LAW + 21
 N_ROWS = 21 + N_COEFFICIENTS * N_INPUTS
-
-# Rows of the trim tables, in the order of abhv_mc.control.trim_tables.TRIM_ROWS.
-_TRIM_LIFT, _TRIM_DRAG, _TRIM_THRUST = 1, 2, 3
 
 
 @scalar
@@ -135,44 +131,6 @@ def nominal_variables(Z, width, vehicle, reference, k):
         Z[_ALTITUDE, lane] = Z[s.M_ALTITUDE, lane]
         Z[_MASS, lane] = reference[k, ref.MASS]
     set_effectors(Z, width, vehicle.effector_mix)
-
-
-@scalar
-def axis_nodes(tables, axis):
-    """Grid and inverse steps of one axis."""
-    start = tables.axis_start[axis]
-    end = start + tables.axis_length[axis]
-    return tables.grid[start:end], tables.inverse_step[start:end]
-
-
-@lanes
-def trim_data(Z, width, trim, hints, low, high):
-    """Trimmed lift, drag and thrust coefficients at (Mach, commanded alpha, eta), and their slopes with alpha.
-
-    low, high [CHUNK] are scratch: a node's trim rows are one vector.
-    """
-    s0, s1, s2 = trim.group_stride[0, 0], trim.group_stride[0, 1], trim.group_stride[0, 2]
-    grid_0, step_0 = axis_nodes(trim, 0)
-    grid_1, step_1 = axis_nodes(trim, 1)
-    grid_2, step_2 = axis_nodes(trim, 2)
-    for lane in range(width):
-        i0, t0 = bracket(grid_0, step_0, grid_0.size, hints[0, lane], Z[_MACH, lane])
-        i1, t1 = bracket(grid_1, step_1, grid_1.size, hints[1, lane], Z[s.ALPHA_CMD, lane])
-        i2, t2 = bracket(grid_2, step_2, grid_2.size, hints[2, lane], Z[s.CMD_ETA, lane])
-        hints[0, lane] = i0
-        hints[1, lane] = i1
-        hints[2, lane] = i2
-        corner = natural(trim.group_start[0] + i0 * s0 + i1 * s1 + i2 * s2)
-        interpolate_2d(trim.data, corner, s0, s2, t0, t2, CHUNK, low)
-        interpolate_2d(trim.data, corner + s1, s0, s2, t0, t2, CHUNK, high)
-        lift, drag, thrust = low[_TRIM_LIFT], low[_TRIM_DRAG], low[_TRIM_THRUST]
-        lift_up, drag_up, thrust_up = high[_TRIM_LIFT], high[_TRIM_DRAG], high[_TRIM_THRUST]
-        inverse = step_1[i1]
-        Z[T_LIFT, lane] = (1.0 - t1) * lift + t1 * lift_up
-        Z[T_DRAG, lane] = (1.0 - t1) * drag + t1 * drag_up
-        Z[T_THRUST, lane] = (1.0 - t1) * thrust + t1 * thrust_up
-        Z[T_LIFT_SLOPE, lane] = (lift_up - lift) * inverse
-        Z[T_THRUST_SLOPE, lane] = (thrust_up - thrust) * inverse
 
 
 @lanes
@@ -325,9 +283,9 @@ def tlc_tick(
     Z, T, width, vehicle, trim, effectiveness, earth, reference, gains, settings, k, dt, first, scratch, unit_factors
 ):
     """Commands from the measurement at control tick ``k``."""
-    cells, trim_hints, high = scratch
+    _, trim_cells, _ = scratch
     tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt)
     nominal_variables(Z, width, vehicle, reference, k)
     nominal_vehicle(Z, T, width, vehicle, effectiveness, scratch, unit_factors)
-    trim_data(Z, width, trim, trim_hints, cells.row, high)
+    look_up_trim(Z, width, trim, trim_cells, s.ALPHA_CMD, s.CMD_ETA, T_LIFT)
     tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, first)

@@ -12,15 +12,16 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.control.trim_lookup import AXES, TrimCells
 from abhv_mc.flight import observe
 from abhv_mc.flight.fly import check_parameters, make_block, make_results
 from abhv_mc.flight.lanes import LAWS, fly_groups
-from abhv_mc.flight.memory import TRIM_AXES, Z_ROWS
+from abhv_mc.flight.memory import Z_ROWS
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.jit_cuda import cuda, device_kernel, find_device, uncontracted
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import Cells
-from abhv_mc.vehicle.arrays import Floats
+from abhv_mc.vehicle.arrays import CHUNK, Floats
 
 THREADS = 32  # of a block: one warp, so that flights that end early free their place soonest
 CAMPAIGN_BATCH = 16_384  # flights of a campaign's block: half of what an H200 flies at once, and a GB of history
@@ -74,15 +75,25 @@ def make_flight_kernel(
                 cuda.local.array((4, 1), np.float64),
                 cuda.local.array(scratch_rows, np.float64),
             )
-            trim_hints = cuda.local.array((TRIM_AXES, 1), np.int64)
+            trim_cells = TrimCells(
+                cuda.local.array((AXES, 1), np.int64),
+                cuda.local.array((AXES, 1), np.float64),
+                cuda.local.array((AXES, 1), np.float64),
+                cuda.local.array((AXES, 1), np.float64),
+                cuda.local.array((AXES, 1), np.float64),
+                cuda.local.array(CHUNK, np.float64),
+                cuda.local.array(CHUNK, np.float64),
+            )
             high = cuda.local.array(scratch_rows, np.float64)
             for i in range(axes):
                 cells.cell[i, 0] = 0
                 cells.fraction[i, 0] = 0.0
                 cells.lowest[i] = 0
                 cells.spread[i] = 0
-            for i in range(TRIM_AXES):
-                trim_hints[i, 0] = 0
+            for i in range(AXES):
+                trim_cells.cell[i, 0] = 0
+                trim_cells.low[i, 0] = 0.0
+                trim_cells.high[i, 0] = 0.0
             for sample in range(history.shape[1]):
                 for channel in range(history.shape[2]):
                     history[flight, sample, channel] = math.nan
@@ -97,7 +108,7 @@ def make_flight_kernel(
                 1,
                 kept,
                 order,
-                (cells, trim_hints, high),
+                (cells, trim_cells, high),
                 unit_factors,
                 vehicle,
                 trim,
@@ -128,8 +139,8 @@ def kernel_of(plan: FlightPlan, max_registers: int | None = None) -> Any:
     """The kernel that a plan needs."""
     tables, slopes = plan.vehicle.tables, plan.effectiveness
     rows = [tables.n_rows, *(slopes.slope_row + tables.group_width[slopes.slope_group])]
-    scratch = max(int(tables.group_width.max()), int(plan.trim_tables.group_width.max()))
-    axes = max(int(tables.axis_start.size), TRIM_AXES)
+    scratch = int(tables.group_width.max())
+    axes = int(tables.axis_start.size)
     return make_flight_kernel(LAWS[plan.law], int(max(rows)), axes, scratch, max_registers)
 
 

@@ -294,7 +294,7 @@ def make_fly_lanes(capacity: int) -> Callable[..., None]:
                 memory.Z.shape[1],
                 memory.kept,
                 memory.order,
-                (memory.cells, memory.trim_hints, memory.high),
+                (memory.cells, memory.trim, memory.high),
                 memory.unit_factors,
                 vehicle,
                 trim,

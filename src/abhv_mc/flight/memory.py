@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.control import tlc
+from abhv_mc.control.trim_lookup import TrimCells, make_trim_cells
 from abhv_mc.flight import observe
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.lane_memory import aligned_zeros
@@ -16,7 +17,6 @@ TOGETHER = 256  # flights that close ranks: what they remember stays near the pr
 
 Z_ROWS = s.LAW + tlc.N_ROWS
 KEPT_ROWS = Z_ROWS + observe.N_ROWS
-TRIM_AXES = 3
 
 
 class Memory(NamedTuple):
@@ -26,7 +26,7 @@ class Memory(NamedTuple):
     O: Floats  # [row, lane] what is observed
     T: Floats  # [table row, lane]
     cells: Cells
-    trim_hints: Ints  # [trim axis, lane]
+    trim: TrimCells
     high: Floats  # [table row], for slopes
     unit_factors: Ints  # [term] the parameter that is 1, for the nominal vehicle
     kept: Floats  # [flight, row] what waiting flights remember
@@ -40,7 +40,7 @@ def make_memory(width: int, terms: int) -> Memory:
         aligned_zeros((observe.N_ROWS, width)),
         aligned_zeros((s.MAX_TABLE_ROWS, width)),
         make_cells(width),
-        aligned_zeros((TRIM_AXES, width), np.int64),
+        make_trim_cells(width),
         aligned_zeros(s.MAX_TABLE_ROWS),
         np.zeros(terms, np.int64),
         aligned_zeros((TOGETHER, KEPT_ROWS)),
@@ -58,5 +58,9 @@ def has_width(memory, width):
         and memory.cells.cell.shape[1] == width
         and memory.cells.fraction.shape[1] == width
         and memory.cells.weight.shape[1] == width
-        and memory.trim_hints.shape[1] == width
+        and memory.trim.cell.shape[1] == width
+        and memory.trim.low.shape[1] == width
+        and memory.trim.high.shape[1] == width
+        and memory.trim.per_step.shape[1] == width
+        and memory.trim.fraction.shape[1] == width
     )
