@@ -180,13 +180,22 @@ class StandaloneCompiler(_Compiler):
         return result._replace(entry_point=set[Any]().remove)
 
 
-class Scalar(CPUDispatcher):
+class Inlined(CPUDispatcher):
+    """A function that compiled code calls, compiled once for all constants in its arguments."""
+
+    def __init__(self, function: Any, **options: Any) -> None:
+        super().__init__(function, targetoptions={"nopython": True, **options}, pipeline_class=InlinedCompiler)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """What a call returns; to numba each constant is a type of its own."""
+        return super().get_call_template(tuple(map(types.unliteral, args)), kws)
+
+
+class Scalar(Inlined):
     """A function that is inlined where compiled code calls it, and compiled by itself where Python does."""
 
     def __init__(self, function: Any) -> None:
-        super().__init__(
-            function, targetoptions={"nopython": True, **_INLINED, **_NO_ENTRY}, pipeline_class=InlinedCompiler
-        )
+        super().__init__(function, **_INLINED, **_NO_ENTRY)
         self._called = numba.njit(**_INLINED, **_CALLED)(function)
 
     def __call__(self, *arguments: Any) -> Any:
@@ -199,13 +208,11 @@ _INLINED: dict[str, Any] = {"forceinline": True, "error_model": "numpy", "_nrt":
 _NO_ENTRY: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _CALLED: dict[str, Any] = {"cache": True, "no_cfunc_wrapper": True, "pipeline_class": KernelCompiler}
 
-_UNCALLED: dict[str, Any] = {**_NO_ENTRY, "pipeline_class": InlinedCompiler}
-
 # What the decorators of :mod:`abhv_mc.jit` make of a function.
 MAKERS: dict[str, Callable[[Any], Any]] = {
     "scalar": Scalar,
-    "lanes": numba.njit(**_INLINED, **_UNCALLED),
-    "routine": numba.njit(**{**_INLINED, "forceinline": False}, **_UNCALLED),
+    "lanes": lambda function: Inlined(function, **_INLINED, **_NO_ENTRY),
+    "routine": lambda function: Inlined(function, **{**_INLINED, "forceinline": False}, **_NO_ENTRY),
     "kernel": numba.njit(nogil=True, error_model="numpy", **_CALLED),
 }
 
