@@ -232,12 +232,13 @@ def make_machine_code(function: Any, arguments: tuple[Any, ...]) -> MachineCode:
     signature = tuple(map(numba.typeof, arguments))
     dispatcher.compile(signature)
     made = dispatcher.overloads[signature]
-    called = [each.name for each in made.library._final_module.functions if each.is_declaration]
+    code: _StandaloneLibrary = made._asdict()["library"]
+    called = [each.name for each in code._final_module.functions if each.is_declaration]
     needs = tuple(name for name in called if not name.startswith("llvm."))
     numbas = [name for name in needs if name.startswith(_NUMBAS)]
     if numbas or made.signature.return_type != types.none:
         raise TypeError(f"{function.__qualname__} returns {made.signature.return_type}, and needs {numbas}")
-    return MachineCode(made.fndesc.llvm_func_name, needs, made.library.object)
+    return MachineCode(made.fndesc.llvm_func_name, needs, code.object)
 
 
 class _Compiling(event.Listener):

@@ -13,7 +13,6 @@ import contextlib
 import ctypes
 import hashlib
 import os
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -21,6 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from abhv_mc.code_cache import whole
 
 Kinds = tuple[Any, ...]
 
@@ -108,16 +109,8 @@ def keep_code(file: Path, made_for: str, code: MachineCode) -> None:
     """Keep code in a file; a disk that takes no more is no fault."""
     head = "\n".join((made_for.replace("\n", " "), code.symbol, " ".join(code.needs), "")).encode()
     content = head + code.data
-    with contextlib.suppress(OSError):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".part", delete=False) as aside:
-            try:
-                aside.write(hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
-                aside.close()
-                Path(aside.name).replace(file)
-            except OSError:
-                Path(aside.name).unlink(missing_ok=True)
-                raise
+    with contextlib.suppress(OSError), whole(file) as stream:
+        stream.write(hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
 
 
 def recall_code(file: Path, made_for: str) -> MachineCode | None:

@@ -84,26 +84,21 @@ def load(name: str, *, off_axis: bool) -> Vehicle:
     return vehicle._replace(constants=vehicle.constants._replace(drag_in_wind_axes=1.0))
 
 
+def look_at(vehicle: Vehicle, point: dict[str, Floats]) -> tuple[Floats, Floats, Floats]:
+    """Moments, their slopes and the slope of CY, as :func:`compute` gives them."""
+    moments, slopes, side = np.empty((3, N)), np.empty((3, 3, N)), np.empty(N)
+    effectiveness, cells = make_effectiveness(vehicle), make_cells(_CAPACITY)
+    variables, speed = make_variables(vehicle, **point), point["mach"] * AIR.sound_speed
+    compute(vehicle, effectiveness, cells, N, variables, AIR.density, speed, moments, slopes, side)
+    return moments, slopes, side
+
+
 @pytest.mark.parametrize("off_axis", [False, True])
 @pytest.mark.parametrize("name", ["ghame_x_coupled", "winged_cone"])
 def test_moment_and_effectiveness_are_the_design_models(name: str, off_axis: bool) -> None:
     vehicle = load(name, off_axis=off_axis)
     point = draw_points(vehicle, (4.1, 14.5))
-    speed = point["mach"] * AIR.sound_speed
-    moments, slopes, side = np.empty((3, N)), np.empty((3, 3, N)), np.empty(N)
-    variables = make_variables(vehicle, **point)
-    compute(
-        vehicle,
-        make_effectiveness(vehicle),
-        make_cells(_CAPACITY),
-        N,
-        variables,
-        AIR.density,
-        speed,
-        moments,
-        slopes,
-        side,
-    )
+    moments, slopes, _ = look_at(vehicle, point)
 
     deflections = np.stack([point[axis] for axis in INPUTS[:3]])
     expected = wrench_of(vehicle, point, point["sideslip"], deflections).moment
@@ -124,21 +119,7 @@ def test_side_force_slope_is_the_design_models(name: str, off_axis: bool) -> Non
     vehicle = load(name, off_axis=off_axis)
     point = draw_points(vehicle, (4.1, 14.5)) | {"sideslip": np.zeros(N), "equivalence_ratio": np.zeros(N)}
     point |= {"aileron": np.zeros(N), "rudder": np.zeros(N)}
-    speed = point["mach"] * AIR.sound_speed
-    moments, slopes, side = np.empty((3, N)), np.empty((3, 3, N)), np.empty(N)
-    variables = make_variables(vehicle, **point)
-    compute(
-        vehicle,
-        make_effectiveness(vehicle),
-        make_cells(_CAPACITY),
-        N,
-        variables,
-        AIR.density,
-        speed,
-        moments,
-        slopes,
-        side,
-    )
+    _, _, side = look_at(vehicle, point)
 
     for lane in range(N):
         here = {key: value[lane] for key, value in point.items()}
@@ -152,6 +133,6 @@ def test_side_force_slope_is_the_design_models(name: str, off_axis: bool) -> Non
 
         expected = slope(wind_side_force, [0.0])[0, 0]
         force = wrench_of(vehicle, here, 0.0, deflections).force
-        q_s = 0.5 * AIR.density * speed[lane] ** 2 * vehicle.constants.area
+        q_s = 0.5 * AIR.density * (here["mach"] * AIR.sound_speed) ** 2 * vehicle.constants.area
         drag = -(force[0] * np.cos(alpha) + force[2] * np.sin(alpha)) / q_s
         assert side_force_slope(vehicle.constants, q_s, side[lane], drag) == pytest.approx(expected, rel=1e-9)

@@ -22,7 +22,7 @@ class TrimCells(NamedTuple):
     """Where each lane stands on each axis, and room for what its tables give."""
 
     cell: Ints  # [axis, lane]
-    low: Floats  # [axis, lane] the cell's ends: a command stays between them for a hundred ticks
+    low: Floats  # [axis, lane] the cell's ends, between which a command mostly stays
     high: Floats  # [axis, lane]
     per_step: Floats  # [axis, lane] 1 / length
     fraction: Floats  # [axis, lane] of the length
@@ -45,7 +45,7 @@ def make_trim_cells(width: int) -> TrimCells:
 
 @lanes
 def follow(Z, W, row, tables, axis, cells):
-    """Cell and fraction of every lane on one axis; searched only when one has left its cell (a third of the ticks)."""
+    """Cell and fraction of every lane on one axis; searched only when one has left its cell."""
     left = False
     for lane in range(W):
         x, low = Z[row, lane], cells.low[axis, lane]

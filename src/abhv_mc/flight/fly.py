@@ -75,8 +75,9 @@ def fly(
     nor on how many fly abreast (``lanes``). Releases the interpreter's lock, so threads may call it side by side.
     Raises ValueError for an array of the wrong shape.
     """
+    parameters = check_parameters(parameters)
     every = record_every or 0
-    results = make_results(plan, len(check_parameters(parameters)), every, keep_states)
+    results = make_results(plan, len(parameters), every, keep_states)
     compiled_flight(lanes)(*flight_arguments(plan, parameters, results, every, lanes))
     return make_block(plan, results, every)
 
@@ -98,7 +99,7 @@ def flight_arguments(plan: FlightPlan, parameters: Floats, results: Results, eve
         timing.steps_per_tick,
         timing.ticks,
         every,
-        check_parameters(parameters),
+        parameters,
         plan.initial_state,
         *results,
         make_memory(lanes, plan.vehicle.build_up.factor.size),

@@ -7,7 +7,6 @@ all numbers of its vehicle, mission and controller. Names and times of files do 
 import contextlib
 import hashlib
 import os
-import tempfile
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any, get_type_hints
 import numpy as np
 import scipy
 
-from abhv_mc.code_cache import cache_folder
+from abhv_mc.code_cache import cache_folder, whole
 from abhv_mc.control.controller_file import Controller
 from abhv_mc.control.mission import Mission, Recorded
 from abhv_mc.flight.plan import FlightPlan
@@ -54,15 +53,8 @@ def keep_plan(file: Path, plan: FlightPlan) -> None:
     """Keep a plan, and only the latest few; a disk that takes no more is no fault."""
     values = dict(pair for name in get_type_hints(FlightPlan) for pair in _flatten(getattr(plan, name), name))
     with contextlib.suppress(OSError):
-        file.parent.mkdir(exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".part", delete=False) as aside:
-            try:
-                np.savez(aside, **values)
-                aside.close()
-                Path(aside.name).replace(file)
-            except OSError:
-                Path(aside.name).unlink(missing_ok=True)
-                raise
+        with whole(file) as stream:
+            np.savez(stream, **values)
         latest_first = sorted(file.parent.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
         for old in latest_first[KEPT:]:
             old.unlink(missing_ok=True)

@@ -10,10 +10,7 @@ from abhv_mc.jit import scalar
 
 @scalar
 def natural(i):
-    """An index that is never negative, and known to be: no code to count negative ones from the end.
-
-    (A third of the look-up's instructions were that.)
-    """
+    """An index that is never negative, and known to be: no code to count negative ones from the end."""
     return i & 0x7FFFFFFF
 
 

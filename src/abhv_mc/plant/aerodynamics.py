@@ -24,15 +24,15 @@ class Cells(NamedTuple):
     row: Floats  # [table row]
 
 
-def make_cells(width: int, axes: int = MAX_AXES, rows: int = MAX_TABLE_ROWS) -> Cells:
+def make_cells(width: int) -> Cells:
     """The memory of ``width`` lanes that have looked nothing up yet."""
     return Cells(
-        aligned_zeros((axes, width), np.int64),
-        aligned_zeros((axes, width)),
-        aligned_zeros(axes, np.int64),
-        aligned_zeros(axes, np.int64),
+        aligned_zeros((MAX_AXES, width), np.int64),
+        aligned_zeros((MAX_AXES, width)),
+        aligned_zeros(MAX_AXES, np.int64),
+        aligned_zeros(MAX_AXES, np.int64),
         aligned_zeros((4, width)),
-        aligned_zeros(rows),
+        aligned_zeros(MAX_TABLE_ROWS),
     )
 
 

@@ -96,7 +96,7 @@ def flow_direction(u, v, w):
 def flow_angles(Z, width, alpha_row, beta_row):
     """Angle of attack and sideslip from the sines and cosines of the air data.
 
-    In most flights the air comes from ahead: then there are no octants to tell apart (air data take a seventh less).
+    In most flights the air comes from ahead: then there are no octants to tell apart.
     """
     from_the_side = False
     for lane in range(width):

@@ -166,7 +166,7 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
 
 
 def _in_turns(terms: list[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
-    """Terms with the coefficients taking turns: a sum need not wait for its own last term (build-up a third faster)."""
+    """Terms with the coefficients taking turns: a sum need not wait for its own last term."""
     seen: Counter[int] = Counter()
     turns = []
     for term in terms:
