@@ -7,7 +7,6 @@ import tempfile
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
-from typing import IO
 
 _PACKAGE = Path(__file__).parent
 _COMPILED_FILES = ("code_cache.py", "machine_code.py", "jit.py", "jit_compiler.py", "jit_cuda.py")
@@ -49,20 +48,6 @@ def cache_folder() -> Path:
         folder = Path(tempfile.gettempdir()) / f"abhv-mc-{os.getuid()}" / _SOURCE
         folder.mkdir(parents=True, exist_ok=True)
     return folder
-
-
-@contextlib.contextmanager
-def whole(file: Path) -> Iterator[IO[bytes]]:
-    """A stream whose content becomes the file at once, or not at all. Its folder is made where it is missing."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".part", delete=False) as aside:
-        try:
-            yield aside
-            aside.close()
-            Path(aside.name).replace(file)
-        except BaseException:
-            Path(aside.name).unlink(missing_ok=True)
-            raise
 
 
 @contextlib.contextmanager

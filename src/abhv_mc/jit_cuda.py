@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast
 
 import numba.cuda
 
-from abhv_mc.input_error import Refusal
+from abhv_mc.io.input_error import Refusal
 from abhv_mc.jit import Compiled, load_compiler
 
 load_compiler()  # which sets numba's cache folder, too: kernels lie there

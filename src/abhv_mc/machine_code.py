@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.code_cache import whole
+from abhv_mc.io.atomic_write import atomic_write
 
 Kinds = tuple[Any, ...]
 
@@ -109,8 +109,8 @@ def keep_code(file: Path, made_for: str, code: MachineCode) -> None:
     """Keep code in a file; a disk that takes no more is no fault."""
     head = "\n".join((made_for.replace("\n", " "), code.symbol, " ".join(code.needs), "")).encode()
     content = head + code.data
-    with contextlib.suppress(OSError), whole(file) as stream:
-        stream.write(hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
+    with contextlib.suppress(OSError), atomic_write(file) as aside:
+        aside.write_bytes(hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
 
 
 def recall_code(file: Path, made_for: str) -> MachineCode | None:

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from abhv_mc.cli.verify import app
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 
 FIELDS = ["case", "simulator", "quantity", "unit", "difference", "tolerance", "ok"]
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import Field, model_validator
 
-from abhv_mc.documents import (
+from abhv_mc.io.documents import (
     Document,
     File,
     InputError,
@@ -20,7 +20,7 @@ from abhv_mc.documents import (
     validate,
     write_document,
 )
-from abhv_mc.units import Fraction, Length
+from abhv_mc.io.units import Fraction, Length
 
 
 class Uniform(StrictModel):

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from abhv_mc import units
-from abhv_mc.input_error import Refusal
-from abhv_mc.units import DIMENSIONS, Dimension, format_quantity, parse_in_unit, parse_quantity
+from abhv_mc.io import units
+from abhv_mc.io.input_error import Refusal
+from abhv_mc.io.units import DIMENSIONS, Dimension, format_quantity, parse_in_unit, parse_quantity
 
 
 @pytest.mark.parametrize(

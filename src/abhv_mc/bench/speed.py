@@ -11,8 +11,8 @@ from statistics import median
 
 from abhv_mc.bench.operations import Operations, count_operations
 from abhv_mc.bench.peak import measure_peak
-from abhv_mc.campaign.check import read_campaign
-from abhv_mc.campaign.samples import make_samples, spread_parameters
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.flight.prepare import prepare
@@ -81,7 +81,7 @@ def make_work(flights: int) -> tuple[dict[str, FlightPlan], Floats]:
     campaign = read_campaign(shipped_campaigns() / "s_manoeuvre.yaml")
     model = campaign.model
     plans = {name: prepare(model.vehicle, model.mission, model.controllers[name], name) for name in CONTROLLERS}
-    samples = make_samples(campaign)
+    samples = campaign.make_samples()
     return plans, spread_parameters(samples.names, samples.draw(0, flights))
 
 

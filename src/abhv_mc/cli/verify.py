@@ -118,7 +118,7 @@ def _prepare(scale: float, json: Path | None) -> float:
     import math
 
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.input_error import InputError
+    from abhv_mc.io.input_error import InputError
 
     if not (math.isfinite(scale) and scale > 0.0):
         raise InputError("--tolerance-scale", None, None, f"{scale:g}", "a positive number")

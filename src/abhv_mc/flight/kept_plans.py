@@ -15,10 +15,11 @@ from typing import Any, get_type_hints
 import numpy as np
 import scipy
 
-from abhv_mc.code_cache import cache_folder, whole
+from abhv_mc.code_cache import cache_folder
 from abhv_mc.control.controller_file import Controller
 from abhv_mc.control.mission import Mission, Recorded
 from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.vehicle.model import Vehicle
 
 KEPT = 12  # plans of 2 to 3 MB each
@@ -53,7 +54,7 @@ def keep_plan(file: Path, plan: FlightPlan) -> None:
     """Keep a plan, and only the latest few; a disk that takes no more is no fault."""
     values = dict(pair for name in get_type_hints(FlightPlan) for pair in _flatten(getattr(plan, name), name))
     with contextlib.suppress(OSError):
-        with whole(file) as stream:
+        with atomic_write(file) as aside, aside.open("wb") as stream:
             np.savez(stream, **values)
         latest_first = sorted(file.parent.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
         for old in latest_first[KEPT:]:

@@ -1,4 +1,4 @@
-"""YAML text to plain data and the places of its values; used through :mod:`abhv_mc.documents`."""
+"""YAML text to plain data and the places of its values; used through :mod:`abhv_mc.io.documents`."""
 
 import math
 from pathlib import Path
@@ -9,7 +9,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
-from abhv_mc.input_error import InputError, describe
+from abhv_mc.io.input_error import InputError, describe
 
 Place = tuple[int, int]
 Plain = dict[str, Any] | list[Any] | str | int | float | bool | None

@@ -21,8 +21,8 @@ from pydantic import (
     model_validator,
 )
 
-from abhv_mc.document_reader import Place, Plain, compose
-from abhv_mc.input_error import InputError, InputErrors, Refusal, describe, one_of
+from abhv_mc.io.document_reader import Place, Plain, compose
+from abhv_mc.io.input_error import InputError, InputErrors, Refusal, describe, one_of
 
 __all__ = [
     "Document",

@@ -1,4 +1,4 @@
-"""What is said of bad input; apart from :mod:`abhv_mc.documents`, because the command line needs it at once."""
+"""What is said of bad input; apart from :mod:`abhv_mc.io.documents`, because the command line needs it at once."""
 
 import difflib
 from collections.abc import Iterable, Sequence

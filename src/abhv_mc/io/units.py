@@ -13,7 +13,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
-from abhv_mc.input_error import Refusal, describe, one_of
+from abhv_mc.io.input_error import Refusal, describe, one_of
 
 Exponents = tuple[int, int, int, int]  # of metre, kilogram, second, radian
 

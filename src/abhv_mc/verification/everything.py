@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.verification.ghame6 import verify_ghame6
 from abhv_mc.verification.invariants import verify_invariants
 from abhv_mc.verification.look_up import verify_look_up

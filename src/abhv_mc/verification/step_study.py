@@ -10,7 +10,7 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.flight.signals import METRICS
-from abhv_mc.input_error import InputError, one_of
+from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs

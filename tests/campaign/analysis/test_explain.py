@@ -8,11 +8,11 @@ import pyarrow.parquet as pq
 import pytest
 from campaign.fake_flight import ENGINE, LOST_BELOW, fly, write_campaign
 
-from abhv_mc.campaign.explain import explain_flight
-from abhv_mc.campaign.runner import run_campaign
-from abhv_mc.campaign.setup import Request
-from abhv_mc.documents import InputError
+from abhv_mc.campaign.analysis.explain import explain_flight
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
 from abhv_mc.flight.signals import METRIC_INDEX
+from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 
 LIMIT = 1.85
@@ -79,7 +79,7 @@ def test_the_command_prints_the_causes_and_draws_the_flight(flown, table, monkey
 
     from abhv_mc.cli.app import app
 
-    monkeypatch.setattr("abhv_mc.campaign.setup.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.campaign.run.setup.make_engine", lambda: ENGINE)
     flight = int(table.query("outcome != 'ok'").index[0])
     shown = CliRunner().invoke(app, ["explain", str(flown), "--flight", str(flight), "--controller", "two"])
     assert shown.exit_code == 0, shown.exception

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from abhv_mc.campaign.shrink import shrink
+from abhv_mc.campaign.analysis.shrink import shrink
 
 COUNT = 25
 ORDER = np.arange(COUNT)

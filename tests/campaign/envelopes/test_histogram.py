@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.campaign.histogram import BINS, KEPT, Histograms, make_bins
+from abhv_mc.campaign.envelopes.histogram import BINS, KEPT, Histograms, make_bins
 from abhv_mc.store.envelopes import QUANTILES
 
 CELLS = 6

@@ -51,7 +51,7 @@ def test_refused(name, line, column, words, tmp_path, monkeypatch, capsys):
 
 def test_a_controller_without_its_gains(tmp_path, monkeypatch, capsys):
     """Said with the place in the controller's own file."""
-    configs = BAD.parents[2] / "configs"
+    configs = BAD.parents[3] / "configs"
     text = (configs / "control/tlc.yaml").read_text(encoding="utf-8")
     gains = "altitude: {damping: 2.4, bandwidth: 0.03 rad/s}\n"
     assert gains in text

@@ -14,9 +14,9 @@ import pyarrow.parquet as pq
 import pytest
 from campaign.fake_flight import DENSITY, ENGINE, fly, write_campaign
 
-from abhv_mc.campaign.runner import run_campaign
-from abhv_mc.campaign.setup import Request
-from abhv_mc.input_error import InputError
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
+from abhv_mc.io.input_error import InputError
 
 pytest.importorskip("distributed")
 
@@ -123,7 +123,7 @@ def test_a_flight_that_hangs_costs_its_row_there_too(dask, tmp_path):
 
 
 def test_workers_with_other_code_stop_the_campaign(dask, tmp_path):
-    from abhv_mc.campaign.rescue import UnusableError
+    from abhv_mc.campaign.run.retry import UnusableError
 
     dask.start_worker()
     request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=dask.address)
@@ -133,7 +133,7 @@ def test_workers_with_other_code_stop_the_campaign(dask, tmp_path):
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "carrier-pigeon://here:1"])
 def test_no_scheduler_is_bad_input(tmp_path, monkeypatch, address):
-    monkeypatch.setattr("abhv_mc.campaign.cluster._CONNECT", 0.5)
+    monkeypatch.setattr("abhv_mc.campaign.run.cluster._CONNECT", 0.5)
     request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=address)
     with pytest.raises(InputError, match="no scheduler"):
         run_campaign(request, ENGINE)

@@ -7,10 +7,10 @@ import pyarrow.parquet as pq
 import pytest
 from campaign.fake_flight import ENGINE, fly, write_campaign
 
-from abhv_mc.campaign import envelopes
-from abhv_mc.campaign.runner import run_campaign
-from abhv_mc.campaign.setup import Request
-from abhv_mc.input_error import InputError
+from abhv_mc.campaign.envelopes import collector
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
+from abhv_mc.io.input_error import InputError
 
 DAMAGES = {
     "cut short": lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]),
@@ -42,7 +42,7 @@ def interrupted_after(number):
     ("exact", "complete"), [(4096, False), (0, False), (4096, True)], ids=["exact", "histograms", "complete"]
 )
 def test_a_damaged_file_is_mended_or_explained(tmp_path, exact, complete, damage, monkeypatch, capfd):
-    monkeypatch.setattr(envelopes, "EXACT_FLIGHTS", exact)
+    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
     campaign = write_campaign(tmp_path / "f", runs="120", keep=KEEP, execution="{batch: 30}")
     whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
     run_campaign(Request(campaign, tmp_path / "base"), ENGINE if complete else interrupted_after(8))

@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 from campaign.fake_flight import ENGINE, SLOW_ENGINE, write_campaign
 
-from abhv_mc.campaign.check import read_campaign
-from abhv_mc.campaign.estimate import estimate_campaign
-from abhv_mc.campaign.runner import run_campaign
-from abhv_mc.campaign.setup import Request
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.run.estimate import estimate_campaign
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
 
 
 def test_disk_is_what_the_campaign_takes(tmp_path, capfd):

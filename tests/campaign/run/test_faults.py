@@ -17,11 +17,11 @@ import pyarrow.parquet as pq
 import pytest
 from campaign.fake_flight import DENSITY, ENGINE, fly, write_campaign
 
-from abhv_mc.campaign import envelopes
-from abhv_mc.campaign.config import PROCESSES
-from abhv_mc.campaign.rescue import UnusableError
-from abhv_mc.campaign.runner import run_campaign
-from abhv_mc.campaign.setup import Request
+from abhv_mc.campaign.envelopes import collector
+from abhv_mc.campaign.file.config import PROCESSES
+from abhv_mc.campaign.run.retry import UnusableError
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
 from abhv_mc.store.digest import digest_rows
 
 KEEP = "{histories: {flights: [worst 5, every 10], rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
@@ -151,7 +151,7 @@ def test_starts_that_are_killed_are_tried_again_and_cost_no_flight(tmp_path, cap
 
 @pytest.mark.parametrize("exact", [4096, 0])
 def test_killed_workers_lose_nothing(tmp_path, exact, monkeypatch, capfd):
-    monkeypatch.setattr(envelopes, "EXACT_FLIGHTS", exact)
+    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
     campaign = write_campaign(tmp_path / "f", execution="{workers: 2, batch: 4}")
     whole = run_campaign(Request(campaign, tmp_path / "a"), ENGINE).manifest
     moments, kills, ended = random.Random(exact), [], threading.Event()

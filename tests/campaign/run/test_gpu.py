@@ -6,11 +6,11 @@ from dataclasses import replace
 import pytest
 from campaign.fake_flight import ENGINE, fly, prepare, write_campaign
 
-from abhv_mc.campaign.gpu import make_gpu_engine
-from abhv_mc.campaign.runner import run_campaign
-from abhv_mc.campaign.setup import Request
+from abhv_mc.campaign.run.gpu import make_gpu_engine
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
 from abhv_mc.cli.app import main
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 from abhv_mc.jit_cuda import cuda
 
 

@@ -14,10 +14,10 @@ import pyarrow.parquet as pq
 import pytest
 from campaign.fake_flight import ENGINE, SLOW_ENGINE, write_campaign
 
-from abhv_mc.campaign import envelopes
-from abhv_mc.campaign.config import PROCESSES, THREADS
-from abhv_mc.campaign.runner import run_campaign
-from abhv_mc.campaign.setup import Request
+from abhv_mc.campaign.envelopes import collector
+from abhv_mc.campaign.file.config import PROCESSES, THREADS
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
 from abhv_mc.store.folder import StorageFullError
 
 KILLS = {THREADS: 8, PROCESSES: 4}
@@ -27,7 +27,7 @@ SERVER = multiprocessing.get_context("forkserver")
 def fly_in_child(campaign, out, exact, isolation=THREADS):
     os.setsid()  # its workers are found by it
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-    envelopes.EXACT_FLIGHTS = exact
+    collector.EXACT_FLIGHTS = exact
     run_campaign(Request(campaign, out, workers=2), replace(SLOW_ENGINE, isolation=isolation))
 
 
@@ -52,7 +52,7 @@ def in_session(process, session):
 
 @pytest.mark.parametrize(("exact", "isolation"), [(4096, THREADS), (0, THREADS), (0, PROCESSES)])
 def test_random_kills_lose_nothing(tmp_path, exact, isolation, monkeypatch, capfd):
-    monkeypatch.setattr(envelopes, "EXACT_FLIGHTS", exact)
+    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
     campaign = write_campaign(tmp_path / "files", execution="{batch: 16}")
     whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
     moments, kills, folders = random.Random(exact), 0, 0

@@ -8,11 +8,11 @@ import pyarrow.parquet as pq
 import pytest
 from campaign.fake_flight import ENGINE, write_campaign
 
-from abhv_mc.campaign import envelopes
-from abhv_mc.campaign.merge import merge_campaign
-from abhv_mc.campaign.runner import run_campaign
-from abhv_mc.campaign.setup import Request
-from abhv_mc.input_error import InputError
+from abhv_mc.campaign.envelopes import collector
+from abhv_mc.campaign.run.merge import merge_campaign
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
+from abhv_mc.io.input_error import InputError
 from abhv_mc.store.plans import read_plan, write_plan
 
 FILES = ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet", "histories/two-000000.parquet")
@@ -34,7 +34,7 @@ def fly_shards(tmp_path, number=3, **entries):
 @pytest.mark.parametrize("exact", [4096, 0])
 @pytest.mark.parametrize("sampling", ["random", "lhs"])
 def test_merged_shards_are_the_whole_campaign(tmp_path, exact, sampling, monkeypatch):
-    monkeypatch.setattr(envelopes, "EXACT_FLIGHTS", exact)
+    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
     campaign, parts = fly_shards(tmp_path, sampling=sampling, execution="{batch: 33}")
     whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
     merged = merge_campaign([parts[2], parts[0], parts[1]], tmp_path / "merged", ENGINE)

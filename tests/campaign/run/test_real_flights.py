@@ -8,11 +8,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from abhv_mc.campaign.check import read_campaign
-from abhv_mc.campaign.isolation import hire_crew
-from abhv_mc.campaign.replay import replay_flight
-from abhv_mc.campaign.runner import run_campaign
-from abhv_mc.campaign.setup import Request, make_engine
+from abhv_mc.campaign.analysis.replay import replay_flight
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.run.executor import hire_crew
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request, make_engine
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS

@@ -12,11 +12,12 @@ import pyarrow.parquet as pq
 import pytest
 from campaign.fake_flight import ENGINE, fly, write_campaign
 
-from abhv_mc.campaign import envelopes, runner
-from abhv_mc.campaign.runner import run_campaign
-from abhv_mc.campaign.setup import Request
+from abhv_mc.campaign.envelopes import collector
+from abhv_mc.campaign.run import runner
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
 from abhv_mc.flight.signals import CHANNEL_INDEX, METRIC_INDEX
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.store.folder import StorageFullError
 from abhv_mc.store.lock import hold_lock
 
@@ -87,7 +88,7 @@ def test_digest_does_not_depend_on_how_it_is_flown(campaign, tmp_path, options):
 @pytest.mark.parametrize("batch", [16, 100, 1000])
 @pytest.mark.parametrize("exact", [4096, 0])
 def test_block_size_changes_neither_digest_nor_envelopes(tmp_path, batch, exact, monkeypatch):
-    monkeypatch.setattr(envelopes, "EXACT_FLIGHTS", exact)
+    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
     one = run(write_campaign(tmp_path / "f1"), tmp_path / "a")
     two = run(write_campaign(tmp_path / "f2", execution=f"{{batch: {batch}}}"), tmp_path / "b")
     assert one.manifest["digest"] == two.manifest["digest"]
@@ -97,7 +98,7 @@ def test_block_size_changes_neither_digest_nor_envelopes(tmp_path, batch, exact,
 
 @pytest.mark.parametrize("exact", [4096, 0])
 def test_interrupt_keeps_what_landed_and_resume_completes_it(campaign, tmp_path, exact, monkeypatch):
-    monkeypatch.setattr(envelopes, "EXACT_FLIGHTS", exact)
+    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
     whole = run(campaign, tmp_path / "a")
     pilots = 0 if exact else 2
     first = run(campaign, tmp_path / "b", interrupted_after(4 + pilots), workers=1)
@@ -315,7 +316,7 @@ def test_samples_from_a_file_fly_as_they_are(tmp_path):
 def fly_rows(drag):
     from campaign.fake_flight import make_plan
 
-    from abhv_mc.campaign.samples import spread_parameters
+    from abhv_mc.campaign.sampling.samples import spread_parameters
 
     block = fly(make_plan("one"), spread_parameters(("aero.drag",), np.array(drag)[:, None]))
     return block.metrics[:, METRIC_INDEX["altitude_error_max_m"]].tolist()

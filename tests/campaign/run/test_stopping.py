@@ -8,10 +8,10 @@ import pyarrow.parquet as pq
 import pytest
 from campaign.fake_flight import ENGINE, fly, write_campaign
 
-from abhv_mc.campaign.check import read_campaign
-from abhv_mc.campaign.runner import run_campaign
-from abhv_mc.campaign.setup import Request
-from abhv_mc.documents import InputError, read_document
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
+from abhv_mc.io.documents import InputError, read_document
 from abhv_mc.report.numbers import make_numbers
 from abhv_mc.report.results import read_results
 
@@ -130,7 +130,7 @@ def test_what_cannot_be_proven_by_looking_is_refused(tmp_path, entries, words):
 
 
 def test_a_flight_that_could_not_be_computed_counts_as_a_failure(tmp_path):
-    from abhv_mc.campaign.tally import make_tallies
+    from abhv_mc.campaign.run.tally import make_tallies
 
     tallies = make_tallies(read_campaign(make(tmp_path / "f", requirements=PROVEN)))
     (count,) = tallies["one"].requirements

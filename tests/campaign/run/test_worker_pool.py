@@ -11,9 +11,9 @@ import psutil
 import pytest
 from campaign.fake_flight import fly, make_plan
 
-from abhv_mc.campaign import guard as module
-from abhv_mc.campaign.guard import Guard
-from abhv_mc.campaign.rescue import UnusableError
+from abhv_mc.campaign.run import worker_pool as module
+from abhv_mc.campaign.run.retry import UnusableError
+from abhv_mc.campaign.run.worker_pool import Guard
 from abhv_mc.flight.fly import nominal_parameters
 
 

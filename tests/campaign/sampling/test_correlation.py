@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from abhv_mc.campaign.correlation import make_copula, normal_correlation
-from abhv_mc.campaign.designs import Design
+from abhv_mc.campaign.sampling.correlation import make_copula, normal_correlation
+from abhv_mc.campaign.sampling.designs import Design
 
 NAMES = ("atmosphere.density", "aero.lift", "aero.drag", "mass.total")
 PAIRS = {("aero.drag", "aero.lift"): normal_correlation(0.7), ("aero.lift", "mass.total"): -0.4}

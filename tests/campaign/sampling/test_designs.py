@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from abhv_mc.campaign.designs import Design, count_flights
-from abhv_mc.campaign.streams import draw_uniforms, stream_key
+from abhv_mc.campaign.sampling.designs import Design, count_flights
+from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
 
 # First numbers of seed 2014, atmosphere.density.
 PINNED = [0.017774777221241878, 0.20880064504902818]

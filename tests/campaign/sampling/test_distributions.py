@@ -5,9 +5,9 @@ import pytest
 from pydantic import TypeAdapter
 from scipy import stats
 
-from abhv_mc.campaign.designs import Design
-from abhv_mc.campaign.distributions import Distribution
-from abhv_mc.documents import Refusal
+from abhv_mc.campaign.sampling.designs import Design
+from abhv_mc.campaign.sampling.distributions import Distribution
+from abhv_mc.io.documents import Refusal
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 
 DENSITY = PARAMETERS[PARAMETER_INDEX["atmosphere.density"]]

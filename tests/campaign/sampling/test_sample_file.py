@@ -4,9 +4,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from abhv_mc.campaign.check import DISPERSIBLE
-from abhv_mc.campaign.sample_file import read_sample_file
-from abhv_mc.input_error import InputError
+from abhv_mc.campaign.file.check import DISPERSIBLE
+from abhv_mc.campaign.sampling.sample_file import read_sample_file
+from abhv_mc.io.input_error import InputError
 
 
 def test_csv_and_parquet_give_the_same(tmp_path):

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.batches import Fly
-from abhv_mc.campaign.check import CheckedCampaign, read_campaign
-from abhv_mc.campaign.config import Requirement
-from abhv_mc.campaign.replay import find_row
-from abhv_mc.campaign.samples import spread_parameters
-from abhv_mc.campaign.shrink import shrink
-from abhv_mc.documents import InputError, one_of
+from abhv_mc.campaign.analysis.replay import find_row
+from abhv_mc.campaign.analysis.shrink import shrink
+from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.file.config import Requirement
+from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.signals import METRIC_INDEX
+from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.store.flights import FlightRows
 from abhv_mc.store.folder import CampaignFolder

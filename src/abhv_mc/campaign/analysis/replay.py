@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.campaign.batches import Fly
-from abhv_mc.campaign.samples import spread_parameters
-from abhv_mc.documents import InputError, one_of
+from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.store.flights import VALUES, DamagedFileError, FlightRows, parse_block_name, read_block
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.manifest import read_manifest

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.check import CheckedCampaign
-from abhv_mc.campaign.config import Campaign
-from abhv_mc.campaign.correlation import Copula
-from abhv_mc.campaign.designs import INDEPENDENT
-from abhv_mc.campaign.laws import ContinuousLaw, DiscreteLaw, Law
-from abhv_mc.document_reader import compose
-from abhv_mc.documents import InputError, Refusal, one_of, validate
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.config import Campaign
+from abhv_mc.campaign.sampling.correlation import Copula
+from abhv_mc.campaign.sampling.designs import INDEPENDENT
+from abhv_mc.campaign.sampling.marginals import ContinuousLaw, DiscreteLaw, Law
+from abhv_mc.io.document_reader import compose
+from abhv_mc.io.documents import InputError, Refusal, one_of, validate
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 
 Floats = NDArray[np.float64]

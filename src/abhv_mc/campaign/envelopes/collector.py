@@ -1,7 +1,7 @@
 """Envelopes over all flights of a controller: collected as blocks land, kept through a kill, the same in any order.
 
 Up to ``EXACT_FLIGHTS`` flights every recorded value is kept on disk until the end and every number is exact. Beyond,
-memory stays flat: integer histograms and the extreme values (see :mod:`abhv_mc.campaign.histogram`).
+memory stays flat: integer histograms and the extreme values (see :mod:`abhv_mc.campaign.envelopes.histogram`).
 """
 
 import contextlib
@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.histogram import Histograms, make_bins
+from abhv_mc.campaign.envelopes.histogram import Histograms, make_bins
 from abhv_mc.store.envelopes import QUANTILES, EnvelopeTable
 from abhv_mc.store.flights import DamagedFileError, parse_block_name
 from abhv_mc.store.folder import write_bytes, write_whole

@@ -7,16 +7,25 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.campaign.config import Campaign, Requirement
-from abhv_mc.campaign.correlation import Copula, make_copula, normal_correlation
-from abhv_mc.campaign.designs import FACTORIAL, INDEPENDENT, SALTELLI, count_flights, saltelli_group
-from abhv_mc.campaign.laws import Law
-from abhv_mc.campaign.sample_file import SampleFile, read_sample_file
-from abhv_mc.campaign.stopping import find_looks
-from abhv_mc.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
+from abhv_mc.campaign.file.config import Campaign, Requirement
+from abhv_mc.campaign.sampling.correlation import Copula, make_copula, normal_correlation
+from abhv_mc.campaign.sampling.designs import (
+    EXTENSIBLE,
+    FACTORIAL,
+    INDEPENDENT,
+    SALTELLI,
+    Design,
+    count_flights,
+    saltelli_group,
+)
+from abhv_mc.campaign.sampling.marginals import Law
+from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
+from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, SampleSource
 from abhv_mc.flight.signals import METRIC_INDEX, METRICS
+from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
+from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
-from abhv_mc.units import dimension_of, parse_quantity, parse_unit
+from abhv_mc.statistics.sequential import choose_looks
 
 DISPERSIBLE = tuple(parameter.name for parameter in PARAMETERS[1:])
 
@@ -38,6 +47,19 @@ class CheckedCampaign:
     def names(self) -> tuple[str, ...]:
         """The dispersed parameters."""
         return self.sample_file.names if self.sample_file else tuple(self.laws)
+
+    @property
+    def extensible(self) -> bool:
+        """Whether more flights leave the first ones as they are."""
+        return self.model.sampling.design in (*EXTENSIBLE, "file")
+
+    def make_samples(self) -> SampleSource:
+        """The source of its samples."""
+        if self.sample_file is not None:
+            return GivenSamples(self.sample_file, self.runs)
+        sampling = self.model.sampling
+        design = Design(sampling.design, self.model.seed, self.names, self.runs, sampling.levels)
+        return DrawnSamples(design, tuple(self.laws.values()), self.copula)
 
 
 def read_campaign(
@@ -72,7 +94,7 @@ def read_campaign(
     _check_stop(document, model, number, errors)
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
-    return CheckedCampaign(document, model, number, laws, copula, sample_file, limits, find_looks(model, number))
+    return CheckedCampaign(document, model, number, laws, copula, sample_file, limits, _find_looks(model, number))
 
 
 def _override(document: Document, runs: int | None, seed: int | None, controllers: Sequence[str] | None) -> Document:
@@ -190,6 +212,15 @@ def _check_stop(document: Document, model: Campaign, runs: int, errors: list[Inp
     if model.stop.looks is not None and model.stop.looks[-1] != runs:
         found = f"a last look after {model.stop.looks[-1]} flights"
         errors.append(document.error(("stop", "looks"), found, f"{runs}, the most flights there may be ('runs')"))
+
+
+def _find_looks(model: Campaign, runs: int) -> tuple[int, ...]:
+    """The looks that the campaign names, or else those that suit its least demanding requirement; () without stop."""
+    if model.stop is None or not model.requirements:
+        return ()
+    if model.stop.looks is not None:
+        return model.stop.looks
+    return min(choose_looks(entry.probability, entry.consumer_risk, runs) for entry in model.requirements)
 
 
 def _check_runs(

@@ -5,11 +5,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from abhv_mc.campaign.designs import DESIGNS
-from abhv_mc.campaign.distributions import Distribution, Value
-from abhv_mc.documents import File, Refusal, StrictModel, describe, one_of
+from abhv_mc.campaign.sampling.designs import DESIGNS
+from abhv_mc.campaign.sampling.distributions import Distribution, Value
 from abhv_mc.flight.signals import CHANNEL_INDEX
-from abhv_mc.units import FREQUENCY, Time, parse_quantity
+from abhv_mc.io.documents import File, Refusal, StrictModel, describe, one_of
+from abhv_mc.io.units import FREQUENCY, Time, parse_quantity
 
 PROCESSES, THREADS = "processes", "threads"
 _ALL_CHANNELS = tuple(CHANNEL_INDEX)

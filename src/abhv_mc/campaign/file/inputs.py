@@ -6,11 +6,11 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from abhv_mc.campaign.check import read_campaign
-from abhv_mc.campaign.config import Campaign
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.control.controller_file import ControllerFile, LqrController, TlcController, read_controller
 from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.documents import InputError, InputErrors, describe, one_of, read_document
+from abhv_mc.io.documents import InputError, InputErrors, describe, one_of, read_document
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.document import VehicleDocument
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.campaign.check import CheckedCampaign, select_requirements
-from abhv_mc.documents import InputError, read_document, write_document
+from abhv_mc.campaign.file.check import CheckedCampaign, select_requirements
+from abhv_mc.io.documents import InputError, read_document, write_document
 from abhv_mc.store.folder import CampaignFolder, write_bytes, write_whole
 
 _YAML = (".yaml", ".yml")

@@ -3,8 +3,8 @@
 import shutil
 from pathlib import Path
 
-from abhv_mc.campaign.check import read_campaign
-from abhv_mc.documents import InputError
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.io.documents import InputError
 from abhv_mc.shipped import shipped_campaigns, shipped_configs
 from abhv_mc.vehicle.file import read_vehicle_file
 

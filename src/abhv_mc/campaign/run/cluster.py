@@ -1,7 +1,7 @@
 """Flights on a Dask cluster: each block is a task, and the plan travels with the work as plain arrays.
 
 Dask flies a block whose worker died on another one; a block that ends several workers comes back as lost and is
-flown in parts (see :mod:`abhv_mc.campaign.rescue`). Workers may come and go while a campaign flies.
+flown in parts (see :mod:`abhv_mc.campaign.run.retry`). Workers may come and go while a campaign flies.
 """
 
 import math
@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.batches import Fly
-from abhv_mc.campaign.rescue import FlightLostError, UnusableError, fly_rescued, time_limit
-from abhv_mc.campaign.setup import Engine
+from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.run.retry import FlightLostError, UnusableError, fly_rescued, time_limit
+from abhv_mc.campaign.run.setup import Engine
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.store.plans import flatten, rebuild
 
 if TYPE_CHECKING:

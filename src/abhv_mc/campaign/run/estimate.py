@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.campaign.batches import choose_batch
-from abhv_mc.campaign.bite import fly_trials
-from abhv_mc.campaign.check import CheckedCampaign
-from abhv_mc.campaign.envelopes import EXACT_FLIGHTS
-from abhv_mc.campaign.histogram import BINS, KEPT
-from abhv_mc.campaign.retention import choose_kept
-from abhv_mc.campaign.samples import make_samples, spread_parameters
-from abhv_mc.campaign.setup import Engine, find_warnings, record_every
-from abhv_mc.campaign.tally import Tally, make_tallies
+from abhv_mc.campaign.envelopes.collector import EXACT_FLIGHTS
+from abhv_mc.campaign.envelopes.histogram import BINS, KEPT
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.run.batches import choose_batch
+from abhv_mc.campaign.run.retention import choose_kept
+from abhv_mc.campaign.run.setup import Engine, find_warnings, record_every
+from abhv_mc.campaign.run.tally import Tally, make_tallies
+from abhv_mc.campaign.run.trial_flights import fly_trials
+from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.store.flights import FlightRows, flights_schema, write_block
 from abhv_mc.store.histories import write_histories
@@ -57,7 +57,7 @@ def estimate_campaign(campaign: CheckedCampaign, engine: Engine, workers: int | 
     every = record_every(campaign.document, first, model.keep.envelopes.rate, "envelopes")
     history_every = record_every(campaign.document, first, model.keep.histories.rate, "histories")
     fly_trials(campaign, plans, engine.fly, every)
-    source = make_samples(campaign)
+    source = campaign.make_samples()
     number = min(TRIAL_FLIGHTS, campaign.runs)
     values = source.draw(0, number)
     parameters = spread_parameters(source.names, values)

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.batches import Fly
-from abhv_mc.campaign.cluster import Cluster
-from abhv_mc.campaign.config import PROCESSES, Execution
-from abhv_mc.campaign.guard import Guard
-from abhv_mc.campaign.rescue import call_attempt, fly_rescued
-from abhv_mc.campaign.setup import Engine
+from abhv_mc.campaign.file.config import PROCESSES, Execution
+from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.run.cluster import Cluster
+from abhv_mc.campaign.run.retry import call_attempt, fly_rescued
+from abhv_mc.campaign.run.setup import Engine
+from abhv_mc.campaign.run.worker_pool import Guard
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.store.provenance import count_cores
 

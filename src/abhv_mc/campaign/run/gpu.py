@@ -1,7 +1,7 @@
 """The campaign engine that flies on a GPU."""
 
-from abhv_mc.campaign.config import THREADS
-from abhv_mc.campaign.setup import Engine
+from abhv_mc.campaign.file.config import THREADS
+from abhv_mc.campaign.run.setup import Engine
 
 
 def make_gpu_engine() -> Engine:

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.campaign.envelopes import merge_states
-from abhv_mc.campaign.runner import RunResult, run_campaign
-from abhv_mc.campaign.setup import Engine, Request
-from abhv_mc.documents import InputError
+from abhv_mc.campaign.envelopes.collector import merge_states
+from abhv_mc.campaign.run.runner import RunResult, run_campaign
+from abhv_mc.campaign.run.setup import Engine, Request
+from abhv_mc.io.documents import InputError
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.folder import CampaignFolder, write_whole
 from abhv_mc.store.lock import hold_lock

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.batches import Fly, Slots, closing_quietly
-from abhv_mc.campaign.check import CheckedCampaign
-from abhv_mc.campaign.progress import Progress
-from abhv_mc.campaign.samples import spread_parameters
-from abhv_mc.campaign.tally import Tally
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.run.batches import Fly, Slots, closing_quietly
+from abhv_mc.campaign.run.progress import Progress
+from abhv_mc.campaign.run.tally import Tally
+from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.store.folder import CampaignFolder

@@ -11,19 +11,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.batches import Block, Mask, Slots, choose_batch, closing_quietly, cut_blocks, fly_block
-from abhv_mc.campaign.cluster import connect_cluster
-from abhv_mc.campaign.config import PROCESSES
-from abhv_mc.campaign.envelopes import Cells, Collector, make_collector
-from abhv_mc.campaign.guard import start_server
-from abhv_mc.campaign.interrupts import no_interrupt, terminate_as_interrupt
-from abhv_mc.campaign.isolation import Crew, hire_crew
-from abhv_mc.campaign.progress import Progress
-from abhv_mc.campaign.retention import HistoryFile, list_histories, write_kept_histories
-from abhv_mc.campaign.samples import spread_parameters
-from abhv_mc.campaign.setup import Engine, OpenCampaign, Request, check_source, make_engine, open_campaign, record_every
-from abhv_mc.campaign.stopping import find_goal
-from abhv_mc.campaign.tally import Tally, judge_requirements, make_tallies
+from abhv_mc.campaign.envelopes.collector import Cells, Collector, make_collector
+from abhv_mc.campaign.file.config import PROCESSES
+from abhv_mc.campaign.run.batches import Block, Mask, Slots, choose_batch, closing_quietly, cut_blocks, fly_block
+from abhv_mc.campaign.run.cluster import connect_cluster
+from abhv_mc.campaign.run.executor import Crew, hire_crew
+from abhv_mc.campaign.run.interrupts import no_interrupt, terminate_as_interrupt
+from abhv_mc.campaign.run.progress import Progress
+from abhv_mc.campaign.run.retention import HistoryFile, list_histories, write_kept_histories
+from abhv_mc.campaign.run.setup import (
+    Engine,
+    OpenCampaign,
+    Request,
+    check_source,
+    make_engine,
+    open_campaign,
+    record_every,
+)
+from abhv_mc.campaign.run.stopping import find_goal
+from abhv_mc.campaign.run.tally import Tally, judge_requirements, make_tallies
+from abhv_mc.campaign.run.worker_pool import start_server
+from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.signals import CHANNEL_INDEX

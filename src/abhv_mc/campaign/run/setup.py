@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.batches import Fly
-from abhv_mc.campaign.bite import fly_trials
-from abhv_mc.campaign.check import CheckedCampaign, read_campaign
-from abhv_mc.campaign.config import PROCESSES, THREADS
-from abhv_mc.campaign.resolve import (
+from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.file.config import PROCESSES, THREADS
+from abhv_mc.campaign.file.resolve import (
     ResolvedCampaign,
     describe_changes,
     mend_folder,
@@ -22,9 +20,10 @@ from abhv_mc.campaign.resolve import (
     read_held,
     resolve_campaign,
 )
-from abhv_mc.campaign.samples import is_extensible, make_samples
-from abhv_mc.documents import Document, InputError
+from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.run.trial_flights import fly_trials
 from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.io.documents import Document, InputError
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.histories import write_nominal, write_reference
 from abhv_mc.store.lock import hold_lock
@@ -168,7 +167,7 @@ def _resume(
     resolved = resolve_campaign(wanted)
     mend_folder(folder, manifest, resolved)
     held = read_held(folder, manifest)
-    changes = describe_changes(held, resolved, is_extensible(wanted))
+    changes = describe_changes(held, resolved, wanted.extensible)
     if changes:
         found = "a folder that holds another campaign:\n  " + "\n  ".join(changes)
         wish = "the same campaign, another folder (-o DIR), or --fresh to delete what was flown"
@@ -267,7 +266,7 @@ def _write_nominal(
 
 def _write_samples(folder: CampaignFolder, campaign: CheckedCampaign) -> None:
     """Draw the samples where the folder does not hold them; those that it holds must stay."""
-    source = make_samples(campaign)
+    source = campaign.make_samples()
     held = None
     try:
         held = SampleReader(folder.samples)

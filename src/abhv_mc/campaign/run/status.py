@@ -4,7 +4,7 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.lock import lock_holder
 from abhv_mc.store.manifest import INTERRUPTED, RUNNING, read_manifest

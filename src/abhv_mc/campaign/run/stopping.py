@@ -9,19 +9,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.config import Campaign
-from abhv_mc.statistics.sequential import choose_looks, make_sequential_plan, stopping_look
+from abhv_mc.statistics.sequential import make_sequential_plan, stopping_look
 
 Mask = NDArray[np.bool_]
-
-
-def find_looks(model: Campaign, runs: int) -> tuple[int, ...]:
-    """The looks that the campaign names, or else those that suit its least demanding requirement; () without stop."""
-    if model.stop is None or not model.requirements:
-        return ()
-    if model.stop.looks is not None:
-        return model.stop.looks
-    return min(choose_looks(entry.probability, entry.consumer_risk, runs) for entry in model.requirements)
 
 
 def find_goal(

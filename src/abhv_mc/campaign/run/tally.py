@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.campaign.check import CheckedCampaign
-from abhv_mc.campaign.config import Requirement
-from abhv_mc.campaign.designs import INDEPENDENT
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.config import Requirement
+from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.statistics.sequential import SequentialVerdict, make_sequential_plan, sequential_verdict

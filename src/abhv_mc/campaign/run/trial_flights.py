@@ -7,11 +7,11 @@ so that no campaign silently varies nothing.
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.batches import Fly
-from abhv_mc.campaign.check import CheckedCampaign
-from abhv_mc.campaign.samples import spread_parameters
-from abhv_mc.documents import InputError, InputErrors
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 
 Floats = NDArray[np.float64]

@@ -6,7 +6,7 @@ import threading
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 
-from abhv_mc.campaign.batches import Fly
+from abhv_mc.campaign.run.batches import Fly
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 

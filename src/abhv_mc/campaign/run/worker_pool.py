@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.batches import Fly
-from abhv_mc.campaign.rescue import FlightLostError, UnusableError, fly_rescued, time_limit
-from abhv_mc.campaign.worker import serve
+from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.run.retry import FlightLostError, UnusableError, fly_rescued, time_limit
+from abhv_mc.campaign.run.worker import serve
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 
 Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.streams import draw_uniforms, make_generator, stream_key
+from abhv_mc.campaign.sampling.streams import draw_uniforms, make_generator, stream_key
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 
 Floats = NDArray[np.float64]

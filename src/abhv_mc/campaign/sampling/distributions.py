@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from abhv_mc.campaign.laws import ContinuousLaw, DiscreteLaw, Law
-from abhv_mc.documents import Refusal, StrictModel, one_of
+from abhv_mc.campaign.sampling.marginals import ContinuousLaw, DiscreteLaw, Law
+from abhv_mc.io.documents import Refusal, StrictModel, one_of
+from abhv_mc.io.units import parse_in_unit
 from abhv_mc.plant.parameters import Parameter
-from abhv_mc.units import parse_in_unit
 
 Value = float | str  # a number, or text with a unit
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.input_error import InputError, one_of
+from abhv_mc.io.input_error import InputError, one_of
 
 
 @dataclass(frozen=True)

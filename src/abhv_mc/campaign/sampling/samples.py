@@ -7,11 +7,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.check import CheckedCampaign
-from abhv_mc.campaign.correlation import Copula
-from abhv_mc.campaign.designs import EXTENSIBLE, FACTORIAL, NOMINAL, Design
-from abhv_mc.campaign.laws import Law
-from abhv_mc.campaign.sample_file import SampleFile
+from abhv_mc.campaign.sampling.correlation import Copula
+from abhv_mc.campaign.sampling.designs import FACTORIAL, NOMINAL, Design
+from abhv_mc.campaign.sampling.marginals import Law
+from abhv_mc.campaign.sampling.sample_file import SampleFile
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 
 Floats = NDArray[np.float64]
@@ -74,20 +73,6 @@ class GivenSamples:
 
     def draw(self, first: int, stop: int) -> Floats:
         return self.file.values[first:stop]
-
-
-def make_samples(campaign: CheckedCampaign) -> SampleSource:
-    """The source of a campaign's samples."""
-    if campaign.sample_file is not None:
-        return GivenSamples(campaign.sample_file, campaign.runs)
-    sampling = campaign.model.sampling
-    design = Design(sampling.design, campaign.model.seed, campaign.names, campaign.runs, sampling.levels)
-    return DrawnSamples(design, tuple(campaign.laws.values()), campaign.copula)
-
-
-def is_extensible(campaign: CheckedCampaign) -> bool:
-    """Whether more flights leave the first ones as they are."""
-    return campaign.model.sampling.design in (*EXTENSIBLE, "file")
 
 
 def spread_parameters(names: Sequence[str], values: Floats) -> Floats:
