@@ -56,7 +56,7 @@ def test_a_controller_without_its_gains(tmp_path, monkeypatch, capsys):
     gains = "altitude: {damping: 2.4, bandwidth: 0.03 rad/s}\n"
     assert gains in text
     (tmp_path / "tlc.yaml").write_text(text.replace(gains, ""), encoding="utf-8")
-    campaign = (BAD / "rate.yaml").read_text(encoding="utf-8").replace("../../../configs", str(configs))
+    campaign = (BAD / "rate.yaml").read_text(encoding="utf-8").replace("../../../../configs", str(configs))
     campaign = campaign.replace(f"{configs}/control/tlc.yaml", "tlc.yaml").replace("33 Hz", "10 Hz")
     (tmp_path / "campaign.yaml").write_text(campaign, encoding="utf-8")
     monkeypatch.setattr(sys, "argv", ["abhv-mc", "run", str(tmp_path / "campaign.yaml"), "-o", str(tmp_path / "out")])
