@@ -2,194 +2,200 @@
 
 Rules for compiled functions (measured; the benchmark ``abhv-mc bench`` holds the result):
 
-- strict floating point everywhere, so that flights abreast equal one flight at a time bit for bit;
+- strict floating point everywhere, so that batched lanes equal one flight at a time bit for bit;
 - a ``scalar`` function takes and returns floats, named tuples of floats and nothing that allocates;
 - a ``lanes`` function loops over the lanes of blocks that its caller allocated;
 - arrays that a function takes do not overlap where it writes to one: the compiler relies on that;
 - no libm call inside a lane loop: use :mod:`abhv_mc.numerics.lane_math`;
-- data (tables, gains, references) are arguments, never globals: numba freezes globals silently;
-- a ``standalone`` kernel returns nothing and allocates nothing: what it works in is an argument.
+- data (tables, gains, references) are arguments, never globals: numba freezes globals silently.
 
-Decorating costs nothing: numba is loaded when something has to be compiled, or loaded from numba's own cache. The
-machine code of standalone kernels is found without it.
+numba's own passes compile, and its own disk cache keeps kernels. Functions here call each other a hundred deep and are
+inlined into a few kernels; subclasses of some private classes of numba tell it so (``docs/performance.md`` says what
+each measure saves). Where they do not work, or with ``ABHV_MC_PUBLIC_NUMBA=1``, its public interface makes the same
+bits, slower.
 """
 
+import contextlib
 import functools
-import hashlib
+import gc
 import os
-import threading
+import pickle
+import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
-from abhv_mc.code_cache import cache_folder, file_hash, one_at_a_time, source_unchanged
-from abhv_mc.machine_code import Kinds, describe, describe_processor, flatten, keep_code, load_code, recall_code
+import numba
+import numpy as np
+from numba.core import event
+
+from abhv_mc.cache import cache_folder, one_at_a_time, source_unchanged
 
 F = TypeVar("F", bound=Callable[..., Any])
+_Make = Callable[..., Any]  # of a function and numba's options, what stands in its place
+
+_PUBLIC = "ABHV_MC_PUBLIC_NUMBA"
 
 # Plain Python throughout, as numba itself does it: for counting operations, and for the GPU's simulator.
 _PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
 
-_lock = threading.RLock()
-_announcements: list[Callable[[], None]] = []
-_teachers: list[Callable[[], None]] = []
-_kernels: set[Callable[..., Any]] = set()
-
-
-class Compiled:
-    """A function that becomes numba's when Python calls it or a compiled function names it."""
-
-    def __init__(self, function: Callable[..., Any], role: str) -> None:
-        functools.update_wrapper(self, function)
-        self.py_func = function
-        self._role = role
-        self._dispatcher: Any = None
-
-    @property
-    def dispatcher(self) -> Any:
-        """What numba makes of the function."""
-        if self._dispatcher is None:
-            with _lock:
-                self._dispatcher = self._dispatcher or load_compiler().MAKERS[self._role](self.py_func)
-        return self._dispatcher
-
-    @property
-    def _numba_type_(self) -> Any:  # numba asks this of a value that it does not know
-        return self.dispatcher._numba_type_
-
-    def __call__(self, *arguments: Any) -> Any:
-        return self.dispatcher(*arguments)
-
-    def __getattr__(self, name: str) -> Any:
-        """What a numba function has besides: ``signatures``, ``stats`` ..."""
-        if name.startswith("_"):
-            raise AttributeError(name)
-        return getattr(self.dispatcher, name)
-
-
-class StandaloneKernel:
-    """A kernel whose machine code is kept on disk, found and called without numba."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        functools.update_wrapper(self, function)
-        self.py_func = function
-        self._content = file_hash(Path(function.__code__.co_filename))
-        self._loaded: dict[Kinds, Callable[[list[Any]], None]] = {}
-
-    @property
-    def signatures(self) -> list[str]:
-        """The kinds of arguments that it has been called with."""
-        return list(map(describe, self._loaded))
-
-    def __call__(self, *arguments: Any) -> None:
-        kinds, flat = flatten(arguments)
-        if kinds not in self._loaded:
-            self.load(*arguments)
-        self._loaded[kinds](flat)
-
-    def load(self, *arguments: Any) -> None:
-        """Load or compile the code for arguments of these kinds. Of several processes one compiles."""
-        kinds, _ = flatten(arguments)
-        with _lock:
-            if kinds in self._loaded:
-                return
-            made_for = "; ".join((self._source(), describe(kinds), describe_processor()))
-            name = hashlib.sha256(made_for.encode()).hexdigest()[:32]
-            file = cache_folder() / "kernels" / f"{self.py_func.__name__}-{name}"
-            code = recall_code(file, made_for)
-            if code is None:
-                announce_compiling()
-                with one_at_a_time(file.with_suffix(".lock")):
-                    code = recall_code(file, made_for)  # another process has perhaps made it meanwhile
-                    if code is None:
-                        code = load_compiler().make_machine_code(self.py_func, arguments)
-                        if source_unchanged() and self._content == file_hash(Path(self.py_func.__code__.co_filename)):
-                            keep_code(file, made_for, code)
-            self._loaded[kinds] = load_code(code, kinds, self.py_func.__qualname__)
-
-    def _source(self) -> str:
-        """What the folder's name does not say of the code: its file, perhaps of no compiled layer, its constants."""
-        code, cells = self.py_func.__code__, self.py_func.__closure__ or ()
-        constants = dict(zip(code.co_freevars, (cell.cell_contents for cell in cells), strict=True))
-        if not all(isinstance(each, int | float | str) for each in constants.values()):
-            raise TypeError(f"{self.py_func.__qualname__} is made from {constants}; a standalone kernel from numbers")
-        return f"{self.py_func.__module__}.{self.py_func.__qualname__} of {self._content}, {constants}"
-
 
 def scalar(function: F) -> F:
     """Compile a pure function of scalars; inlined into the lane loop that calls it, callable from Python too."""
-    return _compiled(function, "scalar")
+    return _decorate(_inlined, function, error_model="numpy", forceinline=True)
 
 
 def lanes(function: F) -> F:
-    """Compile a function that loops over lanes; inlined, so that the loop sees where its blocks live.
-
-    Only kernels call it: it has no entry from Python.
-    """
-    return _compiled(function, "lanes")
+    """Compile a function that loops over lanes; inlined, so that the loop sees where its blocks live."""
+    return _decorate(_inlined, function, error_model="numpy", forceinline=True)
 
 
 def routine(function: F) -> F:
-    """Compile a function that kernels call in many places: not inlined, and without an entry from Python."""
-    return _compiled(function, "routine")
+    """Compile a function that kernels call in many places: not inlined."""
+    return _decorate(_inlined, function, error_model="numpy")
 
 
 def kernel(function: F) -> F:
-    """Compile an entry point called from Python: cached on disk by numba, releases the interpreter's lock."""
-    _kernels.add(function)
-    return _compiled(function, "kernel")
+    """Compile an entry point called from Python: cached on disk, releases the interpreter's lock.
 
-
-def standalone(function: F) -> F:
-    """Compile an entry point called from Python that needs no numba once it is compiled (:class:`StandaloneKernel`).
-
-    It takes floats, integers, truth values, contiguous arrays and named tuples of those. Releases the interpreter's
-    lock. Its constants are numbers.
+    Made inside a function, it may use numbers from there but no functions: numba's cache would never find it again.
     """
+    return _decorate(_kernel, function, error_model="numpy", nogil=True)
+
+
+def _decorate(make: _Make, function: Any, **options: Any) -> Any:
     if _PLAIN:
+        function.py_func = function
         return function
-    _kernels.add(function)
-    return cast("F", StandaloneKernel(function))
+    return make(function, **options)
 
 
-def _compiled(function: F, role: str) -> F:
-    if _PLAIN:
-        function.py_func = function  # type: ignore[attr-defined]
-        return function
-    return cast("F", Compiled(function, role))
+def compiler() -> str:
+    """Which interface of numba compiles: ``private`` or ``public``."""
+    return _mode
 
 
-@functools.cache
-def load_compiler() -> Any:
-    """Numba, set up for this package, and taught what it needs to know."""
-    with _lock:
-        from abhv_mc import jit_compiler
+class _FirstKernel(event.Listener):
+    def __init__(self, called: Callable[[], None]) -> None:
+        self._waiting = [called]
 
-        jit_compiler.on_compile(lambda function: announce_compiling() if function in _kernels else None)
-        _teach_all()
-    return jit_compiler
+    def on_start(self, event: Any) -> None:
+        if self._waiting and event.data["dispatcher"].targetoptions.get("nogil"):  # which only kernels have
+            self._waiting.pop()()
 
-
-def before_compiling(teach: Callable[[], None]) -> Callable[[], None]:
-    """Have ``teach`` tell numba about a function, as soon as numba is loaded. A decorator."""
-    with _lock:
-        _teachers.append(teach)
-        if load_compiler.cache_info().currsize:
-            _teach_all()
-    return teach
-
-
-def _teach_all() -> None:
-    while _teachers:
-        _teachers.pop()()
+    def on_end(self, event: Any) -> None:
+        pass
 
 
 def on_first_compile(called: Callable[[], None]) -> None:
     """Have ``called`` called once, at the moment when a kernel is about to be compiled that the cache lacks."""
-    _announcements.append(called)
+    event.register("numba:compile", _FirstKernel(called))
 
 
-def announce_compiling() -> None:
-    """Tell whoever asked for it that a kernel is being compiled."""
-    while _announcements:
-        _announcements.pop()()
+def _make_private() -> tuple[_Make, _Make]:
+    """What makes a function that kernels call, and what makes a kernel, with numba's private classes."""
+    import llvmlite.binding as llvm
+    from numba.core import types
+    from numba.core.caching import NullCache
+    from numba.core.codegen import JITCodeLibrary
+    from numba.core.compiler import Compiler
+    from numba.core.registry import CPUDispatcher
+
+    def change_linkage(module: Any, before: str, after: str) -> None:
+        for function in module.functions:
+            if not function.is_declaration and function.linkage == llvm.Linkage[before]:
+                function.linkage = after
+
+    class InlinedLibrary(JITCodeLibrary):  # type: ignore[misc]
+        def finalize(self) -> None:  # neither optimized nor made machine code by itself
+            change_linkage(self._final_module, "external", "weak_odr")  # linkers drop linkonce_odr not called yet
+            self._finalized = True
+
+        def _get_module_for_linking(self) -> Any:
+            return self._final_module
+
+    class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
+        def _optimize_final_module(self) -> None:
+            change_linkage(self._final_module, "weak_odr", "linkonce_odr")  # which disappears once it is inlined
+            super()._optimize_final_module()
+
+    class InlinedCompiler(Compiler):  # type: ignore[misc]
+        def compile_extra(self, function: Any) -> Any:
+            library = InlinedLibrary(self.state.targetctx.codegen(), function.__qualname__)
+            self.state["library"] = library
+            self.state.flags.no_compile = True
+            self.state.flags.noalias = True  # no checks for overlap before a loop over lanes is vectorized
+            result = super().compile_extra(function)
+            entry = set[Any]().remove  # never called: numba knows a function by a builtin of its own
+            called = list(dict.fromkeys([library, *library._linking_libraries]))  # at any depth
+            result.target_context.insert_user_function(entry, result.fndesc, called)
+            return result._replace(entry_point=entry)
+
+    class KernelCompiler(Compiler):  # type: ignore[misc]
+        def compile_extra(self, function: Any) -> Any:
+            self.state["library"] = KernelLibrary(self.state.targetctx.codegen(), function.__qualname__)
+            self.state["library"].enable_object_caching()
+            return super().compile_extra(function)
+
+    class Inlined(CPUDispatcher):  # type: ignore[misc]
+        def __init__(self, function: Any, **options: Any) -> None:
+            # No reference counting (_nrt): an atomic count on each array in each lane costs three times the physics.
+            options |= {"nopython": True, "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+            super().__init__(function, targetoptions=options, pipeline_class=InlinedCompiler)
+
+        def get_call_template(self, args: Any, kws: Any) -> Any:  # once for all constants, each a type to numba
+            return super().get_call_template(tuple(map(types.unliteral, args)), kws)
+
+        @functools.cached_property
+        def kernel(self) -> Any:
+            return Kernel(self.py_func, **{**self.targetoptions, "no_cpython_wrapper": False})
+
+        def __call__(self, *arguments: Any) -> Any:
+            return self.kernel(*arguments)
+
+    class Kernel(CPUDispatcher):  # type: ignore[misc]
+        def __init__(self, function: Any, **options: Any) -> None:
+            options |= {"nopython": True, "no_cfunc_wrapper": True}
+            super().__init__(function, targetoptions=options, pipeline_class=KernelCompiler)
+            self.enable_caching()
+
+        def compile(self, sig: Any) -> Any:
+            if not source_unchanged():  # keep nothing under the name of a source that was edited meanwhile
+                self._cache = NullCache()
+            folder, name = self.stats.cache_path, self.py_func.__name__
+            with contextlib.ExitStack() as stack:
+                if folder and not any(Path(folder).glob(f"*{name}-*.nbi")):  # of several processes one compiles
+                    stack.enter_context(one_at_a_time(Path(folder) / f"{name}.lock"))
+                if gc.isenabled():
+                    gc.disable()
+                    stack.callback(gc.enable)
+                try:
+                    return super().compile(sig)
+                except (OSError, EOFError, pickle.UnpicklingError):  # a full disk, or a damaged file of the cache
+                    with contextlib.suppress(OSError):
+                        self._cache.flush()
+                    return super().compile(sig)
+
+    return Inlined, Kernel
+
+
+def _try_out(row: Any) -> None:
+    for i in range(row.size):
+        row[i] = _twice(row[i])
+
+
+# numba decides on its cache's place when it decorates, so that is set before any function is made.
+_mode = "public" if _PLAIN or os.environ.get(_PUBLIC, "0") not in ("", "0") else "private"
+numba.config.CACHE_DIR = str(cache_folder(_mode))  # type: ignore[attr-defined]
+if _mode == "private":
+    try:
+        _inlined, _kernel = _make_private()
+        _twice = scalar(lambda x: x + x)
+        kernel(_try_out)(np.ones(2))
+    except Exception as error:
+        what = f"numba {numba.__version__} is newer than this program knows ({type(error).__name__}: {error:.200})"
+        warnings.warn(f"{what}; flights are the same, but compile and fly slower", RuntimeWarning, stacklevel=2)
+        os.environ[_PUBLIC], _mode = "1", "public"  # processes that this one starts need not find out again
+        numba.config.CACHE_DIR = str(cache_folder(_mode))  # type: ignore[attr-defined]
+if _mode == "public":
+    _inlined, _kernel = numba.njit, functools.partial(numba.njit, cache=True)

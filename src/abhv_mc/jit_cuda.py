@@ -11,10 +11,8 @@ from typing import Any, TypeVar, cast
 
 import numba.cuda
 
+import abhv_mc.jit  # noqa: F401  sets numba's cache folder: kernels for the GPU lie there, too
 from abhv_mc.io.input_error import Refusal
-from abhv_mc.jit import Compiled, load_compiler
-
-load_compiler()  # which sets numba's cache folder, too: kernels lie there
 
 cuda: Any = numba.cuda
 config: Any = numba.config
@@ -24,25 +22,6 @@ F = TypeVar("F", bound=Callable[..., Any])
 SIMULATED = bool(config.ENABLE_CUDASIM)
 
 config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # a small campaign is no mistake
-
-
-def _name_device_functions() -> None:
-    """Have numba-cuda take a function of ours for one that runs on the device."""
-    from numba.cuda.dispatcher import CUDADispatcher
-    from numba.cuda.typing.typeof import typeof_impl
-
-    made: dict[Compiled, Any] = {}
-
-    @typeof_impl.register(Compiled)
-    def _type(function: Compiled, context: Any) -> Any:
-        if function not in made:
-            options = {**function.dispatcher.targetoptions, "device": True, "debug": False, "opt": True}
-            made[function] = CUDADispatcher(function.py_func, options)
-        return made[function]._numba_type_
-
-
-if not SIMULATED and importlib.util.find_spec("numba_cuda") is not None:
-    _name_device_functions()
 
 
 def find_device() -> str:

@@ -22,7 +22,6 @@ def command(
 ) -> None:
     """Fly a mission once with each controller, nothing dispersed, and print how it went."""
     from abhv_mc.cli.announce import announce_compiling, announce_warnings
-    from abhv_mc.flight.ahead import compile_ahead
     from abhv_mc.io.input_error import InputError
 
     files = [_find("control", name) for name in controller or ("tlc", "lqr")]
@@ -33,7 +32,6 @@ def command(
         raise InputError(out, None, None, "a file", "a folder, or the name of a new one")
     paths = _find("vehicle", vehicle), _find("mission", mission)
     announce_compiling()
-    compile_ahead()  # before anything heavy is imported
     from abhv_mc.flight.fly import fly, nominal_parameters
     from abhv_mc.flight.prepare import prepare
 

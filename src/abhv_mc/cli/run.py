@@ -52,11 +52,8 @@ def command(
     Ctrl-C keeps what was flown; the same command goes on. Exit code 1 where a requirement has failed.
     """
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.flight.ahead import compile_ahead
 
     announce_compiling()
-    if device is Device.CPU and campaign.is_file():
-        compile_ahead()  # before anything heavy is imported
     from abhv_mc.campaign.run.retry import UnusableError
     from abhv_mc.campaign.run.runner import run_campaign
     from abhv_mc.campaign.run.setup import Request

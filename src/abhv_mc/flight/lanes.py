@@ -15,7 +15,7 @@ from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.observe import finish_metrics, judge, measure, record, record_states, start_observing
 from abhv_mc.flight.sensors import find_faults, sense
 from abhv_mc.flight.start import start_flights
-from abhv_mc.jit import lanes, standalone
+from abhv_mc.jit import kernel, lanes
 from abhv_mc.plant import state as s
 from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
 from abhv_mc.plant.aerodynamics import build_up, look_up
@@ -258,7 +258,7 @@ def make_fly_lanes(capacity: int) -> Callable[..., None]:
     constant would be optimized each by itself, and small loops unrolled into scalar code before they became vectors.
     """
 
-    @standalone
+    @kernel
     def fly_lanes(
         vehicle,
         trim,

@@ -1,6 +1,5 @@
 """From the three files of a flight to its plan: reference, gains, trim and start, computed once."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +14,8 @@ from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.control.reference import make_mission_trim_tables, make_start_trim, solve_reference
 from abhv_mc.control.surroundings import make_surroundings
 from abhv_mc.control.tlc_design import make_tlc_gains, make_tlc_settings
-from abhv_mc.flight.kept_plans import find_plan_file, keep_plan, recall_plan
-from abhv_mc.flight.plan import FlightPlan, Limits, Timing
 from abhv_mc.io.documents import InputError
+from abhv_mc.flight.plan import FlightPlan, Limits, Timing
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import make_effectiveness
@@ -31,28 +29,21 @@ _ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # a small angle inside of most tables' ce
 
 
 def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:
-    """Read the three files and compute the plan, or recall it. Raises :class:`abhv_mc.io.documents.InputError`."""
+    """Read the three files and compute the plan. Raises :class:`abhv_mc.io.documents.InputError`."""
     packed = load_vehicle(vehicle)
     if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
         found = "a vehicle without control surfaces or engine"
         raise InputError(vehicle, None, None, found, "one with both, to fly a mission with a controller")
     asked, law = read_mission(mission), read_controller(controller)
-    kept = find_plan_file(packed, asked, law)
-    plan = None if kept is None else recall_plan(kept)
-    if plan is not None:
-        return replace(plan, controller=name)
     if isinstance(law, TlcController) and not has_authority(packed, asked):
         found = "deflections that do not turn the vehicle about three axes"
         raise InputError(vehicle, None, None, found, "aileron, rudder and elevator with moments of their own")
     try:
-        plan = make_plan(packed, asked, law, name, mission)
+        return make_plan(packed, asked, law, name, mission)
     except np.linalg.LinAlgError as error:
         found = f"a mission along which {law.law} has no gains for this vehicle ({str(error).lower()})"
         wanted = "one where the controls rule the flight"
         raise InputError(mission, None, None, found, wanted) from None
-    if kept is not None:
-        keep_plan(kept, plan)
-    return plan
 
 
 def has_authority(vehicle: Vehicle, mission: Mission) -> bool:

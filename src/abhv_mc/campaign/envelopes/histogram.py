@@ -8,7 +8,7 @@ in which flights come, so neither does any number made of them.
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.jit import standalone
+from abhv_mc.jit import kernel
 from abhv_mc.store.envelopes import QUANTILES, EnvelopeTable
 
 BINS = 128
@@ -25,7 +25,7 @@ Ints = NDArray[np.int64]
 Singles = NDArray[np.float32]
 
 
-@standalone
+@kernel
 def _count(
     history: Singles,
     low: Singles,

@@ -51,7 +51,7 @@ def fly_remote(
     """
     plan = rebuild(FlightPlan, arrays)
     if source:
-        from abhv_mc.code_cache import source_hash
+        from abhv_mc.cache import source_hash
 
         if source_hash() != source:
             return f"another version of the program (source {source_hash()}, the campaign's is {source})"

@@ -58,7 +58,7 @@ class Engine:
     prepare: Prepare
     fly: Fly
     source: str  # hash of the code that flies: two of them never share a campaign
-    checked: bool = False  # whether ``source`` is what code_cache.source_hash() must give on every machine
+    checked: bool = False  # whether ``source`` is what cache.source_hash() must give on every machine
     isolation: str = THREADS  # where "auto" flies; processes need a ``fly`` that can be imported
     device: str = "cpu"  # or the name of a GPU
     batch: int | None = None  # flights of a block and workers, where neither the campaign nor its user says
@@ -84,7 +84,7 @@ class OpenCampaign:
 
 def make_engine() -> Engine:
     """The compiled flight."""
-    from abhv_mc.code_cache import source_hash
+    from abhv_mc.cache import source_hash
     from abhv_mc.flight.fly import fly
     from abhv_mc.flight.prepare import prepare
 

@@ -1,0 +1,100 @@
+"""Where compiled code is kept on disk: a folder for exactly this source, compiler and settings.
+
+What lies there is loaded and executed, so a folder that somebody else could have written to is never used.
+"""
+
+import atexit
+import contextlib
+import functools
+import hashlib
+import os
+import shutil
+import stat
+import tempfile
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+
+_PACKAGE = Path(__file__).parent
+_COMPILED_FILES = ("cache.py", "jit.py", "jit_cuda.py")
+_COMPILED_LAYERS = ("numerics", "world", "vehicle", "plant", "control", "flight")
+
+# Settings of numba that change the code and that its own cache does not look at.
+_SETTINGS = ("NUMBA_BOUNDSCHECK", "NUMBA_DEBUGINFO", "NUMBA_DISABLE_INTEL_SVML", "NUMBA_LOOP_VECTORIZE", "NUMBA_OPT")
+
+
+def source_hash() -> str:
+    """Hash of everything that compiled code is made from: its sources and numba itself; the same on every machine."""
+    digest = hashlib.sha256(f"numba {version('numba')} llvmlite {version('llvmlite')}".encode())
+    for layer in (*_COMPILED_FILES, *_COMPILED_LAYERS):
+        path = _PACKAGE / layer
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            digest.update(file.relative_to(_PACKAGE).as_posix().encode())
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+# The source as this process has it: an edit from now on belongs to the next process.
+_SOURCE = source_hash()
+
+
+def source_unchanged() -> bool:
+    """Whether all that has been imported until now can only be the source that the folder is named after."""
+    return source_hash() == _SOURCE
+
+
+def cache_folder(compiler: str) -> Path:
+    """Folder of the code that ``compiler`` (a part of its name) makes from exactly this source."""
+    settings = " ".join(f"{name}={os.environ.get(name)}" for name in _SETTINGS)
+    name = hashlib.sha256(f"{_SOURCE} {compiler} {settings}".encode()).hexdigest()[:16]
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    for root in (base / "abhv-mc", _temporary_root()):
+        folder = root / name
+        with contextlib.suppress(OSError):  # no home, or a read-only one
+            root.mkdir(mode=0o700, parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700, exist_ok=True)
+            if os.access(folder, os.W_OK | os.X_OK):
+                return folder
+    return _fresh_folder()
+
+
+def _temporary_root() -> Path:
+    """This user's folder in the system's temporary one, whose name anybody can guess: used only if it is private."""
+    root = Path(tempfile.gettempdir()) / f"abhv-mc-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
+    with contextlib.suppress(OSError):
+        root.mkdir(mode=0o700)
+    return root if is_private(root) else _fresh_folder()
+
+
+def is_private(folder: Path) -> bool:
+    """Whether it is a folder, no link to one, that belongs to this user and that nobody else may enter."""
+    try:
+        found = folder.lstat()
+    except OSError:
+        return False
+    ours = not hasattr(os, "getuid") or (found.st_uid == os.getuid() and not stat.S_IMODE(found.st_mode) & 0o077)
+    return stat.S_ISDIR(found.st_mode) and ours
+
+
+@functools.cache
+def _fresh_folder() -> Path:
+    """A private folder of a name that nobody can guess, for as long as this process lives."""
+    folder = tempfile.mkdtemp(prefix="abhv-mc-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
+
+
+@contextlib.contextmanager
+def one_at_a_time(file: Path) -> Iterator[None]:
+    """Of the processes that come here with the same lock file, one is inside at a time, where the system can do it.
+
+    The lock goes with the process that holds it, however that ends. A link in the file's place is not followed.
+    """
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError, ImportError):  # no fcntl, or a file system without locks
+            import fcntl
+
+            descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+            stack.callback(os.close, descriptor)
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
