@@ -15,7 +15,7 @@ def make_gpu_engine() -> Engine:
     device = find_device()
 
     from abhv_mc.cache import source_hash
-    from abhv_mc.flight.device import CAMPAIGN_BATCH, fly_on_gpu
+    from abhv_mc.flight.gpu import CAMPAIGN_BATCH, fly_on_gpu
     from abhv_mc.flight.prepare import prepare
 
     source = f"{source_hash()}-gpu"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.lanes import CLOSING
+from abhv_mc.flight.kernel import COMPACTION
 from abhv_mc.flight.memory import TOGETHER
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import LANES
@@ -140,12 +140,12 @@ def test_flights_that_take_the_lanes_of_ended_ones_stay_the_same(repository):
     # Centres of gravity far enough aft end flights at many moments; more flights than close ranks together.
     configs = repository / "configs"
     vehicle, mission = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
-    plan = shorten(prepare(vehicle, mission, configs / "control" / "lqr.yaml", "lqr"), 3 * CLOSING + 7)
+    plan = shorten(prepare(vehicle, mission, configs / "control" / "lqr.yaml", "lqr"), 3 * COMPACTION + 7)
     parameters = nominal_parameters(TOGETHER + 45)
     errors = np.random.default_rng(3).uniform(-0.4, 0.4, len(parameters))
     parameters[:, PARAMETER_INDEX["mass.center_of_gravity_x"]] += errors
     abreast = fly(plan, parameters, record_every=50, keep_states=True)
     ended = abreast.end_time[abreast.outcome != Outcome.OK]
-    segments = np.unique((ended / plan.timing.tick) // CLOSING)
+    segments = np.unique((ended / plan.timing.tick) // COMPACTION)
     assert 20 < len(ended) < len(parameters) - 20 and len(segments) >= 3
     assert_equal(result(abreast), result(fly(plan, parameters, record_every=50, lanes=1, keep_states=True)))
