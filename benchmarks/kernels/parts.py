@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.bench.operations import count_operations
-from abhv_mc.bench.speed import make_work
+from abhv_mc.bench.speed import make_work, read_operations
 from abhv_mc.control.lqr import lqr_tick
 from abhv_mc.control.tlc import T_LIFT, nominal_variables, nominal_vehicle, tlc_attitude, tlc_guidance
 from abhv_mc.control.trim_lookup import look_up_trim
@@ -160,7 +159,7 @@ def measure_parts() -> dict[str, dict[str, float]]:
     ticks = plans["tlc"].timing.ticks
     seconds = {name: time_of(number, ticks * calls, plans, parameters) for name, (number, calls, _) in PARTS.items()}
     division, root = time_of_one(divide), time_of_one(take_roots)
-    counts = count_operations(plans)
+    counts = read_operations()
     found = {}
     for law, plan in plans.items():
         ms = {name: 1e3 * seconds[name] / LANES for name, (_, _, laws) in PARTS.items() if law in laws}

@@ -10,17 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from abhv_mc.control.trim_tables import trim_elevator
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.plan import Timing
-from abhv_mc.numerics.quaternion import from_euler
-from abhv_mc.plant import state as s
-from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.vehicle.arrays import VARIABLES, BuildUp, Floats
-from abhv_mc.vehicle.model import Vehicle
-from abhv_mc.verification.loops import Gains, closed_loop, tlc_gains, wanted_loop
-from abhv_mc.verification.nominals import (
+from verification.loops import Gains, closed_loop, tlc_gains, wanted_loop
+from verification.nominals import (
     SPHERE,
     Design,
     Nominal,
@@ -31,6 +22,15 @@ from abhv_mc.verification.nominals import (
     rate_jacobian,
     velocity_jacobian,
 )
+
+from abhv_mc.control.trim_tables import trim_elevator
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.plan import Timing
+from abhv_mc.numerics.quaternion import from_euler
+from abhv_mc.plant import state as s
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.vehicle.arrays import VARIABLES, BuildUp, Floats
+from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.verification.replay import make_replay_plan
 from abhv_mc.world.earth import WGS84, Earth
 

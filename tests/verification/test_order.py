@@ -1,6 +1,8 @@
 """The integrator's order: the error of a smooth flight against its step."""
 
 import numpy as np
+import pytest
+from verification.shown import check
 
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import Timing
@@ -43,12 +45,18 @@ def errors() -> dict[str, Floats]:
     return {name: np.array([error[:, group].max() for error in flown]) for name, group in _GROUPS.items()}
 
 
-def verify_order() -> list[Row]:
-    """Rows of the slopes of the errors over the steps, both as logarithms, against 4."""
-    return [
-        Row("step halving", "order 4", f"slope of the {name} error", "-", abs(slope(error) - ORDER), 0.2)
-        for name, error in errors().items()
-    ]
+def test_order() -> None:
+    """Slopes of the errors over the steps, both as logarithms, against 4."""
+    assert slope(np.array(STEPS) ** 3.0) == pytest.approx(3.0)
+    found = errors()
+    check(
+        [
+            Row("step halving", "order 4", f"slope of the {name} error", "-", abs(slope(error) - ORDER), 0.2)
+            for name, error in found.items()
+        ]
+    )
+    for error in found.values():
+        assert (error[:-1] / error[1:] > 13.0).all()
 
 
 def slope(error: Floats) -> float:

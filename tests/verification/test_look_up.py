@@ -3,6 +3,9 @@
 from typing import Any
 
 import numpy as np
+import pytest
+from scipy.interpolate import RegularGridInterpolator
+from verification.shown import check
 
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
@@ -67,8 +70,6 @@ def _grid(tables: Tables, axis: int) -> Floats:
 
 def evaluate_by_scipy(tables: Tables, variables: Floats) -> Floats:
     """Table rows ``[row, point]`` by RegularGridInterpolator, points clipped to each grid."""
-    from scipy.interpolate import RegularGridInterpolator
-
     rows = np.zeros((tables.n_rows, variables.shape[1]))
     for g in range(tables.group_start.size):
         axes = [d for d in range(3) if tables.group_stride[g, d] > 0]
@@ -85,17 +86,25 @@ def evaluate_by_scipy(tables: Tables, variables: Floats) -> Floats:
     return rows
 
 
-def verify_look_up(vehicles: tuple[str, ...] = ("ghame", "winged_cone")) -> list[Row]:
-    """Rows of the vehicles' tables: differences relative to each table's largest value there."""
+@pytest.mark.parametrize("name", ["ghame", "winged_cone"])
+def test_look_up(name: str) -> None:
+    """Differences relative to each table's largest value there."""
     rows = []
-    for name in vehicles:
-        tables = load_vehicle(shipped_configs() / "vehicle" / f"{name}.yaml").tables
-        for where in ("inside", "nodes", "outside"):
-            variables = draw_points(tables, where)
-            compiled = look_up_points(tables, variables)
-            for other, evaluate in (("scipy", evaluate_by_scipy), ("numpy", evaluate_tables)):
-                expected = evaluate(tables, variables)
-                scale = np.maximum(np.abs(expected).max(axis=1, keepdims=True), 1e-300)
-                worst = float((np.abs(compiled - expected) / scale).max())
-                rows.append(Row(f"tables of {name}", other, f"random points, {where}", "relative", worst, 1e-13))
-    return rows
+    tables = load_vehicle(shipped_configs() / "vehicle" / f"{name}.yaml").tables
+    for where in ("inside", "nodes", "outside"):
+        variables = draw_points(tables, where)
+        compiled = look_up_points(tables, variables)
+        for other, evaluate in (("scipy", evaluate_by_scipy), ("numpy", evaluate_tables)):
+            expected = evaluate(tables, variables)
+            scale = np.maximum(np.abs(expected).max(axis=1, keepdims=True), 1e-300)
+            worst = float((np.abs(compiled - expected) / scale).max())
+            rows.append(Row(f"tables of {name}", other, f"random points, {where}", "relative", worst, 1e-13))
+    check(rows)
+
+
+def test_the_compiled_look_up_takes_any_number_of_points() -> None:
+    tables = load_vehicle(shipped_configs() / "vehicle" / "winged_cone.yaml").tables
+    variables = draw_points(tables, "outside", 35)
+    found = look_up_points(tables, variables)
+    assert np.array_equal(found, look_up_points(tables, variables))
+    assert np.array_equal(found[:, 7:9], look_up_points(tables, variables[:, 7:9]))

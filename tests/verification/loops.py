@@ -3,6 +3,15 @@
 from typing import NamedTuple
 
 import numpy as np
+from verification.nominals import (
+    Design,
+    Nominal,
+    attitude_jacobian,
+    inertia_of,
+    rate_jacobian,
+    read_law,
+    velocity_jacobian,
+)
 
 from abhv_mc.control.columns import LQR_ELEVATOR, LQR_GUIDANCE, LQR_LATERAL, REFERENCE, TLC_K1, TLC_K2
 from abhv_mc.control.controller_file import LqrController
@@ -20,17 +29,6 @@ from abhv_mc.control.tlc_loops import (
 )
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.vehicle.arrays import Floats
-from abhv_mc.verification.nominals import (
-    Design,
-    Nominal,
-    attitude_jacobian,
-    draw_nominals,
-    inertia_of,
-    make_design,
-    rate_jacobian,
-    read_law,
-    velocity_jacobian,
-)
 from abhv_mc.verification.rows import Row
 
 NOMINALS = 100
@@ -179,13 +177,3 @@ def verify_lqr(design: Design) -> list[Row]:
                 worst = max(worst, np.inf if unstable else float(np.abs(optimal - K).max() / np.abs(K).max()))
         rows.append(Row(f"{name}, along the S", "Riccati equation", "gain K = R^-1 B'P", "relative", worst, 1e-6))
     return rows
-
-
-def verify_loops() -> list[Row]:
-    """All rows of this file."""
-    design = make_design()
-    return [
-        *verify_tlc_loops(design, draw_nominals(design, NOMINALS)),
-        *verify_differentiator(),
-        *verify_lqr(design),
-    ]

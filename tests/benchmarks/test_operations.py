@@ -9,10 +9,10 @@ import sys
 import numpy as np
 import pytest
 
-from abhv_mc.bench.counted import COUNTS, Counted, counted_sqrt, make_counted
-from abhv_mc.bench.operations import count_operations
-from abhv_mc.bench.speed import make_work
+from abhv_mc.bench.speed import make_work, read_operations
 from abhv_mc.flight.fly import fly
+from benchmarks.counted import COUNTS, Counted, counted_sqrt, make_counted
+from benchmarks.operations import count_operations
 
 
 @pytest.fixture(autouse=True)
@@ -52,6 +52,12 @@ def plans():
     return make_work(1)[0]
 
 
+def test_the_counts_that_the_package_keeps_are_todays(plans):
+    counted = {name: {kind: round(n) for kind, n in vars(one).items()} for name, one in count_operations(plans).items()}
+    kept = {name: vars(one) for name, one in read_operations().items()}
+    assert counted == kept, "count again: python -m benchmarks.operations"
+
+
 def test_a_flight_of_twice_the_length_has_nearly_twice_the_operations(plans):
     plan = plans["lqr"]
     half = dataclasses.replace(plan, timing=plan.timing._replace(ticks=plan.timing.ticks // 2))
@@ -65,7 +71,7 @@ COUNTED_FLIGHT = """
 import sys, numpy as np
 from dataclasses import replace
 from pathlib import Path
-from abhv_mc.bench import operations
+from benchmarks import operations
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.store.plans import read_plan
 plan = read_plan(Path(sys.argv[1]))

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from verification.shown import check
 
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.mission import read_mission
@@ -10,7 +11,6 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.flight.signals import METRICS
-from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
@@ -19,6 +19,7 @@ from abhv_mc.verification.rows import Row
 
 # Zhu & Shen (2014), section 7: uniform, half widths.
 _DISPERSIONS = {"atmosphere.density": 0.10, "aero.lift": 0.10, "aero.drag": 0.15}
+FLIGHTS = 304
 _SHARE = 0.01  # of a metric's spread
 
 
@@ -39,37 +40,19 @@ def fly_at(step: float, parameters: Floats, controller: Path) -> FlightBlock:
     return fly(make_plan(vehicle, mission, read_controller(controller), controller.stem), parameters)
 
 
-def verify_step(flights: int = 304, controller: str = "tlc", scale: float = 1.0) -> list[Row]:
-    """Rows of every metric: largest change over the flights when the default step is halved, over its spread.
-
-    ``scale`` multiplies the tolerance.
-    """
-    control = shipped_configs() / "control"
-    path = control / f"{controller}.yaml"
-    if not path.is_file():
-        known = sorted(file.stem for file in control.glob("*.yaml"))
-        raise InputError("--controller", None, None, f"'{controller}'", one_of(known, controller))
+def test_half_the_step_moves_every_metric_by_less_than_one_percent_of_its_spread() -> None:
+    controller = shipped_configs() / "control" / "tlc.yaml"
     default = read_mission(shipped_configs() / "mission" / "s_manoeuvre.yaml").step
-    parameters = draw_parameters(flights)
-    coarse, fine = (fly_at(step, parameters, path) for step in (default, 0.5 * default))
-    flown = f"{controller}, {flights} flights"
-    rows = [
-        Row(
-            "half the step",
-            flown,
-            "outcomes that change",
-            "-",
-            float((coarse.outcome != fine.outcome).sum()),
-            0.0,
-        )
+    parameters = draw_parameters(FLIGHTS)
+    coarse, fine = (fly_at(step, parameters, controller) for step in (default, 0.5 * default))
+    flown = f"tlc, {FLIGHTS} flights"
+    changed = float((coarse.outcome != fine.outcome).sum())
+    rows = [Row("half the step", flown, "outcomes that change", "-", changed, 0.0)]
+    spread = np.std(fine.metrics, axis=0)
+    change = np.abs(coarse.metrics - fine.metrics).max(axis=0)
+    share = np.divide(change, spread, out=change.copy(), where=spread > 0.0)
+    rows += [
+        Row("half the step", flown, metric.name, "of its spread", float(value), _SHARE)
+        for metric, value in zip(METRICS, share, strict=True)
     ]
-    for i, metric in enumerate(METRICS):
-        spread = float(np.std(fine.metrics[:, i]))
-        change = float(np.abs(coarse.metrics[:, i] - fine.metrics[:, i]).max())
-        share = change / spread if spread > 0.0 else change
-        rows.append(
-            Row(
-                "half the step", f"{controller}, {flights} flights", metric.name, "of its spread", share, scale * _SHARE
-            )
-        )
-    return rows
+    check(rows)

@@ -4,6 +4,8 @@ import math
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
+from verification.shown import check
 
 from abhv_mc.jit import kernel, scalar
 from abhv_mc.numerics.root_finding import CONVERGED, brent
@@ -34,13 +36,12 @@ def draw_cases() -> Floats:
     return np.random.default_rng(1973).uniform(low, high, (CASES, 5))
 
 
-def verify_roots() -> list[Row]:
-    """Row of the largest difference of the roots."""
-    from scipy.optimize import brentq
-
+def test_roots() -> None:
     cases = draw_cases()
+    plain = getattr(curve, "py_func", curve)
+    ends = np.array([[plain(row[3], *row[:3]), plain(row[4], *row[:3])] for row in cases])
+    assert (ends[:, 0] * ends[:, 1] < 0.0).all()  # each bracket holds a root
     roots = np.empty(len(cases))
     _solve(cases, roots)
-    plain = getattr(curve, "py_func", curve)
     expected = [brentq(plain, low, high, args=(a, b, c), xtol=1e-14) for a, b, c, low, high in cases.tolist()]
-    return [Row("root finder", "scipy brentq", f"{CASES} roots", "-", float(np.abs(roots - expected).max()), 2e-10)]
+    check([Row("root finder", "scipy brentq", f"{CASES} roots", "-", float(np.abs(roots - expected).max()), 2e-10)])
