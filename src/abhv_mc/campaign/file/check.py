@@ -74,8 +74,12 @@ def read_campaign(
     """
     document = read_document(path)
     if controllers is not None:  # what is left out must be right, too; said with the places of the whole file
-        read_campaign(path)
-    document = _override(document, runs, seed, controllers)
+        check_campaign(document)
+    return check_campaign(_override(document, runs, seed, controllers))
+
+
+def check_campaign(document: Document) -> CheckedCampaign:
+    """Check a campaign that was read already. Raises :class:`InputError` as :func:`read_campaign` does."""
     model = validate(document, Campaign)
     errors: list[InputError] = []
     laws = _make_laws(document, model, errors)

@@ -1,7 +1,7 @@
 """Worker processes that a flight may hang or kill: the parent watches them, replaces them and flies the rest.
 
-A thread of the parent waits for each process. Kept instead of pebble's ProcessPool, whose workers share one pipe: see
-docs/reliability.md.
+A thread of the parent waits for each process, and each process has a pipe of its own: one that is killed while it sends
+its result disturbs no other.
 """
 
 import contextlib
