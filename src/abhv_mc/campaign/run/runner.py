@@ -1,4 +1,4 @@
-"""Fly a campaign: what is missing in its folder, in parallel, kept as it lands; then envelopes and histories."""
+"""Fly a campaign: what is missing in its folder, in parallel, kept block by block; then envelopes and histories."""
 
 import contextlib
 import sys

@@ -21,7 +21,7 @@ _ROWS = 3  # trials of each dispersion
 
 
 def make_trials(campaign: CheckedCampaign) -> Floats:
-    """Parameter rows: the nominal flight, then for each dispersion its nominal value and the two ends of its law.
+    """Parameter rows: the nominal flight, then for each dispersion its nominal value and both ends of its range.
 
     The other dispersions stand at their medians meanwhile: a gust's start matters only where there is a gust.
     """
@@ -39,7 +39,7 @@ def _quantiles(campaign: CheckedCampaign, i: int) -> Floats:
     """Low end, median and high end of one dispersion."""
     if campaign.sample_file is not None:
         return np.quantile(campaign.sample_file.values[: campaign.runs, i], [0.0, 0.5, 1.0])
-    return np.asarray(campaign.laws[campaign.names[i]].at_fraction(np.array([0.0, 0.5, 1.0])))
+    return np.asarray(campaign.marginals[campaign.names[i]].at_fraction(np.array([0.0, 0.5, 1.0])))
 
 
 def fly_trials(campaign: CheckedCampaign, plans: dict[str, FlightPlan], fly: Fly, every: int) -> dict[str, FlightBlock]:
