@@ -1,8 +1,8 @@
 """Designs of experiments: how the uniform numbers of a campaign's flights are chosen.
 
 A design gives for each flight and parameter a number in [0, 1], the probability at which the parameter's distribution
-is read. ``random``, ``sobol``, ``halton`` and ``saltelli`` give flight k the same numbers however many flights there are;
-the others depend on the number of flights, which for ``corners``, ``grid`` and ``one_at_a_time`` follows from the
+is read. ``random``, ``sobol``, ``halton`` and ``saltelli`` give flight k the same numbers however many flights there
+are; the others depend on the number of flights, which for ``corners``, ``grid`` and ``one_at_a_time`` follows from the
 parameters.
 """
 
