@@ -33,10 +33,6 @@ class Requirement:
     controllers: tuple[str, ...]
     early_is_failure: bool = True  # what a flight that ended early counts as
 
-    def held(self, values: Floats) -> NDArray[np.bool_]:
-        """Which values satisfy it; not-a-number never does."""
-        return values < self.limit if self.below else values > self.limit
-
 
 @dataclass(frozen=True)
 class CampaignFacts:

@@ -85,6 +85,11 @@ class Requirement(StrictModel):
     controllers: tuple[str, ...] | None = None  # the first of the campaign by default
     ended_early: Literal["failure", "as_measured"] = "failure"  # what a flight that ended early counts as
 
+    @property
+    def early_is_failure(self) -> bool:
+        """Whether a flight that ended early fails, whatever its metric was until then."""
+        return self.ended_early == "failure"
+
     @model_validator(mode="after")
     def _one_limit(self) -> "Requirement":
         if (self.below is None) == (self.above is None):

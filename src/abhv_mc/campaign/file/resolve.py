@@ -7,12 +7,12 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from abhv_mc.campaign.file.check import CheckedCampaign, select_requirements
-from abhv_mc.io.documents import InputError, read_document, write_document
+from abhv_mc.io.documents import Document, InputError, read_document, write_document
 from abhv_mc.store.folder import CampaignFolder, write_bytes, write_whole
 
 _YAML = (".yaml", ".yml")
@@ -25,9 +25,13 @@ Flying it again gives the same results: abhv-mc run campaign.yaml -o ANOTHER_FOL
 class ResolvedCampaign:
     """A campaign's plain data with references into its own folder, and the files to copy there."""
 
-    data: dict[str, Any]
+    document: Document
     copies: dict[str, bytes]  # place in the folder -> content; read before anything there may be deleted
     hashes: dict[str, str]  # place in the folder -> SHA-256
+
+    @property
+    def data(self) -> dict[str, Any]:
+        return self.document.data  # type: ignore[return-value]
 
     @property
     def identity(self) -> str:
@@ -61,7 +65,7 @@ def resolve_campaign(campaign: CheckedCampaign) -> ResolvedCampaign:
         place = _take(model.sampling.path, "inputs/samples", copies)
         data["sampling"] = {**data["sampling"], "path": place}
     hashes = {place: hashlib.sha256(content).hexdigest() for place, content in copies.items()}
-    return ResolvedCampaign(data, copies, hashes)
+    return ResolvedCampaign(replace(campaign.document, data=data), copies, hashes)
 
 
 def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
@@ -122,7 +126,7 @@ def merge_campaigns(held: ResolvedCampaign, wanted: ResolvedCampaign) -> Resolve
     requirements = list(wanted.data.get("requirements") or [])
     requirements += [entry for entry in held.data.get("requirements") or [] if entry not in requirements]
     data = {**wanted.data, "controllers": wanted.data["controllers"] | others, "requirements": requirements}
-    return ResolvedCampaign(data, wanted.copies, held.hashes | wanted.hashes)
+    return ResolvedCampaign(replace(held.document, data=data), wanted.copies, held.hashes | wanted.hashes)
 
 
 def _for_controllers(data: dict[str, Any], names: list[str]) -> dict[str, Any]:
@@ -152,12 +156,12 @@ def read_held(folder: CampaignFolder, manifest: dict[str, Any]) -> ResolvedCampa
     wish = "the campaign as it was flown: restore it, or --fresh to delete what was flown and fly it anew"
     hashes = manifest.get("inputs")
     try:
-        data = read_document(folder.campaign).data
+        document = read_document(folder.campaign)
     except InputError as error:
         raise InputError(error.file, error.line, error.column, error.found, wish) from None
-    if not isinstance(data, dict) or not isinstance(hashes, dict):
+    if not isinstance(document.data, dict) or not isinstance(hashes, dict):
         raise InputError(folder.campaign, None, None, "a damaged campaign file or manifest", wish)
-    return ResolvedCampaign(data, {}, hashes)
+    return ResolvedCampaign(document, {}, hashes)
 
 
 def mend_folder(folder: CampaignFolder, manifest: dict[str, Any], wanted: ResolvedCampaign) -> None:

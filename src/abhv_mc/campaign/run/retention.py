@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign
-from abhv_mc.campaign.run.batches import Fly, Slots, closing_quietly
+from abhv_mc.campaign.run.batches import Backpressure, Fly, closing_quietly
 from abhv_mc.campaign.run.progress import Progress
 from abhv_mc.campaign.run.tally import Tally
 from abhv_mc.campaign.sampling.samples import spread_parameters
@@ -96,10 +96,10 @@ def write_kept_histories(
         return part, fly(plan, _parameters(samples, missing[part].flights), every)
 
     pool = Parallel(n_jobs=workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs")
-    slots = Slots(2 * workers)
-    results = pool(delayed(slots.call)(fly_again, part) for part in range(len(missing)))
+    backpressure = Backpressure(2 * workers)
+    results = pool(delayed(backpressure.call)(fly_again, part) for part in range(len(missing)))
     total = sum(len(file.flights) for file in missing)
-    with Progress("histories", total) as progress, closing_quietly(results), contextlib.closing(slots):
+    with Progress("histories", total) as progress, closing_quietly(results), contextlib.closing(backpressure):
         for part, block in results:
             file = missing[part]
             lost = block.outcome == Outcome.FAILED_TO_RUN  # it flew the first time
@@ -109,7 +109,7 @@ def write_kept_histories(
             write_histories(
                 file.path, file.controller, file.flights, block.times, block.history, keep.channels, metadata
             )
-            slots.free()
+            backpressure.free()
             progress.add(len(file.flights))
     for path in set(folder.histories.glob("*.parquet")) - {file.path for file in wanted}:
         path.unlink()

@@ -1,4 +1,4 @@
-"""Fly a campaign: what is missing in its folder, in parallel, kept as it lands; then envelopes and histories."""
+"""Fly a campaign: what is missing in its folder, in parallel, kept block by block; then envelopes and histories."""
 
 import contextlib
 import sys
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.envelopes.collector import Cells, Collector, make_collector
 from abhv_mc.campaign.file.config import PROCESSES
-from abhv_mc.campaign.run.batches import Block, Mask, Slots, choose_batch, closing_quietly, cut_blocks, fly_block
+from abhv_mc.campaign.run.batches import Backpressure, Block, Mask, choose_batch, closing_quietly, cut_blocks, fly_block
 from abhv_mc.campaign.run.cluster import connect_cluster
-from abhv_mc.campaign.run.executor import Crew, hire_crew
-from abhv_mc.campaign.run.interrupts import no_interrupt, terminate_as_interrupt
+from abhv_mc.campaign.run.executor import Executor, open_executor
+from abhv_mc.campaign.run.interrupts import interrupts_deferred, sigterm_as_interrupt
 from abhv_mc.campaign.run.progress import Progress
 from abhv_mc.campaign.run.retention import HistoryFile, list_histories, write_kept_histories
 from abhv_mc.campaign.run.setup import (
@@ -30,7 +30,7 @@ from abhv_mc.campaign.run.setup import (
 )
 from abhv_mc.campaign.run.stopping import find_goal
 from abhv_mc.campaign.run.tally import Tally, judge_requirements, make_tallies
-from abhv_mc.campaign.run.worker_pool import start_server
+from abhv_mc.campaign.run.worker_pool import start_fork_server
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
@@ -71,26 +71,26 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
     """
     engine = engine or make_engine()
     with ExitStack() as stack:
-        stack.enter_context(terminate_as_interrupt())
+        stack.enter_context(sigterm_as_interrupt())
         cluster = None
         if request.scheduler is not None:
             cluster = stack.enter_context(connect_cluster(request.scheduler, engine))
         elif engine.isolation == PROCESSES:
-            start_server(engine.fly)  # while the campaign is made ready
+            start_fork_server(engine.fly)  # while the campaign is made ready
         opened = open_campaign(request, engine, stack)
         execution = opened.campaign.model.execution
-        crew = stack.enter_context(hire_crew(engine, execution, request.workers, cluster))
-        return _Run(opened, engine, crew).run()
+        executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))
+        return _Run(opened, engine, executor).run()
 
 
 class _Run:
-    def __init__(self, opened: OpenCampaign, engine: Engine, crew: Crew) -> None:
+    def __init__(self, opened: OpenCampaign, engine: Engine, executor: Executor) -> None:
         self.folder, self.campaign, self.plans = opened.folder, opened.campaign, opened.plans
         self.manifest, self.asked, self.engine = opened.manifest, opened.asked, engine
         model = self.campaign.model
         self.first, self.stop = opened.part
         self.sharded = "shard" in self.manifest
-        self.fly, self.workers = crew.fly, crew.workers
+        self.fly, self.workers = executor.fly, executor.workers
         self.batch = model.execution.batch or engine.batch or choose_batch(self.campaign.runs, self.workers)
         self.samples = SampleReader(self.folder.samples)
         self.tallies: dict[str, Tally] = make_tallies(self.campaign)
@@ -116,7 +116,7 @@ class _Run:
                     self._finish()
                 self._write_manifest(COMPLETE if whole else INTERRUPTED)
             except KeyboardInterrupt:
-                with no_interrupt():
+                with interrupts_deferred():
                     self._save()
                     self._write_manifest(INTERRUPTED)
             except BaseException:
@@ -198,9 +198,9 @@ class _Run:
         pool = Parallel(
             n_jobs=self.workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs"
         )
-        slots = Slots(2 * self.workers)
+        backpressure = Backpressure(2 * self.workers)
         tasks = (
-            delayed(slots.call)(
+            delayed(backpressure.call)(
                 fly_block,
                 self.fly,
                 self.plans[block.controller],
@@ -212,11 +212,11 @@ class _Run:
         )
         saved = time.monotonic()
         results = pool(tasks)
-        with Progress("flights", total) as progress, closing_quietly(results), contextlib.closing(slots):
+        with Progress("flights", total) as progress, closing_quietly(results), contextlib.closing(backpressure):
             for block, flown in results:
-                with no_interrupt():
+                with interrupts_deferred():
                     self._keep(block, flown)
-                slots.free()
+                backpressure.free()
                 progress.add(block.flights)
                 if time.monotonic() - saved > _SAVE_INTERVAL:
                     self._save()
@@ -224,7 +224,7 @@ class _Run:
                     saved = time.monotonic()
 
     def _keep(self, block: Block, flown: FlightBlock) -> None:
-        """Write a block that has landed and count it."""
+        """Write a finished block and count it."""
         if block.envelope:
             self.collectors[block.controller].add(block.first, self.cells.cut(flown.history))
         if block.rows:

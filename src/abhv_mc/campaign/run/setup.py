@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
 from abhv_mc.campaign.file.resolve import (
     ResolvedCampaign,
@@ -110,9 +110,9 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     folder = CampaignFolder(request.out or Path("reports") / wanted.model.name)
     _check_shard(request, wanted)
     started = folder.manifest.exists()
-    strangers = [] if started else folder.strangers()
-    if strangers:
-        found = f"a folder with '{strangers[0].name}', which no campaign wrote"
+    unknown = [] if started else folder.strangers()
+    if unknown:
+        found = f"a folder with '{unknown[0].name}', which no campaign wrote"
         raise InputError(folder.root, None, None, found, "an empty folder or a campaign's")
     if not started and not request.fresh and any(folder.flights.glob("*.parquet")):
         found = "flights without the manifest that says what they are"
@@ -140,7 +140,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     if request.shard is not None:
         manifest["shard"] = list(request.shard)
     write_manifest(folder.manifest, manifest)
-    return OpenCampaign(folder, read_campaign(folder.campaign), plans, manifest, asked)
+    return OpenCampaign(folder, wanted, plans, manifest, asked)
 
 
 def _check_shard(request: Request, campaign: CheckedCampaign) -> None:
@@ -187,11 +187,11 @@ def _resume(
         for name, plan in new.items():
             write_plan(folder.plan(name), plan)
     if added or longer:
-        merged = merge_campaigns(held, resolved)
-        merged.write(folder)
-        manifest |= {"state": RUNNING, "runs_planned": wanted.runs, "inputs": merged.hashes}
-        manifest["campaign_hash"] = merged.identity
-    campaign = read_campaign(folder.campaign)
+        held = merge_campaigns(held, resolved)
+        held.write(folder)
+        manifest |= {"state": RUNNING, "runs_planned": wanted.runs, "inputs": held.hashes}
+        manifest["campaign_hash"] = held.identity
+    campaign = check_campaign(held.document)
     campaign = replace(campaign, model=campaign.model.model_copy(update={"execution": wanted.model.execution}))
     _write_samples(folder, campaign)
     if added or longer:

@@ -1,4 +1,4 @@
-"""The distributions that a campaign file may name, and how each becomes a law of its parameter.
+"""The distributions that a campaign file may name, and how each becomes the distribution of its parameter.
 
 Values carry the parameter's unit; those of a factor are numbers or percentages. ``half_width`` and ``sigma`` of a
 factor are relative to its nominal value 1, those of an error are in its unit about its nominal value 0.
@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from abhv_mc.campaign.sampling.marginals import ContinuousLaw, DiscreteLaw, Law
+from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, DiscreteMarginal, Marginal
 from abhv_mc.io.documents import Refusal, StrictModel, one_of
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.plant.parameters import Parameter
@@ -19,8 +19,8 @@ Value = float | str  # a number, or text with a unit
 
 class _Distribution(StrictModel):
     @abstractmethod
-    def make_law(self, parameter: Parameter) -> Law:
-        """The law of ``parameter`` in SI. Raises Refusal."""
+    def make_marginal(self, parameter: Parameter) -> Marginal:
+        """The distribution of ``parameter`` in SI. Raises Refusal."""
 
     def _read(self, key: str, parameter: Parameter) -> float | None:
         value = getattr(self, key)
@@ -55,11 +55,11 @@ class Uniform(_Distribution):
     low: Value | None = None
     high: Value | None = None
 
-    def make_law(self, parameter: Parameter) -> Law:
+    def make_marginal(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
         low, high = self._range(parameter, parameter.nominal)
-        return ContinuousLaw(stats.uniform(low, high - low))
+        return ContinuousMarginal(stats.uniform(low, high - low))
 
 
 class Normal(_Distribution):
@@ -69,10 +69,10 @@ class Normal(_Distribution):
     sigma: Value
     mean: Value | None = None  # the nominal value by default
 
-    def make_law(self, parameter: Parameter) -> Law:
+    def make_marginal(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
-        return ContinuousLaw(
+        return ContinuousMarginal(
             stats.norm(_or(self._read("mean", parameter), parameter), self._positive("sigma", parameter))
         )
 
@@ -81,21 +81,21 @@ class TruncatedNormal(_Distribution):
     """Gauss conditioned on lying in a range (values outside are not moved to its ends)."""
 
     distribution: Literal["truncated_normal"]
-    sigma: Value  # of the law before truncation
+    sigma: Value  # before truncation
     mean: Value | None = None  # likewise; the nominal value by default
     half_width: Value | None = None  # about the mean
     low: Value | None = None
     high: Value | None = None
 
-    def make_law(self, parameter: Parameter) -> Law:
+    def make_marginal(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
         mean, sigma = _or(self._read("mean", parameter), parameter), self._positive("sigma", parameter)
         low, high = self._range(parameter, mean)
         law = stats.truncnorm((low - mean) / sigma, (high - mean) / sigma, mean, sigma)
         if not stats.norm(mean, sigma).cdf(high) - stats.norm(mean, sigma).cdf(low) > 1e-9:
-            raise Refusal("a range that the normal law never meets", "a range nearer to the mean", ("sigma",))
-        return ContinuousLaw(law)
+            raise Refusal("a range that the normal distribution never meets", "a range nearer to the mean", ("sigma",))
+        return ContinuousMarginal(law)
 
 
 class Triangular(_Distribution):
@@ -107,14 +107,14 @@ class Triangular(_Distribution):
     mode: Value | None = None  # the nominal value by default
     high: Value | None = None
 
-    def make_law(self, parameter: Parameter) -> Law:
+    def make_marginal(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
         mode = _or(self._read("mode", parameter), parameter)
         low, high = self._range(parameter, mode)
         if not low <= mode <= high:
             raise Refusal(f"a mode of {mode:g} outside {low:g} .. {high:g}", "a mode in the range")
-        return ContinuousLaw(stats.triang((mode - low) / (high - low), low, high - low))
+        return ContinuousMarginal(stats.triang((mode - low) / (high - low), low, high - low))
 
 
 class Lognormal(_Distribution):
@@ -124,7 +124,7 @@ class Lognormal(_Distribution):
     sigma: Value  # standard deviation of the natural logarithm: a number or a percentage
     median: Value | None = None  # the nominal value by default
 
-    def make_law(self, parameter: Parameter) -> Law:
+    def make_marginal(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
         sigma = _parse(self.sigma, "-", "sigma")
@@ -134,11 +134,11 @@ class Lognormal(_Distribution):
         if median <= 0.0:
             where = ("median",) if self.median is not None else ()
             raise Refusal(f"a median of {median:g}", "a median above zero", where)
-        return ContinuousLaw(stats.lognorm(sigma, scale=median))
+        return ContinuousMarginal(stats.lognorm(sigma, scale=median))
 
 
 class Beta(_Distribution):
-    """Beta law with exponents a and b stretched over a range."""
+    """Beta distribution with exponents a and b stretched over a range."""
 
     distribution: Literal["beta"]
     a: Annotated[float, Field(gt=0.0)]
@@ -147,11 +147,11 @@ class Beta(_Distribution):
     low: Value | None = None
     high: Value | None = None
 
-    def make_law(self, parameter: Parameter) -> Law:
+    def make_marginal(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
         low, high = self._range(parameter, parameter.nominal)
-        return ContinuousLaw(stats.beta(self.a, self.b, low, high - low))
+        return ContinuousMarginal(stats.beta(self.a, self.b, low, high - low))
 
 
 class Discrete(_Distribution):
@@ -161,7 +161,7 @@ class Discrete(_Distribution):
     values: Annotated[tuple[Value, ...], Field(min_length=2)]
     weights: tuple[Annotated[float, Field(gt=0.0)], ...] | None = None
 
-    def make_law(self, parameter: Parameter) -> Law:
+    def make_marginal(self, parameter: Parameter) -> Marginal:
         import numpy as np
 
         values = np.array([_parse(value, parameter.unit, "values", i) for i, value in enumerate(self.values)])
@@ -173,11 +173,11 @@ class Discrete(_Distribution):
         order = np.argsort(values)
         cumulative = np.cumsum(weights[order] / weights.sum())
         cumulative[-1] = 1.0
-        return DiscreteLaw(values[order], cumulative)
+        return DiscreteMarginal(values[order], cumulative)
 
 
 class Scipy(_Distribution):
-    """Any continuous law of scipy.stats by its name, with its shape parameters, place and scale."""
+    """Any continuous distribution of scipy.stats by its name, with its shape parameters, place and scale."""
 
     distribution: Literal["scipy"]
     law: str
@@ -185,7 +185,7 @@ class Scipy(_Distribution):
     loc: Value | None = None  # 0 by default
     scale: Value | None = None  # 1 (SI) by default
 
-    def make_law(self, parameter: Parameter) -> Law:
+    def make_marginal(self, parameter: Parameter) -> Marginal:
         import numpy as np
         from scipy import stats
 
@@ -200,8 +200,8 @@ class Scipy(_Distribution):
         scale = 1.0 if self.scale is None else self._positive("scale", parameter)
         frozen = law(**self.shapes, loc=self._read("loc", parameter) or 0.0, scale=scale)
         if not np.all(np.isfinite(frozen.ppf([1e-6, 0.5, 1.0 - 1e-6]))):
-            raise Refusal(f"shapes that '{self.law}' does not take", "shape parameters in the law's domain")
-        return ContinuousLaw(frozen)
+            raise Refusal(f"shapes that '{self.law}' does not take", "shape parameters in the distribution's domain")
+        return ContinuousMarginal(frozen)
 
 
 Distribution = Annotated[

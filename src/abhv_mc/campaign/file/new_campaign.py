@@ -11,7 +11,7 @@ from abhv_mc.vehicle.file import read_vehicle_file
 _CAMPAIGN = "s_manoeuvre.yaml"
 
 
-def write_starter(folder: Path) -> list[Path]:
+def write_new_campaign(folder: Path) -> list[Path]:
     """Fill a new or empty folder, and name the files written; the campaign, ``campaign.yaml``, comes first.
 
     Raises :class:`InputError` where the folder holds something already.
