@@ -36,12 +36,12 @@ def _print(found: dict[str, Any]) -> None:
     from rich.table import Table
 
     from abhv_mc.cli.printing import print_table
-    from abhv_mc.report.metrics import METRIC_WORDS, words_of
+    from abhv_mc.report.metrics import words_of
     from abhv_mc.report.words import p_value, significant
 
     console = Console()
-    for duel in found["duels"]:
-        table = Table(title=f"{duel['a']}  minus  {duel['b']}: {duel['pairs']} flights", box=SIMPLE)
+    for pair in found["paired"]:
+        table = Table(title=f"{pair['a']}  minus  {pair['b']}: {pair['pairs']} flights", box=SIMPLE)
         table.add_column("metric", no_wrap=True)
         for heading in (
             "median difference (95 %)",
@@ -51,8 +51,8 @@ def _print(found: dict[str, Any]) -> None:
             "pairing saved",
         ):
             table.add_column(heading, justify="right")
-        for metric, numbers in duel["metrics"].items():
-            words = METRIC_WORDS.get(metric) or words_of(metric)
+        for metric, numbers in pair["metrics"].items():
+            words = words_of(metric)
             gain = numbers["pairing_gain"]
             saved = f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none"
             row = (str(numbers["a_better"]), str(numbers["b_better"]), saved)
@@ -60,9 +60,9 @@ def _print(found: dict[str, Any]) -> None:
                 words.label_with_unit, _with_bounds(numbers["median_difference"]), _with_bounds(numbers["q95"]), *row
             )
         print_table(table)
-        _print_usage(duel["usage"])
+        _print_usage(pair["usage"])
         listed = [*found["requirements"], "reached the end of the mission"]
-        for words_, failed in zip(listed, [*duel["requirements"], duel["ended_early"]], strict=True):
+        for words_, failed in zip(listed, [*pair["requirements"], pair["ended_early"]], strict=True):
             console.print(
                 f"{words_}: only A failed {failed['only_a']}, only B {failed['only_b']}, both {failed['both']} "
                 f"(McNemar p {p_value(failed['p_value'])}){_listed(failed)}",

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.documents import InputError
-from abhv_mc.report.duels import pair_numbers
 from abhv_mc.report.failures import requirement_words
+from abhv_mc.report.paired import pair_numbers
 from abhv_mc.report.results import Results, read_results
 from abhv_mc.store.folder import CampaignFolder
 
@@ -41,18 +41,17 @@ def compare_folders(folder_a: Path, folder_b: Path, controllers: Sequence[str] =
     """
     a, b = read_results(folder_a), read_results(folder_b)
     require_same_samples(a, b)
-    pairs = list(_pairs(a, b, controllers))
     metrics = [name for name in a.metrics if name in b.metrics]
     requirements = [item for item in a.campaign.requirements if item.metric in metrics]
-    duels = []
-    for one, other in pairs:
+    pairs = []
+    for one, other in _pairs(a, b, controllers):
         names = (f"{folder_a}: {one}", f"{folder_b}: {other}")
         found = pair_numbers(a.flights[one], b.flights[other], names, metrics, requirements)
         if found is not None:
-            duels.append(found)
-    if not duels:
+            pairs.append(found)
+    if not pairs:
         raise InputError(folder_b, None, None, "no flight that both campaigns flew", f"flights of {folder_a}")
-    return {"requirements": [requirement_words(item) for item in requirements], "duels": duels}
+    return {"requirements": [requirement_words(item) for item in requirements], "paired": pairs}
 
 
 def _pairs(a: Results, b: Results, controllers: Sequence[str]) -> Iterator[tuple[str, str]]:

@@ -57,15 +57,18 @@ def _group(name: str) -> str:
     return "usage" if name.startswith(_USAGE) else "loads"
 
 
-def words_of(name: str, unit: str = "-", doc: str = "") -> MetricWords:
-    """The words for a metric by its name."""
+def _describe(name: str, unit: str = "-", doc: str = "") -> MetricWords:
     sense: Sense = "low" if name in _LOW else "size" if name in _SIGNED else "high"
     return MetricWords(name, _label(name), "" if unit == "-" else unit, doc, _group(name), sense)
 
 
-METRIC_WORDS: dict[str, MetricWords] = {
-    signal.name: words_of(signal.name, signal.unit, signal.doc) for signal in METRICS
-}
+_METRIC_WORDS = {signal.name: _describe(signal.name, signal.unit, signal.doc) for signal in METRICS}
+
+
+def words_of(name: str) -> MetricWords:
+    """The words for a metric; for one that is in no signal table, what its name says."""
+    return _METRIC_WORDS.get(name) or _describe(name)
+
 
 _KNOWN_NAMES = {"tlc": "TLC", "lqr": "LQR", "lqr_retuned": "LQR retuned"}
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from abhv_mc.report.convergence import convergence_numbers
 from abhv_mc.report.drivers import driver_numbers
-from abhv_mc.report.duels import duel_numbers
 from abhv_mc.report.failures import requirement_failures, requirement_words, sequential_evidence
 from abhv_mc.report.metrics import words_of
+from abhv_mc.report.paired import paired_numbers
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.results import Results
 from abhv_mc.report.sobol import sobol_numbers
@@ -130,7 +130,7 @@ def make_numbers(results: Results) -> dict[str, Any]:
         "flights": _flight_counts(results),
         "requirements": _requirements(results),
         "metrics": _metric_table(results),
-        "duels": duel_numbers(results),
+        "paired": paired_numbers(results),
         "worst": worst_numbers(results),
         "ranges": _ranges(results),
         "drivers": driver_numbers(results),

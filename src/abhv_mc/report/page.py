@@ -17,7 +17,7 @@ from abhv_mc.report.answer import answer_sentences, joined, sureness_sentence
 from abhv_mc.report.figures.paper import FigureText
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.interactive import envelope_data
-from abhv_mc.report.metrics import FOLLOWING, HOLDING, controller_label
+from abhv_mc.report.metrics import FOLLOWING, HOLDING, controller_label, words_of
 from abhv_mc.report.parameters import parameter_doc
 from abhv_mc.report.results import Results
 from abhv_mc.report.words import fixed, percent, significant
@@ -136,7 +136,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "verdicts": tables.verdict_rows(numbers),
         "headline": tables.headline_rows(numbers),
         "groups": list(tables.metric_groups(numbers)),
-        "duels": tables.duel_tables(numbers),
+        "pairs": tables.pair_tables(numbers),
         "drivers": tables.driver_rows(numbers),
         "sobol": tables.sobol_rows(numbers),
         "failure_rules": {
@@ -149,7 +149,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
             "rules": percent(numbers["drivers"].get("rules_false_discovery_rate"), 1),
         },
         "worst": tables.worst_tables(numbers, folder),
-        "worst_heads": [tables.words(m).label_with_unit for m in (*FOLLOWING, *HOLDING)],
+        "worst_heads": [words_of(m).label_with_unit for m in (*FOLLOWING, *HOLDING)],
         "dispersions": _dispersions(numbers),
         "outcomes": [
             {

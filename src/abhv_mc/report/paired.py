@@ -19,16 +19,16 @@ from abhv_mc.statistics.duel import failure_duel, median_ratio, metric_duel, usa
 _LISTED = 10  # flights where only one failed
 
 
-def duel_numbers(results: Results) -> dict[str, Any]:
+def paired_numbers(results: Results) -> dict[str, Any]:
     """The first controller of a campaign against each other one."""
-    duels: dict[str, Any] = {}
+    pairs: dict[str, Any] = {}
     for a, b in results.pairs:
         found = pair_numbers(
             results.flights[a], results.flights[b], (a, b), results.metrics, results.campaign.requirements
         )
         if found is not None:
-            duels[f"{a} - {b}"] = found
-    return duels
+            pairs[f"{a} - {b}"] = found
+    return pairs
 
 
 def pair_numbers(
@@ -72,17 +72,17 @@ def pair_numbers(
 
 
 def _metric(a: Floats, b: Floats, metric: str, names: tuple[str, str], bootstrap: PairedBootstrap) -> dict[str, Any]:
-    duel = metric_duel(a, b, bootstrap)
+    found = metric_duel(a, b, bootstrap)
     sense = words_of(metric).sense
-    levels = zip(duel.levels, duel.quantile_differences, strict=True)
+    levels = zip(found.levels, found.quantile_differences, strict=True)
     return {
-        "a_better": duel.a_better,
-        "b_better": duel.b_better,
-        "ties": duel.ties,
-        "winner": {"a": names[0], "b": names[1], "": None}[duel.winner],
-        "mixed": duel.mixed,
-        "median_difference": interval_in_sense(duel.median_difference, sense),
-        "pairing_gain": plain(duel.pairing_gain),
+        "a_better": found.a_better,
+        "b_better": found.b_better,
+        "ties": found.ties,
+        "winner": {"a": names[0], "b": names[1], "": None}[found.winner],
+        "mixed": found.mixed,
+        "median_difference": interval_in_sense(found.median_difference, sense),
+        "pairing_gain": plain(found.pairing_gain),
         **{level_name(level): interval_in_sense(interval, sense) for level, interval in levels},
     }
 
