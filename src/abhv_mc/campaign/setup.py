@@ -111,9 +111,9 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     folder = CampaignFolder(request.out or Path("reports") / wanted.model.name)
     _check_shard(request, wanted)
     started = folder.manifest.exists()
-    strangers = [] if started else folder.strangers()
-    if strangers:
-        found = f"a folder with '{strangers[0].name}', which no campaign wrote"
+    unknown = [] if started else folder.unknown_files()
+    if unknown:
+        found = f"a folder with '{unknown[0].name}', which no campaign wrote"
         raise InputError(folder.root, None, None, found, "an empty folder or a campaign's")
     if not started and not request.fresh and any(folder.flights.glob("*.parquet")):
         found = "flights without the manifest that says what they are"

@@ -3,10 +3,10 @@
 from typing import Any
 
 from abhv_mc.report.failures import requirement_failures
+from abhv_mc.report.flights import severities
 from abhv_mc.report.metrics import words_of
 from abhv_mc.report.plain import level_name, plain
 from abhv_mc.report.results import Results
-from abhv_mc.report.severities import severities
 from abhv_mc.statistics.convergence import Trace, failure_trace, looks, quantile_traces
 from abhv_mc.statistics.estimates import LEVELS
 

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.report.failures import failure_kinds
+from abhv_mc.report.flights import severities
 from abhv_mc.report.parameters import shown_value
 from abhv_mc.report.plain import interval_at, plain
 from abhv_mc.report.results import Results
-from abhv_mc.report.severities import severities
 from abhv_mc.report.sobol import independent_rows
 from abhv_mc.report.words import percent
 from abhv_mc.statistics.drivers import FALSE_DISCOVERY_RATE, rank_drivers

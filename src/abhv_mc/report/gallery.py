@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from abhv_mc.report.columns import Floats
 from abhv_mc.report.figures.convergence import ConvergencePanel, plot_convergence
 from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributions, plot_error_against_usage
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
@@ -18,6 +17,7 @@ from abhv_mc.report.paired import total_usage
 from abhv_mc.report.parameters import spoken_name
 from abhv_mc.report.results import Results, read_histories
 from abhv_mc.report.worst import rank_worst
+from abhv_mc.vehicle.arrays import Floats
 
 _USAGE_LABEL = "surface usage, rms (deg)"
 _SHOWN_WORST = 3

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.flight.signals import CHANNELS, REFERENCE_CHANNELS
-from abhv_mc.report.columns import Floats
 from abhv_mc.report.results import BANDS, Results
+from abhv_mc.vehicle.arrays import Floats
 
 _MOST_TIMES = 301
 _DIGITS = 6  # significant, of a curve's largest value

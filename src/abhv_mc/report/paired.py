@@ -6,15 +6,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.report.columns import Floats
 from abhv_mc.report.failures import requirement_failures
-from abhv_mc.report.flights import ControllerFlights
+from abhv_mc.report.flights import ControllerFlights, common_rows, severities
 from abhv_mc.report.metrics import HEADLINE, USAGE, words_of
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.results import Requirement, Results
-from abhv_mc.report.severities import common_rows, severities
 from abhv_mc.statistics.bootstrap import PairedBootstrap
 from abhv_mc.statistics.duel import failure_duel, median_ratio, metric_duel, usage_duel
+from abhv_mc.vehicle.arrays import Floats
 
 _LISTED = 10  # flights where only one failed
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.store.flights import make_field
 from abhv_mc.store.folder import write_whole
-
-Floats = NDArray[np.float64]
+from abhv_mc.vehicle.arrays import Floats
 
 QUANTILES = (0.00135, 0.05, 0.50, 0.95, 0.99865)
 QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")

@@ -15,8 +15,7 @@ from abhv_mc.flight.signals import METRICS, Signal
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.store.digest import Digest, digest_rows
 from abhv_mc.store.folder import write_whole
-
-Floats = NDArray[np.float64]
+from abhv_mc.vehicle.arrays import Floats
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
 VALUES = (*METRICS, END_TIME)  # the columns after the samples

@@ -13,8 +13,8 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.signals import CHANNEL_INDEX, CHANNELS, REFERENCE_CHANNELS
 from abhv_mc.store.flights import make_field
 from abhv_mc.store.folder import write_whole
+from abhv_mc.vehicle.arrays import Floats
 
-Floats = NDArray[np.float64]
 _TIME = make_field("time", pa.float64(), "s", "time since the start")
 _CONTROLLER = make_field("controller", pa.string(), "-", "name of the controller")
 _FLIGHT = make_field("flight", pa.int64(), "-", "number of the flight")

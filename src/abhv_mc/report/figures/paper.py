@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from abhv_mc.report.columns import Floats
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.metrics import controller_label
 from abhv_mc.report.results import Results
+from abhv_mc.vehicle.arrays import Floats
 
 _BANDS = "Bands over the flights that still fly: all, 0.135 to 99.865 %, 5 to 95 %; line: median."
 _SIGN = "The paper plots the mirrored sign (its first bank is positive); its time is ours plus 180 s."
