@@ -45,7 +45,7 @@ def _pair_sentence(pair: Mapping[str, Any]) -> str:
     won: dict[str | None, list[str]] = {a: [], b: [], None: []}
     mixed = [_SHORT[metric] for metric in metrics if pair["metrics"][metric]["mixed"]]
     for metric in metrics:
-        if not pair["metrics"][metric]["mixed"]:
+        if _SHORT[metric] not in mixed:
             won[pair["metrics"][metric]["winner"]].append(_SHORT[metric])
     parts = []
     for name, other in ((a, b), (b, a)):

@@ -36,9 +36,8 @@ def envelope_data(results: Results, labels: Mapping[str, str], colors: Mapping[s
     references = {signal.name for signal in REFERENCE_CHANNELS}
     channels = []
     for signal in held:
-        stem, _, rest = signal.name.rpartition("_")
-        reference = f"{stem}_reference_{rest}" if signal.unit != "-" else f"{signal.name}_reference"
-        command = f"{stem}_command_{rest}" if signal.unit != "-" else f"{signal.name}_command"
+        stem, _, ending = signal.name.rpartition("_") if signal.unit != "-" else (signal.name, "", "")
+        reference, command = (f"{stem}_{kind}_{ending}".rstrip("_") for kind in ("reference", "command"))
         channels.append(
             {
                 "name": signal.name,
