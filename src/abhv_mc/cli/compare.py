@@ -27,13 +27,10 @@ def command(
 
 
 def _print(found: dict[str, Any]) -> None:
-    from rich.console import Console
-
     from abhv_mc.cli.printing import new_table, print_table
     from abhv_mc.report.metrics import words_of
     from abhv_mc.report.words import p_value, significant
 
-    console = Console()
     for pair in found["paired"]:
         headings = "median difference (95 %)", "of 95 % quantiles (95 %)", "A better", "B better", "pairing saved"
         title = f"{pair['a']}  minus  {pair['b']}: {pair['pairs']} flights"
@@ -50,11 +47,9 @@ def _print(found: dict[str, Any]) -> None:
         _print_usage(pair["usage"])
         listed = [*found["requirements"], "reached the end of the mission"]
         for words_, failed in zip(listed, [*pair["requirements"], pair["ended_early"]], strict=True):
-            console.print(
+            print(
                 f"{words_}: only A failed {failed['only_a']}, only B {failed['only_b']}, both {failed['both']} "
-                f"(McNemar p {p_value(failed['p_value'])}){_listed(failed)}",
-                highlight=False,
-                soft_wrap=True,
+                f"(McNemar p {p_value(failed['p_value'])}){_listed(failed)}"
             )
 
 

@@ -61,14 +61,12 @@ def _pairs(a: Results, b: Results, controllers: Sequence[str]) -> Iterator[tuple
             raise InputError("--controllers", None, None, found, "two: the first folder's and the second's")
         for name, results in zip(controllers, (a, b), strict=True):
             if name not in results.flights:
-                raise InputError(
-                    results.folder, None, None, f"no flights of '{name}'", " or ".join(results.controllers)
-                )
+                wanted = " or ".join(results.controllers)
+                raise InputError(results.folder, None, None, f"no flights of '{name}'", wanted)
         yield controllers[0], controllers[1]
         return
     common = [name for name in a.controllers if name in b.flights]
     if not common:
-        raise InputError(
-            b.folder, None, None, f"the controllers {', '.join(b.controllers)}", f"one of {', '.join(a.controllers)}"
-        )
+        found = f"the controllers {', '.join(b.controllers)}"
+        raise InputError(b.folder, None, None, found, f"one of {', '.join(a.controllers)}")
     yield from ((name, name) for name in common)

@@ -19,7 +19,6 @@ from abhv_mc.report.results import Results, read_histories
 from abhv_mc.report.worst import rank_worst
 from abhv_mc.vehicle.arrays import Floats
 
-_USAGE_LABEL = "surface usage, rms (deg)"
 _SHOWN_WORST = 3
 _SHOWN_PARAMETERS = 6
 
@@ -74,7 +73,7 @@ def _trade(results: Results, labels: Mapping[str, str], colors: Mapping[str, str
         "Each small mark is one flight, each large one a controller's median. Usage is the root of the summed squares "
         "of the rms deflections of aileron, rudder and elevator from their trim. Lower is better at equal usage.",
     )
-    yield text, plot_error_against_usage(usage, trades, _USAGE_LABEL, labels, colors)
+    yield text, plot_error_against_usage(usage, trades, "surface usage, rms (deg)", labels, colors)
 
 
 _WORST_CHANNELS = (

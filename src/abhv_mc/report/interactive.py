@@ -68,7 +68,7 @@ def envelope_data(results: Results, labels: Mapping[str, str], colors: Mapping[s
 
 
 def _reference(results: Results, channels: list[dict[str, Any]]) -> dict[str, Any]:
-    time = results.reference["time"]
-    every = max(1, -(-time.size // _MOST_TIMES))
-    wanted = [channel["reference"] for channel in channels if channel["reference"] in results.reference]
-    return {"time": _rounded(time[::every]), **{name: _rounded(results.reference[name][::every]) for name in wanted}}
+    held = results.reference
+    every = max(1, -(-held["time"].size // _MOST_TIMES))
+    names = ["time", *(channel["reference"] for channel in channels if channel["reference"] in held)]
+    return {name: _rounded(held[name][::every]) for name in names}

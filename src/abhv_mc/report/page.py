@@ -153,10 +153,8 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "dispersions": _dispersions(numbers),
         "outcomes": [
             {
+                **counts,
                 "label": controller_label(name),
-                "flown": counts["flown"],
-                "failed": counts["failed"],
-                "not_computed": counts["not_computed"],
                 "outcomes": joined([f"{count} {code.replace('_', ' ')}" for code, count in counts["outcomes"].items()]),
             }
             for name, counts in numbers["flights"].items()

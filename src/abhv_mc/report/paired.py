@@ -75,11 +75,8 @@ def _metric(a: Floats, b: Floats, metric: str, names: tuple[str, str], bootstrap
     sense = words_of(metric).sense
     levels = zip(found.levels, found.quantile_differences, strict=True)
     return {
-        "a_better": found.a_better,
-        "b_better": found.b_better,
-        "ties": found.ties,
+        **{key: getattr(found, key) for key in ("a_better", "b_better", "ties", "mixed")},
         "winner": {"a": names[0], "b": names[1], "": None}[found.winner],
-        "mixed": found.mixed,
         "median_difference": interval_in_sense(found.median_difference, sense),
         "pairing_gain": plain(found.pairing_gain),
         **{level_name(level): interval_in_sense(interval, sense) for level, interval in levels},

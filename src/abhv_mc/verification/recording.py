@@ -52,6 +52,11 @@ def _read_text(path: Path) -> str:
         raise InputError(path, None, None, "bytes that are not UTF-8 text", "a CSV file") from None
 
 
+def stack_columns(columns: dict[str, Floats], names: list[str]) -> Floats:
+    """Columns side by side, ``[row, name]``."""
+    return np.stack([columns[name] for name in names], axis=-1)
+
+
 def check_times(path: Path, times: Floats, uniform: bool = False) -> None:
     """Refuse times that do not rise, or that are not evenly spaced where that is wanted."""
     steps = np.diff(times)
