@@ -1,5 +1,6 @@
 """How a report speaks of each metric: its words, its group, and the sense in which it is bad."""
 
+import re
 from dataclasses import dataclass
 
 from abhv_mc.flight.signals import METRICS
@@ -38,16 +39,9 @@ class MetricWords:
 
 
 def _label(name: str) -> str:
-    for suffix in _UNIT_SUFFIXES:
-        if name.endswith(suffix):
-            name = name[: -len(suffix)]
-            break
-    words = name.replace("cross_track", "cross-track").replace("_", " ")
-    for ending, plain in ((" settled max", ", settled, max"), (" rms", ", rms"), (" max", ", max"), (" min", ", min")):
-        if words.endswith(ending):
-            words = words[: -len(ending)] + plain
-            break
-    words = words.replace("error final", "error at the end")
+    name = name.removesuffix(next(filter(name.endswith, _UNIT_SUFFIXES), ""))
+    words = name.replace("cross_track", "cross-track").replace("_", " ").replace("error final", "error at the end")
+    words = re.sub(r" (settled )?(rms|max|min)$", lambda found: f", {'settled, ' if found[1] else ''}{found[2]}", words)
     return words[0].upper() + words[1:]
 
 

@@ -70,9 +70,8 @@ def read_recording(path: Path) -> Recording:
     check_times(path, times, uniform=True)
 
     body_from_inertial = stack_columns(given, ATTITUDE).reshape(-1, 3, 3)
-    position, velocity = earth_fixed_from_inertial(
-        CADAC_EARTH, times, stack_columns(given, POSITION), stack_columns(given, VELOCITY)
-    )
+    inertial = [stack_columns(given, names) for names in (POSITION, VELOCITY)]
+    position, velocity = earth_fixed_from_inertial(CADAC_EARTH, times, *inertial)
     latitude, longitude, altitude = geodetic_from_ecef(CADAC_EARTH, position)
     ned_from_earth = ned_from_ecef_matrix(latitude, longitude)
     ned_from_body = ned_from_earth @ _earth_from_inertial(times) @ np.swapaxes(body_from_inertial, -1, -2)
