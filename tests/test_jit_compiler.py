@@ -5,11 +5,11 @@ import gc
 import numba
 import numpy as np
 import pytest
+from abhv_mc.jit_compiler import KernelCompiler
 from numba.core import types
 
 from abhv_mc import jit_compiler
 from abhv_mc.jit import lanes, routine, scalar
-from abhv_mc.jit_compiler import KernelCompiler
 
 kernel = numba.njit(error_model="numpy", pipeline_class=KernelCompiler)  # as in jit, but compiled anew each time
 

@@ -23,38 +23,17 @@ class Campaign:
     """A campaign file, read and checked; :meth:`run` flies it."""
 
     def __init__(self, path: Path, checked: CheckedCampaign) -> None:
-        self.path = path
-        self._checked = checked
+        self.path, self._checked = path, checked
+        self.name: str = checked.model.name
+        self.question: str = checked.model.question  # what it asks
+        self.runs: int = checked.runs  # flights of each controller
+        self.controllers: tuple[str, ...] = tuple(checked.model.controllers)  # the first is compared with the others
+        self.parameters: tuple[str, ...] = checked.names  # that are dispersed
 
     @classmethod
     def read(cls, path: Paths) -> "Campaign":
         """Read a campaign file. Raises :class:`abhv_mc.io.documents.InputError` with everything that is wrong."""
         return cls(Path(path), read_campaign(path))
-
-    @property
-    def name(self) -> str:
-        """Its name."""
-        return self._checked.model.name
-
-    @property
-    def question(self) -> str:
-        """What it asks."""
-        return self._checked.model.question
-
-    @property
-    def runs(self) -> int:
-        """Flights of each controller."""
-        return self._checked.runs
-
-    @property
-    def controllers(self) -> tuple[str, ...]:
-        """Names of the controllers; the first is compared with the others."""
-        return tuple(self._checked.model.controllers)
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the dispersed parameters."""
-        return self._checked.names
 
     def draw_samples(self, flights: int | None = None) -> "pd.DataFrame":
         """The dispersions that the first flights will have (all by default), SI, one column a parameter."""

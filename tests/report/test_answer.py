@@ -19,8 +19,8 @@ def test_early_ends_are_told(failing_numbers):
 
 def test_medians_that_contradict_the_flights_make_no_winner(report_json):
     numbers = copy.deepcopy(report_json)
-    for duel in numbers["duels"].values():
-        duel["metrics"]["sideslip_rms_deg"] |= {"winner": None, "mixed": True}
+    for pair in numbers["paired"].values():
+        pair["metrics"]["sideslip_rms_deg"] |= {"winner": None, "mixed": True}
     first = answer_sentences(numbers)[0]
     assert "in zero sideslip the one that is closer on more flights has the larger median" in first
     assert "no difference is shown in altitude;" in first

@@ -63,17 +63,11 @@ def _find(kind: str, name: str) -> Path:
 
 
 def _print_table(title: str, blocks: "dict[str, FlightBlock]") -> None:
-    from rich.box import SIMPLE
-    from rich.table import Table
-
-    from abhv_mc.cli.printing import print_table
+    from abhv_mc.cli.printing import new_table, print_table
     from abhv_mc.flight.outcome import SENTENCES, Outcome
     from abhv_mc.flight.signals import METRICS
 
-    table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0))
-    table.add_column("metric", no_wrap=True)
-    for name in blocks:
-        table.add_column(name, justify="right")
+    table = new_table(("metric",), blocks, title, padding=(0, 1, 0, 0))
     outcomes = {name: Outcome(int(block.outcome[0])) for name, block in blocks.items()}
     table.add_row("outcome", *(outcome.code for outcome in outcomes.values()))
     table.add_row("end_time_s", *(f"{block.end_time[0]:g}" for block in blocks.values()), end_section=True)

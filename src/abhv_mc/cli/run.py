@@ -113,11 +113,15 @@ def _print_result(result: "RunResult", named: str) -> None:
     print(f"folder    {named}")
     print(f"flights   {manifest['runs_done']} of {manifest['runs_planned']}, {manifest['state']}")
     for name, facts in manifest["controllers"].items():
-        counts = ", ".join(f"{number} {outcome}" for outcome, number in facts["outcomes"].items())
-        print(f"  {name:<12} {counts or 'none'}")
+        print(f"  {name:<12} {describe_outcomes(facts)}")
     for entry in manifest["requirements"]:
         print(f"  {describe_requirement(entry)}")
     print(f"digest    {manifest['digest']}")
+
+
+def describe_outcomes(facts: dict[str, Any]) -> str:
+    """How many of a controller's flights ended in each way."""
+    return ", ".join(f"{number} {outcome}" for outcome, number in facts["outcomes"].items()) or "none"
 
 
 def describe_requirement(entry: dict[str, Any]) -> str:

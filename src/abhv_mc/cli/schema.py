@@ -17,9 +17,8 @@ class Kind(StrEnum):
 
 def command(kind: Annotated[Kind, typer.Argument(help="The kind of file.")]) -> None:
     """Print the JSON Schema of a kind of file."""
-    import json
-
     from abhv_mc.campaign.file.inputs import MODELS
+    from abhv_mc.cli.printing import print_json
 
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | MODELS[kind.value].model_json_schema()
-    print(json.dumps(schema, indent=2))
+    print_json(schema)

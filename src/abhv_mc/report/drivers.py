@@ -6,16 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.report.failures import failure_kinds
+from abhv_mc.report.flights import severities
 from abhv_mc.report.parameters import shown_value
-from abhv_mc.report.plain import plain
+from abhv_mc.report.plain import interval_at, plain
 from abhv_mc.report.results import Results
-from abhv_mc.report.severities import severities
 from abhv_mc.report.sobol import independent_rows
 from abhv_mc.report.words import percent
 from abhv_mc.statistics.drivers import FALSE_DISCOVERY_RATE, rank_drivers
 from abhv_mc.statistics.failure_drivers import FALSE_DISCOVERY_RATE as RULES_RATE
 from abhv_mc.statistics.failure_drivers import FEWEST_FAILURES, Rule, bin_inputs, find_rules
 
+_COUNTS = ("failures_inside", "failures", "others_inside", "others", "p_value", "q_value")
 _LISTED = 12  # parameters of a metric, largest first
 _MOST_FLIGHTS = 5_000  # the first so many tell correlations of 0.05 from chance
 
@@ -76,12 +77,7 @@ def _coefficients(results: Results, controller: str, rows: NDArray[np.intp]) -> 
                 {
                     "parameter": names[row % len(names)],
                     "either_way": bool(row >= len(names)),
-                    "srrc": plain(
-                        [drivers.srrc[row, column], drivers.srrc_low[row, column], drivers.srrc_high[row, column]]
-                    ),
-                    "prcc": plain(
-                        [drivers.prcc[row, column], drivers.prcc_low[row, column], drivers.prcc_high[row, column]]
-                    ),
+                    **{kind: interval_at(drivers, kind, row, column) for kind in ("srrc", "prcc")},
                     "p_value": plain(drivers.p_value[row, column]),
                     "driver": bool(drivers.found[row, column]),
                 }
@@ -102,10 +98,5 @@ def _rule(rule: Rule, names: list[str]) -> dict[str, Any]:
         "conditions": [
             {"parameter": names[c.input], "above": c.above, "threshold": c.threshold} for c in rule.conditions
         ],
-        "failures_inside": rule.failures_inside,
-        "failures": rule.failures,
-        "others_inside": rule.others_inside,
-        "others": rule.others,
-        "p_value": rule.p_value,
-        "q_value": rule.q_value,
+        **{key: getattr(rule, key) for key in _COUNTS},
     }

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.report.flights import ControllerFlights
-from abhv_mc.report.metrics import METRIC_WORDS, words_of
+from abhv_mc.report.metrics import words_of
 from abhv_mc.report.results import Requirement, Results
 from abhv_mc.statistics.requirement import requirement_failures as failures
 from abhv_mc.statistics.sequential import (
@@ -53,7 +53,7 @@ def sequential_evidence(flights: ControllerFlights, requirement: Requirement, lo
 
 def requirement_words(requirement: Requirement) -> str:
     """'Altitude error, max < 50 m'."""
-    words = METRIC_WORDS.get(requirement.metric) or words_of(requirement.metric)
+    words = words_of(requirement.metric)
     limit = f"{requirement.limit:g}"
     return f"{words.label} {'<' if requirement.below else '>'} {limit}\N{NO-BREAK SPACE}{words.unit}".strip()
 

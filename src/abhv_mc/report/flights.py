@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -11,8 +12,11 @@ from numpy.typing import NDArray
 
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.columns import Floats, SpooledColumns, missing_file, read_table
+from abhv_mc.report.columns import SpooledColumns, missing_file, read_table
+from abhv_mc.report.metrics import words_of
+from abhv_mc.statistics.estimates import severity
 from abhv_mc.store.flights import END_TIME
+from abhv_mc.vehicle.arrays import Floats
 
 _WANTED = "a block of flights"
 _CODES = {outcome.code: int(outcome) for outcome in Outcome}
@@ -36,6 +40,20 @@ class ControllerFlights:
         """How many flights ended in each way that occurred, by its code."""
         counts = np.bincount(self.outcome, minlength=len(Outcome)).tolist()
         return {code: counts[number] for code, number in sorted(_CODES.items()) if counts[number]}
+
+
+def severities(flights: ControllerFlights, metric: str, rows: Any = slice(None)) -> Floats:
+    """A metric [flight] in the sense of `abhv_mc.statistics`: larger is worse, a flight that failed is worst.
+
+    Of all flights, or of those in `rows`.
+    """
+    return severity(flights.metrics[metric][rows], words_of(metric).sense, flights.failed[rows])
+
+
+def common_rows(a: ControllerFlights, b: ControllerFlights) -> tuple[Any, Any]:
+    """Rows of the flights that both flew, so that row i of one is the same flight as row i of the other."""
+    _, rows_a, rows_b = np.intersect1d(a.flight, b.flight, assume_unique=True, return_indices=True)
+    return rows_a, rows_b
 
 
 class _Collected:

@@ -6,6 +6,7 @@ import json
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from abhv_mc.report.answer import answer_sentences, joined, sureness_sentence
 from abhv_mc.report.figures.paper import FigureText
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.interactive import envelope_data
-from abhv_mc.report.metrics import FOLLOWING, HOLDING, controller_label
+from abhv_mc.report.metrics import FOLLOWING, HOLDING, controller_label, words_of
 from abhv_mc.report.parameters import parameter_doc
 from abhv_mc.report.results import Results
 from abhv_mc.report.words import fixed, percent, significant
@@ -115,10 +116,8 @@ def _plain_words(value: Any) -> str:
 
 def _sample_step(results: Results) -> str:
     """Seconds between the samples of the envelopes, as text; empty where there are none."""
-    for envelope in results.envelopes.values():
-        if envelope.time.size > 1:
-            return f"{envelope.time[1] - envelope.time[0]:.4g}"
-    return ""
+    times = next((envelope.time for envelope in results.envelopes.values() if envelope.time.size > 1), None)
+    return "" if times is None else f"{times[1] - times[0]:.4g}"
 
 
 def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
@@ -136,7 +135,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "verdicts": tables.verdict_rows(numbers),
         "headline": tables.headline_rows(numbers),
         "groups": list(tables.metric_groups(numbers)),
-        "duels": tables.duel_tables(numbers),
+        "pairs": tables.pair_tables(numbers),
         "drivers": tables.driver_rows(numbers),
         "sobol": tables.sobol_rows(numbers),
         "failure_rules": {
@@ -149,14 +148,12 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
             "rules": percent(numbers["drivers"].get("rules_false_discovery_rate"), 1),
         },
         "worst": tables.worst_tables(numbers, folder),
-        "worst_heads": [tables.words(m).label_with_unit for m in (*FOLLOWING, *HOLDING)],
+        "worst_heads": [words_of(m).label_with_unit for m in (*FOLLOWING, *HOLDING)],
         "dispersions": _dispersions(numbers),
         "outcomes": [
             {
+                **counts,
                 "label": controller_label(name),
-                "flown": counts["flown"],
-                "failed": counts["failed"],
-                "not_computed": counts["not_computed"],
                 "outcomes": joined([f"{count} {code.replace('_', ' ')}" for code, count in counts["outcomes"].items()]),
             }
             for name, counts in numbers["flights"].items()
@@ -186,16 +183,14 @@ def make_page(results: Results, numbers: Mapping[str, Any], figures: Sequence[Pa
     environment = _environment(html=True)
     labels = {name: controller_label(name) for name in results.controllers}
     colors = controller_colors(results.controllers)
-    source = environment.loader.get_source if environment.loader else None
-    if source is None:
-        raise RuntimeError("the report's templates are not installed")
+    template = files("abhv_mc.report") / "template"
     embedded = [_embedded(figure, numbers) for figure in figures]
     return environment.get_template("page.html.j2").render(
         **_context(results, numbers),
         figures=embedded,
         figure_of={figure["name"]: figure for figure in embedded},
-        style=Markup(source(environment, "style.css")[0]),  # noqa: S704  our own files
-        script=Markup(source(environment, "page.js")[0]),  # noqa: S704
+        style=Markup((template / "style.css").read_text("utf-8")),  # noqa: S704  our own files
+        script=Markup((template / "page.js").read_text("utf-8")),  # noqa: S704
         plotly=_packed_plotly(),
         envelopes=_script_json(envelope_data(results, labels, colors)),
     )
@@ -203,8 +198,5 @@ def make_page(results: Results, numbers: Mapping[str, Any], figures: Sequence[Pa
 
 def make_markdown(results: Results, numbers: Mapping[str, Any], figures: Sequence[PageFigure]) -> str:
     """The report's words, tables and links to its figures as Markdown."""
-    return (
-        _environment(html=False)
-        .get_template("page.md.j2")
-        .render(**_context(results, numbers), figures=[_embedded(figure, numbers) for figure in figures])
-    )
+    template = _environment(html=False).get_template("page.md.j2")
+    return template.render(**_context(results, numbers), figures=[_embedded(figure, numbers) for figure in figures])

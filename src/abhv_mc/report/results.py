@@ -11,11 +11,12 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from abhv_mc.flight.signals import METRICS
-from abhv_mc.report.columns import FileColumns, Floats, read_table
+from abhv_mc.report.columns import FileColumns, read_table
 from abhv_mc.report.flights import ControllerFlights, read_flights
 from abhv_mc.store.envelopes import QUANTILE_COLUMNS
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.manifest import read_manifest
+from abhv_mc.vehicle.arrays import Floats
 
 BANDS = ("min", *QUANTILE_COLUMNS, "max")
 INDEPENDENT_DESIGNS = ("random",)

@@ -9,17 +9,16 @@ import numpy as np
 from abhv_mc.campaign.analysis.reweight import make_change, unseen_probability, weigh_flights
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.columns import Floats
 from abhv_mc.report.failures import requirement_failures, requirement_words
-from abhv_mc.report.flights import ControllerFlights
+from abhv_mc.report.flights import ControllerFlights, severities
 from abhv_mc.report.metrics import words_of
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.results import Results, read_results
-from abhv_mc.report.severities import severities
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
 from abhv_mc.statistics.reweight import effective_size, weighted_quantile, weighted_share
 from abhv_mc.statistics.verdicts import clopper_pearson
 from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.vehicle.arrays import Floats
 
 FEWEST_EFFECTIVE = 100.0  # flights
 MOST_UNSEEN = 0.01  # probability of values that no flight had

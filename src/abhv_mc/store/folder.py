@@ -3,7 +3,6 @@
 import contextlib
 import errno
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from abhv_mc.io.atomic_write import ASIDE, atomic_write
@@ -17,63 +16,24 @@ class StorageFullError(Exception):
     """The disk is full; what was flown is kept and the same command resumes."""
 
 
-@dataclass(frozen=True)
 class CampaignFolder:
     """Paths of a campaign's folder."""
 
-    root: Path
-
-    @property
-    def campaign(self) -> Path:
-        return self.root / "campaign.yaml"
-
-    @property
-    def manifest(self) -> Path:
-        return self.root / "manifest.json"
-
-    @property
-    def samples(self) -> Path:
-        return self.root / "samples.parquet"
-
-    @property
-    def envelopes(self) -> Path:
-        return self.root / "envelopes.parquet"
-
-    @property
-    def nominal(self) -> Path:
-        return self.root / "nominal.parquet"
-
-    @property
-    def reference(self) -> Path:
-        return self.root / "reference.parquet"
-
-    @property
-    def inputs(self) -> Path:
-        return self.root / "inputs"
-
-    @property
-    def plans(self) -> Path:
-        return self.root / "plans"
-
-    @property
-    def flights(self) -> Path:
-        return self.root / "flights"
-
-    @property
-    def histories(self) -> Path:
-        return self.root / "histories"
-
-    @property
-    def envelope_states(self) -> Path:
-        return self.root / "envelope_states"
-
-    @property
-    def explained(self) -> Path:
-        return self.root / "explained"
-
-    @property
-    def lock(self) -> Path:
-        return self.root / ".lock"
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.campaign = root / "campaign.yaml"
+        self.manifest = root / "manifest.json"
+        self.samples = root / "samples.parquet"
+        self.envelopes = root / "envelopes.parquet"
+        self.nominal = root / "nominal.parquet"
+        self.reference = root / "reference.parquet"
+        self.inputs = root / "inputs"
+        self.plans = root / "plans"
+        self.flights = root / "flights"
+        self.histories = root / "histories"
+        self.envelope_states = root / "envelope_states"
+        self.explained = root / "explained"
+        self.lock = root / ".lock"
 
     def plan(self, controller: str) -> Path:
         return self.plans / f"{controller}.npz"
@@ -86,7 +46,7 @@ class CampaignFolder:
         folders = (self.inputs, self.plans, self.flights, self.histories, self.envelope_states, self.explained)
         return (*files, *report, *folders)
 
-    def strangers(self) -> list[Path]:
+    def unknown_files(self) -> list[Path]:
         """What lies in the folder that no campaign wrote."""
         if not self.root.is_dir():
             return []

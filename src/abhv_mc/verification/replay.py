@@ -104,3 +104,8 @@ def at_times(tick: float, states: Floats, times: Floats) -> Floats:
 
     spline = CubicSpline(tick * np.arange(len(states)), states, axis=0)
     return np.asarray(spline(times), dtype=np.float64)
+
+
+def wrap_degrees(differences: Floats) -> Floats:
+    """Differences of angles modulo 360 deg, within 180."""
+    return np.remainder(differences + 180.0, 360.0) - 180.0

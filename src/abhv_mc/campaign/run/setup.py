@@ -110,7 +110,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     folder = CampaignFolder(request.out or Path("reports") / wanted.model.name)
     _check_shard(request, wanted)
     started = folder.manifest.exists()
-    unknown = [] if started else folder.strangers()
+    unknown = [] if started else folder.unknown_files()
     if unknown:
         found = f"a folder with '{unknown[0].name}', which no campaign wrote"
         raise InputError(folder.root, None, None, found, "an empty folder or a campaign's")

@@ -6,29 +6,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.report.columns import Floats
 from abhv_mc.report.failures import requirement_failures
-from abhv_mc.report.flights import ControllerFlights
+from abhv_mc.report.flights import ControllerFlights, common_rows, severities
 from abhv_mc.report.metrics import HEADLINE, USAGE, words_of
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.results import Requirement, Results
-from abhv_mc.report.severities import common_rows, severities
 from abhv_mc.statistics.bootstrap import PairedBootstrap
 from abhv_mc.statistics.duel import failure_duel, median_ratio, metric_duel, usage_duel
+from abhv_mc.vehicle.arrays import Floats
 
 _LISTED = 10  # flights where only one failed
 
 
-def duel_numbers(results: Results) -> dict[str, Any]:
+def paired_numbers(results: Results) -> dict[str, Any]:
     """The first controller of a campaign against each other one."""
-    duels: dict[str, Any] = {}
+    pairs: dict[str, Any] = {}
     for a, b in results.pairs:
         found = pair_numbers(
             results.flights[a], results.flights[b], (a, b), results.metrics, results.campaign.requirements
         )
         if found is not None:
-            duels[f"{a} - {b}"] = found
-    return duels
+            pairs[f"{a} - {b}"] = found
+    return pairs
 
 
 def pair_numbers(
@@ -72,17 +71,14 @@ def pair_numbers(
 
 
 def _metric(a: Floats, b: Floats, metric: str, names: tuple[str, str], bootstrap: PairedBootstrap) -> dict[str, Any]:
-    duel = metric_duel(a, b, bootstrap)
+    found = metric_duel(a, b, bootstrap)
     sense = words_of(metric).sense
-    levels = zip(duel.levels, duel.quantile_differences, strict=True)
+    levels = zip(found.levels, found.quantile_differences, strict=True)
     return {
-        "a_better": duel.a_better,
-        "b_better": duel.b_better,
-        "ties": duel.ties,
-        "winner": {"a": names[0], "b": names[1], "": None}[duel.winner],
-        "mixed": duel.mixed,
-        "median_difference": interval_in_sense(duel.median_difference, sense),
-        "pairing_gain": plain(duel.pairing_gain),
+        **{key: getattr(found, key) for key in ("a_better", "b_better", "ties", "mixed")},
+        "winner": {"a": names[0], "b": names[1], "": None}[found.winner],
+        "median_difference": interval_in_sense(found.median_difference, sense),
+        "pairing_gain": plain(found.pairing_gain),
         **{level_name(level): interval_in_sense(interval, sense) for level, interval in levels},
     }
 
