@@ -10,6 +10,7 @@ INSTALLED := .venv/installed
 CAMPAIGN := campaigns/s_manoeuvre.yaml
 REPORT := reports/s_manoeuvre/report.html
 TEST_WORKERS ?= 2
+SELF_CHECKS := tests/verification tests/world tests/control/test_retuned.py
 
 .PHONY: run test verify bench bench-peers lock clean
 .DELETE_ON_ERROR:
@@ -32,6 +33,7 @@ test: $(INSTALLED)
 
 verify: $(INSTALLED)
 	$(BIN)/abhv-mc verify all --references tests/reference
+	$(BIN)/python -m pytest -s $(SELF_CHECKS)
 
 bench: $(INSTALLED)
 	$(BIN)/abhv-mc bench

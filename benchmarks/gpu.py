@@ -17,10 +17,10 @@ import time
 
 import numpy as np
 
-from abhv_mc.flight.device import THREADS, fly_on_gpu, kernel_of
 from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.gpu import THREADS, fly_on_gpu, kernel_of
 from abhv_mc.flight.prepare import prepare
-from abhv_mc.input_error import Refusal
+from abhv_mc.io.input_error import Refusal
 from abhv_mc.jit_cuda import SIMULATED, find_device
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.shipped import shipped_configs

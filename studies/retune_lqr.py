@@ -35,11 +35,11 @@ from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.controller_file import LqrController, read_controller
 from abhv_mc.control.lqr_design import gains_of_models, make_lqr_models
 from abhv_mc.control.mission import read_mission
-from abhv_mc.documents import write_document
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_plan
+from abhv_mc.io.documents import write_document
 from abhv_mc.plant.vehicles import load_vehicle
 
 # Varied weights: regulator, states or inputs, name. One input of each regulator keeps the paper's weight.

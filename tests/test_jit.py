@@ -114,7 +114,7 @@ def test_a_changed_table_changes_the_flight_without_compiling(repository, tmp_pa
 
 LAZY = """
 import sys
-from abhv_mc.flight import lanes
+from abhv_mc.flight import kernel
 from abhv_mc.world.earth import WGS84, radii
 assert "numba" not in sys.modules and radii.__doc__ and radii.py_func(WGS84, 0.5)
 assert radii(WGS84, 0.5) == radii.py_func(WGS84, 0.5)

@@ -9,21 +9,21 @@ import pytest
 from campaign.fake_flight import ENGINE, write_campaign
 
 import abhv_mc
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("notebook")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("abhv_mc.campaign.runner.make_engine", lambda: ENGINE)
+        patch.setattr("abhv_mc.campaign.run.runner.make_engine", lambda: ENGINE)
         campaign = abhv_mc.Campaign.read(write_campaign(folder / "f"))
         return campaign, campaign.run(output=folder / "out", runs=200, workers=2)
 
 
 @pytest.fixture
 def fake(monkeypatch):
-    monkeypatch.setattr("abhv_mc.campaign.setup.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.campaign.run.setup.make_engine", lambda: ENGINE)
 
 
 def test_the_import_takes_nothing_heavy():

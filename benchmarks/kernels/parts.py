@@ -16,26 +16,24 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.bench.operations import count_operations
-from abhv_mc.bench.speed import make_work
+from abhv_mc.bench.speed import make_work, read_operations
 from abhv_mc.control.lqr import lqr_tick
 from abhv_mc.control.tlc import T_LIFT, nominal_variables, nominal_vehicle, tlc_attitude, tlc_guidance
 from abhv_mc.control.trim_lookup import look_up_trim
 from abhv_mc.flight import observe
+from abhv_mc.flight.arguments import make_kernel_plan
 from abhv_mc.flight.fly import fly
-from abhv_mc.flight.lanes import evaluate, start_lanes
+from abhv_mc.flight.kernel import evaluate, observe_tick, start_lanes
 from abhv_mc.flight.memory import has_width, make_memory
 from abhv_mc.flight.navigation import navigate
-from abhv_mc.flight.observe import judge, measure, start_observing
 from abhv_mc.flight.plan import LANES, FlightPlan
-from abhv_mc.flight.sensors import find_faults, sense
-from abhv_mc.flight.start import start_flights
+from abhv_mc.flight.sensors import active_sensor_errors, sense
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
-from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
+from abhv_mc.plant.actuators import run_actuators, set_actuators
 from abhv_mc.plant.aerodynamics import build_up, find_cells, interpolate_groups
 from abhv_mc.plant.air_data import air_data, deflections
-from abhv_mc.plant.disturbance import disturb, find_unrest
+from abhv_mc.plant.disturbance import active_disturbances, disturb
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
 from abhv_mc.vehicle.arrays import Floats
 from benchmarks.document import replace_part, write_json
@@ -71,24 +69,20 @@ N = 1024  # numbers of an array in the nearest cache
 
 
 @kernel
-def run_part(
-    memory, part, calls, vehicle, trim, effectiveness, earth, tlc, lqr, reference, limits, step, parameters, start
-):
-    """One part ``calls`` times at the start of the mission. tlc, lqr: (gains, settings)."""
+def run_part(plan, lqr_plan, memory, part, calls):
+    """One part ``calls`` times at the start of the mission, of TLC's plan or of LQR's."""
     if not has_width(memory, LANES):
         return 0.0
-    Z, O, T, cells, trim_cells, high, unit_factors, _, order = memory
-    scratch = (cells, trim_cells, high)
+    Z, O, T, cells = memory.Z, memory.O, memory.T, memory.cells
+    vehicle, reference, gains, settings = plan.vehicle, plan.reference, plan.gains, plan.settings
+    earth, step = plan.earth, plan.timing.step
     width = Z.shape[1]
     for lane in range(width):
-        order[lane] = lane
-    start_lanes(Z, width, parameters, order, width)
-    start_flights(Z, width, start)
-    prepare_actuators(Z, width, vehicle.constants, step)
-    start_observing(Z, O, width)
-    unrest, faults = find_unrest(Z, width), find_faults(Z, width)
+        memory.order[lane] = lane
+    start_lanes(plan, memory, width, memory.order, width)
+    disturbances, sensor_errors = active_disturbances(Z, width), active_sensor_errors(Z, width)
     still = runge_kutta_stage(0, 0.0)  # the state stays where it is
-    evaluate(Z, T, width, vehicle, earth, cells, still, False)
+    evaluate(plan, memory, width, still, False)
     for _ in range(calls):
         if part == 0:
             air_data(Z, width, vehicle, earth)
@@ -109,22 +103,21 @@ def run_part(
             finish_step(Z, width, step, O[observe.ALIVE])
         elif part == 8:
             navigate(Z, width, step, False)
-            disturb(Z, width, unrest, step, step, False)
-            sense(Z, width, faults, step, 1)
+            disturb(Z, width, disturbances, step, step, False)
+            sense(Z, width, sensor_errors, step, 1)
         elif part == 9:
-            judge(Z, O, width, limits, 1)
-            measure(Z, O, width, vehicle, reference, 1, step)
+            observe_tick(plan, memory, width, 1)
         elif part == 10:
-            lqr_tick(Z, width, vehicle, earth, reference, lqr[0], lqr[1], 1)
+            lqr_tick(lqr_plan, memory, width, 1)
         elif part == 11:
-            tlc_guidance(Z, width, vehicle, reference, tlc[0], tlc[1], 1, step)
+            tlc_guidance(Z, width, vehicle, reference, gains, settings, 1, step)
         elif part == 12:
             nominal_variables(Z, width, vehicle, reference, 1)
-            nominal_vehicle(Z, T, width, vehicle, effectiveness, scratch, unit_factors)
+            nominal_vehicle(plan, memory, width)
         elif part == 13:
-            look_up_trim(Z, width, trim, trim_cells, s.ALPHA_CMD, s.CMD_ETA, T_LIFT)
+            look_up_trim(Z, width, plan.trim_tables, memory.trim, s.ALPHA_CMD, s.CMD_ETA, T_LIFT)
         elif part == 14:
-            tlc_attitude(Z, width, vehicle, earth, reference, tlc[0], tlc[1], 1, step, False)
+            tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, 1, step, False)
     return Z[s.X, 0]
 
 
@@ -154,14 +147,10 @@ def time_of_one(operation: Callable[..., None]) -> float:
 
 def time_of(part: int, calls: int, plans: dict[str, FlightPlan], parameters: Floats) -> float:
     """Seconds of processor time for ``calls`` calls with all lanes, median."""
-    tlc, lqr = plans["tlc"], plans["lqr"]
-    arguments: tuple[Any, ...] = (
-        *(tlc.vehicle, tlc.trim_tables, tlc.effectiveness, tlc.earth, (tlc.gains, tlc.settings)),
-        *((lqr.gains, lqr.settings), tlc.reference, tlc.limits, tlc.timing.step, parameters, tlc.initial_state),
-    )
-    memory = make_memory(LANES, tlc.vehicle.build_up.factor.size)
-    run_part(memory, part, 1, *arguments)
-    return median(measure_time(lambda: run_part(memory, part, calls, *arguments)) for _ in range(REPEATS))
+    tlc, lqr = (make_kernel_plan(plans[law], parameters, 0) for law in BOTH)
+    memory = make_memory(LANES)
+    run_part(tlc, lqr, memory, part, 1)
+    return median(measure_time(lambda: run_part(tlc, lqr, memory, part, calls)) for _ in range(REPEATS))
 
 
 def measure_parts() -> dict[str, dict[str, float]]:
@@ -170,7 +159,7 @@ def measure_parts() -> dict[str, dict[str, float]]:
     ticks = plans["tlc"].timing.ticks
     seconds = {name: time_of(number, ticks * calls, plans, parameters) for name, (number, calls, _) in PARTS.items()}
     division, root = time_of_one(divide), time_of_one(take_roots)
-    counts = count_operations(plans)
+    counts = read_operations()
     found = {}
     for law, plan in plans.items():
         ms = {name: 1e3 * seconds[name] / LANES for name, (_, _, laws) in PARTS.items() if law in laws}

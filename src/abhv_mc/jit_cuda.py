@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast
 import numba.cuda
 
 import abhv_mc.jit  # noqa: F401  sets numba's cache folder: kernels for the GPU lie there, too
-from abhv_mc.input_error import Refusal
+from abhv_mc.io.input_error import Refusal
 
 cuda: Any = numba.cuda
 config: Any = numba.config

@@ -5,7 +5,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from abhv_mc.campaign.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.manifest import COMPLETE, read_manifest
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from abhv_mc.campaign.explain import Explanation
+    from abhv_mc.campaign.analysis.explain import Explanation
     from abhv_mc.report.results import Results
 
 Paths = str | Path
@@ -28,7 +28,7 @@ class Campaign:
 
     @classmethod
     def read(cls, path: Paths) -> "Campaign":
-        """Read a campaign file. Raises :class:`abhv_mc.documents.InputError` with everything that is wrong."""
+        """Read a campaign file. Raises :class:`abhv_mc.io.documents.InputError` with everything that is wrong."""
         return cls(Path(path), read_campaign(path))
 
     @property
@@ -60,9 +60,7 @@ class Campaign:
         """The dispersions that the first flights will have (all by default), SI, one column a parameter."""
         import pandas as pd
 
-        from abhv_mc.campaign.samples import make_samples
-
-        source = make_samples(self._checked)
+        source = self._checked.make_samples()
         number = self.runs if flights is None else min(flights, self.runs)
         index = pd.RangeIndex(number, name="flight")
         return pd.DataFrame(source.draw(0, number), columns=list(source.names), index=index)
@@ -80,10 +78,10 @@ class Campaign:
 
         ``output`` is ``reports/<name>`` by default; ``fresh`` deletes what it holds first. The other arguments
         override the file. An interrupt keeps what was flown (``results.complete`` is False); the same call goes on.
-        Raises :class:`abhv_mc.documents.InputError` for what is wrong, and ``StorageFullError`` on a full disk.
+        Raises :class:`abhv_mc.io.documents.InputError` for what is wrong, and ``StorageFullError`` on a full disk.
         """
-        from abhv_mc.campaign.runner import run_campaign
-        from abhv_mc.campaign.setup import Request
+        from abhv_mc.campaign.run.runner import run_campaign
+        from abhv_mc.campaign.run.setup import Request
 
         names = tuple(controllers) if controllers is not None else None
         out = Path(output) if output is not None else None
@@ -224,8 +222,8 @@ class CampaignResults:
         """
         import pandas as pd
 
-        from abhv_mc.campaign.replay import replay_flight
-        from abhv_mc.campaign.setup import make_engine
+        from abhv_mc.campaign.analysis.replay import replay_flight
+        from abhv_mc.campaign.run.setup import make_engine
         from abhv_mc.flight.signals import CHANNEL_INDEX
 
         again = replay_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly)
@@ -237,8 +235,8 @@ class CampaignResults:
 
     def explain(self, flight: int, controller: str | None = None, requirement: str | None = None) -> "Explanation":
         """The smallest set of a failing flight's dispersions with which it still fails; see ``abhv-mc explain``."""
-        from abhv_mc.campaign.explain import explain_flight
-        from abhv_mc.campaign.setup import make_engine
+        from abhv_mc.campaign.analysis.explain import explain_flight
+        from abhv_mc.campaign.run.setup import make_engine
 
         return explain_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly, requirement)
 
@@ -255,7 +253,7 @@ class CampaignResults:
         """Quantiles as flown and under other dispersions, such as ``{"aero.drag.half_width": "12 %"}``.
 
         The effective numbers of flights are in the table's ``attrs``. Raises
-        :class:`abhv_mc.documents.InputError` where the flights do not cover what is asked.
+        :class:`abhv_mc.io.documents.InputError` where the flights do not cover what is asked.
         """
         import pandas as pd
 
@@ -299,5 +297,5 @@ class CampaignResults:
 
 
 def open_results(folder: Paths) -> CampaignResults:
-    """The results in a campaign's folder. Raises :class:`abhv_mc.documents.InputError` where there is none."""
+    """The results in a campaign's folder. Raises :class:`abhv_mc.io.documents.InputError` where there is none."""
     return CampaignResults(Path(folder))

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from abhv_mc.bench.figures import make_figures
-from abhv_mc.bench.operations import Operations
 from abhv_mc.bench.peak import measure_peak, multiply_and_add
-from abhv_mc.bench.speed import ControllerSpeed, Speed, make_work
+from abhv_mc.bench.speed import ControllerSpeed, Operations, Speed, make_work
 from abhv_mc.bench.start import Start, _peak_memory
 from abhv_mc.cli.bench import command
 

@@ -4,7 +4,7 @@ import threading
 import numpy as np
 import pytest
 
-from abhv_mc.campaign.check import read_campaign
+from abhv_mc.campaign.file.check import read_campaign
 from benchmarks import growth, processes
 from benchmarks.growth import QUANTITIES, SHORT, fit_line, make_table, write_short_campaign
 from benchmarks.spread import Spread

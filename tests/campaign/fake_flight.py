@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.campaign.setup import Engine
+from abhv_mc.campaign.run.setup import Engine
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Limits, Timing
 from abhv_mc.flight.signals import CHANNELS, METRICS
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 
 DENSITY, LIFT, DRAG = (PARAMETER_INDEX[name] for name in ("atmosphere.density", "aero.lift", "aero.drag"))

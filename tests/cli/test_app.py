@@ -12,7 +12,7 @@ import pytest
 import abhv_mc
 from abhv_mc.cli.app import app
 from abhv_mc.cli.errors import ExitCode, exit_code_of
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 from abhv_mc.store.folder import StorageFullError
 
 HEAVY = {"duckdb", "matplotlib", "numba", "numpy", "pandas", "plotly", "pyarrow", "pydantic", "scipy"}

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from abhv_mc.campaign.check import read_campaign
-from abhv_mc.campaign.inputs import check_inputs
-from abhv_mc.campaign.starter import write_starter
-from abhv_mc.documents import InputError
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.file.inputs import check_inputs
+from abhv_mc.campaign.file.starter import write_starter
+from abhv_mc.io.documents import InputError
 from abhv_mc.shipped import shipped_campaigns
 
 

@@ -7,7 +7,7 @@ from report.synthetic import write_campaign
 from typer.testing import CliRunner
 
 from abhv_mc.cli.app import app
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 
 
 @pytest.fixture(scope="module")

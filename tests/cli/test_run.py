@@ -15,8 +15,8 @@ from abhv_mc.cli.app import main
 @pytest.fixture(autouse=True)
 def fake_engine(monkeypatch, tmp_path):
     """Cheap flights, in a folder of their own."""
-    monkeypatch.setattr("abhv_mc.campaign.runner.make_engine", lambda: ENGINE)
-    monkeypatch.setattr("abhv_mc.campaign.setup.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.campaign.run.runner.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.campaign.run.setup.make_engine", lambda: ENGINE)
     monkeypatch.chdir(tmp_path)
 
 
@@ -71,7 +71,7 @@ def test_an_interrupt_is_exit_code_3_and_the_same_command_resumes(abhv_mc, tmp_p
 
     campaign = write_campaign(tmp_path / "files")
     with monkeypatch.context() as patched:
-        patched.setattr("abhv_mc.campaign.runner.make_engine", lambda: type(ENGINE)(ENGINE.prepare, some, "fake"))
+        patched.setattr("abhv_mc.campaign.run.runner.make_engine", lambda: type(ENGINE)(ENGINE.prepare, some, "fake"))
         code, out, err = abhv_mc("run", campaign)
     assert code == 3 and "interrupted" in out and "same command" in err
     assert not (tmp_path / "reports/fake/report.html").exists()
@@ -119,7 +119,7 @@ def test_replay_names_what_differs(abhv_mc, flown, monkeypatch):
         block.metrics[:, 3] = np.nextafter(block.metrics[:, 3], 1e9)
         return block
 
-    monkeypatch.setattr("abhv_mc.campaign.setup.make_engine", lambda: type(ENGINE)(ENGINE.prepare, other, "fake"))
+    monkeypatch.setattr("abhv_mc.campaign.run.setup.make_engine", lambda: type(ENGINE)(ENGINE.prepare, other, "fake"))
     code, out, _ = abhv_mc("replay", flown, "--flight", 17, "--controller", "two")
     assert code == 1 and "speed_error_max_mps" in out and "differ" in out
 
@@ -155,7 +155,7 @@ def test_export_keeps_every_bit(abhv_mc, flown, tmp_path):
 
 
 def test_dry_run_says_what_it_costs_and_leaves_nothing(abhv_mc, tmp_path, monkeypatch):
-    monkeypatch.setattr("abhv_mc.campaign.inputs.check_inputs", lambda file: [])
+    monkeypatch.setattr("abhv_mc.campaign.file.inputs.check_inputs", lambda file: [])
     code, out, _ = abhv_mc("validate", "--dry-run", write_campaign(tmp_path / "files"))
     assert code == 0 and "300 flights of 2 controllers" in out and "MB at most" in out
     assert [path.name for path in tmp_path.iterdir()] == ["files"]

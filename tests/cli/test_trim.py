@@ -5,7 +5,7 @@ import typer
 from typer.testing import CliRunner
 
 from abhv_mc.cli.trim import command
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 
 app = typer.Typer()
 app.command()(command)

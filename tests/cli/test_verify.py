@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from abhv_mc.cli.verify import app
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 
 FIELDS = ["case", "simulator", "quantity", "unit", "difference", "tolerance", "ok"]
 
@@ -49,9 +49,8 @@ def test_a_tolerance_that_is_missed_exits_1(references, tmp_path):
         (["nesc", "nowhere"], "no such folder"),
         (["ghame6", "nowhere.csv"], "cannot be read"),
         (["all", "--references", "nowhere"], "no recording"),
-        (["invariants", "--tolerance-scale", "0"], "a positive number"),
-        (["invariants", "--json", "no/folder/rows.json"], "no folder"),
-        (["step", "--controller", "tcl"], "tlc"),
+        (["all", "--tolerance-scale", "0"], "a positive number"),
+        (["all", "--json", "no/folder/rows.json"], "no folder"),
     ],
 )
 def test_bad_input_is_refused(words, match):

@@ -1,6 +1,7 @@
 """The compiled moment and its slopes against the design model: other code, slopes by complex step."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -11,13 +12,31 @@ from abhv_mc.control.design_tables import slope
 from abhv_mc.control.tlc import N_ROWS, SLOPES, nominal_vehicle
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
-from abhv_mc.plant.aerodynamics import make_cells
-from abhv_mc.plant.effectiveness import INPUTS, N_INPUTS, make_effectiveness
+from abhv_mc.plant.aerodynamics import Cells, make_cells
+from abhv_mc.plant.effectiveness import INPUTS, N_INPUTS, Effectiveness, make_effectiveness
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.vehicle.arrays import Floats
+from abhv_mc.vehicle.arrays import Floats, Ints
 from abhv_mc.vehicle.evaluate import make_variables
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
 from abhv_mc.vehicle.model import Vehicle
+
+
+class Plan(NamedTuple):
+    """What the nominal vehicle needs of the kernel's plan."""
+
+    vehicle: Vehicle
+    effectiveness: Effectiveness
+    unit_factors: Ints
+
+
+class Memory(NamedTuple):
+    """What it needs of the kernel's memory."""
+
+    Z: Floats
+    T: Floats
+    cells: Cells
+    high: Floats
+
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "vehicle"
 N = 24
@@ -38,7 +57,7 @@ def compute(vehicle, effectiveness, cells, width, variables, density, speed, mom
         Z[s.P, lane] = 1.0
         for i in range(s.N_VARIABLES):
             Z[s.VAR + i, lane] = variables[i, lane]
-    nominal_vehicle(Z, T, width, vehicle, effectiveness, (cells, cells.cell, high), unit_factors)
+    nominal_vehicle(Plan(vehicle, effectiveness, unit_factors), Memory(Z, T, cells, high), width)
     for lane in range(width):
         q_bar = 0.5 * density * speed[lane] * speed[lane]
         moments[0, lane], moments[1, lane], moments[2, lane] = nominal_moment(

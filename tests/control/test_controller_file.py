@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
-from abhv_mc.documents import write_document
-from abhv_mc.input_error import InputError
+from abhv_mc.io.documents import write_document
+from abhv_mc.io.input_error import InputError
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "control"
 TLC = (CONFIGS / "tlc.yaml").read_text()

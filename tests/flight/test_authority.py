@@ -2,8 +2,8 @@
 
 import pytest
 
-from abhv_mc.documents import InputError
 from abhv_mc.flight.prepare import prepare
+from abhv_mc.io.documents import InputError
 
 
 @pytest.fixture

@@ -6,9 +6,9 @@ import pytest
 
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.mission import Mission, SManoeuvre, read_mission
-from abhv_mc.documents import InputError
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_plan
+from abhv_mc.io.documents import InputError
 from abhv_mc.plant.vehicles import load_vehicle
 
 CONFIGS = Path(__file__).parents[2] / "configs"

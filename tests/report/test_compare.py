@@ -1,7 +1,7 @@
 import pytest
 from report.synthetic import write_campaign
 
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 from abhv_mc.report.compare import compare_folders
 
 

@@ -3,7 +3,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 from abhv_mc.report.flights import read_flights
 
 

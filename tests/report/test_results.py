@@ -3,7 +3,7 @@ import pyarrow.parquet as pq
 import pytest
 from report.synthetic import CONTROLLERS, write_campaign
 
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 from abhv_mc.report.results import read_histories, read_results
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from campaign.fake_flight import ENGINE, write_campaign
 
-from abhv_mc.campaign.check import read_campaign
-from abhv_mc.campaign.runner import run_campaign
-from abhv_mc.campaign.setup import Request
-from abhv_mc.documents import InputError
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
+from abhv_mc.io.documents import InputError
 from abhv_mc.report.answer import answer_sentences
 from abhv_mc.report.build import build_report
 from abhv_mc.report.numbers import make_numbers

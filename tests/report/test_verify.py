@@ -7,7 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 from report.synthetic import write_campaign
 
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 from abhv_mc.report.build import build_report, hash_files
 from abhv_mc.report.verify import differences, verify_campaign
 

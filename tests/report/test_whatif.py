@@ -9,13 +9,12 @@ from campaign.fake_flight import ENGINE, write_campaign
 from scipy import stats
 from typer.testing import CliRunner
 
-from abhv_mc.campaign.check import read_campaign
-from abhv_mc.campaign.reweight import make_change, parse_settings, weigh_flights
-from abhv_mc.campaign.runner import run_campaign
-from abhv_mc.campaign.samples import make_samples
-from abhv_mc.campaign.setup import Request
+from abhv_mc.campaign.analysis.reweight import make_change, parse_settings, weigh_flights
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
 from abhv_mc.cli.app import app
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers import make_numbers
 from abhv_mc.report.results import read_results
 from abhv_mc.report.whatif import make_whatif
@@ -87,7 +86,7 @@ def test_weights_are_the_ratio_of_the_joint_densities(tmp_path):
     )
     campaign = read_campaign(path)
     change = make_change(campaign, {"aero.lift": {"sigma": 0.04, "mean": 1.01}})
-    samples = make_samples(campaign).draw(0, 4000)
+    samples = campaign.make_samples().draw(0, 4000)
 
     def joint(mean, sigma):
         covariance = [[sigma**2, 0.5 * sigma * 0.1], [0.5 * sigma * 0.1, 0.1**2]]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.campaign.designs import Design
+from abhv_mc.campaign.sampling.designs import Design
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.statistics.sobol import sobol_indices
 

@@ -5,7 +5,7 @@ import pytest
 from campaign.fake_flight import make_plan
 
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.store.plans import flatten, read_plan, write_plan
 
 

@@ -11,7 +11,7 @@ from campaign.fake_flight import ENGINE, fly, write_campaign
 from pyarrow import fs
 
 from abhv_mc.cli.app import main
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.store import remote
 from abhv_mc.store.folder import StorageFullError
 from abhv_mc.store.remote import fetched, local_path, mirrored, parse_address
@@ -44,7 +44,7 @@ def bucket(monkeypatch):
 def abhv_mc(monkeypatch, capfd, tmp_path):
     """Run the program; gives exit code, standard output and standard error."""
     engines = [ENGINE]
-    monkeypatch.setattr("abhv_mc.campaign.runner.make_engine", lambda: engines[-1])
+    monkeypatch.setattr("abhv_mc.campaign.run.runner.make_engine", lambda: engines[-1])
     monkeypatch.chdir(tmp_path)
 
     def call(*words, engine=ENGINE):

@@ -3,7 +3,7 @@ import shutil
 import numpy as np
 import pytest
 
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.state import MAX_AXES, MAX_TABLE_ROWS
 from abhv_mc.plant.vehicles import load_vehicle

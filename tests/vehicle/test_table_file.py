@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.documents import InputError, Refusal
+from abhv_mc.io.documents import InputError, Refusal
 from abhv_mc.vehicle.arrays import VARIABLES
 from abhv_mc.vehicle.table_file import Role, parse_role, read_table
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.plant import state as s
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.verification.ghame6 import CADAC_EARTH, fly_recording, read_recording, verify_ghame6

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from verification import loops
+from verification.linear_plant import LOOPS, Distance, compare_linear_plant
+from verification.loops import NOMINALS, verify_differentiator, verify_lqr, verify_tlc_loops
+from verification.nominals import Design, draw_nominals, make_design
+from verification.shown import check
 
 from abhv_mc.control import tlc_loops
-from abhv_mc.verification import loops
-from abhv_mc.verification.linear_plant import LOOPS, Distance, compare_linear_plant
-from abhv_mc.verification.loops import verify_tlc_loops
-from abhv_mc.verification.nominals import Design, draw_nominals, make_design
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +18,15 @@ def design() -> Design:
 
 @pytest.fixture(scope="module")
 def distances() -> dict[tuple[str, str], Distance]:
-    return {(distance.loop, distance.plant): distance for distance in compare_linear_plant(6)}
+    found = list(compare_linear_plant())
+    print()
+    for one in found:
+        print(" | ".join([one.loop, one.plant, *(f"{number:.1e}" for number in one[2:])]))
+    return {(distance.loop, distance.plant): distance for distance in found}
+
+
+def test_the_loops_are_exact(design: Design) -> None:
+    check([*verify_tlc_loops(design, draw_nominals(design, NOMINALS)), *verify_differentiator(), *verify_lqr(design)])
 
 
 @pytest.mark.parametrize("name", ["attitude_gains", "rate_gains"])

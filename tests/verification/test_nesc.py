@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from verification.independent import FT, World, fly_sphere, write_case
 
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.verification.nesc import find_files, verify_nesc
 from abhv_mc.verification.rows import all_ok
 

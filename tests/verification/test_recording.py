@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.verification.recording import check_times, read_columns
 
 

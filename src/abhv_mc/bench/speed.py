@@ -4,15 +4,16 @@ Times of one core are the thread's own, so that other programs on the machine co
 measured by the clock on the wall. The measurements take turns, so that a machine that slows down slows all of them.
 """
 
+import json
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 from statistics import median
 
-from abhv_mc.bench.operations import Operations, count_operations
 from abhv_mc.bench.peak import measure_peak
-from abhv_mc.campaign.check import read_campaign
-from abhv_mc.campaign.samples import make_samples, spread_parameters
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.flight.prepare import prepare
@@ -20,7 +21,28 @@ from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.vehicle.arrays import Floats
 
 CONTROLLERS = ("tlc", "lqr")
+OPERATIONS_FILE = Path(__file__).with_name("operations.json")  # counted by benchmarks/operations.py
 _ALONE = 4  # flights one at a time in a repetition
+
+
+@dataclass(frozen=True)
+class Operations:
+    """Floating-point operations of one flight from start to end."""
+
+    additions: float
+    multiplications: float
+    divisions: float
+    square_roots: float
+
+    @property
+    def total(self) -> float:
+        """All of them, each as one."""
+        return self.additions + self.multiplications + self.divisions + self.square_roots
+
+
+def read_operations() -> dict[str, Operations]:
+    """Of each controller's flight of the default campaign."""
+    return {name: Operations(**counts) for name, counts in json.loads(OPERATIONS_FILE.read_text("utf-8")).items()}
 
 
 @dataclass(frozen=True)
@@ -53,7 +75,7 @@ def measure_speed(repetitions: int, flights: int = 64) -> Speed:
     ``flights`` should be a multiple of the lanes, so that none flies empty.
     """
     plans, parameters = make_work(flights)
-    operations = count_operations(plans)
+    operations = read_operations()
     for plan in plans.values():
         fly(plan, parameters[:LANES])
         fly(plan, parameters[:1], lanes=1)
@@ -81,7 +103,7 @@ def make_work(flights: int) -> tuple[dict[str, FlightPlan], Floats]:
     campaign = read_campaign(shipped_campaigns() / "s_manoeuvre.yaml")
     model = campaign.model
     plans = {name: prepare(model.vehicle, model.mission, model.controllers[name], name) for name in CONTROLLERS}
-    samples = make_samples(campaign)
+    samples = campaign.make_samples()
     return plans, spread_parameters(samples.names, samples.draw(0, flights))
 
 

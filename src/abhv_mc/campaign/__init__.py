@@ -1,1 +1,1 @@
-"""Campaigns: the file, the samples, the blocks of flights and the run that loses nothing."""
+"""Campaigns: the file, the samples, the run that loses nothing, the envelopes, and what is found out afterwards."""

@@ -6,7 +6,7 @@ from enum import IntEnum
 from pathlib import Path
 
 from abhv_mc.cli.signals import settle_interrupt
-from abhv_mc.input_error import InputError, Refusal
+from abhv_mc.io.input_error import InputError, Refusal
 from abhv_mc.store.folder import StorageFullError, told_plainly
 
 

@@ -24,8 +24,8 @@ def command(
 
     A flight failed that ended early or missed a requirement.
     """
-    from abhv_mc.campaign.explain import explain_flight
-    from abhv_mc.campaign.setup import make_engine
+    from abhv_mc.campaign.analysis.explain import explain_flight
+    from abhv_mc.campaign.run.setup import make_engine
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.report.explained import explanation_numbers, explanation_words, write_explained_figure
     from abhv_mc.report.results import read_facts

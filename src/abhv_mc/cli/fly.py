@@ -22,7 +22,7 @@ def command(
 ) -> None:
     """Fly a mission once with each controller, nothing dispersed, and print how it went."""
     from abhv_mc.cli.announce import announce_compiling, announce_warnings
-    from abhv_mc.input_error import InputError
+    from abhv_mc.io.input_error import InputError
 
     files = [_find("control", name) for name in controller or ("tlc", "lqr")]
     names = [file.stem for file in files]
@@ -50,7 +50,7 @@ def command(
 
 def _find(kind: str, name: str) -> Path:
     """The file that is meant: a path, or the name of one that comes with the program."""
-    from abhv_mc.input_error import InputError
+    from abhv_mc.io.input_error import InputError
     from abhv_mc.shipped import shipped_configs
 
     shipped = shipped_configs() / kind / f"{name}.yaml"

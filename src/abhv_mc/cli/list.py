@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 
 _DEFAULT = Path("reports")
 
@@ -17,7 +17,7 @@ def command(
     """List the campaigns in a folder: name, state, flights, when, and the digest's first digits."""
     import json as writer
 
-    from abhv_mc.campaign.status import find_campaigns
+    from abhv_mc.campaign.run.status import find_campaigns
 
     if not folder.is_dir() and folder != _DEFAULT:
         raise InputError(folder, None, None, "no such folder", "one that holds campaigns' folders")

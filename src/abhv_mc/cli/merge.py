@@ -17,9 +17,9 @@ def command(
 
     The result is that of the campaign flown in one piece: the same digest, envelopes and histories.
     """
-    from abhv_mc.campaign.merge import merge_campaign
+    from abhv_mc.campaign.run.merge import merge_campaign
     from abhv_mc.cli.run import finish
-    from abhv_mc.input_error import InputError
+    from abhv_mc.io.input_error import InputError
     from abhv_mc.store.folder import CampaignFolder
     from abhv_mc.store.manifest import read_manifest
 
@@ -28,7 +28,7 @@ def command(
         raise InputError(parts[0], None, None, "another kind of manifest", "a campaign's")
     engine = None
     if manifest.get("machine", {}).get("device", "cpu") != "cpu":
-        from abhv_mc.campaign.gpu import make_gpu_engine
+        from abhv_mc.campaign.run.gpu import make_gpu_engine
 
         engine = make_gpu_engine()
     finish(merge_campaign(parts, out or Path("reports") / manifest["name"], engine), no_report)

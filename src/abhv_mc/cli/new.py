@@ -8,7 +8,7 @@ import typer
 
 def command(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or an empty folder.")]) -> None:
     """Write a commented campaign with its vehicle, mission and control files to start from."""
-    from abhv_mc.campaign.starter import write_starter
+    from abhv_mc.campaign.file.starter import write_starter
 
     campaign, *others = write_starter(folder)
     print(f"{campaign} and {len(others)} files that it needs. Next:")

@@ -18,7 +18,7 @@ def command(
     """
     import duckdb
 
-    from abhv_mc.input_error import InputError
+    from abhv_mc.io.input_error import InputError
     from abhv_mc.store.database import open_database
     from abhv_mc.store.remote import fetched
 

@@ -20,8 +20,8 @@ def command(
 
     Exit code 1 where any differs.
     """
-    from abhv_mc.campaign.replay import replay_flight
-    from abhv_mc.campaign.setup import make_engine
+    from abhv_mc.campaign.analysis.replay import replay_flight
+    from abhv_mc.campaign.run.setup import make_engine
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.flight.signals import CHANNEL_INDEX, METRICS
     from abhv_mc.store.histories import write_histories

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.input_error import Refusal
+from abhv_mc.io.input_error import Refusal
 
 if TYPE_CHECKING:
-    from abhv_mc.campaign.runner import RunResult
+    from abhv_mc.campaign.run.runner import RunResult
 
 
 class Device(StrEnum):
@@ -54,16 +54,16 @@ def command(
     from abhv_mc.cli.announce import announce_compiling
 
     announce_compiling()
-    from abhv_mc.campaign.rescue import UnusableError
-    from abhv_mc.campaign.runner import run_campaign
-    from abhv_mc.campaign.setup import Request
+    from abhv_mc.campaign.run.retry import UnusableError
+    from abhv_mc.campaign.run.runner import run_campaign
+    from abhv_mc.campaign.run.setup import Request
     from abhv_mc.store.remote import mirrored
 
     names = tuple(name.strip() for name in controllers.split(",")) if controllers else None
     part = _parse_shard(shard) if shard else None
     engine = None
     if device is Device.GPU:
-        from abhv_mc.campaign.gpu import make_gpu_engine
+        from abhv_mc.campaign.run.gpu import make_gpu_engine
 
         if scheduler is not None:
             raise Refusal("--device gpu with --scheduler", "one of the two")
@@ -100,7 +100,7 @@ def finish(result: "RunResult", no_report: bool, place: Path | None = None) -> N
 
 
 def _parse_shard(text: str) -> tuple[int, int]:
-    from abhv_mc.input_error import InputError
+    from abhv_mc.io.input_error import InputError
 
     i, slash, n = text.partition("/")
     if not (slash and i.isdecimal() and n.isdecimal()):

@@ -13,7 +13,7 @@ def command(
     """Say how far a campaign is, who flies it, and what was found so far."""
     import json as writer
 
-    from abhv_mc.campaign.status import read_status
+    from abhv_mc.campaign.run.status import read_status
     from abhv_mc.cli.run import describe_requirement
 
     status = read_status(folder)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from abhv_mc.units import Dimension
+    from abhv_mc.io.units import Dimension
 
 # Columns of the table: key of the JSON, heading, unit, divisor, digits.
 _COLUMNS = (
@@ -40,10 +40,10 @@ def command(
     """
     import math
 
-    from abhv_mc.documents import InputError
+    from abhv_mc.io.documents import InputError
+    from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED
     from abhv_mc.plant.trim import FlightPoint, trim
     from abhv_mc.plant.vehicles import load_vehicle
-    from abhv_mc.units import ANGLE, LENGTH, MASS, SPEED
     from abhv_mc.world.earth import WGS84
 
     height = _quantity("--altitude", altitude, LENGTH, -500.0, 86e3)
@@ -90,8 +90,8 @@ def command(
 
 def _quantity(option: str, text: str, dimension: "Dimension", low: float, high: float) -> float:
     """A quantity of an option in SI; without a unit it is in m, m/s, kg or deg."""
-    from abhv_mc.documents import InputError, Refusal
-    from abhv_mc.units import ANGLE, format_quantity, parse_quantity
+    from abhv_mc.io.documents import InputError, Refusal
+    from abhv_mc.io.units import ANGLE, format_quantity, parse_quantity
 
     bare = "deg" if dimension is ANGLE else dimension.unit
     try:

@@ -13,8 +13,8 @@ def command(
     ] = False,
 ) -> None:
     """Check files, and the files that they name, without flying."""
-    from abhv_mc.campaign.inputs import check_inputs
-    from abhv_mc.documents import InputError, InputErrors
+    from abhv_mc.campaign.file.inputs import check_inputs
+    from abhv_mc.io.documents import InputError, InputErrors
 
     errors: list[InputError] = []
     for file in files:
@@ -36,10 +36,10 @@ def command(
 
 def _estimate(file: Path) -> None:
     """Print what a campaign will cost; nothing for another kind of file."""
-    from abhv_mc.campaign.check import read_campaign
-    from abhv_mc.campaign.estimate import estimate_campaign
-    from abhv_mc.campaign.inputs import find_kind
-    from abhv_mc.campaign.setup import make_engine
+    from abhv_mc.campaign.file.check import read_campaign
+    from abhv_mc.campaign.file.inputs import find_kind
+    from abhv_mc.campaign.run.estimate import estimate_campaign
+    from abhv_mc.campaign.run.setup import make_engine
     from abhv_mc.cli.announce import announce_compiling, announce_warnings
 
     if find_kind(file) != "campaign":

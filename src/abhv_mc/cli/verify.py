@@ -9,7 +9,6 @@ import typer
 from abhv_mc.cli import verify_campaign
 
 if TYPE_CHECKING:
-    from abhv_mc.verification.linear_plant import Distance
     from abhv_mc.verification.rows import Row
 
 app = typer.Typer(help="Hold flights against other people's, and reports against their data.", no_args_is_help=True)
@@ -53,44 +52,6 @@ def ghame6(
     _show([("recording", verify_ghame6(file, scale))], json)
 
 
-@app.command("invariants")
-def invariants(json: _Json = None, tolerance_scale: _Scale = 1.0) -> None:
-    """Check what needs no data: invariants, order, atmosphere, Earth, tables, root finder, loops, vehicles."""
-    from abhv_mc.verification.everything import verify_sections
-
-    _show(verify_sections(_prepare(tolerance_scale, json)), json)
-
-
-@app.command("loops")
-def loops(json: _Json = None, tolerance_scale: _Scale = 1.0) -> None:
-    """Hold TLC's loops and LQR's gains against their equations, and the whole plant against the design model.
-
-    The second table has no tolerance: it shows how far what the design model leaves out moves the linear plant.
-    """
-    from abhv_mc.verification.everything import scale_row
-    from abhv_mc.verification.linear_plant import compare_linear_plant
-    from abhv_mc.verification.loops import verify_loops
-
-    scale = _prepare(tolerance_scale, json)
-    rows = [scale_row(row, scale) for row in verify_loops()]
-    _show_distances(compare_linear_plant())
-    _show([("loops", rows)], json)
-
-
-@app.command("step")
-def step(
-    flights: Annotated[int, typer.Option(min=2, help="Dispersed flights.")] = 304,
-    controller: Annotated[str, typer.Option(help="One of the shipped control files.")] = "tlc",
-    json: _Json = None,
-    tolerance_scale: _Scale = 1.0,
-) -> None:
-    """Halve the integrator's step on the S manoeuvre: every metric moves by less than 1 % of its spread."""
-    from abhv_mc.verification.step_study import verify_step
-
-    scale = _prepare(tolerance_scale, json)
-    _show([("step study", verify_step(flights, controller, scale))], json)
-
-
 @app.command("all")
 def everything(
     references: Annotated[
@@ -104,7 +65,7 @@ def everything(
     json: _Json = None,
     tolerance_scale: _Scale = 1.0,
 ) -> None:
-    """Show all of the proof as one table: others' flights, invariants, published numbers, and the step study."""
+    """Show all that is held against published data as one table: others' flights, and the numbers of papers."""
     from abhv_mc.verification.everything import verify_everything
 
     scale = _prepare(tolerance_scale, json)
@@ -118,7 +79,7 @@ def _prepare(scale: float, json: Path | None) -> float:
     import math
 
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.input_error import InputError
+    from abhv_mc.io.input_error import InputError
 
     if not (math.isfinite(scale) and scale > 0.0):
         raise InputError("--tolerance-scale", None, None, f"{scale:g}", "a positive number")
@@ -126,23 +87,6 @@ def _prepare(scale: float, json: Path | None) -> float:
         raise InputError(json, None, None, "no folder to write it in", "a file in a folder that exists")
     announce_compiling()
     return scale
-
-
-def _show_distances(distances: "Iterable[Distance]") -> None:
-    """Print how far the plant's Jacobian lies from the design model's."""
-    from rich.box import SIMPLE
-    from rich.table import Table
-
-    from abhv_mc.cli.printing import print_table
-
-    table = Table(box=SIMPLE, title="Jacobian of the plant minus the design model's, at random nominals")
-    headings = ("sub-loop", "plant", "entry, median (1/s)", "entry, worst (1/s)", "pole, median", "pole, worst")
-    for heading in headings:
-        table.add_column(heading, justify="left" if heading in headings[:2] else "right")
-    for distance in distances:
-        numbers = (distance.entry_median, distance.entry_worst, distance.pole_median, distance.pole_worst)
-        table.add_row(distance.loop, distance.plant, *(f"{number:.1e}" for number in numbers))
-    print_table(table)
 
 
 def _show(sections: "Iterable[tuple[str, list[Row]]]", json: Path | None) -> None:

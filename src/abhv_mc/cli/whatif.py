@@ -18,7 +18,7 @@ def command(
 
     Refused where the flights do not cover what is asked, or where too few of them count.
     """
-    from abhv_mc.campaign.reweight import parse_settings
+    from abhv_mc.campaign.analysis.reweight import parse_settings
     from abhv_mc.report.whatif import make_whatif
 
     found = make_whatif(folder, parse_settings(settings))

@@ -5,8 +5,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, RootModel, Tag, model_validator
 
-from abhv_mc.documents import Refusal, StrictModel, describe, one_of, read_document, validate
-from abhv_mc.units import Angle, AngularRate, Frequency, Pressure, Time
+from abhv_mc.io.documents import Refusal, StrictModel, describe, one_of, read_document, validate
+from abhv_mc.io.units import Angle, AngularRate, Frequency, Pressure, Time
 
 Positive = Field(gt=0.0)
 
@@ -244,7 +244,7 @@ class ControllerFile(RootModel[Annotated[Controller, Field(discriminator="law")]
 
 
 def read_controller(path: str | Path) -> Controller:
-    """Read and check a controller file. Raises :class:`abhv_mc.documents.InputError`."""
+    """Read and check a controller file. Raises :class:`abhv_mc.io.documents.InputError`."""
     document = read_document(path)
     law = document.data.get("law") if isinstance(document.data, dict) else None
     if law == "tlc":

@@ -13,12 +13,13 @@ from abhv_mc.plant import state as s
 
 
 @lanes
-def lqr_tick(Z, width, vehicle, earth, reference, gains, settings, tick):
+def lqr_tick(plan, memory, width, tick):
     """Commands from the measurement at a control tick."""
-    constants = vehicle.constants
+    Z, reference, settings = memory.Z, plan.reference, plan.settings
+    constants = plan.vehicle.constants
     limit = constants.surface_limit
-    k = gains[tick]
-    gravity_at_sea = earth.gravitational_parameter
+    k = plan.gains[tick]
+    gravitational_parameter = plan.earth.gravitational_parameter
     for lane in range(width):
         altitude = Z[s.M_ALTITUDE, lane] - reference[tick, ref.ALTITUDE]
         path = Z[s.M_GAMMA, lane] - reference[tick, ref.FLIGHT_PATH_ANGLE]
@@ -37,8 +38,8 @@ def lqr_tick(Z, width, vehicle, earth, reference, gains, settings, tick):
         )
 
         # Rates of the coordinated turn, stability axes turned by alpha into body axes.
-        radius = earth.equatorial_radius + Z[s.M_ALTITUDE, lane]
-        gravity_speed = gravity_at_sea / (radius * radius * Z[s.M_SPEED, lane])
+        radius = plan.earth.equatorial_radius + Z[s.M_ALTITUDE, lane]
+        gravity_speed = gravitational_parameter / (radius * radius * Z[s.M_SPEED, lane])
         sin_bank, cos_bank = sincos(bank_cmd)
         sin_alpha, cos_alpha = sincos(alpha_cmd)
         turn = gravity_speed * sin_bank

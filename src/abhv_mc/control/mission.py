@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, PlainSerializer, Tag, model_validator
 
 from abhv_mc.control.trajectory_file import read_trajectory
-from abhv_mc.documents import File, Refusal, StrictModel, read_document, validate
-from abhv_mc.units import Angle, AngularRate, Length, Speed, Time, parse_in_unit
+from abhv_mc.io.documents import File, Refusal, StrictModel, read_document, validate
+from abhv_mc.io.units import Angle, AngularRate, Length, Speed, Time, parse_in_unit
 from abhv_mc.world.earth import WGS84, Earth
 
 Positive = Field(gt=0.0)
@@ -174,7 +174,7 @@ class Mission(StrictModel):
 
 
 def read_mission(path: str | Path) -> Mission:
-    """Read and check a mission file and what it refers to. Raises :class:`abhv_mc.documents.InputError`."""
+    """Read and check a mission file and what it refers to. Raises :class:`abhv_mc.io.documents.InputError`."""
     mission = validate(read_document(path), Mission)
     if isinstance(mission.manoeuvre, Recorded):
         read_trajectory(mission.manoeuvre.file, mission.duration)

@@ -12,8 +12,9 @@ RECORDED_GAINS = (
 
 
 @lanes
-def recorded_tick(Z, width, gains, tick):
+def recorded_tick(plan, memory, width, tick):
     """Set surfaces and engine to the recording; the command rows hold their rates over the tick."""
+    Z, gains = memory.Z, plan.gains
     for lane in range(width):
         for i in range(3):
             Z[X + s.AILERON + i, lane] = gains[tick, i]

@@ -1,6 +1,6 @@
 """Trajectory linearization control, one control tick in lanes: four sub-loops and control allocation.
 
-Zhu & Shen (2014), sections 4-6, in FRD axes (docs/controllers.md). Sub-loops 1 and 2 are linearised about the
+Zhu & Shen (2014), sections 4-6, in forward-right-down axes. Sub-loops 1 and 2 are linearised about the
 reference alone, so their gains come per tick from the launching process; sub-loops 3 and 4 are linearised about
 the commands of this flight, here. The law sees the nominal vehicle and the measurement only.
 """
@@ -269,23 +269,22 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
 
 
 @lanes
-def nominal_vehicle(Z, T, width, vehicle, effectiveness, scratch, unit_factors):
+def nominal_vehicle(plan, memory, width):
     """Coefficients, fixed quantities and slopes (rows from ``SLOPES``) of the nominal vehicle at its variables."""
-    cells, _, high = scratch
-    look_up(Z, T, width, vehicle.tables, cells)
-    table_slopes(T, width, vehicle.tables, effectiveness, cells, high)
-    build_up(Z, T, width, vehicle.build_up, unit_factors)
-    slopes_of_coefficients(Z, T, width, effectiveness, SLOPES)
+    Z, T = memory.Z, memory.T
+    look_up(Z, T, width, plan.vehicle.tables, memory.cells)
+    table_slopes(T, width, plan.vehicle.tables, plan.effectiveness, memory.cells, memory.high)
+    build_up(Z, T, width, plan.vehicle.build_up, plan.unit_factors)
+    slopes_of_coefficients(Z, T, width, plan.effectiveness, SLOPES)
 
 
 @lanes
-def tlc_tick(
-    Z, T, width, vehicle, trim, effectiveness, earth, reference, gains, settings, k, dt, first, scratch, unit_factors
-):
-    """Commands from the measurement at control tick ``k``."""
-    _, trim_cells, _ = scratch
-    tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt)
-    nominal_variables(Z, width, vehicle, reference, k)
-    nominal_vehicle(Z, T, width, vehicle, effectiveness, scratch, unit_factors)
-    look_up_trim(Z, width, trim, trim_cells, s.ALPHA_CMD, s.CMD_ETA, T_LIFT)
-    tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, first)
+def tlc_tick(plan, memory, width, tick):
+    """Commands from the measurement at a control tick."""
+    Z, vehicle, reference, gains, settings = memory.Z, plan.vehicle, plan.reference, plan.gains, plan.settings
+    dt = plan.timing.step * plan.timing.steps_per_tick
+    tlc_guidance(Z, width, vehicle, reference, gains, settings, tick, dt)
+    nominal_variables(Z, width, vehicle, reference, tick)
+    nominal_vehicle(plan, memory, width)
+    look_up_trim(Z, width, plan.trim_tables, memory.trim, s.ALPHA_CMD, s.CMD_ETA, T_LIFT)
+    tlc_attitude(Z, width, vehicle, plan.earth, reference, gains, settings, tick, dt, tick == 0)

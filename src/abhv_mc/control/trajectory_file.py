@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 
 COLUMNS = ("time_s", "altitude_m", "speed_mps", "heading_deg")
 _MAX_BYTES = 20_000_000

@@ -1,18 +1,16 @@
-"""The engine's one entrance: fly a plan under many dispersions."""
+"""Fly a plan under many dispersions: the one place where Python enters the compiled flight."""
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.flight.lanes import LAWS, make_fly_lanes
-from abhv_mc.flight.memory import make_memory
+from abhv_mc.flight.arguments import KernelPlan, Results, check_written, make_kernel_plan, make_results
+from abhv_mc.flight.kernel import make_fly_lanes
+from abhv_mc.flight.memory import Memory, make_memory
 from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan
-from abhv_mc.flight.signals import CHANNELS, METRICS
 from abhv_mc.plant.parameters import PARAMETERS
-from abhv_mc.plant.state import N_STATES
 from abhv_mc.vehicle.arrays import Floats
 
 compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
@@ -23,34 +21,12 @@ def nominal_parameters(flights: int = 1) -> Floats:
     return np.tile([parameter.nominal for parameter in PARAMETERS], (flights, 1))
 
 
-class Results(NamedTuple):
-    """What the compiled flight fills, in the order of its arguments."""
-
-    metrics: Floats  # [flight, metric]
-    outcome: NDArray[np.int64]  # [flight]
-    end_tick: NDArray[np.int64]  # [flight]
-    history: NDArray[np.float32]  # [flight, sample, channel]
-    states: Floats  # [flight, sample, state]; no samples where not asked for
-
-
 def check_parameters(parameters: Floats) -> Floats:
-    """Parameters as the compiled flight wants them. Raises ValueError for an array of the wrong shape."""
-    parameters = np.ascontiguousarray(parameters, dtype=np.float64)
-    if parameters.ndim != 2 or parameters.shape[1] != len(PARAMETERS):
-        raise ValueError(f"parameters must be [flight, {len(PARAMETERS)}], not {parameters.shape}")
-    return parameters
-
-
-def make_results(plan: FlightPlan, flights: int, every: int, keep_states: bool) -> Results:
-    """Room for the results; ``every`` counts ticks between samples, 0 for none."""
-    samples = plan.timing.ticks // every + 1 if every else 0
-    return Results(
-        np.empty((flights, len(METRICS))),
-        np.empty(flights, dtype=np.int64),
-        np.empty(flights, dtype=np.int64),
-        np.full((flights, samples, len(CHANNELS)), np.nan, dtype=np.float32),
-        np.full((flights, samples if keep_states else 0, N_STATES), np.nan),
-    )
+    """Parameters in double precision. Raises ValueError for what is not an array of real numbers."""
+    given = np.asarray(parameters)
+    if given.dtype.kind not in "fiu":
+        raise ValueError(f"parameters are an array of {given.dtype}, not of real numbers")
+    return given.astype(np.float64, copy=False)
 
 
 def make_block(plan: FlightPlan, results: Results, every: int) -> FlightBlock:
@@ -72,8 +48,8 @@ def fly(
 
     ``record_every`` counts control ticks between the recorded samples (None: no history); ``keep_states`` adds the
     whole state in double precision to them. A flight depends on its row and the plan alone: not on the other rows,
-    nor on how many fly abreast (``lanes``). Releases the interpreter's lock, so threads may call it side by side.
-    Raises ValueError for an array of the wrong shape.
+    nor on how many fly side by side (``lanes``). Releases the interpreter's lock, so threads may call it side by side.
+    Raises ValueError for an array of the wrong type or shape.
     """
     parameters = check_parameters(parameters)
     every = record_every or 0
@@ -82,25 +58,10 @@ def fly(
     return make_block(plan, results, every)
 
 
-def flight_arguments(plan: FlightPlan, parameters: Floats, results: Results, every: int, lanes: int) -> tuple[Any, ...]:
-    """What the compiled flight takes."""
-    timing = plan.timing
-    return (
-        plan.vehicle,
-        plan.trim_tables,
-        plan.effectiveness,
-        plan.earth,
-        LAWS[plan.law],
-        plan.reference,
-        plan.gains,
-        plan.settings,
-        plan.limits,
-        timing.step,
-        timing.steps_per_tick,
-        timing.ticks,
-        every,
-        parameters,
-        plan.initial_state,
-        *results,
-        make_memory(lanes, plan.vehicle.build_up.factor.size),
-    )
+def flight_arguments(
+    plan: FlightPlan, parameters: Floats, results: Results, every: int, lanes: int
+) -> tuple[KernelPlan, Memory, Results]:
+    """What the compiled flight takes, checked. Raises ValueError, see :mod:`abhv_mc.flight.arguments`."""
+    arguments = make_kernel_plan(plan, parameters, every), make_memory(lanes), results
+    check_written(*arguments)
+    return arguments

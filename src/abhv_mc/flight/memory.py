@@ -1,10 +1,9 @@
-"""What a group of lanes needs besides its flights' inputs and results, allocated once a call."""
+"""What a group of lanes works in besides its flights' inputs and results, allocated once a call."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from abhv_mc.control import tlc
 from abhv_mc.control.trim_lookup import TrimCells, make_trim_cells
 from abhv_mc.flight import observe
 from abhv_mc.jit import lanes
@@ -13,37 +12,36 @@ from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import Cells, make_cells
 from abhv_mc.vehicle.arrays import Floats, Ints
 
-TOGETHER = 256  # flights that close ranks: what they remember stays near the processor
+TOGETHER = 256  # flights that share a compaction: what is saved of them stays in a near cache
 
-Z_ROWS = s.LAW + tlc.N_ROWS
-KEPT_ROWS = Z_ROWS + observe.N_ROWS
+Z_ROWS = observe.END_ROW  # the observer's rows are the last
+O_ROWS = observe.N_ROWS
+SAVED_ROWS = Z_ROWS + O_ROWS
 
 
 class Memory(NamedTuple):
-    """Room of the lanes at work and of the flights that wait."""
+    """Working memory of the lanes, and the saved lanes of flights that wait for their turn."""
 
-    Z: Floats  # [row, lane] state, parameters, air data, ...
-    O: Floats  # [row, lane] what is observed
+    Z: Floats  # [row, lane] state, parameters, air data, ... see abhv_mc.plant.state
+    O: Floats  # [row, lane] end of the flight and metrics, see abhv_mc.flight.observe
     T: Floats  # [table row, lane]
     cells: Cells
     trim: TrimCells
     high: Floats  # [table row], for slopes
-    unit_factors: Ints  # [term] the parameter that is 1, for the nominal vehicle
-    kept: Floats  # [flight, row] what waiting flights remember
+    saved: Floats  # [flight, row] rows of Z and O of waiting flights
     order: Ints  # [flight] their numbers
 
 
-def make_memory(width: int, terms: int) -> Memory:
-    """Memory of ``width`` lanes for a vehicle with ``terms`` terms in its build-up."""
+def make_memory(width: int) -> Memory:
+    """Memory of ``width`` lanes for any vehicle."""
     return Memory(
         aligned_zeros((Z_ROWS, width)),
-        aligned_zeros((observe.N_ROWS, width)),
+        aligned_zeros((O_ROWS, width)),
         aligned_zeros((s.MAX_TABLE_ROWS, width)),
         make_cells(width),
         make_trim_cells(width),
         aligned_zeros(s.MAX_TABLE_ROWS),
-        np.zeros(terms, np.int64),
-        aligned_zeros((TOGETHER, KEPT_ROWS)),
+        aligned_zeros((TOGETHER, SAVED_ROWS)),
         np.zeros(TOGETHER, np.int64),
     )
 
@@ -64,3 +62,24 @@ def has_width(memory, width):
         and memory.trim.per_step.shape[1] == width
         and memory.trim.fraction.shape[1] == width
     )
+
+
+@lanes
+def save_lane(memory, lane, place):
+    """Save everything that a flight carries from tick to tick."""
+    row = memory.saved[place]
+    for i in range(Z_ROWS):
+        row[i] = memory.Z[i, lane]
+    for i in range(O_ROWS):
+        row[Z_ROWS + i] = memory.O[i, lane]
+
+
+@lanes
+def restore_lanes(memory, width, first, n):
+    """Saved flights back into the lanes; spare lanes repeat the last."""
+    for lane in range(width):
+        row = memory.saved[first + min(lane, n - 1)]
+        for i in range(Z_ROWS):
+            memory.Z[i, lane] = row[i]
+        for i in range(O_ROWS):
+            memory.O[i, lane] = row[Z_ROWS + i]

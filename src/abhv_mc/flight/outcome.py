@@ -1,6 +1,9 @@
-"""Every way a flight can end: a code and a sentence."""
+"""Every way a flight can end: a code and a sentence, and the limits that end it early."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 
 class Outcome(IntEnum):
@@ -27,3 +30,34 @@ SENTENCES: dict[Outcome, str] = {
     Outcome.NOT_FINITE: "A state was no longer a finite number.",
     Outcome.FAILED_TO_RUN: "The flight could not be computed on this machine (crash or time limit).",
 }
+
+
+class Limits(NamedTuple):
+    """Where a flight ends, SI and radians."""
+
+    altitude_min: float
+    altitude_max: float
+    angle_of_attack_min: float
+    angle_of_attack_max: float
+    sideslip_max: float
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A flight ends with ``outcome`` where ``source`` (see :mod:`abhv_mc.flight.signals`) leaves its two bounds."""
+
+    outcome: Outcome
+    source: str
+    bounds: Callable[[Limits], tuple[float, float]]
+
+
+# Of two limits left at the same tick the later one in this table names the outcome.
+LIMITS: tuple[Limit, ...] = (
+    Limit(Outcome.SIDESLIP_LIMIT, "sideslip", lambda limits: (-limits.sideslip_max, limits.sideslip_max)),
+    Limit(
+        Outcome.ANGLE_OF_ATTACK_LIMIT,
+        "angle_of_attack",
+        lambda limits: (limits.angle_of_attack_min, limits.angle_of_attack_max),
+    ),
+    Limit(Outcome.ALTITUDE_LIMIT, "altitude", lambda limits: (limits.altitude_min, limits.altitude_max)),
+)

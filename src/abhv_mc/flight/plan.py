@@ -6,12 +6,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.flight.outcome import Limits
 from abhv_mc.plant.effectiveness import Effectiveness
 from abhv_mc.vehicle.arrays import Floats, Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth
 
-LANES = 32  # flights abreast
+LANES = 32  # flights of a group: batched lanes
 
 
 class Timing(NamedTuple):
@@ -30,16 +31,6 @@ class Timing(NamedTuple):
     def duration(self) -> float:
         """Length of the flight, s."""
         return self.tick * self.ticks
-
-
-class Limits(NamedTuple):
-    """Where a flight ends, SI and radians."""
-
-    altitude_min: float
-    altitude_max: float
-    angle_of_attack_min: float
-    angle_of_attack_max: float
-    sideslip_max: float
 
 
 @dataclass(frozen=True)

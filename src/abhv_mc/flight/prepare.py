@@ -14,7 +14,7 @@ from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.control.reference import make_mission_trim_tables, make_start_trim, solve_reference
 from abhv_mc.control.surroundings import make_surroundings
 from abhv_mc.control.tlc_design import make_tlc_gains, make_tlc_settings
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 from abhv_mc.flight.plan import FlightPlan, Limits, Timing
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.plant import state as s
@@ -29,7 +29,7 @@ _ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # a small angle inside of most tables' ce
 
 
 def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:
-    """Read the three files and compute the plan. Raises :class:`abhv_mc.documents.InputError`."""
+    """Read the three files and compute the plan. Raises :class:`abhv_mc.io.documents.InputError`."""
     packed = load_vehicle(vehicle)
     if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
         found = "a vehicle without control surfaces or engine"

@@ -1,10 +1,19 @@
-"""What the sensors make of the truth: bias, white noise and delay. The control laws see nothing else."""
+"""Sensor models: bias, white noise and delay on the true motion. The control laws see nothing else."""
 
 from typing import NamedTuple
 
+from abhv_mc.control.tlc import N_ROWS as N_LAW_ROWS
 from abhv_mc.jit import lanes
+from abhv_mc.numerics.random_numbers import N_STREAM_ROWS
 from abhv_mc.plant.disturbance import any_lane, draw_normals, seed_stream
-from abhv_mc.plant.state import DELAY, MAX_DELAY_TICKS, MEASURED, N_MEASURED, NOISE, parameter_row
+from abhv_mc.plant.state import LAW, MEASURED, N_MEASURED, parameter_row
+
+MAX_DELAY_TICKS = 25
+
+# Rows of the lane memory, behind the control law's.
+NOISE = LAW + N_LAW_ROWS  # random numbers
+DELAY = NOISE + N_STREAM_ROWS  # the last measurements, a ring buffer
+END_ROW = DELAY + (MAX_DELAY_TICKS + 1) * N_MEASURED
 
 # Ten rows each, in the order of the measured rows.
 _BIAS = parameter_row("sensor.altitude_bias")
@@ -13,26 +22,26 @@ _SEED = parameter_row("sensor.noise_seed")
 _DELAY = parameter_row("sensor.delay")
 
 
-class Faults(NamedTuple):
-    """What the sensors of any of the flights abreast have."""
+class SensorErrors(NamedTuple):
+    """Sensor errors active in any lane; the others are never computed."""
 
     noisy: bool
-    late: bool
+    delayed: bool
 
 
 @lanes
-def find_faults(Z, width):
-    """From the parameters, which stay over a flight."""
-    return Faults(any_lane(Z, width, _SIGMA, N_MEASURED, 0.0), any_lane(Z, width, _DELAY, 1, 0.0))
+def active_sensor_errors(Z, width):
+    """From the parameters, which are constant over a flight."""
+    return SensorErrors(any_lane(Z, width, _SIGMA, N_MEASURED, 0.0), any_lane(Z, width, _DELAY, 1, 0.0))
 
 
 @lanes
-def sense(Z, width, faults, dt, tick):
-    """Measured rows from the truth in them: add bias and noise, then replace them by older ones."""
+def sense(Z, width, active, dt, tick):
+    """Add bias and noise to the true values in the measured rows, then replace them by delayed ones."""
     for i in range(N_MEASURED):
         for lane in range(width):
             Z[MEASURED + i, lane] += Z[_BIAS + i, lane]
-    if faults.noisy:
+    if active.noisy:
         if tick == 0:
             seed_stream(Z, width, NOISE, _SEED)
         for i in range(0, N_MEASURED, 2):
@@ -40,13 +49,13 @@ def sense(Z, width, faults, dt, tick):
                 n0, n1 = draw_normals(Z, lane, NOISE)
                 Z[MEASURED + i, lane] += Z[_SIGMA + i, lane] * n0
                 Z[MEASURED + i + 1, lane] += Z[_SIGMA + i + 1, lane] * n1
-    if faults.late:
+    if active.delayed:
         delay(Z, width, dt, tick)
 
 
 @lanes
 def delay(Z, width, dt, tick):
-    """Remember the measurement and hand out the one of ``sensor.delay`` ago; before the start there is the first."""
+    """Store the measurement and return the one ``sensor.delay`` old; at the start, the first one."""
     slot = DELAY + (tick % (MAX_DELAY_TICKS + 1)) * N_MEASURED
     for i in range(N_MEASURED):
         for lane in range(width):

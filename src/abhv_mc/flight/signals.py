@@ -1,6 +1,13 @@
-"""The one table of recorded channels and of metrics: name, unit, meaning. Order is array order."""
+"""The one table of recorded channels and of metrics: name, unit, meaning, source. Order is array order.
+
+A source is either a quantity of the lane memory (a state of :mod:`abhv_mc.plant.state`, a variable of the tables, or a
+named row, all in SI and radians, converted to degrees where the unit asks for them) or a function of
+:mod:`abhv_mc.flight.derived`, which returns the channel's unit. A new channel or metric is an entry here,
+and a function there where the lane memory does not hold the quantity.
+"""
 
 from dataclasses import dataclass
+from enum import IntEnum
 
 
 @dataclass(frozen=True)
@@ -12,34 +19,63 @@ class Signal:
     doc: str
 
 
-CHANNELS: tuple[Signal, ...] = (
-    Signal("altitude_m", "m", "geodetic altitude"),
-    Signal("speed_mps", "m/s", "Earth-relative speed"),
-    Signal("flight_path_angle_deg", "deg", "flight path angle"),
-    Signal("heading_deg", "deg", "heading of the velocity, clockwise from north"),
-    Signal("angle_of_attack_deg", "deg", "angle of attack to the air"),
-    Signal("sideslip_deg", "deg", "sideslip to the air"),
-    Signal("bank_deg", "deg", "bank about the velocity"),
-    Signal("roll_rate_dps", "deg/s", "inertial roll rate"),
-    Signal("pitch_rate_dps", "deg/s", "inertial pitch rate"),
-    Signal("yaw_rate_dps", "deg/s", "inertial yaw rate"),
-    Signal("aileron_deg", "deg", "aileron deflection"),
-    Signal("rudder_deg", "deg", "rudder deflection"),
-    Signal("elevator_deg", "deg", "elevator deflection"),
-    Signal("equivalence_ratio", "-", "fuel equivalence ratio"),
-    Signal("north_m", "m", "integral of the north ground speed at altitude"),
-    Signal("east_m", "m", "integral of the east ground speed at altitude"),
-    Signal("latitude_deg", "deg", "geodetic latitude"),
-    Signal("longitude_deg", "deg", "longitude"),
-    Signal("mass_kg", "kg", "mass"),
-    Signal("dynamic_pressure_pa", "Pa", "dynamic pressure of the air"),
-    Signal("flight_path_angle_command_deg", "deg", "flight path angle asked for by the altitude loop"),
-    Signal("angle_of_attack_command_deg", "deg", "angle of attack asked for by the guidance"),
-    Signal("bank_command_deg", "deg", "bank asked for by the guidance"),
-    Signal("aileron_command_deg", "deg", "aileron command"),
-    Signal("rudder_command_deg", "deg", "rudder command"),
-    Signal("elevator_command_deg", "deg", "elevator command"),
-    Signal("equivalence_ratio_command", "-", "equivalence ratio command"),
+@dataclass(frozen=True)
+class Channel(Signal):
+    """What a history records."""
+
+    source: str
+
+
+class Statistic(IntEnum):
+    """What a metric makes of its source over the control ticks of a flight."""
+
+    RMS = 0
+    MAX_ABS = 1
+    MAX_ABS_SETTLED = 2  # leaving out 5 s after each step of the reference
+    MIN = 3
+    MAX = 4
+    FINAL = 5
+    SUM = 6
+    DURATION = 7  # time in which the source is positive, s
+
+
+@dataclass(frozen=True)
+class Metric(Signal):
+    """One number of a flight."""
+
+    statistic: Statistic
+    source: str
+    initial: float | None = None  # value before the first tick; None: the statistic's own
+
+
+CHANNELS: tuple[Channel, ...] = (
+    Channel("altitude_m", "m", "geodetic altitude", "altitude"),
+    Channel("speed_mps", "m/s", "Earth-relative speed", "speed"),
+    Channel("flight_path_angle_deg", "deg", "flight path angle", "gamma"),
+    Channel("heading_deg", "deg", "heading of the velocity, clockwise from north", "heading_deg"),
+    Channel("angle_of_attack_deg", "deg", "angle of attack to the air", "angle_of_attack"),
+    Channel("sideslip_deg", "deg", "sideslip to the air", "sideslip"),
+    Channel("bank_deg", "deg", "bank about the velocity", "bank"),
+    Channel("roll_rate_dps", "deg/s", "inertial roll rate", "roll_rate"),
+    Channel("pitch_rate_dps", "deg/s", "inertial pitch rate", "pitch_rate"),
+    Channel("yaw_rate_dps", "deg/s", "inertial yaw rate", "yaw_rate"),
+    Channel("aileron_deg", "deg", "aileron deflection", "aileron"),
+    Channel("rudder_deg", "deg", "rudder deflection", "rudder"),
+    Channel("elevator_deg", "deg", "elevator deflection", "elevator"),
+    Channel("equivalence_ratio", "-", "fuel equivalence ratio", "equivalence_ratio"),
+    Channel("north_m", "m", "integral of the north ground speed at altitude", "north"),
+    Channel("east_m", "m", "integral of the east ground speed at altitude", "east"),
+    Channel("latitude_deg", "deg", "geodetic latitude", "latitude"),
+    Channel("longitude_deg", "deg", "longitude", "longitude"),
+    Channel("mass_kg", "kg", "mass", "mass"),
+    Channel("dynamic_pressure_pa", "Pa", "dynamic pressure of the air", "q_bar"),
+    Channel("flight_path_angle_command_deg", "deg", "flight path angle asked for by the altitude loop", "gamma_cmd"),
+    Channel("angle_of_attack_command_deg", "deg", "angle of attack asked for by the guidance", "alpha_cmd"),
+    Channel("bank_command_deg", "deg", "bank asked for by the guidance", "bank_cmd"),
+    Channel("aileron_command_deg", "deg", "aileron command", "cmd_aileron"),
+    Channel("rudder_command_deg", "deg", "rudder command", "cmd_rudder"),
+    Channel("elevator_command_deg", "deg", "elevator command", "cmd_elevator"),
+    Channel("equivalence_ratio_command", "-", "equivalence ratio command", "cmd_eta"),
 )
 
 # The mission's reference, the same for every flight of a campaign.
@@ -56,53 +92,84 @@ REFERENCE_CHANNELS: tuple[Signal, ...] = (
 )
 
 
-def _surface(name: str) -> tuple[Signal, ...]:
+_SETTLED = "the same, largest, leaving out 5 s after each step of the reference"
+
+
+def _error(name: str, unit: str, words: str, symbol: str, source: str) -> tuple[Metric, ...]:
     return (
-        Signal(f"{name}_rms_deg", "deg", f"{name} deflection minus its initial trim, rms"),
-        Signal(f"{name}_max_deg", "deg", f"largest absolute {name} deflection"),
-        Signal(f"{name}_travel_deg", "deg", f"sum of the absolute changes of the {name} deflection"),
+        Metric(f"{name}_rms_{symbol}", unit, f"{words}, rms over the control ticks", Statistic.RMS, source),
+        Metric(f"{name}_max_{symbol}", unit, f"{words}, largest absolute value", Statistic.MAX_ABS, source),
     )
 
 
-def _error(name: str, unit: str, words: str, symbol: str) -> tuple[Signal, ...]:
+def _surface(name: str) -> tuple[Metric, ...]:
     return (
-        Signal(f"{name}_error_rms_{symbol}", unit, f"{words} error, rms over the control ticks"),
-        Signal(f"{name}_error_max_{symbol}", unit, f"{words} error, largest absolute value"),
+        Metric(
+            f"{name}_rms_deg",
+            "deg",
+            f"{name} deflection minus its initial trim, rms",
+            Statistic.RMS,
+            f"{name}_from_trim_deg",
+        ),
+        Metric(f"{name}_max_deg", "deg", f"largest absolute {name} deflection", Statistic.MAX_ABS, name),
+        Metric(
+            f"{name}_travel_deg",
+            "deg",
+            f"sum of the absolute changes of the {name} deflection",
+            Statistic.SUM,
+            f"{name}_moved_deg",
+        ),
     )
 
 
-METRICS: tuple[Signal, ...] = (
-    *_error("altitude", "m", "altitude", "m"),
-    *_error("speed", "m/s", "speed", "mps"),
-    *_error("heading", "deg", "heading", "deg"),
-    *_error("cross_track", "m", "cross-track", "m"),
-    Signal("cross_track_error_final_m", "m", "cross-track error at the end, actual minus reference"),
-    *_error("angle_of_attack", "deg", "angle of attack minus its command,", "deg"),
-    Signal(
+METRICS: tuple[Metric, ...] = (
+    *_error("altitude_error", "m", "altitude error", "m", "altitude_error_m"),
+    *_error("speed_error", "m/s", "speed error", "mps", "speed_error_mps"),
+    *_error("heading_error", "deg", "heading error", "deg", "heading_error_deg"),
+    *_error("cross_track_error", "m", "cross-track error", "m", "cross_track_m"),
+    Metric(
+        "cross_track_error_final_m",
+        "m",
+        "cross-track error at the end, actual minus reference",
+        Statistic.FINAL,
+        "cross_track_m",
+    ),
+    *_error(
+        "angle_of_attack_error",
+        "deg",
+        "angle of attack minus its command, error",
+        "deg",
+        "angle_of_attack_error_deg",
+    ),
+    Metric(
         "angle_of_attack_error_settled_max_deg",
         "deg",
-        "the same, largest, leaving out 5 s after each step of the reference",
+        _SETTLED,
+        Statistic.MAX_ABS_SETTLED,
+        "angle_of_attack_error_deg",
     ),
-    *_error("bank", "deg", "bank minus its command,", "deg"),
-    Signal(
-        "bank_error_settled_max_deg",
-        "deg",
-        "the same, largest, leaving out 5 s after each step of the reference",
-    ),
-    Signal("sideslip_rms_deg", "deg", "sideslip, rms"),
-    Signal("sideslip_max_deg", "deg", "sideslip, largest absolute value"),
-    Signal("angle_of_attack_min_deg", "deg", "smallest angle of attack"),
-    Signal("angle_of_attack_max_deg", "deg", "largest angle of attack"),
+    *_error("bank_error", "deg", "bank minus its command, error", "deg", "bank_error_deg"),
+    Metric("bank_error_settled_max_deg", "deg", _SETTLED, Statistic.MAX_ABS_SETTLED, "bank_error_deg"),
+    Metric("sideslip_rms_deg", "deg", "sideslip, rms", Statistic.RMS, "sideslip"),
+    Metric("sideslip_max_deg", "deg", "sideslip, largest absolute value", Statistic.MAX_ABS, "sideslip"),
+    Metric("angle_of_attack_min_deg", "deg", "smallest angle of attack", Statistic.MIN, "angle_of_attack"),
+    Metric("angle_of_attack_max_deg", "deg", "largest angle of attack", Statistic.MAX, "angle_of_attack"),
     *_surface("aileron"),
     *_surface("elevator"),
     *_surface("rudder"),
-    Signal("equivalence_ratio_min", "-", "smallest equivalence ratio"),
-    Signal("equivalence_ratio_max", "-", "largest equivalence ratio"),
-    Signal("fuel_used_kg", "kg", "fuel burnt"),
-    Signal("dynamic_pressure_max_pa", "Pa", "largest dynamic pressure"),
-    Signal("load_factor_max_g", "g", "largest magnitude of the specific force"),
-    Signal("surface_saturation_s", "s", "time with a surface at its deflection limit"),
-    Signal("outside_tables_s", "s", "time outside the tables (clamped)"),
+    Metric("equivalence_ratio_min", "-", "smallest equivalence ratio", Statistic.MIN, "equivalence_ratio"),
+    Metric("equivalence_ratio_max", "-", "largest equivalence ratio", Statistic.MAX, "equivalence_ratio"),
+    Metric("fuel_used_kg", "kg", "fuel burnt", Statistic.FINAL, "fuel_used_kg"),
+    Metric("dynamic_pressure_max_pa", "Pa", "largest dynamic pressure", Statistic.MAX, "q_bar", 0.0),
+    Metric("load_factor_max_g", "g", "largest magnitude of the specific force", Statistic.MAX, "load_factor_g", 0.0),
+    Metric(
+        "surface_saturation_s",
+        "s",
+        "time with a surface at its deflection limit",
+        Statistic.DURATION,
+        "surface_saturated",
+    ),
+    Metric("outside_tables_s", "s", "time outside the tables (clamped)", Statistic.DURATION, "outside"),
 )
 
 CHANNEL_INDEX: dict[str, int] = {signal.name: i for i, signal in enumerate(CHANNELS)}

@@ -1,7 +1,7 @@
 """Random numbers inside a flight: L'Ecuyer's MRG32k3a, whose arithmetic is exact in doubles.
 
 P. L'Ecuyer, "Good parameters and implementations for combined multiple recursive random number generators",
-Operations Research 47 (1999) 159. Lane-safe: no integers, the same bits compiled, abreast and in plain Python.
+Operations Research 47 (1999) 159. Lane-safe: no integers, the same bits compiled, in batched lanes and in plain Python.
 """
 
 import math
@@ -15,7 +15,7 @@ _NORM = 2.328306549295728e-10  # 1 / (m1 + 1)
 _ROUND = 6755399441055744.0  # adding and subtracting it rounds to an integer
 _GOLDEN = 0.6180339887498949
 
-N_STATE = 6
+N_STREAM_ROWS = 6  # of a stream's state in the lane memory
 
 
 @scalar

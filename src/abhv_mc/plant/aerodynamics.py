@@ -158,14 +158,8 @@ def interpolate_groups(T, W, tables, cells):
                     weight,
                     cells.cell[split],
                     upper,
-                    data[i],
-                    data[i + s0],
-                    data[i + s1],
-                    data[i + s0 + s1],
-                    data[j],
-                    data[j + s0],
-                    data[j + s1],
-                    data[j + s0 + s1],
+                    (data[i], data[i + s0], data[i + s1], data[i + s0 + s1]),
+                    (data[j], data[j + s0], data[j + s1], data[j + s0 + s1]),
                     W,
                 )
         elif flat:
@@ -231,8 +225,10 @@ def share_corners_2d(out, out_2, weights, a, b, c, d, e, f, g, h, W):
 
 
 @lanes
-def choose_corners_2d(out, weights, cell, upper, a, b, c, d, a_up, b_up, c_up, d_up, W):
+def choose_corners_2d(out, weights, cell, upper, lower_corners, upper_corners, W):
     """One table of two neighbouring 2-D cells, for lanes in either."""
+    a, b, c, d = lower_corners
+    a_up, b_up, c_up, d_up = upper_corners
     for lane in range(W):
         up = cell[lane] == upper
         out[lane] = (

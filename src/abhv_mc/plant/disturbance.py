@@ -1,16 +1,16 @@
-"""Once a tick: what gusts, turbulence and the density profile do to the air around each flight.
+"""Once a tick: gusts, turbulence and the density profile around each flight.
 
-Held over the control period. A flight without them gets exact zeros and ones, so its bits do not change.
+Held over the control period. A flight without them gets exact zeros and ones, which leave its bits unchanged.
 """
 
 from typing import NamedTuple
 
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.quaternion import rotate_to_body
-from abhv_mc.numerics.random_numbers import N_STATE, next_uniform, normal_pair, seed_word
+from abhv_mc.numerics.random_numbers import N_STREAM_ROWS, next_uniform, normal_pair, seed_word
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import DENSITY_KNOTS_KM
-from abhv_mc.plant.state import TURBULENCE, X, parameter_row
+from abhv_mc.plant.state import FILTERS, TURBULENCE, X, parameter_row
 from abhv_mc.world.turbulence import (
     dryden_first,
     dryden_second,
@@ -33,8 +33,6 @@ _KNOT_STEP = 1000.0 * (DENSITY_KNOTS_KM[1] - DENSITY_KNOTS_KM[0])
 _M1 = 4294967087.0
 _M2 = 4294944443.0
 
-_FILTER = TURBULENCE + N_STATE  # u, then two states each of v and w
-
 
 @lanes
 def any_lane(Z, width, first, rows, value):
@@ -49,7 +47,7 @@ def any_lane(Z, width, first, rows, value):
 @lanes
 def seed_stream(Z, width, first_row, seed_row):
     """Start a stream of random numbers in six rows from the flight's seed."""
-    for word in range(N_STATE):
+    for word in range(N_STREAM_ROWS):
         modulus = _M1 if word < 3 else _M2
         for lane in range(width):
             Z[first_row + word, lane] = seed_word(Z[seed_row, lane], float(word), modulus)
@@ -81,36 +79,36 @@ def draw_normals(Z, lane, r):
     return normal_pair(u1, u2)
 
 
-class Unrest(NamedTuple):
-    """What any of the flights abreast has; what none has is never worked out."""
+class Disturbances(NamedTuple):
+    """Disturbances active in any lane; the others are never computed."""
 
     gusty: bool
     turbulent: bool
-    uneven: bool  # a density profile
+    profiled: bool  # a density profile
     windy: bool  # the air moves: any wind, a gust or turbulence
 
 
 @lanes
-def find_unrest(Z, width):
-    """From the parameters, which stay over a flight."""
+def active_disturbances(Z, width):
+    """From the parameters, which are constant over a flight."""
     gusty, turbulent = any_lane(Z, width, _GUST, 3, 0.0), any_lane(Z, width, _SIGMA, 1, 0.0)
     windy = gusty or turbulent or any_lane(Z, width, _WIND, 4, 0.0)
-    return Unrest(gusty, turbulent, any_lane(Z, width, _PROFILE, _KNOTS, 1.0), windy)
+    return Disturbances(gusty, turbulent, any_lane(Z, width, _PROFILE, _KNOTS, 1.0), windy)
 
 
 @lanes
-def disturb(Z, width, unrest, time, dt, first):
+def disturb(Z, width, active, time, dt, first):
     """Gust velocity in body axes and density factor of the tick that begins at ``time`` (s)."""
     for lane in range(width):
         Z[s.GUST_U, lane] = 0.0
         Z[s.GUST_V, lane] = 0.0
         Z[s.GUST_W, lane] = 0.0
         Z[s.DENSITY_PROFILE, lane] = 1.0
-    if unrest.gusty:
+    if active.gusty:
         gust(Z, width, time)
-    if unrest.turbulent:
+    if active.turbulent:
         turbulence(Z, width, dt, first)
-    if unrest.uneven:
+    if active.profiled:
         density_profile(Z, width)
 
 
@@ -136,7 +134,7 @@ def gust(Z, width, time):
 
 @lanes
 def turbulence(Z, width, dt, first):
-    """Dryden turbulence along body axes; its states start in their stationary law."""
+    """Dryden turbulence along body axes; its states start in their stationary distribution."""
     if first:
         seed_stream(Z, width, TURBULENCE, _SEED)
     for lane in range(width):
@@ -144,20 +142,20 @@ def turbulence(Z, width, dt, first):
         n0, n1 = draw_normals(Z, lane, TURBULENCE)
         n2, n3 = draw_normals(Z, lane, TURBULENCE)
         n4, _ = draw_normals(Z, lane, TURBULENCE)
-        u = n0 if first else dryden_first(Z[_FILTER, lane], a, dt, n0)
-        v1_new, v2_new = dryden_second(Z[_FILTER + 1, lane], Z[_FILTER + 2, lane], a, dt, n1, n2)
-        w1_new, w2_new = dryden_second(Z[_FILTER + 3, lane], Z[_FILTER + 4, lane], a, dt, n3, n4)
+        u = n0 if first else dryden_first(Z[FILTERS, lane], a, dt, n0)
+        v1_new, v2_new = dryden_second(Z[FILTERS + 1, lane], Z[FILTERS + 2, lane], a, dt, n1, n2)
+        w1_new, w2_new = dryden_second(Z[FILTERS + 3, lane], Z[FILTERS + 4, lane], a, dt, n3, n4)
         v1_start, v2_start = dryden_second_start(a, n1, n2)
         w1_start, w2_start = dryden_second_start(a, n3, n4)
         v1 = v1_start if first else v1_new
         v2 = v2_start if first else v2_new
         w1 = w1_start if first else w1_new
         w2 = w2_start if first else w2_new
-        Z[_FILTER, lane] = u
-        Z[_FILTER + 1, lane] = v1
-        Z[_FILTER + 2, lane] = v2
-        Z[_FILTER + 3, lane] = w1
-        Z[_FILTER + 4, lane] = w2
+        Z[FILTERS, lane] = u
+        Z[FILTERS + 1, lane] = v1
+        Z[FILTERS + 2, lane] = v2
+        Z[FILTERS + 3, lane] = w1
+        Z[FILTERS + 4, lane] = w2
         sigma = Z[_SIGMA, lane]
         Z[s.GUST_U, lane] += sigma * u
         Z[s.GUST_V, lane] += sigma * dryden_second_output(v1, v2, a)

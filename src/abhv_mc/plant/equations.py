@@ -1,7 +1,7 @@
 """Last loop of a stage: forces and moments, the derivatives of the 22 states, and the integrator's sums.
 
 Body axes forward-right-down, local frame north-east-down, rotating ellipsoid; Zhu & Shen (2014), eqs. (2)-(4)
-in the frame and signs of docs/flight-model.md.
+with the axes above; moments about the centre of gravity.
 """
 
 import math

@@ -1,11 +1,14 @@
-"""Where a lane keeps its numbers: the rows of the one block ``Z[row, lane]`` that a kernel allocates.
+"""Where a lane keeps its numbers: the rows of the one block ``Z[row, lane]`` of a kernel's memory.
 
 One block with constant rows lets the compiler see that nothing overlaps, which is what makes the
 lane loops vector code.
 """
 
+from abhv_mc.numerics.random_numbers import N_STREAM_ROWS
+from abhv_mc.plant.actuator_step import N_ACTUATOR_ROWS
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.vehicle.arrays import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES
+from abhv_mc.world.turbulence import N_FILTER_STATES
 
 # The state, in this order: geodetic altitude, longitude, latitude, body velocity u v w (Earth-relative),
 # attitude quaternion body -> NED, inertial body rates, mass, surface deflections and rates, engine.
@@ -44,48 +47,45 @@ AILERON_RATE, RUDDER_RATE, ELEVATOR_RATE, ETA, ETA_RATE = range(17, 22)
 MAX_TABLE_ROWS = 1024  # tables and their slopes with the deflections, spare rows of the padding counted
 MAX_AXES = 64  # different grids
 
-N_MEASURED = 10
-MAX_DELAY_TICKS = 25
-
-# Blocks of the lane memory Z.
+# Blocks of the lane memory Z, one after another. The owner of a block says how many rows it has; rows that have names
+# are counted by them, as unpacking a range of another length fails.
 X = 0  # the state at the beginning of the step
 XS = X + N_STATES  # the state at the stage of the integrator
 SUM = XS + N_STATES  # weighted sum of the stages' derivatives
 P = SUM + N_STATES  # parameters
 VAR = P + len(PARAMETERS)  # variables of the tables and of the build-up
 COEF = VAR + len(VARIABLES)  # coefficients
-CMD = COEF + len(COEFFICIENTS)  # commands held over the tick: aileron, rudder, elevator, eta
+CMD = COEF + len(COEFFICIENTS)  # commands held over the tick
 AIR = CMD + 4  # air data of the stage
 FIXED = AIR + 19  # the fixed quantities of the tables, in the order of FIXED_TABLE_ROWS
-NAV = FIXED + len(FIXED_TABLE_ROWS)  # what the flight does and what its sensors say
-COUNTED = NAV + 18  # 1 where the sample of this tick counts
-COMMANDS = COUNTED + 1  # what the guidance asks of the attitude loop: flight path angle, angle of attack, bank
+NAV = FIXED + len(FIXED_TABLE_ROWS)  # the true motion relative to the Earth
+MEASURED = NAV + 8  # the measurement, which the control laws see
+COUNTED = MEASURED + 10  # 1 where the sample of this tick counts
+COMMANDS = COUNTED + 1  # what the guidance commands of the attitude loop
 GUST = COMMANDS + 3  # gust and turbulence of the tick in body axes, and the profile's factor on the density
-TURBULENCE = GUST + 4  # random numbers and filters of the turbulence
-NOISE = TURBULENCE + 11  # random numbers of the sensors
-DELAY = NOISE + 6  # the last measurements, a ring
-ACTUATORS = DELAY + (MAX_DELAY_TICKS + 1) * N_MEASURED  # what surfaces and engine need for a step, by flight
-PER_MASS_FACTOR = ACTUATORS + 28  # 1 / the dispersion of the mass, by flight
-LIMITS = PER_MASS_FACTOR + 1  # of the actuator at work: lowest, highest, fastest
-LAW = LIMITS + 3  # the control law's own memory follows
+TURBULENCE = GUST + 4  # random numbers, then the forming filters
+FILTERS = TURBULENCE + N_STREAM_ROWS
+PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / the dispersion of the mass, by flight
+ACTUATORS = PER_MASS_FACTOR + 1  # surfaces, then engine: what they need for a step, by flight
+LIMITS = ACTUATORS + 2 * N_ACTUATOR_ROWS  # of the actuator at work: lowest, highest, fastest
+LAW = LIMITS + 3  # the rows of control and flight follow: the law's own memory first
 
-# Rows of the air data.
-RHO, Q_BAR, AIRSPEED, SIN_ALPHA, COS_ALPHA, SIN_BETA, COS_BETA, OUTSIDE = range(AIR, AIR + 8)
-SIN_LAT, COS_LAT, EARTH_X, EARTH_Y, EARTH_Z = range(AIR + 8, AIR + 13)  # latitude; the Earth's rotation in body axes
-AIR_U, AIR_V, AIR_W = range(AIR + 13, AIR + 16)  # velocity of the air, body axes
-SPECIFIC_X, SPECIFIC_Y, SPECIFIC_Z = range(AIR + 16, AIR + 19)  # specific force, body axes
+CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, AIR)
 
-CAPTURE, ISP, THRUST_AREA, INERTIA_XX, INERTIA_YY, INERTIA_ZZ, INERTIA_13, CG_X, CG_Z = range(FIXED, FIXED + 9)
+# Air data: density, dynamic pressure, flow; latitude and the Earth's rotation in body axes; velocity of the air and
+# specific force in body axes.
+_FLOW, _EARTH, _AIR_VELOCITY, _SPECIFIC_FORCE = AIR, AIR + 8, AIR + 13, AIR + 16
+RHO, Q_BAR, AIRSPEED, SIN_ALPHA, COS_ALPHA, SIN_BETA, COS_BETA, OUTSIDE = range(_FLOW, _EARTH)
+SIN_LAT, COS_LAT, EARTH_X, EARTH_Y, EARTH_Z = range(_EARTH, _AIR_VELOCITY)
+AIR_U, AIR_V, AIR_W = range(_AIR_VELOCITY, _SPECIFIC_FORCE)
+SPECIFIC_X, SPECIFIC_Y, SPECIFIC_Z = range(_SPECIFIC_FORCE, FIXED)
 
-# Navigation: the truth to the Earth and the measurement, which the control laws see.
-SPEED, GAMMA, CHI, BANK, NORTH, EAST, V_NORTH_LAST, V_EAST_LAST = range(NAV, NAV + 8)
-MEASURED = NAV + 8
-M_ALTITUDE, M_SPEED, M_GAMMA, M_CHI, M_ALPHA, M_BETA, M_BANK, M_P, M_Q, M_R = range(MEASURED, MEASURED + 10)
-
-GUST_U, GUST_V, GUST_W, DENSITY_PROFILE = range(GUST, GUST + 4)
-
-GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, COMMANDS + 3)
-CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, CMD + 4)
+CAPTURE, ISP, THRUST_AREA, INERTIA_XX, INERTIA_YY, INERTIA_ZZ, INERTIA_13, CG_X, CG_Z = range(FIXED, NAV)
+SPEED, GAMMA, CHI, BANK, NORTH, EAST, V_NORTH_LAST, V_EAST_LAST = range(NAV, MEASURED)
+M_ALTITUDE, M_SPEED, M_GAMMA, M_CHI, M_ALPHA, M_BETA, M_BANK, M_P, M_Q, M_R = range(MEASURED, COUNTED)
+GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, GUST)
+GUST_U, GUST_V, GUST_W, DENSITY_PROFILE = range(GUST, TURBULENCE)
+N_MEASURED = COUNTED - MEASURED
 
 N_VARIABLES = len(VARIABLES)
 N_COEFFICIENTS = len(COEFFICIENTS)

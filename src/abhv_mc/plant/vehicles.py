@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 from abhv_mc.plant.effectiveness import count_rows
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.state import MAX_AXES, MAX_TABLE_ROWS
@@ -11,7 +11,7 @@ from abhv_mc.vehicle.model import Vehicle
 
 
 def load_vehicle(path: str | Path) -> Vehicle:
-    """Read and pack a vehicle file. Raises :class:`abhv_mc.documents.InputError`."""
+    """Read and pack a vehicle file. Raises :class:`abhv_mc.io.documents.InputError`."""
     vehicle = read_vehicle(path, PARAMETER_INDEX)
     rows, axes = count_rows(vehicle), vehicle.tables.axis_variable.size
     if rows > MAX_TABLE_ROWS:

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 
 Floats = NDArray[np.float64]
 _HELD = 32 * 2**20  # bytes of a table that stay in memory; a larger one goes to a temporary file

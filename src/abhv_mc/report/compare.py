@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 from abhv_mc.report.duels import pair_numbers
 from abhv_mc.report.failures import requirement_words
 from abhv_mc.report.results import Results, read_results

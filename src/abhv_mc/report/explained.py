@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from abhv_mc.campaign.explain import Explanation
+from abhv_mc.campaign.analysis.explain import Explanation
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.signals import CHANNEL_INDEX
 from abhv_mc.report.figures.explained import ExplainedPanel, plot_explained

@@ -9,8 +9,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from abhv_mc.documents import InputError
 from abhv_mc.flight.outcome import Outcome
+from abhv_mc.io.documents import InputError
 from abhv_mc.report.columns import Floats, SpooledColumns, missing_file, read_table
 from abhv_mc.store.flights import END_TIME
 

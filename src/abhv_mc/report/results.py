@@ -101,7 +101,7 @@ class Results:
 
 def read_facts(path: Path) -> CampaignFacts:
     """The resolved campaign file of a folder. Raises InputError where it is missing or is not one."""
-    from abhv_mc.campaign.check import read_campaign
+    from abhv_mc.campaign.file.check import read_campaign
 
     campaign = read_campaign(path)
     model, plain = campaign.model, campaign.document.data

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.designs import SALTELLI, saltelli_group
+from abhv_mc.campaign.sampling.designs import SALTELLI, saltelli_group
 from abhv_mc.report.plain import plain
 from abhv_mc.report.results import Results
 from abhv_mc.report.words import count_of

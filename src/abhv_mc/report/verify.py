@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 from abhv_mc.report.build import hash_files, hash_pages
 from abhv_mc.report.numbers import make_numbers
 from abhv_mc.report.results import read_results

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.campaign.check import read_campaign
-from abhv_mc.campaign.reweight import make_change, unseen_probability, weigh_flights
-from abhv_mc.documents import InputError
+from abhv_mc.campaign.analysis.reweight import make_change, unseen_probability, weigh_flights
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.io.documents import InputError
 from abhv_mc.report.columns import Floats
 from abhv_mc.report.failures import requirement_failures, requirement_words
 from abhv_mc.report.flights import ControllerFlights

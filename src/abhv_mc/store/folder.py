@@ -2,14 +2,13 @@
 
 import contextlib
 import errno
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from abhv_mc.input_error import InputError
+from abhv_mc.io.atomic_write import ASIDE, atomic_write
+from abhv_mc.io.input_error import InputError
 
-_ASIDE = ".aside"  # ending of a file that is being written
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the last: a limit on a file's size (ulimit -f)
 _CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
 
@@ -92,7 +91,7 @@ class CampaignFolder:
         if not self.root.is_dir():
             return []
         known = {*self.parts, self.lock}
-        return sorted(p for p in self.root.iterdir() if p not in known and not p.name.endswith(_ASIDE))
+        return sorted(p for p in self.root.iterdir() if p not in known and not p.name.endswith(ASIDE))
 
     def clear(self) -> None:
         """Delete what a campaign wrote, the manifest first, so that no half of it looks whole."""
@@ -109,7 +108,7 @@ class CampaignFolder:
     def sweep(self) -> None:
         """Delete what a killed process was writing."""
         if self.root.is_dir():
-            for path in self.root.rglob(f"*{_ASIDE}"):
+            for path in self.root.rglob(f"*{ASIDE}"):
                 path.unlink(missing_ok=True)
 
 
@@ -130,23 +129,12 @@ def told_plainly(path: Path) -> Iterator[None]:
 
 
 def write_whole(path: Path, write: Callable[[Path], None], durable: bool = False) -> None:
-    """Let ``write`` make the file aside, then rename it into place; ``durable`` waits until the disk has it.
+    """Put the file that ``write`` makes into place, whole; ``durable`` waits until the disk has it.
 
     Raises StorageFullError or InputError where the folder takes nothing.
     """
-    aside = path.with_name(f".{path.name}{_ASIDE}")  # the dot hides it from readers of the folder
-    with told_plainly(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            write(aside)
-            if durable:
-                with aside.open("rb") as file:
-                    os.fsync(file.fileno())
-            aside.replace(path)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                aside.unlink(missing_ok=True)
-            raise
+    with told_plainly(path), atomic_write(path, durable) as aside:
+        write(aside)
 
 
 def write_bytes(path: Path, content: bytes, durable: bool = False) -> None:

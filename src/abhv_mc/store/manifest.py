@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.store.folder import write_text
 
 _WISH = "a manifest as it was written: restore it, or run with --fresh to delete what was flown and fly it anew"

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.store.folder import write_whole
 
 T = TypeVar("T")

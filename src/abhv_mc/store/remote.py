@@ -24,7 +24,7 @@ from typing import Any
 import pyarrow as pa
 from pyarrow import fs as pyarrow_fs
 
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.store.folder import CampaignFolder, StorageFullError
 
 PUSH_INTERVAL = 5.0  # s: what the loss of this machine costs

@@ -4,8 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Tag, model_validator
 
-from abhv_mc.documents import File, Refusal, StrictModel, one_of
-from abhv_mc.units import (
+from abhv_mc.io.documents import File, Refusal, StrictModel, one_of
+from abhv_mc.io.units import (
     ANGLE,
     AREA,
     FRACTION,

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.documents import Document, Refusal, read_document, validate
-from abhv_mc.input_error import one_of
-from abhv_mc.units import parse_unit
+from abhv_mc.io.documents import Document, Refusal, read_document, validate
+from abhv_mc.io.input_error import one_of
+from abhv_mc.io.units import parse_unit
 from abhv_mc.vehicle.arrays import COEFFICIENTS, VARIABLES, BuildUp
 from abhv_mc.vehicle.document import (
     AXIS_DEFLECTIONS,
@@ -41,7 +41,7 @@ class VehicleFile:
 
 
 def read_vehicle_file(path: str | Path) -> VehicleFile:
-    """Read and check a vehicle file and its tables. Raises :class:`abhv_mc.documents.InputError`."""
+    """Read and check a vehicle file and its tables. Raises :class:`abhv_mc.io.documents.InputError`."""
     document = read_document(path)
     content = validate(document, VehicleDocument)
     effectors = tuple(content.effectors)
@@ -127,7 +127,7 @@ def _check_mass(document: Document, content: VehicleDocument, points: Sequence[M
 def read_vehicle(path: str | Path, factor_index: Mapping[str, int]) -> Vehicle:
     """Read and pack a vehicle. ``factor_index`` gives the parameter of a name such as ``aero.lift.elevator``.
 
-    Raises :class:`abhv_mc.documents.InputError` for anything wrong with the file or its tables.
+    Raises :class:`abhv_mc.io.documents.InputError` for anything wrong with the file or its tables.
     """
     return pack_vehicle(read_vehicle_file(path), factor_index)
 

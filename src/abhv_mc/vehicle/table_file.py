@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.input_error import InputError, Refusal, one_of
-from abhv_mc.units import ANGLE, LENGTH, MASS, parse_unit
+from abhv_mc.io.input_error import InputError, Refusal, one_of
+from abhv_mc.io.units import ANGLE, LENGTH, MASS, parse_unit
 from abhv_mc.vehicle.arrays import MAX_DIMENSIONS, VARIABLES, Floats
 from abhv_mc.vehicle.pack import Axis, Table
 

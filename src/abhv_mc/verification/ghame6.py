@@ -7,7 +7,7 @@ import numpy as np
 
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import Timing
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.numerics.quaternion import from_matrix
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import PARAMETER_INDEX

@@ -8,7 +8,7 @@ import numpy as np
 
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import Timing
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs

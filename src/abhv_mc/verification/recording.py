@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.vehicle.arrays import Floats
 
 _MOST_BYTES = 200_000_000

@@ -5,6 +5,8 @@ import math
 from abhv_mc.jit import scalar
 from abhv_mc.numerics.lane_math import exp, sincos
 
+N_FILTER_STATES = 5  # one longitudinal, two lateral, two vertical
+
 _ROOT3 = math.sqrt(3.0)
 
 
@@ -49,7 +51,7 @@ def dryden_second_output(x1, x2, a):
 
 @scalar
 def dryden_second_start(a, noise1, noise2):
-    """States drawn from the filter's stationary law."""
+    """States drawn from the filter's stationary distribution."""
     l11 = math.sqrt(0.5 / a)
     l21 = 0.25 / (a * a * l11)
     rest = 0.25 / (a * a * a) - l21 * l21

@@ -1,0 +1,98 @@
+"""How many floating-point operations a flight takes: the flight itself, flown in plain Python by counted floats.
+
+    python -m benchmarks.operations        counts the default campaign's flights into src/abhv_mc/bench/operations.json
+
+Counted is what depends on the lane: the state, the dispersions, the tables' values and all that follows from them.
+What the lanes share (constants, gains and references of a tick, weights computed from those alone) is not; nor are
+comparisons, choices, conversions and look-ups. Where the flight takes one of two ways, the one taken is counted.
+"""
+
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.bench.speed import OPERATIONS_FILE, Operations, make_work
+from abhv_mc.flight.plan import FlightPlan
+from benchmarks.document import write_json
+
+_FIRST, _LAST = 5, 25  # ticks: past the start, where differentiators and hints settle
+
+
+def count_operations(plans: dict[str, FlightPlan]) -> dict[str, Operations]:
+    """The operations of each plan's flight, counted over some ticks in a process of its own without the compiler."""
+    from abhv_mc.store.plans import write_plan
+
+    with tempfile.TemporaryDirectory() as folder:
+        paths = []
+        for name, plan in plans.items():
+            paths.append(Path(folder) / f"{name}.npz")
+            write_plan(paths[-1], plan)
+        command = [sys.executable, "-m", "benchmarks.operations", *map(str, paths)]
+        environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    return {name: Operations(**counts) for name, counts in json.loads(done.stdout).items()}
+
+
+def _count(plan: FlightPlan, ticks: int) -> dict[str, int]:
+    """Operations of the first ``ticks`` ticks of a flight."""
+    from abhv_mc.flight.fly import fly, nominal_parameters
+    from benchmarks.counted import COUNTS
+
+    COUNTS.clear()
+    fly(replace(plan, timing=plan.timing._replace(ticks=ticks)), nominal_parameters(), lanes=1)
+    return dict(COUNTS)
+
+
+def _count_flight(plan: FlightPlan) -> dict[str, float]:
+    """A flight's operations: its start, and as many ticks as it has of those counted."""
+    from benchmarks.counted import make_counted
+
+    tables = plan.vehicle.tables._replace(data=make_counted(plan.vehicle.tables.data))
+    trim = plan.trim_tables._replace(data=make_counted(plan.trim_tables.data))
+    counted = replace(plan, vehicle=plan.vehicle._replace(tables=tables), trim_tables=trim)
+    few, many = _count(counted, _FIRST), _count(counted, _LAST)
+    rest = (plan.timing.ticks - _FIRST) / (_LAST - _FIRST)
+    return {kind: few[kind] + rest * (many[kind] - few[kind]) for kind in many}
+
+
+def _use_counted_floats() -> None:
+    """Have the flight allocate counted arrays, and its square roots and assembled floats counted."""
+    from abhv_mc.flight import arguments, fly, memory
+    from abhv_mc.numerics import float_bits, lane_math
+    from benchmarks.counted import Counted, counted_sqrt, make_counted
+
+    def count_in(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return type(value)(*map(count_in, value))
+        return make_counted(value) if value.dtype == np.float64 else value
+
+    arguments.conform = lambda value, *_: value  # type: ignore[assignment]  # counted arrays hold objects
+    fly.make_memory = lambda *sizes: count_in(memory.make_memory(*sizes))  # type: ignore[attr-defined]
+    lane_math.bits_float = lambda bits: Counted(float_bits.bits_float(bits))  # type: ignore[attr-defined]
+    math.sqrt = counted_sqrt  # type: ignore[assignment]
+
+
+def _main(paths: list[str]) -> None:
+    if not paths:
+        counts = count_operations(make_work(1)[0])
+        write_json(OPERATIONS_FILE, {name: {k: round(n) for k, n in vars(one).items()} for name, one in counts.items()})
+        return
+    if os.environ.get("NUMBA_DISABLE_JIT") != "1":
+        raise SystemExit("counting needs NUMBA_DISABLE_JIT=1")
+    from abhv_mc.store.plans import read_plan
+
+    plans = {Path(path).stem: read_plan(Path(path)) for path in paths}
+    _use_counted_floats()
+    print(json.dumps({name: _count_flight(plan) for name, plan in plans.items()}))
+
+
+if __name__ == "__main__":
+    _main(sys.argv[1:])

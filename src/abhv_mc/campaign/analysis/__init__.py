@@ -1,0 +1,1 @@
+"""What is asked of a flown campaign: replay, explanation, other distributions."""

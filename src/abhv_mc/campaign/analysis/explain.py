@@ -1,0 +1,149 @@
+"""Why a flight failed: the smallest set of its dispersions that still fails with all others nominal."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.analysis.replay import find_row
+from abhv_mc.campaign.analysis.shrink import shrink
+from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.file.config import Requirement
+from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.sampling.samples import spread_parameters
+from abhv_mc.flight.outcome import SENTENCES, Outcome
+from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flight.signals import METRIC_INDEX
+from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.store.flights import FlightRows
+from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.plans import read_plan
+from abhv_mc.store.samples import SampleReader
+
+Floats = NDArray[np.float64]
+
+_MOST_SAMPLES = 10_000  # flights that tell how unusual a value is
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What counts as failing: ending early, or missing one requirement."""
+
+    requirement: Requirement | None
+    limit: float
+
+    @property
+    def words(self) -> str:
+        if self.requirement is None:
+            return "ended early"
+        side = "below" if self.requirement.below is not None else "above"
+        return f"missed {self.requirement.metric} {side} {self.limit:g}"
+
+    def badness(self, outcome: NDArray[np.int64], end_time: Floats, metrics: Floats) -> Floats:
+        """How badly flights fail, larger being worse; -inf where they do not. ``metrics`` is [flight, metric]."""
+        early = outcome != Outcome.OK
+        if self.requirement is None:
+            return np.where(early, -end_time, -np.inf)
+        value = metrics[:, METRIC_INDEX[self.requirement.metric]]
+        worse = value if self.requirement.below is not None else -value
+        limit = self.limit if self.requirement.below is not None else -self.limit
+        failed = ~(worse < limit)
+        if self.requirement.ended_early == "failure":
+            failed |= early
+        return np.where(failed, np.nan_to_num(worse, nan=np.inf), -np.inf)
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """The smallest set of dispersions with which a flight still fails."""
+
+    controller: str
+    flight: int
+    failure: Failure
+    ended: str  # how the flight ended, in words
+    samples: dict[str, float]  # all its dispersions, SI
+    causes: tuple[str, ...]  # those that suffice; empty where the nominal flight fails, too
+    others: tuple[tuple[str, ...], ...]  # other sets of the same size that fail
+    smallest: bool  # no smaller set fails; else: none of the causes can be left out
+    tried: int  # flights flown to find it
+    parameters: Floats  # [flight, parameter] nominal, with the causes alone, as flown
+    block: FlightBlock  # those three flights
+
+
+def explain_flight(
+    root: Path, controller: str, flight: int, fly: Fly, requirement: str | None = None, every: int = 1
+) -> Explanation:
+    """Shrink the dispersions of a failing flight of the campaign in ``root`` to those that it takes to fail.
+
+    ``requirement`` names the metric of the requirement to explain; by default it is the early end of the flight, or
+    else the first requirement that it missed. Raises InputError for a flight that is not there or did not fail.
+    """
+    folder = CampaignFolder(root)
+    campaign = read_campaign(folder.campaign)
+    if controller not in campaign.model.controllers:
+        raise InputError(root, None, None, f"no controller '{controller}'", one_of(campaign.model.controllers))
+    row = find_row(folder, controller, flight)
+    failure = _find_failure(root, campaign, row, requirement)
+    plan = read_plan(folder.plan(controller))
+    names = row.names
+    nominal = np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in names])
+    values = row.samples[0]
+
+    def badness(keep: NDArray[np.bool_]) -> Floats:
+        block = fly(plan, spread_parameters(names, np.where(keep, values, nominal)), None)
+        return failure.badness(block.outcome, block.end_time, block.metrics)
+
+    samples = SampleReader(folder.samples)
+    try:
+        found = shrink(len(names), badness, _mildest_first(samples, values))
+    except ValueError:
+        wish = "the version of the program that flew it (see manifest.json)"
+        raise InputError(root, None, None, f"a flight {flight} that does not fail when flown again", wish) from None
+    sets = [tuple(names[i] for i in members) for members in found.sets]
+    alone = np.isin(names, sets[0])
+    parameters = spread_parameters(names, np.stack([nominal, np.where(alone, values, nominal), values]))
+    return Explanation(
+        controller,
+        flight,
+        failure,
+        SENTENCES[Outcome(next(o for o in Outcome if o.code == row.outcome[0]))],
+        dict(zip(names, values.tolist(), strict=True)),
+        sets[0],
+        tuple(sets[1:]),
+        found.smallest,
+        found.tried,
+        parameters,
+        fly(plan, parameters, every),
+    )
+
+
+def _find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked: str | None) -> Failure:
+    """What to explain of a flight. Raises InputError where it did not fail so."""
+    outcome = next(o for o in Outcome if o.code == row.outcome[0])
+    if outcome == Outcome.FAILED_TO_RUN:
+        found = f"flight {row.first}, which could not be computed"
+        raise InputError(root, None, None, found, "a flight that was flown")
+    state = np.array([int(outcome)]), row.values[:, -1], row.values[:, :-1]
+    failures = [
+        Failure(entry, limit) for entry, limit in zip(campaign.model.requirements, campaign.limits, strict=True)
+    ]
+    metrics = [failure.requirement.metric for failure in failures if failure.requirement]
+    if asked is not None and asked not in metrics:
+        found = f"no requirement on '{asked}'"
+        raise InputError("--requirement", None, None, found, one_of(metrics, asked) if metrics else "no requirement")
+    candidates = [Failure(None, 0.0), *failures] if asked is None else failures
+    for failure in candidates:
+        named = asked is None or (failure.requirement is not None and failure.requirement.metric == asked)
+        if named and failure.badness(*state)[0] > -np.inf:
+            return failure
+    found = f"flight {row.first} of {row.controller}, which {f'kept {asked}' if asked else 'did not fail'}"
+    raise InputError(root, None, None, found, "a flight that ended early or missed a requirement")
+
+
+def _mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:
+    """The parameters, those whose values are the most usual among the campaign's first."""
+    drawn = samples.rows(0, min(samples.flights, _MOST_SAMPLES))
+    middle = np.median(drawn, axis=0)
+    return np.argsort((np.abs(drawn - middle) < np.abs(values - middle)).mean(axis=0), kind="stable")

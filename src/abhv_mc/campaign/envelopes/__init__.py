@@ -1,0 +1,1 @@
+"""Envelopes over all flights, collected as blocks land."""

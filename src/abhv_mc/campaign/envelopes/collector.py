@@ -1,0 +1,245 @@
+"""Envelopes over all flights of a controller: collected as blocks land, kept through a kill, the same in any order.
+
+Up to ``EXACT_FLIGHTS`` flights every recorded value is kept on disk until the end and every number is exact. Beyond,
+memory stays flat: integer histograms and the extreme values (see :mod:`abhv_mc.campaign.envelopes.histogram`).
+"""
+
+import contextlib
+import io
+import shutil
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.envelopes.histogram import Histograms, make_bins
+from abhv_mc.store.envelopes import QUANTILES, EnvelopeTable
+from abhv_mc.store.flights import DamagedFileError, parse_block_name
+from abhv_mc.store.folder import write_bytes, write_whole
+
+EXACT_FLIGHTS = 4096
+PILOT_FLIGHTS = 128  # flights 0 .. 127 set the bins
+_SLAB = 4_000_000  # values sorted at once
+
+Singles = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Cells:
+    """What envelopes are made of: the channels at the recorded times."""
+
+    channels: tuple[str, ...]
+    columns: tuple[int, ...]  # of CHANNELS
+    times: NDArray[np.float64]
+    every: int  # control ticks between recorded times
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return len(self.times), len(self.channels)
+
+    @property
+    def count(self) -> int:
+        return len(self.times) * len(self.channels)
+
+    def cut(self, history: Singles) -> Singles:
+        """``[flight, cell]`` of a history ``[flight, time, channel]`` of all channels."""
+        if len(self.columns) < history.shape[2]:
+            history = history[:, :, list(self.columns)]
+        return np.ascontiguousarray(history).reshape(len(history), self.count)
+
+
+class Collector(Protocol):
+    """Collects the envelopes of one controller."""
+
+    covered: Mask  # [flight] which flights are in
+
+    def add(self, first: int, history: Singles) -> None:
+        """Add the flights from ``first`` on, ``[flight, cell]``."""
+
+    def save(self) -> None:
+        """Write what a resumed campaign needs."""
+
+    def table(self) -> EnvelopeTable:
+        """The envelopes of what was added."""
+
+    def finish(self) -> None:
+        """Delete what only an unfinished campaign needs."""
+
+
+def make_collector(
+    folder: Path, controller: str, flights: int, cells: Cells, fly_pilot: Callable[[int], Singles]
+) -> Collector:
+    """The collector of a campaign of ``flights`` flights; ``fly_pilot(n)`` flies its first n, ``[flight, cell]``."""
+    if flights <= EXACT_FLIGHTS:
+        return ExactCollector(folder, controller, flights, cells)
+    return HistogramCollector(folder, controller, flights, cells, fly_pilot)
+
+
+class ExactCollector:
+    """Keeps every value in one file per block until the campaign is complete."""
+
+    def __init__(self, folder: Path, controller: str, flights: int, cells: Cells) -> None:
+        self._folder, self._controller, self._cells = folder / "blocks", controller, cells
+        self.covered = np.zeros(flights, bool)
+        for path in self._folder.glob(f"{controller}-*.npy"):
+            with contextlib.suppress(DamagedFileError, ValueError, OSError, EOFError):
+                name, first, stop = parse_block_name(path)
+                if name == controller and _is_whole(path) and self._open(path).shape == (stop - first, cells.count):
+                    self.covered[first:stop] = True
+
+    def add(self, first: int, history: Singles) -> None:
+        path = self._folder / f"{self._controller}-{first:09d}-{first + len(history):09d}.npy"
+        content = io.BytesIO()  # numpy's own writing to a file does not say that a disk is full
+        np.save(content, history, allow_pickle=False)
+        write_bytes(path, content.getvalue() + _checksum(content.getvalue()))
+        self.covered[first : first + len(history)] = True
+
+    def save(self) -> None:
+        """Every block is saved as it is added."""
+
+    def table(self) -> EnvelopeTable:
+        blocks, taken = [], np.zeros(len(self.covered), bool)
+        for path in sorted(self._folder.glob(f"{self._controller}-*.npy")):
+            name, first, stop = parse_block_name(path)
+            if name == self._controller:
+                values = self._open(path)
+                fresh = ~taken[first:stop]  # blocks of two sizes may overlap after a resume
+                taken[first:stop] = True
+                blocks.append((values, fresh))
+        cells = self._cells.count
+        count, quantiles = np.zeros(cells, np.int64), np.full((len(QUANTILES), cells), np.nan)
+        low, high = np.full(cells, np.nan), np.full(cells, np.nan)
+        width = max(1, _SLAB // max(1, int(taken.sum())))
+        for start in range(0, cells, width):
+            slab = slice(start, min(start + width, cells))
+            values = np.concatenate([block[fresh, slab] for block, fresh in blocks])
+            values = np.sort(np.ascontiguousarray(values.T), axis=1)  # not-a-number goes last
+            count[slab] = n = np.sum(~np.isnan(values), axis=1)
+            row = np.flatnonzero(n)
+            last = n[row] - 1
+            place = np.arange(slab.start, slab.stop)[row]
+            low[place], high[place] = values[row, 0], values[row, last]
+            for q, probability in enumerate(QUANTILES):
+                rank = probability * last
+                floor = np.floor(rank).astype(np.int64)
+                lower = values[row, floor].astype(np.float64)
+                upper = values[row, np.minimum(floor + 1, last)]
+                quantiles[q, place] = lower + (upper - lower) * (rank - floor)
+        shape = self._cells.shape
+        return EnvelopeTable(
+            count.reshape(shape),
+            low.reshape(shape),
+            high.reshape(shape),
+            quantiles.reshape((-1, *shape)),
+            np.zeros(shape),
+        )
+
+    def finish(self) -> None:
+        shutil.rmtree(self._folder, ignore_errors=True)
+        with contextlib.suppress(OSError):  # it holds another controller's
+            self._folder.parent.rmdir()
+
+    @staticmethod
+    def _open(path: Path) -> Singles:
+        return np.load(path, mmap_mode="r", allow_pickle=False)
+
+
+class HistogramCollector:
+    """Counts in memory; the state goes to disk now and then, and a kill costs what came since."""
+
+    def __init__(
+        self, folder: Path, controller: str, flights: int, cells: Cells, fly_pilot: Callable[[int], Singles]
+    ) -> None:
+        self._path, self._cells = folder / f"{controller}.npz", cells
+        self.covered = np.zeros(flights, bool)
+        state = self._load()
+        if state is None:
+            self._histograms = Histograms(*make_bins(fly_pilot(min(PILOT_FLIGHTS, flights))))
+            self.save()
+        else:
+            self._histograms = Histograms(state["low"], state["width"])
+            self._histograms.merge(state["counts"], state["extremes"])
+            covered = np.unpackbits(state["covered"], count=int(state["flights"])).astype(bool)
+            self.covered[: len(covered)] = covered[:flights]
+
+    def _load(self) -> dict[str, NDArray] | None:
+        state = _read_state(self._path)
+        return state if state is not None and state.get("low", np.empty(0)).size == self._cells.count else None
+
+    def add(self, first: int, history: Singles) -> None:
+        self._histograms.add(history)
+        self.covered[first : first + len(history)] = True
+
+    def save(self) -> None:
+        _write_state(self._path, self._histograms, self.covered)
+
+    def table(self) -> EnvelopeTable:
+        return self._histograms.table(*self._cells.shape)
+
+    def finish(self) -> None:
+        """The state stays: extending or merging campaigns goes on from it."""
+        self.save()
+
+
+def _checksum(content: bytes) -> bytes:
+    return zlib.crc32(content).to_bytes(4, "little")
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a block's values are followed by their checksum."""
+    content = path.read_bytes()
+    return _checksum(content[:-4]) == content[-4:]
+
+
+def _read_state(path: Path) -> dict[str, NDArray] | None:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            return dict(stored)
+    except Exception:  # numpy's and zipfile's on damaged files are of many kinds, SyntaxError among them
+        return None
+
+
+def _write_state(path: Path, histograms: Histograms, covered: Mask) -> None:
+    state = {
+        "low": histograms.low,
+        "width": histograms.width,
+        "counts": histograms.counts,
+        "extremes": histograms.extremes(),
+        "covered": np.packbits(covered),
+        "flights": np.asarray(len(covered)),
+    }
+
+    def write(aside: Path) -> None:
+        with aside.open("wb") as file:
+            np.savez(file, **state)  # type: ignore[arg-type]
+
+    write_whole(path, write)
+
+
+def merge_states(folders: Sequence[Path], target: Path) -> None:
+    """Make one campaign's envelope states in ``target`` of those of its shards, which share no flight.
+
+    Raises ValueError where two do not fit; what is missing or damaged is flown again by whoever goes on from it.
+    """
+    for folder in folders:
+        for path in (folder / "blocks").glob("*.npy"):
+            write_whole(target / "blocks" / path.name, partial(shutil.copyfile, path))
+    for name in sorted({path.name for folder in folders for path in folder.glob("*.npz")}):
+        states = [state for folder in folders if (state := _read_state(folder / name)) is not None]
+        histograms = Histograms(states[0]["low"], states[0]["width"])
+        covered = np.zeros(int(states[0]["flights"]), bool)
+        for state in states:
+            mask = np.unpackbits(state["covered"], count=int(state["flights"])).astype(bool)
+            if any(not np.array_equal(state[key], states[0][key]) for key in ("low", "width", "flights")):
+                raise ValueError(f"{name}: envelopes with other bins")
+            if (mask & covered).any():
+                raise ValueError(f"{name}: flights that two of them hold")
+            histograms.merge(state["counts"], state["extremes"])
+            covered |= mask
+        _write_state(target / name, histograms, covered)

@@ -1,0 +1,1 @@
+"""The campaign file and the files that it names: read, checked, resolved."""

@@ -1,0 +1,255 @@
+"""What a campaign file's entries must be to each other and to the tables of parameters and metrics."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.campaign.file.config import Campaign, Requirement
+from abhv_mc.campaign.sampling.correlation import Copula, make_copula, normal_correlation
+from abhv_mc.campaign.sampling.designs import (
+    EXTENSIBLE,
+    FACTORIAL,
+    INDEPENDENT,
+    SALTELLI,
+    Design,
+    count_flights,
+    saltelli_group,
+)
+from abhv_mc.campaign.sampling.marginals import Law
+from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
+from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, SampleSource
+from abhv_mc.flight.signals import METRIC_INDEX, METRICS
+from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
+from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
+from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.statistics.sequential import choose_looks
+
+DISPERSIBLE = tuple(parameter.name for parameter in PARAMETERS[1:])
+
+
+@dataclass(frozen=True)
+class CheckedCampaign:
+    """A campaign file that makes sense, with everything that follows from it."""
+
+    document: Document
+    model: Campaign
+    runs: int
+    laws: dict[str, Law]  # by parameter, in the file's order; empty where the samples come from a file
+    copula: Copula
+    sample_file: SampleFile | None
+    limits: tuple[float, ...]  # of the requirements, in their metrics' units
+    looks: tuple[int, ...] = ()  # flights after which a campaign that stops when proven is looked at; the last is runs
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The dispersed parameters."""
+        return self.sample_file.names if self.sample_file else tuple(self.laws)
+
+    @property
+    def extensible(self) -> bool:
+        """Whether more flights leave the first ones as they are."""
+        return self.model.sampling.design in (*EXTENSIBLE, "file")
+
+    def make_samples(self) -> SampleSource:
+        """The source of its samples."""
+        if self.sample_file is not None:
+            return GivenSamples(self.sample_file, self.runs)
+        sampling = self.model.sampling
+        design = Design(sampling.design, self.model.seed, self.names, self.runs, sampling.levels)
+        return DrawnSamples(design, tuple(self.laws.values()), self.copula)
+
+
+def read_campaign(
+    path: str | Path,
+    runs: int | None = None,
+    seed: int | None = None,
+    controllers: Sequence[str] | None = None,
+) -> CheckedCampaign:
+    """Read and check a campaign file; the other arguments override its entries.
+
+    Raises :class:`InputError` with everything that is wrong, each with line and column.
+    """
+    document = read_document(path)
+    if controllers is not None:  # what is left out must be right, too; said with the places of the whole file
+        read_campaign(path)
+    document = _override(document, runs, seed, controllers)
+    model = validate(document, Campaign)
+    errors: list[InputError] = []
+    laws = _make_laws(document, model, errors)
+    sample_file = read_sample_file(model.sampling.path, DISPERSIBLE) if model.sampling.path else None
+    names = sample_file.names if sample_file else tuple(model.dispersions)
+    copula = _make_copula(document, model, names, errors)
+    limits = tuple(_check_requirements(document, model, errors))
+    by = model.keep.histories.by
+    if by not in METRIC_INDEX:
+        errors.append(document.error(("keep", "histories", "by"), f"metric '{by}'", one_of(METRIC_INDEX, by)))
+    number = _check_runs(document, model, names, sample_file, errors)
+    for item in model.keep.histories.flights:
+        if isinstance(item, int) and item >= number:
+            where = ("keep", "histories", "flights")
+            errors.append(document.error(where, f"flight {item}", f"flights from 0 to {number - 1}"))
+    _check_stop(document, model, number, errors)
+    if errors:
+        raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
+    return CheckedCampaign(document, model, number, laws, copula, sample_file, limits, _find_looks(model, number))
+
+
+def _override(document: Document, runs: int | None, seed: int | None, controllers: Sequence[str] | None) -> Document:
+    data = document.data
+    if not isinstance(data, dict):
+        return document  # the model refuses it
+    changed = dict(data)
+    if runs is not None:
+        changed["runs"] = runs
+    if seed is not None:
+        changed["seed"] = seed
+    held = data.get("controllers")
+    if controllers is not None and isinstance(held, dict):
+        for name in controllers:
+            if name not in held:
+                raise document.error(
+                    ("controllers",), f"no controller '{name}', which was asked for", one_of(held, name)
+                )
+        changed["controllers"] = {name: held[name] for name in held if name in controllers}
+        changed["requirements"] = list(select_requirements(data.get("requirements") or [], controllers))
+    return replace(document, data=changed)
+
+
+def select_requirements(entries: Any, controllers: Sequence[str]) -> Iterator[Any]:
+    """The requirements that apply to some of the controllers."""
+    for entry in entries:
+        if not entry.get("controllers"):
+            yield entry
+        elif chosen := [name for name in entry["controllers"] if name in controllers]:
+            yield {**entry, "controllers": chosen}
+
+
+def _make_laws(document: Document, model: Campaign, errors: list[InputError]) -> dict[str, Law]:
+    laws: dict[str, Law] = {}
+    for name, distribution in model.dispersions.items():
+        where = ("dispersions", name)
+        if name not in DISPERSIBLE:
+            errors.append(document.key_error(where, f"parameter '{name}'", one_of(DISPERSIBLE, name)))
+            continue
+        try:
+            laws[name] = distribution.make_law(PARAMETERS[PARAMETER_INDEX[name]])
+        except Refusal as refusal:
+            errors.append(document.error((*where, *refusal.keys), refusal.found, refusal.wanted))
+    if model.sampling.design == "file" and model.dispersions:
+        found = "dispersions beside samples from a file"
+        errors.append(document.key_error(("dispersions",), found, "one of them: the file's columns say it all"))
+    return laws
+
+
+def _make_copula(document: Document, model: Campaign, names: Sequence[str], errors: list[InputError]) -> Copula:
+    pairs: dict[tuple[str, str], float] = {}
+    for i, entry in enumerate(model.correlations):
+        for j, name in enumerate(entry.between):
+            if name not in names:
+                found = f"'{name}', which is not dispersed"
+                errors.append(document.error(("correlations", i, "between", j), found, one_of(names, name)))
+        pair = (min(entry.between), max(entry.between))
+        if pair in pairs:
+            errors.append(document.error(("correlations", i), f"{' and '.join(pair)} a second time", "each pair once"))
+        pairs[pair] = normal_correlation(entry.rank) if entry.rank is not None else float(entry.normal or 0.0)
+    if pairs and model.sampling.design in (*FACTORIAL, "file"):
+        found = f"correlations with the design '{model.sampling.design}'"
+        errors.append(document.key_error(("correlations",), found, "none: this design sets every value"))
+    if pairs and model.sampling.design == SALTELLI:
+        found = f"correlations with the design '{SALTELLI}'"
+        errors.append(document.key_error(("correlations",), found, "none: Sobol indices need independent parameters"))
+    if errors:
+        return Copula((), np.eye(0))
+    try:
+        return make_copula(names, pairs)
+    except np.linalg.LinAlgError:
+        found = "correlations whose matrix is not positive definite"
+        errors.append(document.error(("correlations",), found, "correlations that can hold together"))
+        return Copula((), np.eye(0))
+
+
+def _check_requirements(document: Document, model: Campaign, errors: list[InputError]) -> Iterator[float]:
+    for i, entry in enumerate(model.requirements):
+        where = ("requirements", i)
+        for j, name in enumerate(entry.controllers or ()):
+            if name not in model.controllers:
+                found = f"controller '{name}'"
+                errors.append(document.error((*where, "controllers", j), found, one_of(model.controllers, name)))
+        if entry.metric not in METRIC_INDEX:
+            wanted = one_of(METRIC_INDEX, entry.metric)
+            errors.append(document.error((*where, "metric"), f"metric '{entry.metric}'", wanted))
+            continue
+        try:
+            yield _limit(entry)
+        except Refusal as refusal:
+            key = "below" if entry.below is not None else "above"
+            errors.append(document.error((*where, key), refusal.found, refusal.wanted))
+
+
+def _limit(entry: Requirement) -> float:
+    """The limit in the metric's unit; a plain number is in it already."""
+    value = entry.below if entry.below is not None else entry.above
+    unit = METRICS[METRIC_INDEX[entry.metric]].unit
+    if isinstance(value, float):
+        return value
+    if unit == "g":
+        raise Refusal(f"'{value}'", "a plain number, in g")
+    return parse_quantity(value or "", dimension_of(unit), bare_unit=unit) / parse_unit(unit)[0]
+
+
+def _check_stop(document: Document, model: Campaign, runs: int, errors: list[InputError]) -> None:
+    """Stopping early needs requirements to prove, independent flights, and a last look at all of them."""
+    if model.stop is None:
+        return
+    if not model.requirements:
+        errors.append(document.key_error(("stop",), "'stop' without requirements", "requirements that can be proven"))
+    if model.sampling.design != INDEPENDENT:
+        found = f"'stop' with the design '{model.sampling.design}', whose flights are not independent"
+        errors.append(document.key_error(("stop",), found, f"sampling: {INDEPENDENT}, or no 'stop'"))
+    if model.stop.looks is not None and model.stop.looks[-1] != runs:
+        found = f"a last look after {model.stop.looks[-1]} flights"
+        errors.append(document.error(("stop", "looks"), found, f"{runs}, the most flights there may be ('runs')"))
+
+
+def _find_looks(model: Campaign, runs: int) -> tuple[int, ...]:
+    """The looks that the campaign names, or else those that suit its least demanding requirement; () without stop."""
+    if model.stop is None or not model.requirements:
+        return ()
+    if model.stop.looks is not None:
+        return model.stop.looks
+    return min(choose_looks(entry.probability, entry.consumer_risk, runs) for entry in model.requirements)
+
+
+def _check_runs(
+    document: Document,
+    model: Campaign,
+    names: Sequence[str],
+    sample_file: SampleFile | None,
+    errors: list[InputError],
+) -> int:
+    """Number of flights: what the file says, or what the design has."""
+    design = model.sampling.design
+    if design in (*FACTORIAL, SALTELLI) and not names:
+        errors.append(document.error(("sampling",), f"'{design}' without dispersions", "something to vary"))
+        return 1
+    number = sample_file.flights if sample_file else count_flights(design, len(names), model.sampling.levels)
+    if number is None:
+        group = saltelli_group(len(names))
+        if design == SALTELLI and model.runs is not None and model.runs % group:
+            wanted = f"a multiple of {group} (parameters + 2), at best times a power of two, such as {512 * group}"
+            errors.append(document.error(("runs",), f"{model.runs}", wanted))
+        if model.runs is None:
+            errors.append(
+                document.error((), "no key 'runs'", f"'runs' here, as the design '{design}' takes any number")
+            )
+        return model.runs or 1
+    if number > 2**30:
+        errors.append(document.error(("sampling",), f"a design of {number:.3g} flights", "at most 1e9"))
+    fits = model.runs is None or (model.runs <= number if sample_file else model.runs == number)
+    if not fits:
+        wanted = f"{'at most ' if sample_file else ''}{number}, what the design '{design}' has (or no 'runs')"
+        errors.append(document.error(("runs",), f"{model.runs}", wanted))
+    return model.runs or number

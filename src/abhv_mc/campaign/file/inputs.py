@@ -1,0 +1,87 @@
+"""The four kinds of input file: which one a file is, its model, and its full check without flying."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.file.config import Campaign
+from abhv_mc.control.controller_file import ControllerFile, LqrController, TlcController, read_controller
+from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.io.documents import InputError, InputErrors, describe, one_of, read_document
+from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.vehicle.document import VehicleDocument
+
+MODELS: dict[str, type[BaseModel]] = {
+    "campaign": Campaign,
+    "vehicle": VehicleDocument,
+    "mission": Mission,
+    "controller": ControllerFile,
+}
+_KEYS: dict[str, set[str]] = {
+    **{kind: set(model.model_fields) for kind, model in MODELS.items()},
+    "controller": {*TlcController.model_fields, *LqrController.model_fields},
+}
+
+
+@dataclass(frozen=True)
+class CheckedInput:
+    """A file that is right, and what deserves a second look nevertheless."""
+
+    path: Path
+    kind: str
+    warnings: tuple[str, ...] = ()
+
+
+def find_kind(path: Path) -> str:
+    """The kind of a file by its keys. Raises :class:`InputError` where they fit none."""
+    document = read_document(path)
+    keys = set(document.data) if isinstance(document.data, dict) else set()
+    shared = {kind: len(keys & known) for kind, known in _KEYS.items()}
+    kind = max(shared, key=lambda name: shared[name])
+    if not shared[kind]:
+        raise document.error((), describe(document.data), f"the keys of {one_of(MODELS)}")
+    return kind
+
+
+def check_inputs(path: Path) -> list[CheckedInput]:
+    """Check a file of any kind and every file that it names, once each.
+
+    Raises :class:`InputErrors` with everything that is wrong in all of them.
+    """
+    checked: list[CheckedInput] = []
+    errors: list[InputError] = []
+    pending: list[tuple[Path, str | None]] = [(path, None)]
+    seen: set[Path] = set()
+    while pending:
+        file, kind = pending.pop(0)
+        if file.resolve() in seen:
+            continue
+        seen.add(file.resolve())
+        try:
+            kind = kind or find_kind(file)
+            warnings = tuple(_check(file, kind, pending))
+            checked.append(CheckedInput(file, kind, warnings))
+        except InputErrors as several:
+            errors.extend(several.errors)
+        except InputError as error:
+            errors.append(error)
+    if errors:
+        raise InputErrors(errors)
+    return checked
+
+
+def _check(file: Path, kind: str, pending: list[tuple[Path, str | None]]) -> Iterator[str]:
+    """Check one file, yield its warnings and add the files that it names to ``pending``."""
+    if kind == "campaign":
+        campaign = read_campaign(file).model
+        pending += [(campaign.vehicle, "vehicle"), (campaign.mission, "mission")]
+        pending += [(controller, "controller") for controller in campaign.controllers.values()]
+    elif kind == "vehicle":
+        load_vehicle(file)
+    elif kind == "mission":
+        read_mission(file)
+    else:
+        yield from read_controller(file).warnings()

@@ -1,0 +1,175 @@
+"""A campaign made independent of where it came from: its inputs as copies, its references inside the folder.
+
+The resolved file and the copies are all that it takes to fly the campaign again; their hash is its identity.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from abhv_mc.campaign.file.check import CheckedCampaign, select_requirements
+from abhv_mc.io.documents import InputError, read_document, write_document
+from abhv_mc.store.folder import CampaignFolder, write_bytes, write_whole
+
+_YAML = (".yaml", ".yml")
+_DATA = (".csv", ".parquet", ".pq", ".json", ".gz")
+_HEAD = """A campaign as it was flown, with everything that it refers to beside it in inputs/.
+Flying it again gives the same results: abhv-mc run campaign.yaml -o ANOTHER_FOLDER"""
+
+
+@dataclass(frozen=True)
+class ResolvedCampaign:
+    """A campaign's plain data with references into its own folder, and the files to copy there."""
+
+    data: dict[str, Any]
+    copies: dict[str, bytes]  # place in the folder -> content; read before anything there may be deleted
+    hashes: dict[str, str]  # place in the folder -> SHA-256
+
+    @property
+    def identity(self) -> str:
+        """Hash of all that results depend on: not of how it is flown."""
+        data = {key: value for key, value in self.data.items() if key != "execution"}
+        text = json.dumps([data, self.hashes], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def write(self, folder: CampaignFolder) -> None:
+        """Write the copies and the resolved file into the folder."""
+        for place, content in self.copies.items():
+            write_bytes(folder.root / place, content)
+        write_whole(folder.campaign, lambda aside: write_document(aside, self.data, _HEAD), durable=True)
+
+
+def resolve_campaign(campaign: CheckedCampaign) -> ResolvedCampaign:
+    """Resolve every reference of a checked campaign."""
+    model = campaign.model
+    data: dict[str, Any] = dict(campaign.document.data)  # type: ignore[arg-type]
+    copies: dict[str, bytes] = {}
+    data["vehicle"] = _take(model.vehicle, "inputs/vehicle", copies)
+    data["mission"] = _take(model.mission, "inputs/mission", copies)
+    data["controllers"] = {
+        name: _take(path, f"inputs/controllers/{name}", copies) for name, path in model.controllers.items()
+    }
+    data["runs"] = campaign.runs
+    data["seed"] = model.seed
+    if campaign.looks:
+        data["stop"] = {"when": "proven", "looks": list(campaign.looks)}
+    if model.sampling.path:
+        place = _take(model.sampling.path, "inputs/samples", copies)
+        data["sampling"] = {**data["sampling"], "path": place}
+    hashes = {place: hashlib.sha256(content).hexdigest() for place, content in copies.items()}
+    return ResolvedCampaign(data, copies, hashes)
+
+
+def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
+    """Put ``path`` and all that it refers to under ``place``, in the same positions to each other."""
+    files = {path.resolve(): None, **dict.fromkeys(_references(path.resolve()))}
+    root = Path(os.path.commonpath([file.parent for file in files]))
+    for file in files:
+        copies[f"{place}/{file.relative_to(root).as_posix()}"] = file.read_bytes()
+    return f"{place}/{path.resolve().relative_to(root).as_posix()}"
+
+
+def _references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Path]:
+    """Files that a YAML file names by relative paths, and those that they name."""
+    if path.suffix.lower() not in _YAML or path in seen:
+        return
+    for text in _texts(read_document(path).data):
+        if Path(text).suffix.lower() in (*_YAML, *_DATA) and not Path(text).is_absolute():
+            file = (path.parent / text).resolve()
+            if file.is_file():
+                yield file
+                yield from _references(file, seen | {path})
+
+
+def _texts(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):
+        for inner in value.values():
+            yield from _texts(inner)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from _texts(inner)
+
+
+def describe_changes(held: ResolvedCampaign, wanted: ResolvedCampaign, extensible: bool) -> list[str]:
+    """What keeps ``wanted`` from going on with the folder of ``held``, in words; empty when nothing does.
+
+    More flights (of an extensible design), more controllers and another way of execution do not.
+    """
+    shared = [name for name in held.data["controllers"] if name in wanted.data["controllers"]]
+    old, new = (_flat(_for_controllers(data, shared)) for data in (held.data, wanted.data))
+    changes = []
+    for key in sorted(old.keys() | new.keys()):
+        before, after = old.get(key), new.get(key)
+        if before == after or key.startswith("execution") or key.startswith("controllers."):
+            continue
+        if key == "runs" and extensible and (before or 0) < (after or 0):
+            continue
+        changes.append(f"{key}: {_words(before)} -> {_words(after)}")
+    for part in ("vehicle", "mission", "samples", *(f"controllers/{name}" for name in shared)):
+        changes += _changed_files(held.hashes, wanted.hashes, f"inputs/{part}/")
+    return changes
+
+
+def merge_campaigns(held: ResolvedCampaign, wanted: ResolvedCampaign) -> ResolvedCampaign:
+    """``wanted`` and the controllers that only ``held`` has, with their requirements."""
+    others = {k: v for k, v in held.data["controllers"].items() if k not in wanted.data["controllers"]}
+    requirements = list(wanted.data.get("requirements") or [])
+    requirements += [entry for entry in held.data.get("requirements") or [] if entry not in requirements]
+    data = {**wanted.data, "controllers": wanted.data["controllers"] | others, "requirements": requirements}
+    return ResolvedCampaign(data, wanted.copies, held.hashes | wanted.hashes)
+
+
+def _for_controllers(data: dict[str, Any], names: list[str]) -> dict[str, Any]:
+    return {**data, "requirements": list(select_requirements(data.get("requirements") or [], names))}
+
+
+def _changed_files(old: dict[str, str], new: dict[str, str], prefix: str) -> list[str]:
+    names = sorted(name for name in old.keys() | new.keys() if name.startswith(prefix))
+    return [f"{name}: other content" for name in names if old.get(name) != new.get(name)]
+
+
+def _flat(value: Any, prefix: str = "") -> dict[str, Any]:
+    if isinstance(value, dict) and value:
+        flat: dict[str, Any] = {}
+        for key, inner in value.items():
+            flat |= _flat(inner, f"{prefix}.{key}" if prefix else str(key))
+        return flat
+    return {prefix: value}
+
+
+def _words(value: Any) -> str:
+    return "nothing" if value is None else json.dumps(value, ensure_ascii=False)
+
+
+def read_held(folder: CampaignFolder, manifest: dict[str, Any]) -> ResolvedCampaign:
+    """The resolved campaign that a folder holds. Raises InputError where it is damaged."""
+    wish = "the campaign as it was flown: restore it, or --fresh to delete what was flown and fly it anew"
+    hashes = manifest.get("inputs")
+    try:
+        data = read_document(folder.campaign).data
+    except InputError as error:
+        raise InputError(error.file, error.line, error.column, error.found, wish) from None
+    if not isinstance(data, dict) or not isinstance(hashes, dict):
+        raise InputError(folder.campaign, None, None, "a damaged campaign file or manifest", wish)
+    return ResolvedCampaign(data, {}, hashes)
+
+
+def mend_folder(folder: CampaignFolder, manifest: dict[str, Any], wanted: ResolvedCampaign) -> None:
+    """Write the campaign's file and inputs anew where they are damaged and the manifest says that they were these."""
+    if wanted.identity != manifest.get("campaign_hash"):
+        return
+    try:
+        held = read_held(folder, manifest).identity == wanted.identity and all(
+            hashlib.sha256((folder.root / place).read_bytes()).hexdigest() == known
+            for place, known in wanted.hashes.items()
+        )
+    except (InputError, OSError):
+        held = False
+    if not held:
+        wanted.write(folder)

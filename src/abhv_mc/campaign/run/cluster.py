@@ -1,0 +1,134 @@
+"""Flights on a Dask cluster: each block is a task, and the plan travels with the work as plain arrays.
+
+Dask flies a block whose worker died on another one; a block that ends several workers comes back as lost and is
+flown in parts (see :mod:`abhv_mc.campaign.run.retry`). Workers may come and go while a campaign flies.
+"""
+
+import math
+import os
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.run.retry import FlightLostError, UnusableError, fly_rescued, time_limit
+from abhv_mc.campaign.run.setup import Engine
+from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.io.input_error import InputError
+from abhv_mc.store.plans import flatten, rebuild
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+Floats = NDArray[np.float64]
+Arrays = dict[str, np.ndarray]
+
+_CONNECT = 10.0  # s to find the scheduler
+_PER_THREAD = 2  # blocks under way for each thread of the cluster, so that none waits for the next one
+_FEWEST = 16  # blocks under way at least: room for workers that join later
+_warm: set[tuple[str, str]] = set()
+_warming = threading.Lock()
+
+
+def hold_plan(arrays: Arrays) -> Arrays:
+    """A task whose result is its input: workers hand it on to each other, and Dask makes it anew where it is lost."""
+    return arrays
+
+
+def fly_remote(
+    fly: Fly, source: str, arrays: Arrays, parameters: Floats, every: int | None, limit: float
+) -> FlightBlock | str:
+    """What a worker of the cluster does: the block, or in words why it cannot fly it.
+
+    A flight that hangs ends its process: Dask takes it for a worker that died.
+    """
+    plan = rebuild(FlightPlan, arrays)
+    if source:
+        from abhv_mc.cache import source_hash
+
+        if source_hash() != source:
+            return f"another version of the program (source {source_hash()}, the campaign's is {source})"
+    with _warming:
+        if (plan.law, fly.__qualname__) not in _warm:
+            fly(plan, nominal_parameters(), None)  # loads or compiles, which is no flight's time
+            _warm.add((plan.law, fly.__qualname__))
+    watch = threading.Timer(limit, os._exit, (1,))
+    watch.daemon = True
+    watch.start()
+    try:
+        return fly(plan, parameters, every)
+    finally:
+        watch.cancel()
+
+
+class Cluster:
+    """Flies on the workers of a scheduler; threads may call :meth:`fly` side by side."""
+
+    def __init__(self, client: "Client", engine: Engine) -> None:
+        self._client, self._engine = client, engine
+        self.limit = math.inf  # s that one flight, or 16 abreast, may take
+        self._plans: dict[int, tuple[Future, FlightPlan]] = {}  # held, so that no id comes twice
+        self._lock = threading.Lock()
+
+    @property
+    def room(self) -> int:
+        """Blocks to have under way."""
+        return max(_FEWEST, _PER_THREAD * sum(self._client.nthreads().values()))
+
+    def fly(self, plan: FlightPlan, parameters: Floats, every: int | None = None) -> FlightBlock:
+        """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
+        with self._lock:
+            if id(plan) not in self._plans:
+                self._plans[id(plan)] = self._client.submit(hold_plan, flatten(plan)), plan
+        future, _ = self._plans[id(plan)]
+        return fly_rescued(lambda rows: self._attempt(future, rows, every), plan, parameters, every)
+
+    def _attempt(self, plan: "Future", parameters: Floats, every: int | None) -> FlightBlock:
+        from distributed import CancelledError, KilledWorker
+
+        engine, limit = self._engine, time_limit(len(parameters), self.limit)
+        source = engine.source if engine.checked else ""
+        future = self._client.submit(fly_remote, engine.fly, source, plan, parameters, every, limit, pure=False)
+        try:
+            answer: FlightBlock | str = future.result()
+        except KilledWorker as error:
+            raise FlightLostError(f"workers of the cluster ended on it ({error.last_worker.address})") from None
+        except (CancelledError, OSError) as error:
+            raise UnusableError(f"the cluster is gone: {type(error).__name__}: {error}") from None
+        except Exception as error:
+            raise FlightLostError(f"{type(error).__name__}: {error}") from None
+        if isinstance(answer, str):
+            raise UnusableError(f"a worker of the cluster has {answer}")
+        return answer
+
+
+@contextmanager
+def connect_cluster(address: str, engine: Engine) -> Iterator[Cluster]:
+    """The cluster whose scheduler is at ``address``. Raises InputError where there is none."""
+    try:
+        from distributed import Client
+        from distributed.comm.addressing import get_address_host_port
+    except ImportError:
+        wish = "pip install 'abhv-mc[cluster]'"
+        raise InputError("--scheduler", None, None, "no Dask in this installation", wish) from None
+    try:
+        get_address_host_port(address)  # a client that has found this out leaves a traceback half a minute later
+        client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
+    except (OSError, ValueError) as error:
+        found = f"no scheduler at '{address}' ({str(error).splitlines()[0]})"
+        raise InputError("--scheduler", None, None, found, "an address such as tcp://host:8786") from None
+    with client:
+        told = False
+        while not client.nthreads():
+            if not told:
+                print(f"waiting for workers of {address}", file=sys.stderr, flush=True)
+                told = True
+            time.sleep(0.2)
+        yield Cluster(client, engine)

@@ -1,0 +1,98 @@
+"""What a campaign will cost, from a short trial of its own flights: time, disk, memory."""
+
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.campaign.envelopes.collector import EXACT_FLIGHTS
+from abhv_mc.campaign.envelopes.histogram import BINS, KEPT
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.run.batches import choose_batch
+from abhv_mc.campaign.run.retention import choose_kept
+from abhv_mc.campaign.run.setup import Engine, find_warnings, record_every
+from abhv_mc.campaign.run.tally import Tally, make_tallies
+from abhv_mc.campaign.run.trial_flights import fly_trials
+from abhv_mc.campaign.sampling.samples import spread_parameters
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.store.flights import FlightRows, flights_schema, write_block
+from abhv_mc.store.histories import write_histories
+from abhv_mc.store.provenance import count_cores
+
+TRIAL_FLIGHTS = 64
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The cost of a campaign."""
+
+    flights: int  # of each controller
+    controllers: int
+    workers: int
+    batch: int  # flights of a block
+    flight_s: float  # of one core, mean over the controllers
+    flying_s: float  # wall time
+    rows_bytes: int
+    histories_bytes: int
+    kept: int  # flights with histories, of each controller; "failed" counts none
+    envelope_bytes: int  # on disk while it flies
+    warnings: tuple[str, ...]  # about the mission
+
+    @property
+    def disk_bytes(self) -> int:
+        """Peak on disk."""
+        return self.rows_bytes + self.histories_bytes + self.envelope_bytes
+
+
+def estimate_campaign(campaign: CheckedCampaign, engine: Engine, workers: int | None = None) -> Estimate:
+    """Fly a few of the campaign's flights of each controller and extrapolate; nothing is left behind.
+
+    Raises InputError for what only a flight shows, such as a dispersion that changes nothing.
+    """
+    model = campaign.model
+    plans = {n: engine.prepare(model.vehicle, model.mission, f, n) for n, f in model.controllers.items()}
+    first = next(iter(plans.values()))
+    every = record_every(campaign.document, first, model.keep.envelopes.rate, "envelopes")
+    history_every = record_every(campaign.document, first, model.keep.histories.rate, "histories")
+    fly_trials(campaign, plans, engine.fly, every)
+    source = campaign.make_samples()
+    number = min(TRIAL_FLIGHTS, campaign.runs)
+    values = source.draw(0, number)
+    parameters = spread_parameters(source.names, values)
+    seconds, rows_size, histories_size = [], 0, 0
+    with tempfile.TemporaryDirectory() as folder:
+        for name, plan in plans.items():
+            start = time.perf_counter()
+            block = engine.fly(plan, parameters, every)
+            seconds.append((time.perf_counter() - start) / number)
+            outcomes = tuple(Outcome(code).code for code in block.outcome)
+            table = np.column_stack([block.metrics, block.end_time])
+            rows = FlightRows(name, 0, tuple(source.names), values, outcomes, table)
+            write_block(Path(folder), rows, flights_schema(source.names, {}))
+            rows_size += next(Path(folder).glob(f"{name}-*")).stat().st_size
+            block = engine.fly(plan, parameters[:16], history_every)
+            path = Path(folder) / "history.parquet"
+            channels = model.keep.histories.channels
+            write_histories(path, name, range(len(block.outcome)), block.times, block.history, channels)
+            histories_size += path.stat().st_size // len(block.outcome)
+    workers = workers or model.execution.workers or count_cores()
+    tally: Tally = next(iter(make_tallies(campaign).values()))
+    tally.worst = [(True, 0.0, flight) for flight in range(min(tally.worst_kept, campaign.runs))]
+    kept = len(choose_kept(model.keep.histories.flights, campaign.runs, tally))
+    cells = (first.timing.ticks // every + 1) * len(model.keep.envelopes.channels)
+    per_cell = 4 * campaign.runs if campaign.runs <= EXACT_FLIGHTS else 4 * (BINS + 2 * KEPT)
+    return Estimate(
+        flights=campaign.runs,
+        controllers=len(plans),
+        workers=workers,
+        batch=model.execution.batch or choose_batch(campaign.runs, workers),
+        flight_s=sum(seconds) / len(seconds),
+        flying_s=sum(seconds) * (campaign.runs + kept) / workers,
+        rows_bytes=rows_size * campaign.runs // number,
+        histories_bytes=histories_size * kept,
+        kept=kept,
+        envelope_bytes=cells * per_cell * len(plans),
+        warnings=tuple(find_warnings(plans)),
+    )

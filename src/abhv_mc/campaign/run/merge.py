@@ -1,0 +1,112 @@
+"""The shards of a campaign as one campaign, once they are proven to be its parts."""
+
+import shutil
+from collections.abc import Sequence
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.campaign.envelopes.collector import merge_states
+from abhv_mc.campaign.run.runner import RunResult, run_campaign
+from abhv_mc.campaign.run.setup import Engine, Request
+from abhv_mc.io.documents import InputError
+from abhv_mc.store.digest import Digest
+from abhv_mc.store.folder import CampaignFolder, write_whole
+from abhv_mc.store.lock import hold_lock
+from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, read_manifest, write_manifest
+from abhv_mc.store.plans import flatten, read_plan
+from abhv_mc.store.samples import ROW_GROUP, SampleReader
+
+_SAME = ("campaign_hash", "source_hash", "inputs")
+
+
+def merge_campaign(parts: Sequence[Path], out: Path, engine: Engine | None = None) -> RunResult:
+    """Join complete shards in the new folder ``out``, then make what follows from all flights.
+
+    Raises InputError, before anything is written, where the parts are not all of one campaign, flown by the same code
+    on the same samples and plans, each flight once; and after it where their digests do not add up.
+    """
+    folders = [CampaignFolder(part) for part in parts]
+    manifests = [read_manifest(folder.manifest) for folder in folders]
+    order = _check_parts(folders, manifests)
+    first, target = folders[order[0]], CampaignFolder(out)
+    for folder in folders:
+        _check_content(first, folder, list(manifests[0]["controllers"]))
+    if out.exists() and any(out.iterdir()):
+        raise InputError(out, None, None, "a folder that is not empty", "a new or an empty one")
+    with ExitStack() as stack:
+        for folder in folders:
+            stack.enter_context(hold_lock(folder.lock))
+        stack.enter_context(hold_lock(target.lock))
+        _copy(first, target)
+        for folder in folders:
+            for path in sorted(folder.flights.glob("*.parquet")):
+                write_whole(target.flights / path.name, partial(shutil.copyfile, path))
+        try:
+            merge_states([folder.envelope_states for folder in folders], target.envelope_states)
+        except ValueError as error:
+            raise InputError(out, None, None, str(error), "shards of one campaign") from None
+        merged = {key: value for key, value in manifests[order[0]].items() if key != "shard"}
+        merged |= {"state": INTERRUPTED, "merged_from": [manifests[i]["digest"] for i in order]}
+        merged["wall_time_s"] = sum(manifest["wall_time_s"] for manifest in manifests)
+        write_manifest(target.manifest, merged)
+    result = run_campaign(Request(target.campaign, out), engine)
+    total = sum((Digest(int(manifest["digest"], 16)) for manifest in manifests), Digest())
+    if result.complete and result.manifest["digest"] != str(total):
+        found = f"the digest {result.manifest['digest']}, where the parts' digests add up to {total}"
+        raise InputError(out, None, None, found, "parts that nobody has changed")
+    return result
+
+
+def _check_parts(folders: Sequence[CampaignFolder], manifests: Sequence[dict[str, Any]]) -> list[int]:
+    """The parts in the order of their flights."""
+    count = None
+    for folder, manifest in zip(folders, manifests, strict=True):
+        shard = manifest.get("shard")
+        if not shard:
+            raise InputError(folder.root, None, None, "no shard of a campaign", "a folder flown with --shard i/n")
+        if manifest.get("state") != COMPLETE:
+            raise InputError(folder.root, None, None, f"a shard that is {manifest.get('state')}", "a complete one")
+        for key in _SAME:
+            if manifest.get(key) != manifests[0].get(key):
+                found = f"another {key.replace('_', ' ')} than in {folders[0].root}"
+                raise InputError(folder.root, None, None, found, "shards of one campaign, flown by the same code")
+        count = count or shard[1]
+        if shard[1] != count:
+            raise InputError(folder.root, None, None, f"shard {shard[0]}/{shard[1]}", f"a shard of {count}")
+    numbers = [manifest["shard"][0] for manifest in manifests]
+    for i, number in enumerate(numbers):
+        if number in numbers[:i]:
+            raise InputError(folders[i].root, None, None, f"shard {number}/{count} a second time", "each shard once")
+    missing = sorted(set(range(1, int(count or 0) + 1)) - set(numbers))
+    if missing:
+        found = f"no shard {', '.join(map(str, missing))} of {count}"
+        raise InputError("merge", None, None, found, "all shards")
+    return sorted(range(len(numbers)), key=numbers.__getitem__)
+
+
+def _check_content(first: CampaignFolder, other: CampaignFolder, controllers: list[str]) -> None:
+    """The same plans and the same samples, to the bit."""
+    for name in controllers:
+        ours, theirs = flatten(read_plan(first.plan(name))), flatten(read_plan(other.plan(name)))
+        if any(value.tobytes() != theirs[key].tobytes() for key, value in ours.items()):
+            found = f"another plan of '{name}' than in {first.root}: another machine computes other last bits"
+            raise InputError(other.root, None, None, found, "shards flown with the first one's plans (run --plans DIR)")
+    ours_read, theirs_read = SampleReader(first.samples), SampleReader(other.samples)
+    same = (ours_read.names, ours_read.flights) == (theirs_read.names, theirs_read.flights)
+    for start in range(0, ours_read.flights if same else 0, ROW_GROUP):
+        stop = min(start + ROW_GROUP, ours_read.flights)
+        same = same and np.array_equal(ours_read.rows(start, stop), theirs_read.rows(start, stop))
+    if not same:
+        raise InputError(other.root, None, None, f"other samples than in {first.root}", "shards of one campaign")
+
+
+def _copy(source: CampaignFolder, target: CampaignFolder) -> None:
+    """Everything that shards have alike."""
+    files = [source.campaign, source.samples, source.nominal, source.reference]
+    files += [path for folder in (source.inputs, source.plans) for path in sorted(folder.rglob("*")) if path.is_file()]
+    for path in files:
+        write_whole(target.root / path.relative_to(source.root), partial(shutil.copyfile, path))

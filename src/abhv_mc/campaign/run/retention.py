@@ -1,0 +1,120 @@
+"""Which flights are kept at full length, and how: flown once more when all have flown.
+
+The worst are known only then, and flying a flight again gives the same bits.
+"""
+
+import contextlib
+import hashlib
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.run.batches import Fly, Slots, closing_quietly
+from abhv_mc.campaign.run.progress import Progress
+from abhv_mc.campaign.run.tally import Tally
+from abhv_mc.campaign.sampling.samples import spread_parameters
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.histories import history_metadata, write_histories
+from abhv_mc.store.samples import SampleReader
+
+_FLIGHTS_PER_FILE = 128
+
+
+def choose_kept(items: tuple[int | str, ...], flights: int, tally: Tally) -> list[int]:
+    """Numbers of the flights that ``items`` of the campaign's ``keep`` name, ascending."""
+    kept: set[int] = set()
+    for item in items:
+        words = str(item).split()
+        if isinstance(item, int):
+            kept.update({item} & set(range(flights)))  # a campaign may have stopped before it
+        elif item == "all":
+            kept.update(range(flights))
+        elif item == "failed":
+            kept.update(tally.failed)
+        elif words[0] == "every":
+            kept.update(range(0, flights, int(words[1])))
+        elif words[0] == "worst":
+            kept.update(tally.worst_flights[: int(words[1])])
+    return sorted(kept - set(tally.not_computed))
+
+
+@dataclass(frozen=True)
+class HistoryFile:
+    """A file of histories that the campaign keeps."""
+
+    path: Path
+    controller: str
+    flights: list[int]
+    mark: str  # of what it holds
+
+    @property
+    def whole(self) -> bool:
+        return history_metadata(self.path).get("kept") == self.mark
+
+
+def list_histories(
+    folder: CampaignFolder, campaign: CheckedCampaign, tallies: Mapping[str, Tally]
+) -> list[HistoryFile]:
+    """The files that the histories of all flights, which have flown, are kept in."""
+    keep = campaign.model.keep.histories
+    files = []
+    for name, tally in tallies.items():
+        kept = choose_kept(keep.flights, campaign.runs, tally)
+        for part, first in enumerate(range(0, len(kept), _FLIGHTS_PER_FILE)):
+            flights = kept[first : first + _FLIGHTS_PER_FILE]
+            mark = hashlib.sha256(repr((flights, keep.channels, keep.rate)).encode()).hexdigest()
+            files.append(HistoryFile(folder.histories / f"{name}-{part:06d}.parquet", name, flights, mark))
+    return files
+
+
+def write_kept_histories(
+    folder: CampaignFolder,
+    campaign: CheckedCampaign,
+    plans: Mapping[str, FlightPlan],
+    tallies: Mapping[str, Tally],
+    samples: SampleReader,
+    fly: Fly,
+    workers: int = 1,
+) -> None:
+    """Fly and write the histories that the campaign keeps; files that are there already stay."""
+    from joblib import Parallel, delayed
+
+    keep = campaign.model.keep.histories
+    wanted = list_histories(folder, campaign, tallies)
+    missing = [file for file in wanted if not file.whole]
+
+    def fly_again(part: int) -> tuple[int, FlightBlock]:
+        plan = plans[missing[part].controller]
+        every = round(1.0 / (keep.rate * plan.timing.tick))
+        return part, fly(plan, _parameters(samples, missing[part].flights), every)
+
+    pool = Parallel(n_jobs=workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs")
+    slots = Slots(2 * workers)
+    results = pool(delayed(slots.call)(fly_again, part) for part in range(len(missing)))
+    total = sum(len(file.flights) for file in missing)
+    with Progress("histories", total) as progress, closing_quietly(results), contextlib.closing(slots):
+        for part, block in results:
+            file = missing[part]
+            lost = block.outcome == Outcome.FAILED_TO_RUN  # it flew the first time
+            for flight in np.array(file.flights)[lost]:
+                print(f"no history of flight {flight} of {file.controller}: run again to try again", file=sys.stderr)
+            metadata = {} if lost.any() else {"kept": file.mark}
+            write_histories(
+                file.path, file.controller, file.flights, block.times, block.history, keep.channels, metadata
+            )
+            slots.free()
+            progress.add(len(file.flights))
+    for path in set(folder.histories.glob("*.parquet")) - {file.path for file in wanted}:
+        path.unlink()
+
+
+def _parameters(samples: SampleReader, flights: list[int]) -> NDArray[np.float64]:
+    values = np.concatenate([samples.rows(flight, flight + 1) for flight in flights])
+    return spread_parameters(samples.names, values)

@@ -1,0 +1,287 @@
+"""Fly a campaign: what is missing in its folder, in parallel, kept as it lands; then envelopes and histories."""
+
+import contextlib
+import sys
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.envelopes.collector import Cells, Collector, make_collector
+from abhv_mc.campaign.file.config import PROCESSES
+from abhv_mc.campaign.run.batches import Block, Mask, Slots, choose_batch, closing_quietly, cut_blocks, fly_block
+from abhv_mc.campaign.run.cluster import connect_cluster
+from abhv_mc.campaign.run.executor import Crew, hire_crew
+from abhv_mc.campaign.run.interrupts import no_interrupt, terminate_as_interrupt
+from abhv_mc.campaign.run.progress import Progress
+from abhv_mc.campaign.run.retention import HistoryFile, list_histories, write_kept_histories
+from abhv_mc.campaign.run.setup import (
+    Engine,
+    OpenCampaign,
+    Request,
+    check_source,
+    make_engine,
+    open_campaign,
+    record_every,
+)
+from abhv_mc.campaign.run.stopping import find_goal
+from abhv_mc.campaign.run.tally import Tally, judge_requirements, make_tallies
+from abhv_mc.campaign.run.worker_pool import start_server
+from abhv_mc.campaign.sampling.samples import spread_parameters
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flight.signals import CHANNEL_INDEX
+from abhv_mc.store.digest import Digest
+from abhv_mc.store.envelopes import is_whole, write_envelopes
+from abhv_mc.store.flights import (
+    DamagedFileError,
+    FlightRows,
+    flights_schema,
+    parse_block_name,
+    read_block,
+    write_block,
+)
+from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
+from abhv_mc.store.samples import SampleReader
+
+_SAVE_INTERVAL = 5.0  # s between states on disk: what a kill costs the envelopes of a large campaign
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """How a run ended."""
+
+    folder: Path
+    manifest: dict[str, Any]
+
+    @property
+    def complete(self) -> bool:
+        return self.manifest["state"] == COMPLETE
+
+
+def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
+    """Fly a campaign, or what its folder misses of it.
+
+    Raises InputError before anything is written for a request that is wrong, and StorageFullError when the disk
+    takes no more. An interrupt ends with a result that is not complete; what was flown is kept.
+    """
+    engine = engine or make_engine()
+    with ExitStack() as stack:
+        stack.enter_context(terminate_as_interrupt())
+        cluster = None
+        if request.scheduler is not None:
+            cluster = stack.enter_context(connect_cluster(request.scheduler, engine))
+        elif engine.isolation == PROCESSES:
+            start_server(engine.fly)  # while the campaign is made ready
+        opened = open_campaign(request, engine, stack)
+        execution = opened.campaign.model.execution
+        crew = stack.enter_context(hire_crew(engine, execution, request.workers, cluster))
+        return _Run(opened, engine, crew).run()
+
+
+class _Run:
+    def __init__(self, opened: OpenCampaign, engine: Engine, crew: Crew) -> None:
+        self.folder, self.campaign, self.plans = opened.folder, opened.campaign, opened.plans
+        self.manifest, self.asked, self.engine = opened.manifest, opened.asked, engine
+        model = self.campaign.model
+        self.first, self.stop = opened.part
+        self.sharded = "shard" in self.manifest
+        self.fly, self.workers = crew.fly, crew.workers
+        self.batch = model.execution.batch or engine.batch or choose_batch(self.campaign.runs, self.workers)
+        self.samples = SampleReader(self.folder.samples)
+        self.tallies: dict[str, Tally] = make_tallies(self.campaign)
+        self.done = {name: np.zeros(self.campaign.runs, bool) for name in model.controllers}
+        self.collectors: dict[str, Collector] = {}
+        provenance = {"seed": str(model.seed), "campaign_hash": self.manifest["campaign_hash"]}
+        self.schema = flights_schema(self.samples.names, provenance | {"version": self.manifest["versions"]["abhv_mc"]})
+        self.start, self.wall_before = time.monotonic(), float(self.manifest.get("wall_time_s", 0.0))
+
+    def run(self) -> RunResult:
+        """Fly and finish."""
+        self._take_stock()
+        flown = (
+            self.manifest["state"] == COMPLETE and self._whole() and (self.sharded or is_whole(self.folder.envelopes))
+        )
+        if not (flown and (self.sharded or all(file.whole for file in self._list_histories()))):
+            check_source(self.folder, self.manifest, self.engine)
+            try:
+                if not flown:
+                    self._fly()
+                whole = self._whole()
+                if whole:
+                    self._finish()
+                self._write_manifest(COMPLETE if whole else INTERRUPTED)
+            except KeyboardInterrupt:
+                with no_interrupt():
+                    self._save()
+                    self._write_manifest(INTERRUPTED)
+            except BaseException:
+                with contextlib.suppress(Exception):  # the error counts, not that the full disk takes no manifest
+                    self._write_manifest(INTERRUPTED)
+                raise
+        return RunResult(self.folder.root, self.manifest)
+
+    def _goal(self) -> int:
+        """Number of flights to have: all, or up to the look at which a campaign that stops when proven stops."""
+        if not self.campaign.looks:
+            return self.stop
+        counts = [count for tally in self.tallies.values() for count in tally.requirements]
+        missed = [count.missed for count in counts if count.missed is not None]
+        demands = [(count.requirement.probability, count.requirement.consumer_risk) for count in counts]
+        return find_goal(self.campaign.looks, self.done, missed, demands)
+
+    def _whole(self) -> bool:
+        goal = self._goal()
+        return all(mask[self.first : goal].all() for mask in self.done.values())
+
+    def _take_stock(self) -> None:
+        """Read every block that is there; what is damaged, foreign or double is flown again."""
+        for path in sorted(self.folder.flights.glob("*.parquet")):
+            try:
+                controller, first, stop = parse_block_name(path)
+                mask = self.done.get(controller)
+                if mask is None or stop > self.campaign.runs or mask[first:stop].any():
+                    raise DamagedFileError(f"{path.name} belongs to no part of this campaign")
+                rows = read_block(path, self.samples.names)
+                if not np.array_equal(rows.samples, self.samples.rows(first, stop)):
+                    raise DamagedFileError(f"{path.name} was flown on other samples")
+            except DamagedFileError:
+                path.rename(path.with_name(f"_{path.name}.damaged"))  # kept, but hidden from readers of the folder
+                continue
+            mask[first:stop] = True
+            self.tallies[controller].add(rows, rows.digest())
+
+    def _make_cells(self) -> Cells:
+        keep = self.campaign.model.keep.envelopes
+        plan = next(iter(self.plans.values()))
+        every = record_every(self.campaign.document, plan, keep.rate, "envelopes")
+        times = np.arange(plan.timing.ticks // every + 1).astype(np.float64) * (every * plan.timing.tick)
+        return Cells(keep.channels, tuple(CHANNEL_INDEX[name] for name in keep.channels), times, every)
+
+    def _parameters(self, first: int, stop: int) -> NDArray[np.float64]:
+        return spread_parameters(self.samples.names, self.samples.rows(first, stop))
+
+    def _fly(self) -> None:
+        """Fly what is missing, from look to look where the campaign stops when proven."""
+        self.cells = self._make_cells()
+        for name, plan in self.plans.items():
+
+            def pilot(number: int, plan: Any = plan) -> NDArray[np.float32]:
+                block = self.fly(plan, self._parameters(0, number), self.cells.every)
+                return self.cells.cut(block.history)
+
+            self.collectors[name] = make_collector(
+                self.folder.envelope_states, name, self.campaign.runs, self.cells, pilot
+            )
+        while missing := self._find_missing():
+            self._fly_missing(missing)
+
+    def _find_missing(self) -> dict[str, tuple[Mask, Mask]]:
+        """Rows and parts of the envelopes that are missing up to the goal, by controller; empty when none is."""
+        missing = {}
+        numbers = np.arange(self.campaign.runs)
+        below = (numbers >= self.first) & (numbers < self._goal())
+        for name, done in self.done.items():
+            wanted = ~done & below & (name in self.asked)  # what was flown and is in no envelope is wanted anyhow
+            missing[name] = wanted, ~self.collectors[name].covered & (done | wanted)
+        return missing if any(mask.any() for masks in missing.values() for mask in masks) else {}
+
+    def _fly_missing(self, missing: dict[str, tuple[Mask, Mask]]) -> None:
+        from joblib import Parallel, delayed
+
+        total = sum(int((rows | envelope).sum()) for rows, envelope in missing.values())
+        self._write_manifest(RUNNING)
+        pool = Parallel(
+            n_jobs=self.workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs"
+        )
+        slots = Slots(2 * self.workers)
+        tasks = (
+            delayed(slots.call)(
+                fly_block,
+                self.fly,
+                self.plans[block.controller],
+                block,
+                self._parameters(block.first, block.stop),
+                self.cells.every,
+            )
+            for block in cut_blocks(missing, self.batch)
+        )
+        saved = time.monotonic()
+        results = pool(tasks)
+        with Progress("flights", total) as progress, closing_quietly(results), contextlib.closing(slots):
+            for block, flown in results:
+                with no_interrupt():
+                    self._keep(block, flown)
+                slots.free()
+                progress.add(block.flights)
+                if time.monotonic() - saved > _SAVE_INTERVAL:
+                    self._save()
+                    self._write_manifest(RUNNING)
+                    saved = time.monotonic()
+
+    def _keep(self, block: Block, flown: FlightBlock) -> None:
+        """Write a block that has landed and count it."""
+        if block.envelope:
+            self.collectors[block.controller].add(block.first, self.cells.cut(flown.history))
+        if block.rows:
+            rows = FlightRows(
+                block.controller,
+                block.first,
+                self.samples.names,
+                self.samples.rows(block.first, block.stop),
+                tuple(Outcome(code).code for code in flown.outcome),
+                np.column_stack([flown.metrics, flown.end_time]),
+            )
+            digest = write_block(self.folder.flights, rows, self.schema)
+            self.tallies[block.controller].add(rows, digest)
+            for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
+                print(f"flight {flight} of {block.controller} failed to run", file=sys.stderr, flush=True)
+            self.done[block.controller][block.first : block.stop] = True
+
+    def _save(self) -> None:
+        for collector in self.collectors.values():
+            collector.save()
+
+    def _finish(self) -> None:
+        """What follows from all flights: envelopes, histories. A shard keeps what they are merged from."""
+        if self.sharded:
+            self._save()
+            return
+        if self.collectors:
+            tables = {name: self.collectors[name].table() for name in self.plans}
+            write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables)
+        flown = replace(self.campaign, runs=self._goal())
+        write_kept_histories(self.folder, flown, self.plans, self.tallies, self.samples, self.fly, self.workers)
+        for collector in self.collectors.values():
+            collector.finish()
+
+    def _list_histories(self) -> list[HistoryFile]:
+        return list_histories(self.folder, replace(self.campaign, runs=self._goal()), self.tallies)
+
+    def _write_manifest(self, state: str) -> None:
+        failed_code = Outcome.FAILED_TO_RUN.code
+        failed = max((tally.outcomes[failed_code] for tally in self.tallies.values()), default=0)
+        together = np.logical_and.reduce(list(self.done.values()))
+        flown, gapless = int(together.sum()), int(np.argmin(np.append(together, False)))
+        self.manifest |= {
+            "state": state,
+            "runs_planned": self.stop - self.first,
+            "runs_done": flown - failed,
+            "runs_failed": failed,
+            "wall_time_s": round(self.wall_before + time.monotonic() - self.start, 3),
+            "digest": str(sum((tally.digest for tally in self.tallies.values()), Digest())),
+            "digests": {name: str(tally.digest) for name, tally in self.tallies.items()},
+            "controllers": {
+                name: {"flights_done": int(self.done[name].sum()), "outcomes": dict(sorted(tally.outcomes.items()))}
+                | ({"failed_to_run": sorted(tally.not_computed)} if tally.not_computed else {})
+                for name, tally in self.tallies.items()
+            },
+            "requirements": [] if self.sharded else judge_requirements(self.tallies, self.campaign, gapless),
+        }
+        if self.campaign.looks:
+            self.manifest["stopped_at"] = gapless if state == COMPLETE else None
+        write_manifest(self.folder.manifest, self.manifest)

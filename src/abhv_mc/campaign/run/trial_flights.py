@@ -1,0 +1,68 @@
+"""Trial flights before a campaign: the nominal one, and proof that every dispersion changes something.
+
+A dispersion that reaches no equation gives the same flight to the last bit; it is refused before anything is flown,
+so that no campaign silently varies nothing.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.sampling.samples import spread_parameters
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.io.documents import InputError, InputErrors
+from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+
+Floats = NDArray[np.float64]
+
+
+_ROWS = 3  # trials of each dispersion
+
+
+def make_trials(campaign: CheckedCampaign) -> Floats:
+    """Parameter rows: the nominal flight, then for each dispersion its nominal value and the two ends of its law.
+
+    The other dispersions stand at their medians meanwhile: a gust's start matters only where there is a gust.
+    """
+    names = campaign.names
+    nominal = np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in names])
+    quantiles = np.stack([_quantiles(campaign, i) for i in range(len(names))]) if names else np.empty((0, _ROWS))
+    values = np.tile(quantiles[:, 1], (1 + _ROWS * len(names), 1))
+    values[0] = nominal
+    for i in range(len(names)):
+        values[1 + _ROWS * i : 1 + _ROWS * (i + 1), i] = nominal[i], quantiles[i, 0], quantiles[i, 2]
+    return spread_parameters(names, values)
+
+
+def _quantiles(campaign: CheckedCampaign, i: int) -> Floats:
+    """Low end, median and high end of one dispersion."""
+    if campaign.sample_file is not None:
+        return np.quantile(campaign.sample_file.values[: campaign.runs, i], [0.0, 0.5, 1.0])
+    return np.asarray(campaign.laws[campaign.names[i]].at_fraction(np.array([0.0, 0.5, 1.0])))
+
+
+def fly_trials(campaign: CheckedCampaign, plans: dict[str, FlightPlan], fly: Fly, every: int) -> dict[str, FlightBlock]:
+    """Fly the trials of every controller; the first flight of each block is the nominal one.
+
+    Raises InputError for a dispersion that changes no controller's flight.
+    """
+    trials = make_trials(campaign)
+    flown = {name: fly(plan, trials, every) for name, plan in plans.items()}
+    errors: list[InputError] = []
+    for i, name in enumerate(campaign.names):
+        still, *rows = range(1 + _ROWS * i, 1 + _ROWS * (i + 1))
+        if not any(_differs(block, row, still) for block in flown.values() for row in rows):
+            low, high = trials[rows, PARAMETER_INDEX[name]]
+            where = ("sampling",) if campaign.sample_file is not None else ("dispersions", name)
+            found = f"'{name}' from {low:g} to {high:g}, which changes no controller's flight"
+            errors.append(campaign.document.key_error(where, found, "a dispersion that matters to this vehicle"))
+    if errors:
+        raise InputErrors(errors)
+    return flown
+
+
+def _differs(block: FlightBlock, row: int, still: int) -> bool:
+    """Whether a trial differs from the one with the nominal value in any bit of what it measured."""
+    same = np.array_equal(block.metrics[row], block.metrics[still], equal_nan=True)
+    return not (same and block.outcome[row] == block.outcome[still] and block.end_time[row] == block.end_time[still])

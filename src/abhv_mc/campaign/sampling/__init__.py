@@ -1,0 +1,1 @@
+"""What is flown: designs, marginal distributions, correlation."""

@@ -1,0 +1,221 @@
+"""The distributions that a campaign file may name, and how each becomes a law of its parameter.
+
+Values carry the parameter's unit; those of a factor are numbers or percentages. ``half_width`` and ``sigma`` of a
+factor are relative to its nominal value 1, those of an error are in its unit about its nominal value 0.
+"""
+
+from abc import abstractmethod
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from abhv_mc.campaign.sampling.marginals import ContinuousLaw, DiscreteLaw, Law
+from abhv_mc.io.documents import Refusal, StrictModel, one_of
+from abhv_mc.io.units import parse_in_unit
+from abhv_mc.plant.parameters import Parameter
+
+Value = float | str  # a number, or text with a unit
+
+
+class _Distribution(StrictModel):
+    @abstractmethod
+    def make_law(self, parameter: Parameter) -> Law:
+        """The law of ``parameter`` in SI. Raises Refusal."""
+
+    def _read(self, key: str, parameter: Parameter) -> float | None:
+        value = getattr(self, key)
+        return None if value is None else _parse(value, parameter.unit, key)
+
+    def _positive(self, key: str, parameter: Parameter) -> float:
+        value = self._read(key, parameter)
+        if value is None or value <= 0.0:
+            raise Refusal(f"{getattr(self, key)}", f"a {key} above zero", (key,))
+        return value
+
+    def _range(self, parameter: Parameter, center: float) -> tuple[float, float]:
+        """The range given by ``half_width`` about ``center``, or by ``low`` and ``high``."""
+        low, high = self._read("low", parameter), self._read("high", parameter)
+        if getattr(self, "half_width", None) is not None:
+            if low is not None or high is not None:
+                raise Refusal("half_width beside low or high", "either half_width, or low and high")
+            half_width = self._positive("half_width", parameter)
+            return center - half_width, center + half_width
+        if low is None or high is None:
+            raise Refusal("no range", "half_width, or low and high")
+        if not low < high:
+            raise Refusal(f"an empty range from {low:g} to {high:g}", "low below high", ("high",))
+        return low, high
+
+
+class Uniform(_Distribution):
+    """Every value of a range alike."""
+
+    distribution: Literal["uniform"]
+    half_width: Value | None = None
+    low: Value | None = None
+    high: Value | None = None
+
+    def make_law(self, parameter: Parameter) -> Law:
+        from scipy import stats
+
+        low, high = self._range(parameter, parameter.nominal)
+        return ContinuousLaw(stats.uniform(low, high - low))
+
+
+class Normal(_Distribution):
+    """Gauss, unbounded."""
+
+    distribution: Literal["normal"]
+    sigma: Value
+    mean: Value | None = None  # the nominal value by default
+
+    def make_law(self, parameter: Parameter) -> Law:
+        from scipy import stats
+
+        return ContinuousLaw(
+            stats.norm(_or(self._read("mean", parameter), parameter), self._positive("sigma", parameter))
+        )
+
+
+class TruncatedNormal(_Distribution):
+    """Gauss conditioned on lying in a range (values outside are not moved to its ends)."""
+
+    distribution: Literal["truncated_normal"]
+    sigma: Value  # of the law before truncation
+    mean: Value | None = None  # likewise; the nominal value by default
+    half_width: Value | None = None  # about the mean
+    low: Value | None = None
+    high: Value | None = None
+
+    def make_law(self, parameter: Parameter) -> Law:
+        from scipy import stats
+
+        mean, sigma = _or(self._read("mean", parameter), parameter), self._positive("sigma", parameter)
+        low, high = self._range(parameter, mean)
+        law = stats.truncnorm((low - mean) / sigma, (high - mean) / sigma, mean, sigma)
+        if not stats.norm(mean, sigma).cdf(high) - stats.norm(mean, sigma).cdf(low) > 1e-9:
+            raise Refusal("a range that the normal law never meets", "a range nearer to the mean", ("sigma",))
+        return ContinuousLaw(law)
+
+
+class Triangular(_Distribution):
+    """Linear up to the mode and down from it."""
+
+    distribution: Literal["triangular"]
+    half_width: Value | None = None  # about the mode
+    low: Value | None = None
+    mode: Value | None = None  # the nominal value by default
+    high: Value | None = None
+
+    def make_law(self, parameter: Parameter) -> Law:
+        from scipy import stats
+
+        mode = _or(self._read("mode", parameter), parameter)
+        low, high = self._range(parameter, mode)
+        if not low <= mode <= high:
+            raise Refusal(f"a mode of {mode:g} outside {low:g} .. {high:g}", "a mode in the range")
+        return ContinuousLaw(stats.triang((mode - low) / (high - low), low, high - low))
+
+
+class Lognormal(_Distribution):
+    """A quantity whose logarithm is normal."""
+
+    distribution: Literal["lognormal"]
+    sigma: Value  # standard deviation of the natural logarithm: a number or a percentage
+    median: Value | None = None  # the nominal value by default
+
+    def make_law(self, parameter: Parameter) -> Law:
+        from scipy import stats
+
+        sigma = _parse(self.sigma, "-", "sigma")
+        median = _or(self._read("median", parameter), parameter)
+        if sigma <= 0.0:
+            raise Refusal(f"{self.sigma}", "a sigma above zero", ("sigma",))
+        if median <= 0.0:
+            where = ("median",) if self.median is not None else ()
+            raise Refusal(f"a median of {median:g}", "a median above zero", where)
+        return ContinuousLaw(stats.lognorm(sigma, scale=median))
+
+
+class Beta(_Distribution):
+    """Beta law with exponents a and b stretched over a range."""
+
+    distribution: Literal["beta"]
+    a: Annotated[float, Field(gt=0.0)]
+    b: Annotated[float, Field(gt=0.0)]
+    half_width: Value | None = None
+    low: Value | None = None
+    high: Value | None = None
+
+    def make_law(self, parameter: Parameter) -> Law:
+        from scipy import stats
+
+        low, high = self._range(parameter, parameter.nominal)
+        return ContinuousLaw(stats.beta(self.a, self.b, low, high - low))
+
+
+class Discrete(_Distribution):
+    """One of the values, all alike or by weight."""
+
+    distribution: Literal["discrete"]
+    values: Annotated[tuple[Value, ...], Field(min_length=2)]
+    weights: tuple[Annotated[float, Field(gt=0.0)], ...] | None = None
+
+    def make_law(self, parameter: Parameter) -> Law:
+        import numpy as np
+
+        values = np.array([_parse(value, parameter.unit, "values", i) for i, value in enumerate(self.values)])
+        weights = np.array(self.weights if self.weights is not None else np.ones(len(values)))
+        if len(weights) != len(values):
+            raise Refusal(f"{len(weights)} weights", f"{len(values)}, one for each value", ("weights",))
+        if len(np.unique(values)) != len(values):
+            raise Refusal("a value twice", "different values", ("values",))
+        order = np.argsort(values)
+        cumulative = np.cumsum(weights[order] / weights.sum())
+        cumulative[-1] = 1.0
+        return DiscreteLaw(values[order], cumulative)
+
+
+class Scipy(_Distribution):
+    """Any continuous law of scipy.stats by its name, with its shape parameters, place and scale."""
+
+    distribution: Literal["scipy"]
+    law: str
+    shapes: dict[str, float] = {}
+    loc: Value | None = None  # 0 by default
+    scale: Value | None = None  # 1 (SI) by default
+
+    def make_law(self, parameter: Parameter) -> Law:
+        import numpy as np
+        from scipy import stats
+
+        names = [name for name, law in vars(stats).items() if isinstance(law, stats.rv_continuous)]
+        if self.law not in names:
+            raise Refusal(f"law '{self.law}'", one_of(names, self.law), ("law",))
+        law = getattr(stats, self.law)
+        shapes = [name.strip() for name in (law.shapes or "").split(",") if name.strip()]
+        if sorted(self.shapes) != sorted(shapes):
+            found = f"shapes {', '.join(self.shapes) or 'none'}"
+            raise Refusal(found, f"shapes {', '.join(shapes) or 'none'} for '{self.law}'")
+        scale = 1.0 if self.scale is None else self._positive("scale", parameter)
+        frozen = law(**self.shapes, loc=self._read("loc", parameter) or 0.0, scale=scale)
+        if not np.all(np.isfinite(frozen.ppf([1e-6, 0.5, 1.0 - 1e-6]))):
+            raise Refusal(f"shapes that '{self.law}' does not take", "shape parameters in the law's domain")
+        return ContinuousLaw(frozen)
+
+
+Distribution = Annotated[
+    Uniform | Normal | TruncatedNormal | Triangular | Lognormal | Beta | Discrete | Scipy,
+    Field(discriminator="distribution"),
+]
+
+
+def _parse(value: Value, unit: str, *keys: str | int) -> float:
+    try:
+        return parse_in_unit(value, unit)
+    except Refusal as refusal:
+        raise Refusal(refusal.found, refusal.wanted, tuple(keys)) from None
+
+
+def _or(value: float | None, parameter: Parameter) -> float:
+    return parameter.nominal if value is None else value

@@ -1,0 +1,90 @@
+"""Samples that somebody else drew: a CSV or Parquet file with one column per parameter and one row per flight."""
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.io.input_error import InputError, one_of
+
+
+@dataclass(frozen=True)
+class SampleFile:
+    """The file's content, SI; factors as they are."""
+
+    names: tuple[str, ...]
+    values: NDArray[np.float64]  # [flight, parameter]
+
+    @property
+    def flights(self) -> int:
+        return len(self.values)
+
+
+def read_sample_file(path: Path, known: Sequence[str]) -> SampleFile:
+    """Read samples whose columns are named after the parameters ``known``; a column ``flight`` must count from 0.
+
+    Raises :class:`InputError`.
+    """
+    table = _read_parquet(path) if path.suffix.lower() in (".parquet", ".pq") else _read_csv(path)
+    names = tuple(name for name in table if name != "flight")
+    for name in names:
+        if name not in known:
+            raise InputError(path, 1, None, f"a column '{name}'", f"a parameter: {one_of(known, name)}")
+    if not names:
+        raise InputError(path, 1, None, "no column of a parameter", "at least one")
+    values = np.column_stack([table[name] for name in names])
+    if not len(values):
+        raise InputError(path, 1, None, "no rows", "one row per flight")
+    bad = np.argwhere(~np.isfinite(values))
+    if len(bad):
+        row, column = bad[0]
+        raise InputError(path, int(row) + 2, None, f"{names[column]} that is not finite", "finite numbers")
+    if "flight" in table and not np.array_equal(table["flight"], np.arange(len(values))):
+        raise InputError(path, 2, None, "a column 'flight' that does not count up from 0", "0, 1, 2, ...")
+    return SampleFile(names, values)
+
+
+def _read_parquet(path: Path) -> dict[str, NDArray[np.float64]]:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(path)
+        return {name: table[name].cast(pa.float64()).to_numpy() for name in table.column_names}
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(path, None, None, str(error).splitlines()[0], "a Parquet file of numbers") from None
+
+
+def _read_csv(path: Path) -> dict[str, NDArray[np.float64]]:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file)
+            header = [name.strip() for name in next(reader, [])]
+            if len(set(header)) != len(header):
+                raise InputError(path, 1, None, "a column twice", "each column once")
+            columns: list[list[float]] = [[] for _ in header]
+            for cells in reader:
+                if not cells:
+                    continue
+                if len(cells) != len(header):
+                    raise InputError(path, reader.line_num, None, f"{len(cells)} cells", f"{len(header)} cells")
+                for i, cell in enumerate(cells):
+                    columns[i].append(_number(path, reader.line_num, cells, i, cell))
+    except (UnicodeDecodeError, csv.Error, OSError) as error:
+        raise InputError(path, None, None, str(error), "a CSV file of numbers") from None
+    return {name: np.array(column, np.float64) for name, column in zip(header, columns, strict=True)}
+
+
+def _number(path: Path, line: int, cells: list[str], index: int, cell: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        column = sum(len(cell) + 1 for cell in cells[:index]) + 1
+        raise InputError(path, line, column, f"'{cell.strip()}'", "a finite number")
+    return value

@@ -1,0 +1,82 @@
+"""A campaign's samples: one row of parameter values for each flight, drawn before anything flies."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.sampling.correlation import Copula
+from abhv_mc.campaign.sampling.designs import FACTORIAL, NOMINAL, Design
+from abhv_mc.campaign.sampling.marginals import Law
+from abhv_mc.campaign.sampling.sample_file import SampleFile
+from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+
+Floats = NDArray[np.float64]
+
+
+class SampleSource(Protocol):
+    """Where samples come from."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Sampled parameters."""
+
+    @property
+    def flights(self) -> int:
+        """Number of flights."""
+
+    def draw(self, first: int, stop: int) -> Floats:
+        """Values ``[flight, parameter]``, SI, of the flights ``first`` .. ``stop - 1``."""
+
+
+@dataclass(frozen=True)
+class DrawnSamples:
+    """Samples of a design: its probabilities, correlated by the copula, through each parameter's law."""
+
+    design: Design
+    laws: tuple[Law, ...]
+    copula: Copula
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.design.names
+
+    @property
+    def flights(self) -> int:
+        return self.design.flights
+
+    def draw(self, first: int, stop: int) -> Floats:
+        rows = self.design.draw(first, stop)
+        if self.design.kind in FACTORIAL:
+            nominal = np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in self.names])
+            values = np.column_stack([law.at_fraction(rows[:, i]) for i, law in enumerate(self.laws)])
+            return np.where(rows == NOMINAL, nominal, values)
+        probabilities = self.copula.apply(rows)
+        values = np.empty_like(probabilities)
+        for i, law in enumerate(self.laws):
+            values[:, i] = law.ppf(probabilities[:, i])
+        return values
+
+
+@dataclass(frozen=True)
+class GivenSamples:
+    """Samples of a file."""
+
+    file: SampleFile
+    flights: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.file.names
+
+    def draw(self, first: int, stop: int) -> Floats:
+        return self.file.values[first:stop]
+
+
+def spread_parameters(names: Sequence[str], values: Floats) -> Floats:
+    """Full rows ``[flight, parameter]`` in the order of PARAMETERS: nominal but for the sampled columns."""
+    rows = np.tile([parameter.nominal for parameter in PARAMETERS], (len(values), 1))
+    rows[:, [PARAMETER_INDEX[name] for name in names]] = values
+    return rows

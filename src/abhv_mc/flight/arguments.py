@@ -1,0 +1,194 @@
+"""What the compiled flight takes: three named tuples, checked where Python hands them over.
+
+Compiled code trusts its arrays: of the right type and shape, C-contiguous and aligned, and none that is written to
+shares memory with another. That is checked here, once a call.
+"""
+
+from bisect import bisect_left
+from collections.abc import Iterator
+from functools import cache
+from itertools import pairwise
+from typing import Any, NamedTuple, get_args, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.control.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
+from abhv_mc.control.recorded import RECORDED_GAINS
+from abhv_mc.flight.memory import Memory
+from abhv_mc.flight.observe import Observed, make_observed
+from abhv_mc.flight.plan import FlightPlan, Timing
+from abhv_mc.flight.signals import CHANNELS, METRICS
+from abhv_mc.plant.effectiveness import Effectiveness
+from abhv_mc.plant.state import N_PARAMETERS, N_STATES
+from abhv_mc.vehicle.arrays import Floats, Ints, Tables
+from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.world.earth import Earth
+
+# Which law flies: the integers that the kernel compares.
+TLC, LQR, RECORDED = range(3)
+LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED}
+_COLUMNS = {  # of the gains and of the settings
+    "tlc": (len(TLC_GAINS), len(TLC_SETTINGS)),
+    "lqr": (len(LQR_GAINS), len(LQR_SETTINGS)),
+    "recorded": (len(RECORDED_GAINS), None),
+}
+
+
+class KernelPlan(NamedTuple):
+    """What is flown, only read."""
+
+    law: int
+    vehicle: Vehicle
+    trim_tables: Tables
+    effectiveness: Effectiveness
+    earth: Earth
+    timing: Timing
+    record_every: int  # control ticks between samples, 0 for no history
+    observed: Observed
+    unit_factors: Ints  # [term] the parameter that is 1, for the nominal vehicle
+    initial_state: Floats  # [state]
+    reference: Floats  # [tick, column]
+    gains: Floats  # [tick, gain]
+    settings: Floats  # [setting]
+    parameters: Floats  # [flight, parameter]
+
+
+class Results(NamedTuple):
+    """What the compiled flight fills."""
+
+    metrics: Floats  # [flight, metric]
+    outcome: NDArray[np.int64]  # [flight]
+    end_tick: NDArray[np.int64]  # [flight]
+    history: NDArray[np.float32]  # [flight, sample, channel]
+    states: Floats  # [flight, sample, state]; no samples where not asked for
+
+
+def make_results(plan: FlightPlan, flights: int, every: int, keep_states: bool) -> Results:
+    """Room for the results; ``every`` counts ticks between samples, 0 for none."""
+    samples = plan.timing.ticks // every + 1 if every else 0
+    return Results(
+        np.empty((flights, len(METRICS))),
+        np.empty(flights, dtype=np.int64),
+        np.empty(flights, dtype=np.int64),
+        np.full((flights, samples, len(CHANNELS)), np.nan, dtype=np.float32),
+        np.full((flights, samples if keep_states else 0, N_STATES), np.nan),
+    )
+
+
+def make_kernel_plan(plan: FlightPlan, parameters: Floats, every: int) -> KernelPlan:
+    """A plan as the kernel takes it, its arrays copied where they are not contiguous, aligned and writable.
+
+    Raises ValueError for an array of the wrong type or shape.
+    """
+    terms = plan.vehicle.build_up.factor.size
+    made = conform(
+        KernelPlan(
+            LAWS[plan.law],
+            plan.vehicle,
+            plan.trim_tables,
+            plan.effectiveness,
+            plan.earth,
+            plan.timing,
+            every,
+            make_observed(plan.limits),
+            np.zeros(terms, np.int64),
+            plan.initial_state,
+            plan.reference,
+            plan.gains,
+            plan.settings,
+            parameters,
+        ),
+        KernelPlan,
+        "the plan",
+    )
+    columns, settings = _COLUMNS[plan.law]
+    check_shape(made.initial_state, (N_STATES,), "the plan's initial_state")
+    check_shape(made.parameters, (None, N_PARAMETERS), "parameters")
+    check_shape(made.reference, (None, len(REFERENCE)), "the plan's reference")
+    check_shape(made.gains, (None, columns), "the plan's gains")
+    check_shape(made.settings, (settings,), "the plan's settings")
+    rows = min(len(made.reference), len(made.gains))
+    if rows <= plan.timing.ticks:
+        raise ValueError(f"the plan's reference or gains have {rows} rows for control ticks 0 to {plan.timing.ticks}")
+    return made
+
+
+def conform(value: Any, kind: Any, name: str) -> Any:
+    """A named tuple of a type, however deep, with every array C-contiguous, aligned and writable: copied where not.
+
+    Writable, because numba would compile once more for arrays that are not. Raises ValueError for an array or number
+    that is not of the type that the tuple's fields declare.
+    """
+    if hasattr(kind, "_fields"):
+        members = zip(_hints(kind).items(), value, strict=True)
+        return kind(*(conform(member, hint, f"{name}'s {field}") for (field, hint), member in members))
+    if kind in (int, float):
+        if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+            raise ValueError(f"{name} is {value!r:.60}, not a number")
+        return kind(value)
+    check_type(value, kind, name)
+    return np.require(value, requirements=["C", "A", "O", "W"])
+
+
+def check_type(array: Any, kind: Any, name: str) -> None:
+    """Raise ValueError unless an array has the type that an annotation such as ``Floats`` declares."""
+    wanted = np.dtype(get_args(get_args(kind)[1])[0])
+    if not isinstance(array, np.ndarray) or array.dtype != wanted:
+        found = f"an array of {array.dtype}" if isinstance(array, np.ndarray) else f"a {type(array).__name__}"
+        raise ValueError(f"{name} is {found}, not an array of {wanted}")
+
+
+def check_shape(array: NDArray[Any], shape: tuple[int | None, ...], name: str) -> None:
+    """Raise ValueError unless an array has a shape; None stands for any length."""
+    if array.ndim != len(shape) or any(want not in (None, have) for have, want in zip(array.shape, shape, strict=True)):
+        words = ", ".join("any" if want is None else str(want) for want in shape)
+        raise ValueError(f"{name} has the shape {array.shape}, not ({words})")
+
+
+def check_written(plan: KernelPlan, memory: Memory, results: Results) -> None:
+    """Refuse arrays that the kernel cannot write to, or that share memory with another one of its arguments.
+
+    Raises ValueError.
+    """
+    flights = len(plan.parameters)
+    check_shape(results.metrics, (flights, len(METRICS)), "the results' metrics")
+    check_shape(results.outcome, (flights,), "the results' outcome")
+    check_shape(results.end_tick, (flights,), "the results' end_tick")
+    samples = plan.timing.ticks // plan.record_every + 1 if plan.record_every else 0
+    check_shape(results.history, (flights, samples, len(CHANNELS)), "the results' history")
+    check_shape(results.states, (flights, samples if results.states.size else 0, N_STATES), "the results' states")
+    written = []
+    for value, of in ((memory, "the memory"), (results, "the results")):
+        for name, array, kind in _arrays(value, of):
+            check_type(array, kind, name)
+            if not (array.flags.c_contiguous and array.flags.aligned and array.flags.writeable):
+                raise ValueError(f"{name} is not an aligned, C-contiguous and writable array")
+            if array.size:
+                written.append((*np.lib.array_utils.byte_bounds(array), name))
+    written.sort()
+    for (_, end, name), (start, _, other) in pairwise(written):
+        if start < end:
+            raise ValueError(f"{name} and {other} share memory and both are written to")
+    starts = [start for start, _, _ in written]
+    for name, array, _ in _arrays(plan, "the plan"):
+        start, end = np.lib.array_utils.byte_bounds(array)
+        below = bisect_left(starts, end) - 1  # the last written array that begins before this one ends
+        if array.size and below >= 0 and written[below][1] > start:
+            raise ValueError(f"{name} shares memory with {written[below][2]}, which is written to")
+
+
+def _arrays(value: Any, name: str) -> Iterator[tuple[str, NDArray[Any], Any]]:
+    """The arrays of a named tuple, however deep, with their names and annotations."""
+    for (field, hint), member in zip(_hints(type(value)).items(), value, strict=True):
+        if hasattr(hint, "_fields"):
+            yield from _arrays(member, f"{name}'s {field}")
+        elif hint not in (int, float):
+            yield f"{name}'s {field}", member, hint
+
+
+@cache
+def _hints(kind: Any) -> dict[str, Any]:
+    """The annotations of a named tuple's fields, in their order."""
+    hints = get_type_hints(kind)
+    return {field: hints[field] for field in kind._fields}

@@ -1,0 +1,135 @@
+"""Observed quantities that the lane memory does not hold, once a control tick: one function each, named as its source.
+
+Each takes the lane memory, a lane, the plan and the tick, and returns the unit that its name ends with.
+"""
+
+import math
+
+from abhv_mc.control import columns as ref
+from abhv_mc.flight.sensors import END_ROW
+from abhv_mc.jit import lanes
+from abhv_mc.numerics.angles import larger, wrap
+from abhv_mc.plant import state as s
+from abhv_mc.plant.state import X, parameter_row, variable_row
+
+_ALPHA = variable_row("angle_of_attack")
+_LIMIT = parameter_row("actuator.deflection_limit")
+_DEG = 180.0 / math.pi
+_G0 = 9.80665  # m/s2
+
+# Rows of the lane memory: what is remembered of the flight so far.
+FIRST_SURFACE = END_ROW  # deflections at the start: aileron, rudder, elevator
+LAST_SURFACE = FIRST_SURFACE + 3  # deflections at the last tick
+FIRST_MASS = LAST_SURFACE + 3
+FIRST_DERIVED = FIRST_MASS + 1  # the quantities themselves
+
+
+@lanes
+def remember_start(Z, width):
+    """Deflections and mass at the start, to which some quantities refer."""
+    for lane in range(width):
+        for i in range(3):
+            Z[FIRST_SURFACE + i, lane] = Z[X + s.AILERON + i, lane]
+            Z[LAST_SURFACE + i, lane] = Z[X + s.AILERON + i, lane]
+        Z[FIRST_MASS, lane] = Z[X + s.MASS, lane]
+
+
+@lanes
+def altitude_error_m(Z, lane, plan, tick):
+    """Altitude minus reference."""
+    return Z[X + s.ALTITUDE, lane] - plan.reference[tick, ref.ALTITUDE]
+
+
+@lanes
+def speed_error_mps(Z, lane, plan, tick):
+    """Earth-relative speed minus reference."""
+    return Z[s.SPEED, lane] - plan.reference[tick, ref.SPEED]
+
+
+@lanes
+def heading_deg(Z, lane, plan, tick):
+    """Heading of the velocity in 0..360 deg."""
+    chi = Z[s.CHI, lane]
+    return (chi if chi >= 0.0 else chi + 2.0 * math.pi) * _DEG
+
+
+@lanes
+def heading_error_deg(Z, lane, plan, tick):
+    """Heading minus reference."""
+    return wrap(Z[s.CHI, lane] - plan.reference[tick, ref.HEADING]) * _DEG
+
+
+@lanes
+def cross_track_m(Z, lane, plan, tick):
+    """Distance to the left of the reference."""
+    north = Z[s.NORTH, lane] - plan.reference[tick, ref.NORTH]
+    east = Z[s.EAST, lane] - plan.reference[tick, ref.EAST]
+    return north * plan.reference[0, ref.TRACK_NORTH] + east * plan.reference[0, ref.TRACK_EAST]
+
+
+@lanes
+def angle_of_attack_error_deg(Z, lane, plan, tick):
+    """Angle of attack minus its command."""
+    return Z[_ALPHA, lane] * _DEG - Z[s.ALPHA_CMD, lane] * _DEG
+
+
+@lanes
+def bank_error_deg(Z, lane, plan, tick):
+    """Bank minus its command."""
+    return wrap(Z[s.BANK, lane] - Z[s.BANK_CMD, lane]) * _DEG
+
+
+@lanes
+def load_factor_g(Z, lane, plan, tick):
+    """Magnitude of the specific force."""
+    x, y, z = Z[s.SPECIFIC_X, lane], Z[s.SPECIFIC_Y, lane], Z[s.SPECIFIC_Z, lane]
+    return math.sqrt(x * x + y * y + z * z) / _G0
+
+
+@lanes
+def fuel_used_kg(Z, lane, plan, tick):
+    """Mass at the start minus mass."""
+    return Z[FIRST_MASS, lane] - Z[X + s.MASS, lane]
+
+
+@lanes
+def surface_saturated(Z, lane, plan, tick):
+    """1 where a surface or its command is at the deflection limit.
+
+    A command at the stop counts too: the surface creeps towards it and may never arrive.
+    """
+    nominal_limit = plan.vehicle.constants.surface_limit
+    limit = nominal_limit * Z[_LIMIT, lane]
+    largest = larger(abs(Z[X + s.AILERON, lane]), abs(Z[X + s.RUDDER, lane]))
+    largest = larger(largest, abs(Z[X + s.ELEVATOR, lane]))
+    command = larger(abs(Z[s.CMD_AILERON, lane]), abs(Z[s.CMD_RUDDER, lane]))
+    command = larger(command, abs(Z[s.CMD_ELEVATOR, lane]))
+    saturated = (largest >= limit or command >= nominal_limit) and limit > 0.0
+    return 1.0 if saturated else 0.0
+
+
+def _make_from_trim(i):
+    """The function of surface ``i`` of aileron, rudder and elevator."""
+
+    @lanes
+    def from_trim_deg(Z, lane, plan, tick):
+        """Deflection minus that at the start."""
+        return (Z[X + s.AILERON + i, lane] - Z[FIRST_SURFACE + i, lane]) * _DEG
+
+    return from_trim_deg
+
+
+def _make_moved(i):
+    @lanes
+    def moved_deg(Z, lane, plan, tick):
+        """Absolute change of the deflection since the last tick."""
+        deflection = Z[X + s.AILERON + i, lane]
+        moved = abs(deflection - Z[LAST_SURFACE + i, lane]) * _DEG
+        Z[LAST_SURFACE + i, lane] = deflection
+        return moved
+
+    return moved_deg
+
+
+aileron_from_trim_deg, rudder_from_trim_deg, elevator_from_trim_deg = map(_make_from_trim, range(3))
+aileron_moved_deg, rudder_moved_deg, elevator_moved_deg = map(_make_moved, range(3))

@@ -1,0 +1,179 @@
+"""The compiled flight: ``width`` flights side by side, tick by tick, from the start to the end of the mission.
+
+One kernel serves every vehicle, mission, controller and gain: they are arguments. A lane never looks at another lane,
+so a flight is the same bit for bit whichever flights are in the lanes beside it. A kernel's arguments are three named
+tuples: the plan, which is only read (:class:`abhv_mc.flight.arguments.KernelPlan`), the working memory
+(:class:`abhv_mc.flight.memory.Memory`) and the results (:class:`abhv_mc.flight.arguments.Results`).
+"""
+
+from collections.abc import Callable
+
+from abhv_mc.control.lqr import lqr_tick
+from abhv_mc.control.recorded import recorded_tick
+from abhv_mc.control.tlc import tlc_tick
+from abhv_mc.flight import observe
+from abhv_mc.flight.arguments import LQR, RECORDED, TLC
+from abhv_mc.flight.memory import Z_ROWS, has_width, restore_lanes, save_lane
+from abhv_mc.flight.navigation import navigate
+from abhv_mc.flight.observe import (
+    check_limits,
+    derive,
+    finish_metrics,
+    record,
+    record_states,
+    start_observing,
+    update_metrics,
+)
+from abhv_mc.flight.sensors import active_sensor_errors, sense
+from abhv_mc.flight.start import start_flights
+from abhv_mc.jit import kernel, lanes
+from abhv_mc.plant import state as s
+from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
+from abhv_mc.plant.aerodynamics import build_up, look_up
+from abhv_mc.plant.air_data import air_data, deflections, move_air
+from abhv_mc.plant.disturbance import active_disturbances, any_lane, disturb
+from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
+
+COMPACTION = 500  # ticks after which lanes of flights that have ended are given to others
+
+
+@lanes
+def evaluate(plan, memory, width, stage, windy):
+    """One Runge-Kutta stage at ``XS``."""
+    Z, T, vehicle = memory.Z, memory.T, plan.vehicle
+    if windy:
+        move_air(Z, width)
+    air_data(Z, width, vehicle, plan.earth)
+    deflections(Z, width, vehicle)
+    look_up(Z, T, width, vehicle.tables, memory.cells)
+    build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
+    equations_of_motion(Z, width, vehicle, plan.earth, stage)
+
+
+@lanes
+def control(plan, memory, width, law, tick):
+    """The commands of the plan's law at a control tick."""
+    if law == TLC:
+        tlc_tick(plan, memory, width, tick)
+    elif law == LQR:
+        lqr_tick(plan, memory, width, tick)
+    else:
+        recorded_tick(plan, memory, width, tick)
+
+
+@lanes
+def observe_tick(plan, memory, width, tick):
+    """Limits and metrics at a control tick."""
+    derive(memory.Z, width, plan, tick)
+    check_limits(memory.Z, memory.O, width, plan.observed, tick)
+    update_metrics(memory.Z, memory.O, width, plan, tick)
+
+
+@lanes
+def record_tick(plan, memory, results, flights, n, tick):
+    """The sample of a control tick that is recorded, of the ``flights`` in the first ``n`` lanes."""
+    if plan.record_every > 0 and tick % plan.record_every == 0:
+        sample = tick // plan.record_every
+        record(memory.Z, plan.observed, results.history, flights, n, sample)
+        if results.states.shape[1] > 0:
+            record_states(memory.Z, results.states, flights, n, sample)
+
+
+@lanes
+def fly_ticks(plan, memory, results, width, law, first_tick, end, flights, n):
+    """One group of flights from ``first_tick`` to before tick ``end``, or until all of them have ended."""
+    Z, O, step, steps_per_tick = memory.Z, memory.O, plan.timing.step, plan.timing.steps_per_tick
+    tick_length = step * steps_per_tick
+    disturbances, sensor_errors = active_disturbances(Z, width), active_sensor_errors(Z, width)
+    for tick in range(first_tick, end):
+        navigate(Z, width, tick_length, tick == 0)
+        disturb(Z, width, disturbances, tick * tick_length, tick_length, tick == 0)
+        sense(Z, width, sensor_errors, tick_length, tick)
+        control(plan, memory, width, law, tick)
+        flying = True
+        for evaluation in range(4 * steps_per_tick):  # one loop, so that its code is there once
+            stage = evaluation % 4
+            evaluate(plan, memory, width, runge_kutta_stage(stage, step), disturbances.windy)
+            if evaluation == 0:
+                observe_tick(plan, memory, width, tick)
+                record_tick(plan, memory, results, flights, n, tick)
+                flying = tick < plan.timing.ticks and any_lane(O, width, observe.ALIVE, 1, 0.0)
+                if not flying:
+                    break
+            if stage == 0:
+                run_actuators(Z, width, plan.vehicle.constants, step, law == RECORDED)
+            elif stage == 2:
+                set_actuators(Z, width)
+            elif stage == 3:
+                finish_step(Z, width, step, O[observe.ALIVE])
+        if not flying:
+            break
+
+
+@lanes
+def fly_groups(plan, memory, results, width, law, first_flight, last_flight):
+    """Flights from ``first_flight`` to before ``last_flight``, in groups of ``width`` lanes.
+
+    As many flights as the memory can save fly some ticks group by group; then the lanes are compacted: those of flights
+    that have ended go to flights that still fly.
+    """
+    saved, order, ticks = memory.saved, memory.order, plan.timing.ticks
+    compacted = 1 < width < last_flight - first_flight  # otherwise there is one group, or no lane to give away
+    for first in range(first_flight, last_flight, saved.shape[0]):
+        flying = min(saved.shape[0], last_flight - first)
+        for i in range(flying):
+            order[i] = first + i
+        for first_tick in range(0, ticks + 1, COMPACTION if compacted else ticks + 1):
+            end = min(first_tick + COMPACTION, ticks + 1) if compacted else ticks + 1
+            still_flying = 0
+            for group in range(0, flying, width):
+                n = min(width, flying - group)
+                flights = order[group : group + n]
+                if first_tick == 0:
+                    start_lanes(plan, memory, width, flights, n)
+                else:
+                    restore_lanes(memory, width, group, n)
+                fly_ticks(plan, memory, results, width, law, first_tick, end, flights, n)
+                for lane in range(n):
+                    flight = flights[lane]
+                    if memory.O[observe.ALIVE, lane] > 0.0 and end <= ticks:
+                        save_lane(memory, lane, still_flying)  # at or before its own place, already restored
+                        order[still_flying] = flight
+                        still_flying += 1
+                    else:
+                        finish_metrics(memory.O, lane, plan.observed, results.metrics[flight])
+                        results.outcome[flight] = int(memory.O[observe.OUTCOME, lane])
+                        results.end_tick[flight] = int(memory.O[observe.END, lane])
+            flying = still_flying
+
+
+@lanes
+def start_lanes(plan, memory, width, flights, n):
+    """Every lane at the start of its flight; spare lanes repeat the last flight, unseen."""
+    Z = memory.Z
+    for i in range(Z_ROWS):
+        for lane in range(width):
+            Z[i, lane] = 0.0
+    for lane in range(width):
+        flight = flights[min(lane, n - 1)]
+        for i in range(s.N_PARAMETERS):
+            Z[s.P + i, lane] = plan.parameters[flight, i]
+    start_flights(Z, width, plan.initial_state)
+    prepare_actuators(Z, width, plan.vehicle.constants, plan.timing.step)
+    start_observing(Z, memory.O, width, plan.observed)
+
+
+def make_fly_lanes(capacity: int) -> Callable[..., None]:
+    """The compiled flight for ``capacity`` lanes (compiled at its first call, kept on disk).
+
+    The number of lanes is a constant of the machine code, but for numba a number as any other: functions for each
+    constant would be optimized each by itself, and small loops unrolled into scalar code before they became vectors.
+    """
+
+    @kernel
+    def fly_lanes(plan, memory, results):
+        """Fly every row of the plan's parameters in a memory for ``capacity`` lanes; fill the results."""
+        if has_width(memory, capacity):  # checked where Python enters, and a constant to LLVM from here on
+            fly_groups(plan, memory, results, memory.Z.shape[1], plan.law, 0, plan.parameters.shape[0])
+
+    return fly_lanes

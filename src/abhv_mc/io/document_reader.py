@@ -1,0 +1,133 @@
+"""YAML text to plain data and the places of its values; used through :mod:`abhv_mc.io.documents`."""
+
+import math
+from pathlib import Path
+from typing import Any, NoReturn
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.reader import ReaderError
+
+from abhv_mc.io.input_error import InputError, describe
+
+Place = tuple[int, int]
+Plain = dict[str, Any] | list[Any] | str | int | float | bool | None
+Places = dict[tuple[str | int, ...], Place]
+
+MAX_BYTES = 2_000_000
+MAX_VALUES = 200_000  # aliases of aliases grow exponentially
+MAX_DEPTH = 40
+
+_TAG = "tag:yaml.org,2002:"
+
+
+def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
+    """Data, places of the values and places of the keys of a file's bytes. Raises :class:`InputError`."""
+    if len(raw) > MAX_BYTES:
+        raise InputError(path, None, None, f"{len(raw)} bytes", f"a YAML file of at most {MAX_BYTES} bytes")
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line, column = _place_of(raw[: error.start].decode("utf-8"))
+        raise InputError(path, line, column, f"the byte 0x{raw[error.start]:02x}", "text in UTF-8") from None
+    yaml = YAML(typ="safe", pure=True)
+    try:
+        root = yaml.compose(text)
+    except ReaderError as error:
+        line, column = _place_of(text[: error.position])
+        raise InputError(path, line, column, f"the character {text[error.position]!r}", "printable text") from None
+    except MarkedYAMLError as error:
+        _refuse_syntax(path, error)
+    except (YAMLError, ValueError, RecursionError) as error:
+        reason = "too many levels" if isinstance(error, RecursionError) else str(error).splitlines()[0]
+        raise InputError(path, None, None, reason, "YAML 1.2") from None
+    if root is None:
+        raise InputError(path, 1, 1, "an empty file", "a YAML mapping")
+    builder = _Builder(path, yaml.constructor)
+    return builder.build(root, ()), builder.values, builder.keys
+
+
+def _place_of(before: str) -> Place:
+    """Line and column, from 1, of what follows the text ``before``."""
+    return before.count("\n") + 1, len(before) - (before.rfind("\n") + 1) + 1
+
+
+def _refuse_syntax(path: Path, error: MarkedYAMLError) -> NoReturn:
+    mark = error.problem_mark or error.context_mark
+    line, column = (mark.line + 1, mark.column + 1) if mark else (None, None)
+    problem = error.problem or error.context or "something"
+    if "'\\t'" in problem:
+        raise InputError(path, line, column, "a tab", "spaces, as YAML indents by spaces only") from None
+    if "another document" in problem:
+        raise InputError(path, line, column, "a second document", "one document in a file") from None
+    wanted = f"YAML 1.2 ({error.context})" if error.context else "YAML 1.2"
+    raise InputError(path, line, column, problem.removeprefix("found "), wanted) from None
+
+
+class _Builder:
+    """Turns ruamel's nodes into plain data, noting where each value and key stands."""
+
+    def __init__(self, path: Path, constructor: Any) -> None:
+        self.path = path
+        self.constructor = constructor
+        self.values: Places = {}
+        self.keys: Places = {}
+
+    def refuse(self, node: Node, found: str, wanted: str) -> NoReturn:
+        raise InputError(self.path, *_start(node), found, wanted)
+
+    def build(self, node: Node, keys: tuple[str | int, ...]) -> Plain:
+        self.values[keys] = _start(node)
+        if len(self.values) > MAX_VALUES:
+            self.refuse(node, f"more than {MAX_VALUES} values", "fewer (an alias may have multiplied them)")
+        if len(keys) > MAX_DEPTH:
+            self.refuse(node, "too many levels", f"at most {MAX_DEPTH} (an alias may contain itself)")
+        tag = str(node.tag)
+        if isinstance(node, MappingNode) and tag == _TAG + "map":
+            return self.mapping(node, keys)
+        if isinstance(node, SequenceNode) and tag == _TAG + "seq":
+            return [self.build(item, (*keys, i)) for i, item in enumerate(node.value)]
+        if isinstance(node, ScalarNode):
+            return self.scalar(node, tag)
+        self.refuse(node, f"the tag {tag.replace(_TAG, '!!')}", "plain data without tags")
+
+    def mapping(self, node: MappingNode, keys: tuple[str | int, ...]) -> dict[str, Any]:
+        result: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            key = self.scalar(key_node, str(key_node.tag)) if isinstance(key_node, ScalarNode) else None
+            if not isinstance(key, str):
+                self.refuse(key_node, f"the key {describe(key)}", "a name as the key (in quotes, if need be)")
+            place = (*keys, key)
+            if key in result:
+                line, _ = self.keys[place]
+                self.refuse(key_node, f"the key '{key}' again", f"it once (it is in line {line} too)")
+            self.keys[place] = _start(key_node)
+            result[key] = self.build(value_node, place)
+            if value_node.start_mark.index == value_node.end_mark.index:  # nothing there; the mark is in a later line
+                self.values[place] = self.keys[place]
+        return result
+
+    def scalar(self, node: ScalarNode, tag: str) -> str | int | float | bool | None:
+        text = str(node.value)
+        kind = tag.removeprefix(_TAG)
+        if kind in ("str", "timestamp", "merge", "value"):  # a date is text here, and so is "<<"
+            return text
+        if kind == "null":
+            return None
+        if kind == "bool":
+            return text.lower() == "true"
+        if kind in ("int", "float"):
+            try:
+                number = self.constructor.construct_object(node)
+                finite = math.isfinite(number)  # an integer may be too large to tell
+            except (ValueError, OverflowError):
+                finite = False
+            if not finite:
+                self.refuse(node, describe(text), "a finite number")
+            return float(number) if kind == "float" else int(number)
+        self.refuse(node, f"the tag {tag.replace(_TAG, '!!')}", "plain data without tags")
+
+
+def _start(node: Node) -> Place:
+    return node.start_mark.line + 1, node.start_mark.column + 1

@@ -1,0 +1,74 @@
+"""What is said of bad input; apart from :mod:`abhv_mc.io.documents`, because the command line needs it at once."""
+
+import difflib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+
+class InputError(Exception):
+    """Bad input: the place, what was found there and what is wanted. The command line prints it and exits 2."""
+
+    def __init__(self, file: str | Path, line: int | None, column: int | None, found: str, wanted: str) -> None:
+        super().__init__(file, line, column, found, wanted)
+        self.file = str(file)
+        self.line = line
+        self.column = column
+        self.found = found
+        self.wanted = wanted
+
+    def __str__(self) -> str:
+        place = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
+        return f"{place}: found {self.found}; wanted {self.wanted}"
+
+
+class InputErrors(InputError):
+    """Everything wrong with one input, in order of place; its own fields are those of the first."""
+
+    def __init__(self, errors: Sequence[InputError]) -> None:
+        first = errors[0]
+        super().__init__(first.file, first.line, first.column, first.found, first.wanted)
+        self.args = (tuple(errors),)
+        self.errors = tuple(errors)
+
+    def __str__(self) -> str:
+        return "\n".join(str(error) for error in self.errors)
+
+
+class Refusal(ValueError):
+    """Raised by a check of one value that does not know the value's place; its caller does.
+
+    ``keys`` lead from the checked value to the part of it that is wrong.
+    """
+
+    def __init__(self, found: str, wanted: str, keys: tuple[str | int, ...] = ()) -> None:
+        super().__init__(found, wanted, keys)
+        self.found = found
+        self.wanted = wanted
+        self.keys = keys
+
+    def __str__(self) -> str:
+        return f"found {self.found}; wanted {self.wanted}"
+
+
+def one_of(names: Iterable[object], given: object = None) -> str:
+    """The choices in words, and which of them a misspelt ``given`` comes nearest to."""
+    words = [str(name) for name in names]
+    near = difflib.get_close_matches(str(given), words, n=1) if given is not None else []
+    if near and len(words) > 30:
+        return f"'{near[0]}', perhaps"
+    choices = f"one of {', '.join(words)}" if len(words) != 1 else f"'{words[0]}'"
+    return f"{choices} (did you mean '{near[0]}'?)" if near and len(words) > 1 else choices
+
+
+def describe(value: object) -> str:
+    """A value of a document in a few words for ``found``."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, dict):
+        return f"a mapping ({', '.join(map(str, list(value)[:3]))}{', ...' if len(value) > 3 else ''})"
+    if isinstance(value, (list, tuple)):
+        return f"a list of {len(value)}"
+    text = str(value) if isinstance(value, (int, float)) else f"'{value}'"
+    return text if len(text) <= 80 else text[:76] + "...'"

@@ -1,0 +1,200 @@
+"""Quantities with units: text such as '20 km' to SI and radians, by dimension.
+
+A unit is a product of symbols with whole powers ('kg m2', 'slug ft2', 'ft/s', '1/s'); '/' divides by the one
+symbol after it. In files a quantity with a dimension carries its unit; the command line may allow a bare number.
+
+Factors: NIST SP 811 (2008), appendix B; all of them are exact, but for the slug and the pound-force per foot.
+"""
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
+
+from abhv_mc.io.input_error import Refusal, describe, one_of
+
+Exponents = tuple[int, int, int, int]  # of metre, kilogram, second, radian
+
+_NONE: Exponents = (0, 0, 0, 0)
+_FOOT = 0.3048
+_POUND = 0.45359237
+_G0 = 9.80665
+
+_UNITS: dict[str, tuple[float, Exponents]] = {
+    "%": (0.01, _NONE),
+    "m": (1.0, (1, 0, 0, 0)),
+    "km": (1e3, (1, 0, 0, 0)),
+    "cm": (1e-2, (1, 0, 0, 0)),
+    "mm": (1e-3, (1, 0, 0, 0)),
+    "ft": (_FOOT, (1, 0, 0, 0)),
+    "in": (_FOOT / 12.0, (1, 0, 0, 0)),
+    "nmi": (1852.0, (1, 0, 0, 0)),
+    "kg": (1.0, (0, 1, 0, 0)),
+    "t": (1e3, (0, 1, 0, 0)),
+    "lb": (_POUND, (0, 1, 0, 0)),
+    "slug": (_POUND * _G0 / _FOOT, (0, 1, 0, 0)),
+    "s": (1.0, (0, 0, 1, 0)),
+    "ms": (1e-3, (0, 0, 1, 0)),
+    "min": (60.0, (0, 0, 1, 0)),
+    "h": (3600.0, (0, 0, 1, 0)),
+    "Hz": (1.0, (0, 0, -1, 0)),
+    "rad": (1.0, (0, 0, 0, 1)),
+    "mrad": (1e-3, (0, 0, 0, 1)),
+    "deg": (math.pi / 180.0, (0, 0, 0, 1)),
+    "kt": (1852.0 / 3600.0, (1, 0, -1, 0)),
+    "N": (1.0, (1, 1, -2, 0)),
+    "kN": (1e3, (1, 1, -2, 0)),
+    "lbf": (_POUND * _G0, (1, 1, -2, 0)),
+    "Pa": (1.0, (-1, 1, -2, 0)),
+    "kPa": (1e3, (-1, 1, -2, 0)),
+}
+_SPELLINGS = {"°": "deg", "²": "2", "³": "3", "·": " ", "*": " "}
+
+_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(.*)", re.DOTALL)
+_FACTOR = re.compile(r"\s*(/?)\s*([A-Za-z]+|%)(?:\^?(-?\d{1,2})(?!\d))?")
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """What a quantity is: its name in a sentence, its SI unit and an example."""
+
+    name: str
+    unit: str
+    example: str
+    exponents: Exponents
+
+    @property
+    def wanted(self) -> str:
+        """The words for a refusal."""
+        return f"{self.name} such as '{self.example}'"
+
+
+LENGTH = Dimension("a length", "m", "20 km", (1, 0, 0, 0))
+AREA = Dimension("an area", "m2", "557.42 m2", (2, 0, 0, 0))
+SPEED = Dimension("a speed", "m/s", "1400 m/s", (1, 0, -1, 0))
+ACCELERATION = Dimension("an acceleration", "m/s2", "9.8 m/s2", (1, 0, -2, 0))
+ANGLE = Dimension("an angle", "rad", "-3 deg", (0, 0, 0, 1))
+ANGULAR_RATE = Dimension("an angular rate", "rad/s", "400 deg/s", (0, 0, -1, 1))
+ANGULAR_ACCELERATION = Dimension("an angular acceleration", "rad/s2", "20 deg/s2", (0, 0, -2, 1))
+MASS = Dimension("a mass", "kg", "1372 kg", (0, 1, 0, 0))
+INERTIA = Dimension("a moment of inertia", "kg m2", "1.3e6 kg m2", (2, 1, 0, 0))
+FORCE = Dimension("a force", "N", "500 kN", (1, 1, -2, 0))
+PRESSURE = Dimension("a pressure", "Pa", "95 kPa", (-1, 1, -2, 0))
+DENSITY = Dimension("a density", "kg/m3", "1.225 kg/m3", (-3, 1, 0, 0))
+TIME = Dimension("a time", "s", "60 s", (0, 0, 1, 0))
+FREQUENCY = Dimension("a rate", "1/s", "10 Hz", (0, 0, -1, 0))
+FRACTION = Dimension("a number or a percentage", "-", "10 %", _NONE)
+
+DIMENSIONS = (
+    LENGTH, AREA, SPEED, ACCELERATION, ANGLE, ANGULAR_RATE, ANGULAR_ACCELERATION, MASS, INERTIA, FORCE, PRESSURE,
+    DENSITY, TIME, FREQUENCY, FRACTION,
+)  # fmt: skip
+_BY_EXPONENTS = {dimension.exponents: dimension for dimension in DIMENSIONS}
+
+
+def parse_unit(text: str) -> tuple[float, Exponents]:
+    """Factor to SI and exponents of a unit. Raises :class:`Refusal`."""
+    for spelling, plain in _SPELLINGS.items():
+        text = text.replace(spelling, plain)
+    text = text.strip().replace("**", "^")
+    if text in ("", "-"):
+        return 1.0, _NONE
+    text = re.sub(r"^1\s*(?=/)", "", text)
+    factor, exponents, place = 1.0, _NONE, 0
+    while place < len(text):
+        match = _FACTOR.match(text, place)
+        symbol = match.group(2) if match else text[place:]
+        if match is None or symbol not in _UNITS:
+            raise Refusal(f"the unknown unit '{symbol.strip()}'", one_of(_UNITS, symbol))
+        power = int(match.group(3) or 1) * (-1 if match.group(1) else 1)
+        scale, base = _UNITS[symbol]
+        factor = factor * scale**power if power > 0 else factor / scale**-power
+        exponents = tuple(e + power * b for e, b in zip(exponents, base, strict=True))  # type: ignore[assignment]
+        place = match.end()
+    return factor, exponents
+
+
+def dimension_of(unit: str) -> Dimension:
+    """The dimension of a unit. Raises :class:`Refusal` for an unknown unit."""
+    _, exponents = parse_unit(unit)
+    return _BY_EXPONENTS.get(exponents) or Dimension(f"a quantity in {unit}", unit, f"1 {unit}", exponents)
+
+
+def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | None = None) -> float:
+    """A quantity in SI. A number without a unit is in ``bare_unit``, and refused where that is None.
+
+    Raises :class:`Refusal` (a ValueError) for anything else than a finite quantity of this dimension.
+    """
+    if dimension is FRACTION:
+        bare_unit = "-"
+    if isinstance(text, bool) or not isinstance(text, (str, int, float)):
+        raise Refusal(describe(text), dimension.wanted)
+    match = _NUMBER.fullmatch(str(text).strip().replace("\N{MINUS SIGN}", "-"))
+    if match is None:
+        raise Refusal(describe(text), dimension.wanted)
+    number, unit = float(match.group(1)), match.group(2).strip()
+    if not unit:
+        if bare_unit is None:
+            raise Refusal(f"{describe(text)} without a unit", dimension.wanted)
+        unit = bare_unit
+    try:
+        factor, exponents = parse_unit(unit)
+    except Refusal as refusal:
+        hint = re.search(r"did you mean '.*?'\?", refusal.wanted)
+        raise Refusal(
+            f"{describe(text)} with {refusal.found}", dimension.wanted + (f" ({hint[0]})" if hint else "")
+        ) from None
+    if exponents != dimension.exponents:
+        given = _BY_EXPONENTS.get(exponents)
+        raise Refusal(f"{describe(text)}, {given.name if given else 'something else'}", dimension.wanted)
+    inverse = 1.0 / factor  # dividing by 100 rounds once, where multiplying by 0.01 rounds twice
+    value = number / inverse if inverse.is_integer() else number * factor
+    if not math.isfinite(value):
+        raise Refusal(describe(text), f"a finite number ({dimension.wanted})")
+    return value
+
+
+def parse_in_unit(value: str | float, unit: str) -> float:
+    """A quantity in the SI unit ``unit`` ('-' takes a plain number or a percentage). Raises :class:`Refusal`."""
+    return parse_quantity(value, dimension_of(unit))
+
+
+def format_quantity(value: float, dimension: Dimension) -> str | float:
+    """The text that :func:`parse_quantity` reads back to the same bits; a plain number where there is no unit."""
+    return value if dimension is FRACTION else f"{value!r} {dimension.unit}"
+
+
+def _parser(dimension: Dimension) -> BeforeValidator:
+    return BeforeValidator(lambda value: parse_quantity(value, dimension))
+
+
+def _writer(dimension: Dimension) -> PlainSerializer:
+    return PlainSerializer(lambda value: format_quantity(value, dimension), when_used="json")
+
+
+def _schema(dimension: Dimension) -> WithJsonSchema:
+    text = {"type": "string", "description": dimension.wanted, "examples": [dimension.example]}
+    return WithJsonSchema({"anyOf": [{"type": "number"}, text]} if dimension is FRACTION else text)
+
+
+# Fields of a model: text with a unit in the file, a float in SI in the model, text again in model_dump(mode="json").
+# A limit is in SI: Annotated[Length, Gt(0.0)].
+Length = Annotated[float, _parser(LENGTH), _writer(LENGTH), _schema(LENGTH)]
+Area = Annotated[float, _parser(AREA), _writer(AREA), _schema(AREA)]
+Speed = Annotated[float, _parser(SPEED), _writer(SPEED), _schema(SPEED)]
+Acceleration = Annotated[float, _parser(ACCELERATION), _writer(ACCELERATION), _schema(ACCELERATION)]
+Angle = Annotated[float, _parser(ANGLE), _writer(ANGLE), _schema(ANGLE)]
+AngularRate = Annotated[float, _parser(ANGULAR_RATE), _writer(ANGULAR_RATE), _schema(ANGULAR_RATE)]
+AngularAcceleration = Annotated[
+    float, _parser(ANGULAR_ACCELERATION), _writer(ANGULAR_ACCELERATION), _schema(ANGULAR_ACCELERATION)
+]
+Mass = Annotated[float, _parser(MASS), _writer(MASS), _schema(MASS)]
+Inertia = Annotated[float, _parser(INERTIA), _writer(INERTIA), _schema(INERTIA)]
+Force = Annotated[float, _parser(FORCE), _writer(FORCE), _schema(FORCE)]
+Pressure = Annotated[float, _parser(PRESSURE), _writer(PRESSURE), _schema(PRESSURE)]
+Density = Annotated[float, _parser(DENSITY), _writer(DENSITY), _schema(DENSITY)]
+Time = Annotated[float, _parser(TIME), _writer(TIME), _schema(TIME)]
+Frequency = Annotated[float, _parser(FREQUENCY), _writer(FREQUENCY), _schema(FREQUENCY)]
+Fraction = Annotated[float, _parser(FRACTION), _writer(FRACTION), _schema(FRACTION)]

@@ -1,0 +1,46 @@
+"""What papers print: the winged cone's trim at Mach 15, and how closely TLC holds a trajectory."""
+
+import math
+
+import numpy as np
+
+from abhv_mc.control.controller_file import read_controller
+from abhv_mc.control.mission import read_mission
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.prepare import make_plan
+from abhv_mc.flight.signals import METRIC_INDEX
+from abhv_mc.plant.trim import FlightPoint, trim
+from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.shipped import shipped_configs
+from abhv_mc.verification.rows import Row
+from abhv_mc.world.earth import WGS84
+
+_PUBLISHED_TRIM = (1.7, 1.8)  # deg at Mach 15 and 33.5 km
+_CONE_MISSIONS = ("level", "turn", "level_mach15", "turn_mach15")
+_AXIS = {"altitude_error_max_m": 50.0, "speed_error_max_mps": 5.0}  # of Figure 3 of Zhu and Shen (2014)
+
+
+def verify_paper(scale: float = 1.0) -> list[Row]:
+    """Rows of the winged cone's trim at Mach 15 and of its missions under TLC, nominal.
+
+    ``scale`` multiplies the tolerances.
+    """
+    configs = shipped_configs()
+    vehicle = load_vehicle(configs / "vehicle" / "winged_cone.yaml")
+    controller = read_controller(configs / "control" / "tlc.yaml")
+    start = read_mission(configs / "mission" / "level_mach15.yaml").start
+    point = FlightPoint(start.altitude, start.speed, 0.0, start.latitude, start.heading, 0.0)
+    found = trim(vehicle, WGS84._replace(rotation_rate=0.0), point, None)
+    middle = sum(_PUBLISHED_TRIM) / 2.0
+    off = math.inf if found.fault else abs(math.degrees(found.angle_of_attack) - middle)
+    rows = [Row("winged_cone, trim", "published", "angle of attack", "deg", off, scale * (_PUBLISHED_TRIM[1] - middle))]
+    for name in _CONE_MISSIONS:
+        mission = read_mission(configs / "mission" / f"{name}.yaml")
+        block = fly(make_plan(vehicle, mission, controller, "tlc"), nominal_parameters())
+        flown = block.metrics[0] if block.outcome[0] == Outcome.OK else np.full(len(METRIC_INDEX), np.inf)
+        for metric, allowed in _AXIS.items():
+            unit = metric.rsplit("_", 1)[1].replace("mps", "m/s")
+            difference = float(flown[METRIC_INDEX[metric]])
+            rows.append(Row(f"winged_cone, {name}", "tlc, the reference", metric, unit, difference, scale * allowed))
+    return rows

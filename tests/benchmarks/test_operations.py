@@ -1,0 +1,92 @@
+"""The counting of operations: each kind by hand, and a flight's against the flight itself."""
+
+import dataclasses
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from abhv_mc.bench.speed import make_work, read_operations
+from abhv_mc.flight.fly import fly
+from benchmarks.counted import COUNTS, Counted, counted_sqrt, make_counted
+from benchmarks.operations import count_operations
+
+
+@pytest.fixture(autouse=True)
+def from_zero():
+    COUNTS.clear()
+
+
+@pytest.mark.parametrize("other", [3.0, np.float64(3.0), 3, Counted(3.0)])
+def test_each_operation_counts_once_from_either_side(other):
+    x = Counted(2.0)
+    results = [x + other, other + x, x - other, other - x, x * other, other * x, x / other, other / x]
+    assert results == [5.0, 5.0, -1.0, 1.0, 6.0, 6.0, 2.0 / 3.0, 1.5]
+    assert all(isinstance(result, Counted) for result in results)
+    assert COUNTS == {"additions": 4, "multiplications": 2, "divisions": 2}
+
+
+def test_what_is_no_arithmetic_does_not_count():
+    x = Counted(-4.0)
+    assert (-x, abs(x), min(x, 1.0), int(x), x < 1.0, math.isnan(x)) == (4.0, 4.0, -4.0, -4, True, False)
+    assert not COUNTS
+    assert counted_sqrt(abs(x)) * 1.0 == 2.0
+    assert COUNTS == {"square_roots": 1, "multiplications": 1}
+    with pytest.raises(TypeError, match="products"):
+        x**2.0
+
+
+def test_arrays_and_their_slices_hold_counted_floats():
+    array = make_counted(np.ones((2, 3)))
+    array[0, 1] = 5.0
+    array[1][2] = 7.0
+    assert array[0, 1] + array[1, 2] == 12.0
+    assert COUNTS == {"additions": 1}
+
+
+@pytest.fixture(scope="module")
+def plans():
+    return make_work(1)[0]
+
+
+def test_the_counts_that_the_package_keeps_are_todays(plans):
+    counted = {name: {kind: round(n) for kind, n in vars(one).items()} for name, one in count_operations(plans).items()}
+    kept = {name: vars(one) for name, one in read_operations().items()}
+    assert counted == kept, "count again: python -m benchmarks.operations"
+
+
+def test_a_flight_of_twice_the_length_has_nearly_twice_the_operations(plans):
+    plan = plans["lqr"]
+    half = dataclasses.replace(plan, timing=plan.timing._replace(ticks=plan.timing.ticks // 2))
+    counted = count_operations({"whole": plan, "half": half})
+    assert counted["whole"].additions == pytest.approx(2.0 * counted["half"].additions, rel=2e-3)
+    for kind, number in vars(counted["whole"]).items():
+        assert number > plan.timing.ticks * plan.timing.steps_per_tick * 4, kind  # at least one in each stage
+
+
+COUNTED_FLIGHT = """
+import sys, numpy as np
+from dataclasses import replace
+from pathlib import Path
+from benchmarks import operations
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.store.plans import read_plan
+plan = read_plan(Path(sys.argv[1]))
+operations._use_counted_floats()
+np.save(sys.argv[2], fly(plan, nominal_parameters(), lanes=1).metrics)
+"""
+
+
+def test_counted_floats_fly_the_same_flight(plans, tmp_path):
+    from abhv_mc.flight.fly import nominal_parameters
+    from abhv_mc.store.plans import write_plan
+
+    short = dataclasses.replace(plans["tlc"], timing=plans["tlc"].timing._replace(ticks=8))
+    write_plan(tmp_path / "plan.npz", short)
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    command = [sys.executable, "-c", COUNTED_FLIGHT, tmp_path / "plan.npz", tmp_path / "metrics.npy"]
+    subprocess.run(command, env=environment, check=True)
+    assert np.array_equal(np.load(tmp_path / "metrics.npy"), fly(short, nominal_parameters()).metrics)

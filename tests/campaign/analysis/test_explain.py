@@ -1,0 +1,93 @@
+"""Failing flights of a fake campaign are explained by what makes the fake flight fail."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from campaign.fake_flight import ENGINE, LOST_BELOW, fly, write_campaign
+
+from abhv_mc.campaign.analysis.explain import explain_flight
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
+from abhv_mc.flight.signals import METRIC_INDEX
+from abhv_mc.io.documents import InputError
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+
+LIMIT = 1.85
+DENSITY, LIFT = PARAMETER_INDEX["atmosphere.density"], PARAMETER_INDEX["aero.lift"]
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("explain")
+    requirements = f"[{{metric: altitude_error_max_m, below: {LIMIT}, probability: 0.9, ended_early: as_measured}}]"
+    run_campaign(Request(write_campaign(folder / "f", requirements=requirements), folder / "out"), ENGINE)
+    return folder / "out"
+
+
+@pytest.fixture(scope="module")
+def table(flown):
+    return pq.read_table(flown / "flights").to_pandas().query("controller == 'two'").set_index("flight")
+
+
+def test_an_early_end_is_explained_by_the_density(flown, table):
+    flight = int(table.query("outcome != 'ok'").index[0])
+    found = explain_flight(flown, "two", flight, fly)
+    assert found.causes == ("atmosphere.density",) and found.smallest and not found.others
+    assert found.failure.words == "ended early" and found.samples["atmosphere.density"] < LOST_BELOW
+    nominal, alone, whole = found.parameters
+    assert (alone[DENSITY], alone[LIFT]) == (whole[DENSITY], nominal[LIFT])
+    assert found.block.history.shape[0] == 3 and list(found.block.outcome) == [0, 3, 3]
+
+
+def test_a_missed_requirement_is_explained_by_what_it_takes(flown, table):
+    missed = table.query("outcome == 'ok' and altitude_error_max_m >= @LIMIT")
+    sizes = set()
+    for flight in missed.index[:30]:
+        found = explain_flight(flown, "two", int(flight), fly, "altitude_error_max_m")
+        alone = found.block.metrics[1, METRIC_INDEX["altitude_error_max_m"]]
+        assert alone >= LIMIT > found.block.metrics[0, METRIC_INDEX["altitude_error_max_m"]]
+        sizes.add(len(found.causes))
+    assert sizes == {1, 2}
+
+
+def test_what_cannot_be_explained_is_refused(flown, table):
+    good = int(table.query("outcome == 'ok' and altitude_error_max_m < @LIMIT").index[0])
+    lost = int(table.query("outcome != 'ok'").index[0])
+    for words, arguments in {
+        "did not fail": ("two", good),
+        "no flight 300": ("two", 300),
+        "no controller 'three'": ("three", 1),
+        "no requirement on 'bank_deg'": ("two", lost, fly, "bank_deg"),
+    }.items():
+        name, flight, *rest = arguments
+        with pytest.raises(InputError, match=words):
+            explain_flight(flown, name, flight, *(rest or [fly]))
+
+    def tame(plan, parameters, every=None):
+        block = fly(plan, parameters, every)
+        return replace(block, outcome=np.zeros_like(block.outcome))
+
+    with pytest.raises(InputError, match="does not fail when flown again"):
+        explain_flight(flown, "two", lost, tame)
+
+
+def test_the_command_prints_the_causes_and_draws_the_flight(flown, table, monkeypatch, capsys):
+    from typer.testing import CliRunner
+
+    from abhv_mc.cli.app import app
+
+    monkeypatch.setattr("abhv_mc.campaign.run.setup.make_engine", lambda: ENGINE)
+    flight = int(table.query("outcome != 'ok'").index[0])
+    shown = CliRunner().invoke(app, ["explain", str(flown), "--flight", str(flight), "--controller", "two"])
+    assert shown.exit_code == 0, shown.exception
+    assert "1 of its 2 dispersions alone (no smaller set does" in shown.stdout
+    assert (flown / f"explained/two-{flight}.png").stat().st_size > 10_000
+    told = CliRunner().invoke(
+        app, ["explain", str(flown), "--flight", str(flight), "--json", "-o", str(flown / "explained/x.png")]
+    )
+    numbers = json.loads(told.stdout)
+    assert numbers["controller"] == "one" and list(numbers["causes"]) == ["atmosphere.density"]
+    assert (flown / "explained/x.png").is_file()

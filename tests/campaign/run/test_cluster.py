@@ -1,0 +1,140 @@
+"""A scheduler and workers as processes of their own, started as Dask's documentation says: the same digest."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from campaign.fake_flight import DENSITY, ENGINE, fly, write_campaign
+
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
+from abhv_mc.io.input_error import InputError
+
+pytest.importorskip("distributed")
+
+
+def fly_slowly(plan, parameters, every=None):
+    time.sleep(0.1)
+    return fly(plan, parameters, every)
+
+
+def fly_hanging(plan, parameters, every=None):
+    density = parameters[:, DENSITY]
+    if ((density > 1.0) & (density < 1.01)).any():
+        time.sleep(3600.0)
+    return fly(plan, parameters, every)
+
+
+class Dask:
+    """A cluster on this machine."""
+
+    def __init__(self, folder: Path) -> None:
+        self._file, self._processes = folder / "scheduler.json", []
+        # One worker that dies is enough to fly a block in parts: the tests need not wait for four.
+        self._environment = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
+        self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+        while not self._file.exists():
+            time.sleep(0.05)
+
+    def start(self, *words):
+        command = [sys.executable, "-m", "dask", *words, "--scheduler-file", str(self._file)]
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
+        self._processes.append(subprocess.Popen(command, env=self._environment, **quiet))
+        return self._processes[-1]
+
+    def start_worker(self):
+        return self.start("worker", "--nthreads", "1", "--host", "127.0.0.1", "--no-dashboard")
+
+    @property
+    def address(self):
+        import json
+
+        return json.loads(self._file.read_text())["address"]
+
+    def kill(self, process):
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+    def close(self):
+        for process in self._processes:
+            if process.poll() is None:
+                self.kill(process)
+
+
+@pytest.fixture
+def dask(tmp_path):
+    cluster = Dask(tmp_path)
+    yield cluster
+    cluster.close()
+
+
+@pytest.fixture(autouse=True)
+def quiet(capfd):
+    """Progress goes to standard error."""
+
+
+def wait_for_flights(out, number):
+    while sum(1 for _ in (out / "flights").glob("*.parquet")) < number:
+        time.sleep(0.02)
+
+
+def test_one_worker_killed_and_one_late_give_the_same_digest(dask, tmp_path):
+    campaign = write_campaign(tmp_path / "f", execution="{batch: 8}")
+    whole = run_campaign(Request(campaign, tmp_path / "a"), ENGINE).manifest
+    first = [dask.start_worker(), dask.start_worker()]
+    seen = []
+
+    def meddle():
+        wait_for_flights(tmp_path / "b", 10)
+        dask.kill(first[0])
+        dask.start_worker()
+        seen.append(sum(1 for _ in (tmp_path / "b/flights").glob("*.parquet")))
+
+    meddler = threading.Thread(target=meddle)
+    meddler.start()
+    request = Request(campaign, tmp_path / "b", scheduler=dask.address)
+    flown = run_campaign(request, replace(ENGINE, fly=fly_slowly)).manifest
+    meddler.join()
+    assert 10 <= seen[0] < 60  # in the middle: 76 blocks in all
+    assert flown["state"] == "complete" and flown["digest"] == whole["digest"] and flown["runs_failed"] == 0
+    for name in ("envelopes.parquet", "histories/two-000000.parquet"):
+        assert pq.read_table(tmp_path / "a" / name).equals(pq.read_table(tmp_path / "b" / name))
+
+
+def test_a_flight_that_hangs_costs_its_row_there_too(dask, tmp_path):
+    dask.start_worker()
+    execution = "{batch: 16, flight_time_limit: 0.5 s}"
+    campaign = write_campaign(tmp_path / "f", execution=execution, runs="16", controllers="{one: one.yaml}")
+    request = Request(campaign, tmp_path / "out", workers=1, scheduler=dask.address)
+    manifest = run_campaign(request, replace(ENGINE, fly=fly_hanging)).manifest
+    density = pq.read_table(tmp_path / "out/samples.parquet")["atmosphere.density"].to_numpy()
+    assert (
+        manifest["controllers"]["one"]["failed_to_run"] == np.flatnonzero((density > 1.0) & (density < 1.01)).tolist()
+    )
+    assert (manifest["runs_done"], manifest["runs_failed"]) == (15, 1)
+
+
+def test_workers_with_other_code_stop_the_campaign(dask, tmp_path):
+    from abhv_mc.campaign.run.retry import UnusableError
+
+    dask.start_worker()
+    request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=dask.address)
+    with pytest.raises(UnusableError, match="another version of the program"):
+        run_campaign(request, replace(ENGINE, checked=True))
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "carrier-pigeon://here:1"])
+def test_no_scheduler_is_bad_input(tmp_path, monkeypatch, address):
+    monkeypatch.setattr("abhv_mc.campaign.run.cluster._CONNECT", 0.5)
+    request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=address)
+    with pytest.raises(InputError, match="no scheduler"):
+        run_campaign(request, ENGINE)
+    assert not (tmp_path / "out").exists()

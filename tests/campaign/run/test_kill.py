@@ -1,0 +1,124 @@
+"""SIGKILL at any moment: the same command completes the campaign, to the same digest."""
+
+import multiprocessing
+import os
+import random
+import resource
+import signal
+import sys
+import time
+from dataclasses import replace
+
+import psutil
+import pyarrow.parquet as pq
+import pytest
+from campaign.fake_flight import ENGINE, SLOW_ENGINE, write_campaign
+
+from abhv_mc.campaign.envelopes import collector
+from abhv_mc.campaign.file.config import PROCESSES, THREADS
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
+from abhv_mc.store.folder import StorageFullError
+
+KILLS = {THREADS: 8, PROCESSES: 4}
+SERVER = multiprocessing.get_context("forkserver")
+
+
+def fly_in_child(campaign, out, exact, isolation=THREADS):
+    os.setsid()  # its workers are found by it
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    collector.EXACT_FLIGHTS = exact
+    run_campaign(Request(campaign, out, workers=2), replace(SLOW_ENGINE, isolation=isolation))
+
+
+def count_blocks(out):
+    return len(list((out / "flights").glob("*.parquet")))
+
+
+def wait_for_nobody(session):
+    """Workers end with their parent, whatever they do. Fails where one of them lives on."""
+    deadline = time.monotonic() + 60.0
+    while left := [process for process in psutil.process_iter() if in_session(process, session)]:
+        assert time.monotonic() < deadline, left
+        time.sleep(0.02)
+
+
+def in_session(process, session):
+    try:
+        return os.getsid(process.pid) == session and process.status() != psutil.STATUS_ZOMBIE
+    except (ProcessLookupError, psutil.Error):
+        return False
+
+
+@pytest.mark.parametrize(("exact", "isolation"), [(4096, THREADS), (0, THREADS), (0, PROCESSES)])
+def test_random_kills_lose_nothing(tmp_path, exact, isolation, monkeypatch, capfd):
+    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
+    campaign = write_campaign(tmp_path / "files", execution="{batch: 16}")
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    moments, kills, folders = random.Random(exact), 0, 0
+    while kills < KILLS[isolation]:
+        out, folders, attempts = tmp_path / f"out{folders}", folders + 1, 0
+        while True:
+            child = SERVER.Process(target=fly_in_child, args=(campaign, out, exact, isolation))
+            child.start()
+            if attempts < 4:  # then let it end
+                if isolation == PROCESSES and attempts:  # in the air: processes take their time to start
+                    held = count_blocks(out)
+                    while child.exitcode is None and count_blocks(out) == held:
+                        child.join(0.02)
+                child.join(moments.uniform(0.05, 0.5))
+            else:
+                child.join()
+            attempts += 1
+            if child.exitcode is not None:
+                assert child.exitcode == 0
+                break
+            os.kill(child.pid, signal.SIGKILL)
+            child.join()
+            wait_for_nobody(child.pid)
+            kills += 1
+        done = run_campaign(Request(campaign, out), ENGINE)  # complete: reads and proves every block
+        assert done.complete and done.manifest["digest"] == whole["digest"]
+        for name in ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet"):
+            assert pq.read_table(out / name).equals(pq.read_table(tmp_path / "whole" / name))
+        assert not list(out.rglob("*.aside"))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_polite_signal_ends_with_a_manifest_that_says_so(tmp_path, number, capfd):
+    campaign = write_campaign(tmp_path / "files", execution="{batch: 16}")
+    child = SERVER.Process(target=fly_in_child, args=(campaign, tmp_path / "out", 4096))
+    child.start()
+    while not list((tmp_path / "out/flights").glob("*.parquet")):
+        time.sleep(0.01)
+    os.kill(child.pid, number)
+    child.join()
+    assert child.exitcode == 0
+    result = run_campaign(Request(campaign, tmp_path / "out", runs=None), ENGINE)
+    assert result.complete
+
+
+def fly_within(campaign, out, size):
+    """Exit code 3 where a file may not grow to what it should be: all that a full disk does, and no root needed."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+    try:
+        fly_in_child(campaign, out, 4096)
+    except StorageFullError:
+        sys.exit(3)
+
+
+def test_a_disk_that_fills_up_anywhere_loses_nothing(tmp_path, capfd):
+    """Plans, samples, states of envelopes, blocks, histories: each file is once the one that does not fit."""
+    campaign = write_campaign(tmp_path / "files", execution="{batch: 100}")
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    sizes = {path.stat().st_size for path in (tmp_path / "whole").rglob("*") if path.is_file()}
+    codes = []
+    for size in sorted(sizes):
+        child = SERVER.Process(target=fly_within, args=(campaign, tmp_path / "out", size))
+        child.start()
+        child.join()
+        codes.append(child.exitcode)
+        assert not list((tmp_path / "out").rglob("*.aside"))
+    assert codes.count(3) > 5 and set(codes) <= {0, 3}
+    done = run_campaign(Request(campaign, tmp_path / "out"), ENGINE)
+    assert done.complete and done.manifest["digest"] == whole["digest"]

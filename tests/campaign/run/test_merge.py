@@ -1,0 +1,118 @@
+"""Shards flown apart and merged are the campaign flown whole; what does not fit is refused."""
+
+import json
+import shutil
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from campaign.fake_flight import ENGINE, write_campaign
+
+from abhv_mc.campaign.envelopes import collector
+from abhv_mc.campaign.run.merge import merge_campaign
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
+from abhv_mc.io.input_error import InputError
+from abhv_mc.store.plans import read_plan, write_plan
+
+FILES = ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet", "histories/two-000000.parquet")
+
+
+@pytest.fixture(autouse=True)
+def quiet(capfd):
+    """Progress goes to standard error."""
+
+
+def fly_shards(tmp_path, number=3, **entries):
+    campaign = write_campaign(tmp_path / "f", **entries)
+    parts = [tmp_path / f"part{i}" for i in range(1, number + 1)]
+    for i, part in enumerate(parts, 1):
+        assert run_campaign(Request(campaign, part, shard=(i, number)), ENGINE).complete
+    return campaign, parts
+
+
+@pytest.mark.parametrize("exact", [4096, 0])
+@pytest.mark.parametrize("sampling", ["random", "lhs"])
+def test_merged_shards_are_the_whole_campaign(tmp_path, exact, sampling, monkeypatch):
+    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
+    campaign, parts = fly_shards(tmp_path, sampling=sampling, execution="{batch: 33}")
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    merged = merge_campaign([parts[2], parts[0], parts[1]], tmp_path / "merged", ENGINE)
+    assert merged.complete and merged.manifest["digest"] == whole["digest"]
+    assert merged.manifest["runs_done"] == 300 and merged.manifest["requirements"] == whole["requirements"]
+    assert merged.manifest["campaign_hash"] == whole["campaign_hash"]
+    for name in FILES:
+        assert pq.read_table(tmp_path / "whole" / name).equals(pq.read_table(tmp_path / "merged" / name))
+
+
+def test_a_shard_holds_its_flights_only_and_resumes(tmp_path):
+    campaign, parts = fly_shards(tmp_path)
+    assert sorted(set(pq.read_table(parts[1] / "flights")["flight"].to_pylist())) == list(range(100, 200))
+    next((parts[1] / "flights").glob("one-*")).unlink()
+    assert run_campaign(Request(campaign, parts[1], shard=(2, 3)), ENGINE).complete
+    for shard in (None, (1, 3)):
+        with pytest.raises(InputError, match="shard 2/3"):
+            run_campaign(Request(campaign, parts[1], shard=shard), ENGINE)
+
+
+def spoil(parts, manifest):
+    path = parts[1] / "manifest.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | manifest))
+
+
+def change_plan(parts):
+    plan = read_plan(parts[1] / "plans/two.npz")
+    plan.gains[3, 1] = np.nextafter(plan.gains[3, 1], 9.0)
+    write_plan(parts[1] / "plans/two.npz", plan)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda parts: parts.pop(), "no shard 3 of 3"),
+        (lambda parts: parts.append(parts[0]), "shard 1/3 a second time"),
+        (lambda parts: spoil(parts, {"state": "interrupted"}), "a shard that is interrupted"),
+        (lambda parts: spoil(parts, {"campaign_hash": "0"}), "another campaign hash"),
+        (lambda parts: spoil(parts, {"source_hash": "0"}), "another source hash"),
+        (lambda parts: spoil(parts, {"shard": None}), "no shard of a campaign"),
+        (lambda parts: shutil.copy(parts[0].parent / "other/samples.parquet", parts[1]), "other samples"),
+        (change_plan, "another plan of 'two'"),
+    ],
+)
+def test_what_does_not_fit_is_refused(tmp_path, change, words):
+    _, parts = fly_shards(tmp_path)
+    run_campaign(Request(write_campaign(tmp_path / "g", seed="6"), tmp_path / "other"), ENGINE)
+    change(parts)
+    with pytest.raises(InputError, match=words):
+        merge_campaign(parts, tmp_path / "merged", ENGINE)
+    assert not (tmp_path / "merged").exists()
+
+
+def test_a_lost_block_shows_in_the_digest_or_is_flown_again(tmp_path):
+    """What a part lost after it was complete does not go unnoticed: the sum of the digests is that of all its rows."""
+    campaign, parts = fly_shards(tmp_path)
+    next((parts[1] / "flights").glob("one-*")).unlink()
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    assert merge_campaign(parts, tmp_path / "merged", ENGINE).manifest["digest"] == whole["digest"]
+
+
+def test_plans_travel_from_folder_to_folder(tmp_path):
+    campaign, parts = fly_shards(tmp_path, 1)
+
+    def never(*_):
+        raise AssertionError("prepared anew")
+
+    from dataclasses import replace
+
+    request = Request(campaign, tmp_path / "b", shard=(1, 2), plans_from=parts[0])
+    assert run_campaign(request, replace(ENGINE, prepare=never)).complete
+    (campaign.parent / "one.yaml").write_text("gain: 3.0\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"another inputs/controllers/one/one\.yaml"):
+        run_campaign(Request(campaign, tmp_path / "c", plans_from=parts[0]), ENGINE)
+
+
+@pytest.mark.parametrize("shard", [(0, 3), (4, 3), (1, 301)])
+def test_shards_that_cannot_be(tmp_path, shard):
+    with pytest.raises(InputError, match="--shard"):
+        run_campaign(Request(write_campaign(tmp_path / "f"), tmp_path / "out", shard=shard), ENGINE)
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,100 @@
+"""Designs: what each promises of its numbers, and that nothing moves flight k."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from abhv_mc.campaign.sampling.designs import Design, count_flights
+from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
+
+# First numbers of seed 2014, atmosphere.density.
+PINNED = [0.017774777221241878, 0.20880064504902818]
+NAMES = ("atmosphere.density", "aero.lift", "aero.drag")
+
+
+def draw(kind, flights=512, seed=7, names=NAMES, first=0, stop=None, levels=2):
+    return Design(kind, seed, names, flights, levels).draw(first, flights if stop is None else stop)
+
+
+@pytest.mark.parametrize("kind", ["random", "lhs", "sobol", "halton"])
+def test_columns_are_uniform(kind):
+    numbers = draw(kind, 2000)
+    assert numbers.min() > 0.0 and numbers.max() < 1.0
+    for column in numbers.T:
+        assert stats.kstest(column, "uniform").pvalue > 1e-3
+
+
+@pytest.mark.parametrize("kind", ["random", "lhs", "sobol", "halton"])
+@pytest.mark.parametrize("first, stop", [(0, 1), (5, 12), (4090, 4100), (500, 512)])
+def test_a_slice_is_the_whole_cut(kind, first, stop):
+    whole = draw(kind, 4200)
+    np.testing.assert_array_equal(draw(kind, 4200, first=first, stop=stop), whole[first:stop])
+
+
+@pytest.mark.parametrize("kind", ["random", "sobol", "halton"])
+def test_extending_keeps_the_first_flights(kind):
+    np.testing.assert_array_equal(draw(kind, 5000)[:300], draw(kind, 300))
+
+
+@pytest.mark.parametrize("kind", ["random", "lhs", "sobol", "halton"])
+def test_an_added_parameter_shifts_no_other(kind):
+    more = draw(kind, names=("wind.north", "aero.lift", "mass.total", "aero.drag", "atmosphere.density"))
+    np.testing.assert_array_equal(more[:, [4, 1, 3]], draw(kind))
+
+
+@pytest.mark.parametrize("kind", ["random", "lhs", "sobol", "halton"])
+def test_neighbouring_seeds_and_parameters_share_nothing(kind):
+    columns = np.column_stack([draw(kind, seed=7), draw(kind, seed=8)])
+    correlation = np.corrcoef(columns.T) - np.eye(6)
+    if kind in ("sobol", "halton"):  # two scrambles of one dimension are the same net: seeds show in the points only
+        correlation = correlation[:3, :3]
+    assert np.abs(correlation).max() < 4.0 / np.sqrt(512)  # four standard errors
+    assert len(np.unique(columns)) == columns.size
+
+
+def test_streams_do_not_overlap_when_shifted():
+    """A stream that were another one's continuation would show at some lag."""
+    one, two = (draw_uniforms(stream_key(seed, "aero.lift"), 0, 2000) for seed in (1, 2))
+    assert not np.intersect1d(one, two).size
+
+
+def test_latin_hypercube_has_one_flight_per_slice():
+    for column in draw("lhs", 100).T:
+        assert sorted(np.floor(column * 100)) == list(range(100))
+
+
+def test_sobol_fills_every_binary_slice_and_pairs_of_them():
+    numbers = draw("sobol", 256)
+    for column in numbers.T:
+        assert sorted(np.floor(column * 256)) == list(range(256))
+    assert stats.qmc.discrepancy(numbers) < 0.2 * stats.qmc.discrepancy(draw("random", 256))
+
+
+def test_corners_grid_and_one_at_a_time():
+    assert count_flights("corners", 3, 2) == 8 and count_flights("grid", 2, 5) == 25
+    assert count_flights("one_at_a_time", 3, 2) == 7 and count_flights("random", 3, 2) is None
+    corners = draw("corners", 8)
+    assert len(np.unique(corners, axis=0)) == 8 and set(corners.ravel()) == {0.0, 1.0}
+    grid = draw("grid", 9, names=NAMES[:2], levels=3)
+    np.testing.assert_array_equal(grid[:4], [[0, 0], [0, 0.5], [0, 1], [0.5, 0]])
+    one = draw("one_at_a_time", 7)
+    np.testing.assert_array_equal(one[:4], [[-1, -1, -1], [0, -1, -1], [1, -1, -1], [-1, 0, -1]])
+
+
+def test_first_numbers_of_a_stream_never_change():
+    """Pinned: a change here would silently change every campaign ever flown."""
+    np.testing.assert_array_equal(draw("random", 2, seed=2014)[:, 0], PINNED)
+
+
+def test_saltelli_groups_share_values_in_its_pattern():
+    design = Design("saltelli", 3, NAMES, 5 * 64)
+    rows = design.draw(0, 5 * 64).reshape(64, 5, 3)
+    a, b = rows[:, 0], rows[:, -1]
+    assert not np.any(a == b)
+    for i in range(3):
+        mixed = a.copy()
+        mixed[:, i] = b[:, i]
+        np.testing.assert_array_equal(rows[:, 1 + i], mixed)
+    assert len(np.unique(a)) == a.size and rows.min() > 0.0 and rows.max() < 1.0
+    np.testing.assert_array_equal(design.draw(17, 123), rows.reshape(-1, 3)[17:123])
+    assert not np.any(Design("saltelli", 4, NAMES, 5).draw(0, 5) == rows[0])

@@ -1,0 +1,151 @@
+"""A flight does not depend on how it is flown: alone, abreast, in which order, beside what, compiled or not."""
+
+import dataclasses
+import os
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.kernel import COMPACTION
+from abhv_mc.flight.memory import TOGETHER
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import LANES
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+
+FLIGHTS = LANES
+FACTOR = 0.05
+HALF_WIDTH = {"-": 2e-4, "m": 0.02, "m/s": 3.0, "1/s": 1e-4, "rad": 0.005, "rad/s": 0.001, "s": 0.02}  # what adds
+NEVER_NEGATIVE = ("_noise", "turbulence", "delay", "gust_start")
+
+
+@pytest.fixture(scope="module")
+def plans(repository):
+    """Plans of two controllers over the first 3 s of the S manoeuvre: the bank steps at once."""
+    configs = repository / "configs"
+    vehicle, mission = configs / "vehicle" / "ghame_x_coupled.yaml", configs / "mission" / "s_manoeuvre.yaml"
+    made = {name: prepare(vehicle, mission, configs / "control" / f"{name}.yaml", name) for name in ("tlc", "lqr")}
+    return {name: shorten(plan, 300) for name, plan in made.items()}
+
+
+def shorten(plan, ticks):
+    return dataclasses.replace(plan, timing=plan.timing._replace(ticks=ticks))
+
+
+@pytest.fixture(scope="module")
+def dispersed():
+    """Every parameter dispersed in every flight."""
+    generator = np.random.default_rng(16)
+    widths = [FACTOR if parameter.nominal else HALF_WIDTH[parameter.unit] for parameter in PARAMETERS]
+    widths[PARAMETER_INDEX["one"]] = 0.0
+    errors = generator.uniform(-1.0, 1.0, (FLIGHTS, len(PARAMETERS))) * widths
+    for i, parameter in enumerate(PARAMETERS):
+        if parameter.name.endswith(NEVER_NEGATIVE):
+            errors[:, i] = 0.1 * np.abs(errors[:, i])
+    return nominal_parameters(FLIGHTS) + errors
+
+
+def result(block):
+    return (block.outcome, block.end_time, block.metrics, block.history, block.states)
+
+
+def assert_equal(one, other, order=slice(None)):
+    for mine, theirs in zip(one, other, strict=True):
+        assert np.array_equal(mine[order], theirs, equal_nan=mine.dtype.kind == "f")
+
+
+@pytest.mark.parametrize("law", ["tlc", "lqr"])
+def test_one_at_a_time_is_abreast(plans, dispersed, law):
+    abreast = fly(plans[law], dispersed, record_every=10, keep_states=True)
+    alone = fly(plans[law], dispersed, record_every=10, keep_states=True, lanes=1)
+    assert abreast.outcome.tolist() == [Outcome.OK] * FLIGHTS
+    assert len({row.tobytes() for row in abreast.metrics}) == FLIGHTS  # they really differ
+    assert_equal(result(abreast), result(alone))
+
+
+@pytest.mark.parametrize("law", ["tlc", "lqr"])
+def test_packing_does_not_matter(plans, dispersed, law):
+    together = result(fly(plans[law], dispersed, record_every=50, keep_states=True))
+    order = np.random.default_rng(3).permutation(FLIGHTS)
+    assert_equal(together, result(fly(plans[law], dispersed[order], 50, keep_states=True)), order)
+    few = [11, 2, 7]  # spare lanes
+    assert_equal(together, result(fly(plans[law], dispersed[few], 50, keep_states=True)), few)
+
+
+@pytest.mark.parametrize("broken", [("atmosphere.density", np.nan), ("aero.lift", np.inf), ("mass.total", 0.0)])
+def test_a_neighbour_that_breaks_does_not_matter(plans, dispersed, broken):
+    healthy = result(fly(plans["tlc"], dispersed, record_every=50, keep_states=True))
+    name, value = broken
+    others = dispersed.copy()
+    others[[0, 5, 15], PARAMETER_INDEX[name]] = value
+    beside = fly(plans["tlc"], others, record_every=50, keep_states=True)
+    assert (beside.outcome[[0, 5, 15]] == Outcome.NOT_FINITE).all()
+    assert (beside.end_time[[0, 5, 15]] < 0.1).all()
+    kept = np.setdiff1d(np.arange(FLIGHTS), [0, 5, 15])
+    assert_equal(healthy, tuple(values[kept] for values in result(beside)), kept)
+
+
+def test_a_flight_does_not_see_the_one_before_it(plans, dispersed):
+    # One flight more than lanes: the last starts in lanes that others have flown in, and one of those has broken down.
+    wrecked = np.concatenate([dispersed, dispersed[:1]])
+    wrecked[:FLIGHTS, PARAMETER_INDEX["atmosphere.density"]] = np.nan
+    after = fly(plans["tlc"], wrecked, record_every=50, keep_states=True)
+    fresh = fly(plans["tlc"], dispersed[:1], record_every=50, keep_states=True)
+    assert_equal(result(after), result(fresh), slice(FLIGHTS, None))
+
+
+def test_states_cost_nothing_where_not_asked_for(plans, dispersed):
+    with_states = fly(plans["tlc"], dispersed, record_every=50, keep_states=True)
+    without = fly(plans["tlc"], dispersed, record_every=50)
+    assert without.states.size == 0
+    assert with_states.states.shape == (FLIGHTS, 7, 22)
+    assert_equal(result(with_states)[:4], result(without)[:4])
+    altitude = with_states.states[:, :, 0]
+    assert (altitude.astype(np.float32) == without.history[:, :, 0]).all()
+
+
+PLAIN = """
+import pickle, sys
+from pathlib import Path
+import numpy as np
+import numba
+assert numba.config.DISABLE_JIT
+from abhv_mc.flight.fly import fly
+plans, parameters = pickle.loads(Path(sys.argv[1]).read_bytes())
+for law, plan in plans.items():
+    block = fly(plan, parameters, record_every=1, keep_states=True, lanes=1)
+    np.savez(Path(sys.argv[1]).with_name(law), states=block.states, metrics=block.metrics, outcome=block.outcome)
+"""
+
+
+def test_plain_python_flies_the_same(plans, dispersed, tmp_path):
+    ticks = 6
+    short = {law: shorten(plan, ticks) for law, plan in plans.items()}
+    (tmp_path / "plans.pickle").write_bytes(pickle.dumps((short, dispersed)))
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, "-c", PLAIN, str(tmp_path / "plans.pickle")], env=environment, check=True)
+    for law, plan in short.items():
+        compiled = fly(plan, dispersed, record_every=1, keep_states=True)
+        plain = np.load(tmp_path / f"{law}.npz")
+        assert np.array_equal(plain["states"], compiled.states)
+        assert np.array_equal(plain["metrics"], compiled.metrics)
+        assert np.array_equal(plain["outcome"], compiled.outcome)
+
+
+def test_flights_that_take_the_lanes_of_ended_ones_stay_the_same(repository):
+    # Centres of gravity far enough aft end flights at many moments; more flights than close ranks together.
+    configs = repository / "configs"
+    vehicle, mission = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
+    plan = shorten(prepare(vehicle, mission, configs / "control" / "lqr.yaml", "lqr"), 3 * COMPACTION + 7)
+    parameters = nominal_parameters(TOGETHER + 45)
+    errors = np.random.default_rng(3).uniform(-0.4, 0.4, len(parameters))
+    parameters[:, PARAMETER_INDEX["mass.center_of_gravity_x"]] += errors
+    abreast = fly(plan, parameters, record_every=50, keep_states=True)
+    ended = abreast.end_time[abreast.outcome != Outcome.OK]
+    segments = np.unique((ended / plan.timing.tick) // COMPACTION)
+    assert 20 < len(ended) < len(parameters) - 20 and len(segments) >= 3
+    assert_equal(result(abreast), result(fly(plan, parameters, record_every=50, lanes=1, keep_states=True)))

@@ -1,0 +1,208 @@
+"""What a file may hold, and that a refusal names the place."""
+
+import pickle
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import Field, model_validator
+
+from abhv_mc.io.documents import (
+    Document,
+    File,
+    InputError,
+    InputErrors,
+    Refusal,
+    StrictModel,
+    read_document,
+    validate,
+    write_document,
+)
+from abhv_mc.io.units import Fraction, Length
+
+
+class Uniform(StrictModel):
+    distribution: Literal["uniform"]
+    half_width: Fraction
+
+
+class Normal(StrictModel):
+    distribution: Literal["normal"]
+    standard_deviation: Fraction
+
+
+class Campaign(StrictModel):
+    name: str
+    runs: Annotated[int, Field(gt=0)]
+    altitudes: tuple[Length, ...] = ()
+    step: float = 1.0
+    sampling: Literal["random", "lhs"] = "random"
+    vehicle: File | None = None
+    dispersions: dict[str, Annotated[Uniform | Normal, Field(discriminator="distribution")]] = Field(
+        default_factory=dict
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "Campaign":
+        if self.name == "same":
+            raise Refusal("the name 'same'", "another", ("name",))
+        return self
+
+
+def document(folder: Path, text: str | bytes) -> Document:
+    path = folder / "x.yaml"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return read_document(path)
+
+
+def refusals(folder: Path, text: str) -> list[InputError]:
+    with pytest.raises(InputErrors) as caught:
+        validate(document(folder, text), Campaign)
+    return list(caught.value.errors)
+
+
+GOOD = "name: a\nruns: 3\n"
+
+
+def test_values_and_places(tmp_path: Path) -> None:
+    read = document(tmp_path, "a: 1\nb:\n  - x: 2.5\n    y: [true, null, ~, 'no']\n  - no\n  - 2014-01-31\n")
+    assert read.data == {"a": 1, "b": [{"x": 2.5, "y": [True, None, None, "no"]}, "no", "2014-01-31"]}
+    assert read.position("a") == (1, 4)
+    assert read.key_position("a") == (1, 1)
+    assert read.position("b", 0, "y", 3) == (4, 24)
+    assert read.key_position("b", 0, "y") == (4, 5)
+    assert read.position("b", 0, "missing", 7) == read.position("b", 0) == (3, 5)
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "found"),
+    [
+        ("a: 1\na: 2\n", (2, 1), "'a' again"),
+        ("a: {b: 1, b: 2}\n", (1, 11), "'b' again"),
+        ("a: 1\n\tb: 2\n", (2, 1), "tab"),
+        ("a: 1\nb: [1\n", (3, 1), "expected"),
+        ("a: b: c\n", (1, 5), "mapping values"),
+        ("a: !!python/object/apply:os.system [ls]\n", (1, 4), "tag"),
+        ("a: !vehicle {}\n", (1, 4), "!vehicle"),
+        ("a: !!binary aGVsbG8=\n", (1, 4), "!!binary"),
+        ("x: 1\na: *unknown\n", (2, 4), "alias"),
+        ("a: &a [*a]\n", (1, 4), "levels"),
+        ("1: a\n", (1, 1), "key 1"),
+        ("? [a]\n: b\n", (1, 3), "key"),
+        ("a: .nan\n", (1, 4), ".nan"),
+        ("a: -.inf\n", (1, 4), "-.inf"),
+        ("a: 1e999\n", (1, 4), "1e999"),
+        (f"a: {'9' * 400}\n", (1, 4), "999"),
+        ("a: 1\n---\nb: 2\n", (2, 1), "second document"),
+        (b"a: 1\nb: \xff\n", (2, 4), "0xff"),
+        ("a: 1\nb: \x01\n", (2, 4), "\\x01"),
+        ("", (1, 1), "empty"),
+        ("# nothing\n", (1, 1), "empty"),
+    ],
+)
+def test_refused_text(tmp_path: Path, text: str | bytes, place: tuple[int, int], found: str) -> None:
+    with pytest.raises(InputError) as caught:
+        document(tmp_path, text)
+    error = caught.value
+    assert (error.line, error.column) == place
+    assert found in error.found
+    assert str(error).startswith(f"{tmp_path / 'x.yaml'}:{place[0]}:{place[1]}: found ")
+
+
+def test_refused_bombs(tmp_path: Path) -> None:
+    aliases = "a: &a [x, x, x, x, x, x, x, x, x, x]\n"
+    for name, before in zip("bcdefg", "abcdef", strict=True):
+        aliases += f"{name}: &{name} [{', '.join([f'*{before}'] * 10)}]\n"
+    for text in (aliases, "[" * 50, "[" * 100_000, "#" * 3_000_000):
+        with pytest.raises(InputError):
+            document(tmp_path, text)
+
+
+def test_refused_paths(tmp_path: Path) -> None:
+    for path in (tmp_path / "missing.yaml", tmp_path):
+        with pytest.raises(InputError, match=r"found (no such file|a folder); wanted a YAML file"):
+            read_document(path)
+
+
+def test_valid(tmp_path: Path) -> None:
+    (tmp_path / "vehicle.yaml").touch()
+    model = validate(
+        document(
+            tmp_path,
+            GOOD + "altitudes: [20 km, 100 ft]\nstep: 2\nvehicle: vehicle.yaml\n"
+            "dispersions: {a: {distribution: uniform, half_width: 10 %}}\n",
+        ),
+        Campaign,
+    )
+    assert model.altitudes == (20_000.0, 30.48)
+    assert model.step == 2.0
+    assert model.vehicle == tmp_path / "vehicle.yaml"
+    assert model.dispersions == {"a": Uniform(distribution="uniform", half_width=0.1)}
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "found", "wanted"),
+    [
+        (GOOD + "sampling: lsh\n", (3, 11), "'lsh'", "one of random, lhs (did you mean 'lhs'?)"),
+        (GOOD + "vehicel: x\n", (3, 1), "the unknown key 'vehicel'", "did you mean 'vehicle'?"),
+        ("name: a\n", (1, 1), "no key 'runs'", "'runs' here"),
+        ("name: a\nruns: 0\n", (2, 7), "0", "more than 0"),
+        ("name: a\nruns: '3'\n", (2, 7), "'3'", "a whole number"),
+        ("name: a\nruns: true\n", (2, 7), "true", "a whole number"),
+        ("name: a\nruns: 2.5\n", (2, 7), "2.5", "a whole number"),
+        ("name: 5\nruns: 3\n", (1, 7), "5", "text"),
+        ("name:\nruns: 3\n", (1, 1), "nothing", "text"),
+        (GOOD + "step: '1.5'\n", (3, 7), "'1.5'", "a number"),
+        (GOOD + "altitudes: [1 m, 20]\n", (3, 18), "20 without a unit", "a length such as '20 km'"),
+        (GOOD + "altitudes: [1 m, 20 kg]\n", (3, 18), "'20 kg', a mass", "a length"),
+        (GOOD + "altitudes: 20 m\n", (3, 12), "'20 m'", "a list"),
+        (GOOD + "vehicle: missing.yaml\n", (3, 10), "'missing.yaml', which is not there", "the path of a file"),
+        (GOOD + "dispersions: {a: {distribution: unifrm}}\n", (3, 33), "'unifrm'", "did you mean 'uniform'?"),
+        (GOOD + "dispersions: {a: {half_width: 1}}\n", (3, 18), "no key 'distribution'", "a mapping with"),
+        (GOOD + "dispersions: {a: 3}\n", (3, 18), "3", "a mapping"),
+        (GOOD + "dispersions: {a: {distribution: normal}}\n", (3, 18), "no key 'standard_deviation'", "here"),
+        (
+            GOOD + "dispersions: {normal: {distribution: normal, standard_deviation: 3 m}}\n",
+            (3, 66),
+            "'3 m', a length",
+            "a percentage",
+        ),
+        ("name: same\nruns: 3\n", (1, 7), "the name 'same'", "another"),
+        ("- 1\n", (1, 1), "a list of 1", "a mapping"),
+    ],
+)
+def test_refused_values(tmp_path: Path, text: str, place: tuple[int, int], found: str, wanted: str) -> None:
+    (error,) = refusals(tmp_path, text)
+    assert (error.line, error.column) == place
+    assert found in error.found
+    assert wanted in error.wanted
+
+
+def test_everything_wrong_is_said_in_order(tmp_path: Path) -> None:
+    errors = refusals(tmp_path, "name: 3\nruns: 0\nstep: x\nwhat: 1\n")
+    assert [error.line for error in errors] == [1, 2, 3, 4]
+
+
+def test_errors_travel_between_processes() -> None:
+    one = InputError("x.yaml", 3, None, "a", "b")
+    assert str(pickle.loads(pickle.dumps(one))) == "x.yaml:3: found a; wanted b"  # noqa: S301
+    both = pickle.loads(pickle.dumps(InputErrors([one, one])))  # noqa: S301
+    assert str(both) == f"{one}\n{one}"
+    assert (both.line, both.found) == (3, "a")
+
+
+PLAIN = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
+    max_leaves=12,
+)
+
+
+@settings(max_examples=60)
+@given(data=st.dictionaries(st.text(), PLAIN, max_size=5), comment=st.text(alphabet="abc \n#", max_size=20))
+def test_what_is_written_reads_back(tmp_path_factory: pytest.TempPathFactory, data: dict, comment: str) -> None:
+    path = tmp_path_factory.getbasetemp() / "written.yaml"
+    write_document(path, data, comment)
+    assert read_document(path).data == data

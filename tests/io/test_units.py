@@ -1,0 +1,123 @@
+"""Quantities to SI; exact factors from NIST SP 811 (2008), appendix B.8."""
+
+import contextlib
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from abhv_mc.io import units
+from abhv_mc.io.input_error import Refusal
+from abhv_mc.io.units import DIMENSIONS, Dimension, format_quantity, parse_in_unit, parse_quantity
+
+
+@pytest.mark.parametrize(
+    ("text", "dimension", "value"),
+    [
+        ("20km", units.LENGTH, 20_000.0),
+        (" 20  km ", units.LENGTH, 20_000.0),
+        ("30000 ft", units.LENGTH, 9144.0),
+        (".5 m", units.LENGTH, 0.5),
+        ("1e3 mm", units.LENGTH, 1.0),
+        ("557.42 m2", units.AREA, 557.42),
+        ("557.42 m^2", units.AREA, 557.42),
+        ("557.42 m²", units.AREA, 557.42),
+        ("1400 m/s", units.SPEED, 1400.0),
+        ("10 ft/s", units.SPEED, 3.048),
+        ("9 km/h", units.SPEED, 2.5),
+        ("-3 deg", units.ANGLE, math.radians(-3)),
+        ("−3°", units.ANGLE, math.radians(-3)),
+        ("400 deg/s", units.ANGULAR_RATE, math.radians(400)),
+        ("50 rad/s", units.ANGULAR_RATE, 50.0),
+        ("20 deg/s2", units.ANGULAR_ACCELERATION, math.radians(20)),
+        ("20 deg/s/s", units.ANGULAR_ACCELERATION, math.radians(20)),
+        ("1372 kg", units.MASS, 1372.0),
+        ("1.5 t", units.MASS, 1500.0),
+        ("1 slug", units.MASS, 14.593902937206364),  # SP 811: 1.459390 E+01
+        ("1 slug ft2", units.INERTIA, 1.3558179483314004),  # SP 811: lbf ft s2, 1.355818
+        ("2 kg*m2", units.INERTIA, 2.0),
+        ("2 kg·m2", units.INERTIA, 2.0),
+        ("1 slug/ft3", units.DENSITY, 515.3788183931961),  # SP 811: 5.153788 E+02
+        ("1 lbf", units.FORCE, 4.4482216152605),  # SP 811, exact
+        ("1 min", units.TIME, 60.0),
+        ("10 Hz", units.FREQUENCY, 10.0),
+        ("0.005 1/s", units.FREQUENCY, 0.005),
+        ("10 %", units.FRACTION, 0.1),
+        ("7%", units.FRACTION, 0.07),
+        (0.25, units.FRACTION, 0.25),
+        (3, units.FRACTION, 3.0),
+        ("0.25", units.FRACTION, 0.25),
+    ],
+)
+def test_quantity(text: str | float, dimension: Dimension, value: float) -> None:
+    assert parse_quantity(text, dimension) == pytest.approx(value, rel=2e-16, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "dimension", "found"),
+    [
+        ("20", units.LENGTH, "'20' without a unit"),
+        (20, units.LENGTH, "20 without a unit"),
+        ("20 kg", units.LENGTH, "a mass"),
+        ("20 m2", units.LENGTH, "an area"),
+        ("20 m s", units.LENGTH, "something else"),
+        ("20 %", units.LENGTH, "a number or a percentage"),
+        ("50 Hz", units.ANGULAR_RATE, "a rate"),
+        ("50 1/s", units.ANGULAR_RATE, "a rate"),
+        ("20 Km", units.LENGTH, "the unknown unit 'Km'"),
+        ("20,5 km", units.LENGTH, "unknown unit"),
+        ("20 km 30 m", units.LENGTH, "unknown unit"),
+        ("km", units.LENGTH, "'km'"),
+        ("", units.LENGTH, "''"),
+        ("nan m", units.LENGTH, "'nan m'"),
+        ("1e400 m", units.LENGTH, "'1e400 m'"),
+        ("1 m^999", units.LENGTH, "unknown unit"),
+        (True, units.FRACTION, "true"),
+        (None, units.FRACTION, "nothing"),
+        ([1], units.FRACTION, "a list"),
+        (float("nan"), units.FRACTION, "nan"),
+        (10**400, units.FRACTION, "1000"),
+        ("10 percent", units.FRACTION, "unknown unit"),
+        ("20 / km", units.LENGTH, "something else"),
+    ],
+)
+def test_refused(text: object, dimension: Dimension, found: str) -> None:
+    with pytest.raises(Refusal) as caught:
+        parse_quantity(text, dimension)  # type: ignore[arg-type]
+    assert found in caught.value.found
+    assert dimension.wanted in caught.value.wanted
+
+
+def test_bare_number_has_the_default_unit() -> None:
+    assert parse_quantity("30", units.ANGLE, bare_unit="deg") == math.radians(30)
+    assert parse_quantity(1400, units.SPEED, bare_unit="m/s") == 1400.0
+    assert parse_quantity("20 km", units.LENGTH, bare_unit="m") == 20_000.0
+
+
+def test_misspelt_unit_is_guessed() -> None:
+    with pytest.raises(Refusal, match="did you mean 'deg'"):
+        parse_quantity("3 degs", units.ANGLE)
+
+
+def test_in_a_parameter_unit() -> None:
+    assert parse_in_unit("10 %", "-") == 0.1
+    assert parse_in_unit(0.1, "-") == 0.1
+    assert parse_in_unit("100 ft", "m") == 30.48
+    assert parse_in_unit("5 m/s/km", "1/s") == 0.005  # wind shear
+    assert parse_in_unit("2 m/s2", "m/s2") == 2.0
+    for value, unit in (("10 %", "m"), (5.0, "m"), ("1 deg", "-"), ("1 deg", "rad/s")):
+        with pytest.raises(Refusal):
+            parse_in_unit(value, unit)
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from(DIMENSIONS))
+def test_written_quantity_reads_back_to_the_same_bits(value: float, dimension: Dimension) -> None:
+    back = parse_quantity(format_quantity(value, dimension), dimension)
+    assert (back, math.copysign(1, back)) == (value, math.copysign(1, value))
+
+
+@given(st.text(max_size=30), st.sampled_from(DIMENSIONS))
+def test_any_text_is_a_quantity_or_refused(text: str, dimension: Dimension) -> None:
+    with contextlib.suppress(Refusal):
+        assert math.isfinite(parse_quantity(text, dimension))

@@ -1,0 +1,15 @@
+"""Differences shown beside their tolerances: ``pytest -s`` prints the tables that the documentation quotes."""
+
+from collections.abc import Sequence
+
+from abhv_mc.verification.rows import Row
+
+
+def check(rows: Sequence[Row]) -> None:
+    """Print every row; fail where there is none, or where one is outside its tolerance."""
+    print()
+    for row in rows:
+        words = f"{row.case} | {row.simulator} | {row.quantity} | {row.difference:.1e} ({row.tolerance:.1g}) {row.unit}"
+        print(words if row.ok else f"{words}  OUTSIDE")
+    assert rows
+    assert [row for row in rows if not row.ok] == []
