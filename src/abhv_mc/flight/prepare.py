@@ -14,8 +14,8 @@ from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.control.reference import make_mission_trim_tables, make_start_trim, solve_reference
 from abhv_mc.control.surroundings import make_surroundings
 from abhv_mc.control.tlc_design import make_tlc_gains, make_tlc_settings
-from abhv_mc.io.documents import InputError
 from abhv_mc.flight.plan import FlightPlan, Limits, Timing
+from abhv_mc.io.documents import InputError
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import make_effectiveness
