@@ -52,6 +52,7 @@ def try_newest(folder: Path) -> str:
 
 
 def main() -> None:
+    """Print one line."""
     with tempfile.TemporaryDirectory() as folder:
         try:
             said = try_newest(Path(folder))
