@@ -34,7 +34,9 @@ def fly(*folders: Path) -> list[str]:
     """Which interface of numba compiled, and the hash of what was flown."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (*folders, SOURCE)))}
     command = [sys.executable, "-c", FLIGHT]
-    done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True, timeout=FLYING)
+    done = subprocess.run(  # noqa: S603
+        command, env=environment, check=True, capture_output=True, text=True, timeout=FLYING
+    )
     return done.stdout.split()
 
 
@@ -42,7 +44,7 @@ def try_newest(folder: Path) -> str:
     """A sentence on the newest numba."""
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--pre", "--no-deps"]
     packages = ["--only-binary=:all:", "--target", str(folder), "numba", "llvmlite"]
-    subprocess.run([*command, *packages], check=True, capture_output=True, text=True, timeout=INSTALLING)
+    subprocess.run([*command, *packages], check=True, capture_output=True, text=True, timeout=INSTALLING)  # noqa: S603
     newest = {found.name: found.version for found in distributions(path=[str(folder)])}
     if newest["numba"] == version("numba"):
         return f"{newest['numba']} is the newest, and the one installed"
