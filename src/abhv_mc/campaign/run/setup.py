@@ -29,7 +29,7 @@ from abhv_mc.store.histories import write_nominal, write_reference
 from abhv_mc.store.lock import hold_lock
 from abhv_mc.store.manifest import COMPLETE, RUNNING, read_manifest, write_manifest
 from abhv_mc.store.plans import read_plan, write_plan
-from abhv_mc.store.provenance import find_commit, find_machine, find_versions
+from abhv_mc.store.provenance import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.store.samples import ROW_GROUP, SampleReader, write_samples
 
 Prepare = Callable[[Path, Path, Path, str], FlightPlan]
@@ -305,6 +305,7 @@ def _new_manifest(campaign: CheckedCampaign, resolved: ResolvedCampaign, engine:
         "controllers": {},
         "requirements": [],
         "versions": find_versions(),
+        "compiler": find_compiler(),
         "commit": find_commit(),
         "machine": find_machine() | {"device": engine.device},
         "command": sys.argv[1:],
