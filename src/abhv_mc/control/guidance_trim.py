@@ -252,7 +252,8 @@ def _trim_along(tables, constants, points, mass, tick, held_eta, warm, bounds, c
         if tick > 0.0:
             thrust = wanted.q_area * _look_up(alpha, THRUST, cut)
             impulse = _look_up(alpha, IMPULSE, cut)  # zero where an engine does not run
-            burnt = thrust / (constants.standard_gravity * impulse) * tick if impulse > 0.0 else 0.0
+            burns = impulse > 0.0 and constants.burns_fuel > 0.0
+            burnt = thrust / (constants.standard_gravity * impulse) * tick if burns else 0.0
             mass = max(mass - burnt, constants.mass_empty)
 
 

@@ -23,6 +23,7 @@ from abhv_mc.plant.trim import TrimPoint
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.vehicle.warnings import find_vehicle_warnings
 from abhv_mc.world.earth import Earth, radii
 
 _ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # a small angle inside of most tables' cells
@@ -75,7 +76,7 @@ def make_plan(
     if nominal.status.all():
         wanted = "a mission that this vehicle can fly"
         raise InputError(mission_file or mission.name, None, None, "; ".join(warnings), wanted)
-    warnings += limit_faults(controller, reference)
+    warnings += limit_faults(controller, reference) + find_vehicle_warnings(vehicle)
     start = make_start_trim(mission, vehicle)
     if start.fault:
         warnings.append(f"at the start {start.fault}")

@@ -194,7 +194,7 @@ def sureness_sentence(numbers: Mapping[str, Any]) -> str:
     if campaign["looks"] and len(flown) == 1:
         text += " " + _stopping_sentence(campaign, flown.pop())
     for warning in numbers["warnings"]:
-        text += f" The reference itself is not flyable everywhere: {warning}."
+        text += f" Note: {warning}."
     if numbers["state"] != "complete":
         text += " The campaign is not complete; all numbers are preliminary."
     return text
