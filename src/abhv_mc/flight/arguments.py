@@ -100,17 +100,17 @@ def make_kernel_plan(plan: FlightPlan, parameters: Floats, every: int) -> Kernel
             parameters,
         ),
         KernelPlan,
-        "the plan",
+        "plan",
     )
     columns, settings = _COLUMNS[plan.law]
-    check_shape(made.initial_state, (N_STATES,), "the plan's initial_state")
+    check_shape(made.initial_state, (N_STATES,), "plan.initial_state")
     check_shape(made.parameters, (None, N_PARAMETERS), "parameters")
-    check_shape(made.reference, (None, len(REFERENCE)), "the plan's reference")
-    check_shape(made.gains, (None, columns), "the plan's gains")
-    check_shape(made.settings, (settings,), "the plan's settings")
+    check_shape(made.reference, (None, len(REFERENCE)), "plan.reference")
+    check_shape(made.gains, (None, columns), "plan.gains")
+    check_shape(made.settings, (settings,), "plan.settings")
     rows = min(len(made.reference), len(made.gains))
     if rows <= plan.timing.ticks:
-        raise ValueError(f"the plan's reference or gains have {rows} rows for control ticks 0 to {plan.timing.ticks}")
+        raise ValueError(f"plan.reference or gains have {rows} rows for control ticks 0 to {plan.timing.ticks}")
     return made
 
 
@@ -122,7 +122,7 @@ def conform(value: Any, kind: Any, name: str) -> Any:
     """
     if hasattr(kind, "_fields"):
         members = zip(_hints(kind).items(), value, strict=True)
-        return kind(*(conform(member, hint, f"{name}'s {field}") for (field, hint), member in members))
+        return kind(*(conform(member, hint, f"{name}.{field}") for (field, hint), member in members))
     if kind in (int, float):
         if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
             raise ValueError(f"{name} is {value!r:.60}, not a number")
@@ -152,14 +152,14 @@ def check_written(plan: KernelPlan, memory: Memory, results: Results) -> None:
     Raises ValueError.
     """
     flights = len(plan.parameters)
-    check_shape(results.metrics, (flights, len(METRICS)), "the results' metrics")
-    check_shape(results.outcome, (flights,), "the results' outcome")
-    check_shape(results.end_tick, (flights,), "the results' end_tick")
+    check_shape(results.metrics, (flights, len(METRICS)), "results.metrics")
+    check_shape(results.outcome, (flights,), "results.outcome")
+    check_shape(results.end_tick, (flights,), "results.end_tick")
     samples = plan.timing.ticks // plan.record_every + 1 if plan.record_every else 0
-    check_shape(results.history, (flights, samples, len(CHANNELS)), "the results' history")
-    check_shape(results.states, (flights, samples if results.states.size else 0, N_STATES), "the results' states")
+    check_shape(results.history, (flights, samples, len(CHANNELS)), "results.history")
+    check_shape(results.states, (flights, samples if results.states.size else 0, N_STATES), "results.states")
     written = []
-    for value, of in ((memory, "the memory"), (results, "the results")):
+    for value, of in ((memory, "memory"), (results, "results")):
         for name, array, kind in _arrays(value, of):
             check_type(array, kind, name)
             if not (array.flags.c_contiguous and array.flags.aligned and array.flags.writeable):
@@ -171,7 +171,7 @@ def check_written(plan: KernelPlan, memory: Memory, results: Results) -> None:
         if start < end:
             raise ValueError(f"{name} and {other} share memory and both are written to")
     starts = [start for start, _, _ in written]
-    for name, array, _ in _arrays(plan, "the plan"):
+    for name, array, _ in _arrays(plan, "plan"):
         start, end = np.lib.array_utils.byte_bounds(array)
         below = bisect_left(starts, end) - 1  # the last written array that begins before this one ends
         if array.size and below >= 0 and written[below][1] > start:
@@ -182,9 +182,9 @@ def _arrays(value: Any, name: str) -> Iterator[tuple[str, NDArray[Any], Any]]:
     """The arrays of a named tuple, however deep, with their names and annotations."""
     for (field, hint), member in zip(_hints(type(value)).items(), value, strict=True):
         if hasattr(hint, "_fields"):
-            yield from _arrays(member, f"{name}'s {field}")
+            yield from _arrays(member, f"{name}.{field}")
         elif hint not in (int, float):
-            yield f"{name}'s {field}", member, hint
+            yield f"{name}.{field}", member, hint
 
 
 @cache

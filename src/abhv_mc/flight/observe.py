@@ -56,6 +56,8 @@ END_ROW = VERDICT + 1  # of the lane memory
 def find_row(source: str) -> int:
     """Row of the lane memory where a source stands. Raises ValueError for one that there is not."""
     row = _row_in_memory(source)
+    if row is None and source not in DERIVED:
+        raise ValueError(f"'{source}' is no row of the lane memory and no function of abhv_mc.flight.derived")
     return FIRST_DERIVED + DERIVED.index(source) if row is None else row
 
 
