@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.control import tlc_loops
+from abhv_mc.control.laws import tlc_loops
 from abhv_mc.verification import loops
 from abhv_mc.verification.linear_plant import LOOPS, Distance, compare_linear_plant
 from abhv_mc.verification.loops import verify_tlc_loops

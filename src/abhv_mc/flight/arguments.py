@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.control.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
-from abhv_mc.control.recorded import RECORDED_GAINS
+from abhv_mc.control.laws.recorded import RECORDED_GAINS
 from abhv_mc.flight.memory import Memory
 from abhv_mc.flight.observe import Observed, make_observed
 from abhv_mc.flight.plan import FlightPlan, Timing
@@ -110,7 +110,7 @@ def make_kernel_plan(plan: FlightPlan, parameters: Floats, every: int) -> Kernel
     check_shape(made.settings, (settings,), "plan.settings")
     rows = min(len(made.reference), len(made.gains))
     if rows <= plan.timing.ticks:
-        raise ValueError(f"plan.reference or gains have {rows} rows for control ticks 0 to {plan.timing.ticks}")
+        raise ValueError(f"plan.reference or plan.gains has {rows} rows for control ticks 0 to {plan.timing.ticks}")
     return made
 
 

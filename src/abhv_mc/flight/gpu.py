@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.control.trim_lookup import AXES, TrimCells
+from abhv_mc.control.laws.trim_lookup import AXES, TrimCells
 from abhv_mc.flight.arguments import LAWS, Results, make_kernel_plan, make_results
 from abhv_mc.flight.fly import check_parameters, make_block
 from abhv_mc.flight.kernel import fly_groups

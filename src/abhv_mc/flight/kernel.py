@@ -8,9 +8,9 @@ tuples: the plan, which is only read (:class:`abhv_mc.flight.arguments.KernelPla
 
 from collections.abc import Callable
 
-from abhv_mc.control.lqr import lqr_tick
-from abhv_mc.control.recorded import recorded_tick
-from abhv_mc.control.tlc import tlc_tick
+from abhv_mc.control.laws.lqr import lqr_tick
+from abhv_mc.control.laws.recorded import recorded_tick
+from abhv_mc.control.laws.tlc import tlc_tick
 from abhv_mc.flight import observe
 from abhv_mc.flight.arguments import LQR, RECORDED, TLC
 from abhv_mc.flight.memory import Z_ROWS, has_width, restore_lanes, save_lane

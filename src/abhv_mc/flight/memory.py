@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abhv_mc.control.trim_lookup import TrimCells, make_trim_cells
+from abhv_mc.control.laws.trim_lookup import TrimCells, make_trim_cells
 from abhv_mc.flight import observe
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.lane_memory import aligned_zeros

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.control.trim_tables import trim_elevator
+from abhv_mc.control.design.trim_tables import trim_elevator
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.plan import Timing
 from abhv_mc.numerics.quaternion import from_euler

@@ -14,7 +14,7 @@ AXES = 3  # Mach, angle of attack, equivalence ratio
 _MACH_AXIS, _ALPHA_AXIS, _ETA_AXIS = range(AXES)
 _MACH = variable_row("mach")
 
-# Rows of the trim tables, in the order of abhv_mc.control.trim_tables.TRIM_ROWS.
+# Rows of the trim tables, in the order of abhv_mc.control.design.trim_tables.TRIM_ROWS.
 _LIFT, _DRAG, _THRUST = 1, 2, 3
 
 

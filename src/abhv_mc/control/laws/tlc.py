@@ -6,9 +6,9 @@ the commands of this flight, here. The law sees the nominal vehicle and the meas
 """
 
 from abhv_mc.control import columns as ref
-from abhv_mc.control.allocation import moment_slope, nominal_moment, side_force_slope, solve_3x3
 from abhv_mc.control.columns import TLC_ATTITUDE, TLC_K1, TLC_K2, TLC_RATE
-from abhv_mc.control.tlc_loops import (
+from abhv_mc.control.laws.allocation import moment_slope, nominal_moment, side_force_slope, solve_3x3
+from abhv_mc.control.laws.tlc_loops import (
     AttitudePoint,
     Inertia,
     Spectrum,
@@ -19,7 +19,7 @@ from abhv_mc.control.tlc_loops import (
     moment_inverse,
     rate_gains,
 )
-from abhv_mc.control.trim_lookup import look_up_trim
+from abhv_mc.control.laws.trim_lookup import look_up_trim
 from abhv_mc.jit import lanes, scalar
 from abhv_mc.numerics.angles import clamp, wrap
 from abhv_mc.numerics.lane_math import exp, sincos

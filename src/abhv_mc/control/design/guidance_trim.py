@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.control.trim_tables import TRIM_ROWS
+from abhv_mc.control.design.trim_tables import TRIM_ROWS
 from abhv_mc.jit import kernel, routine, scalar
 from abhv_mc.numerics.root_finding import NO_SIGN_CHANGE, brent
 from abhv_mc.numerics.tables import bracket
