@@ -130,9 +130,7 @@ def test_two_written_arrays_that_overlap_are_refused(arguments):
 
 def test_a_written_array_that_overlaps_the_plan_is_refused(arguments):
     plan, memory, results = arguments
-    with pytest.raises(
-        ValueError, match=re.escape("plan.parameters shares memory with memory.high, which is written to")
-    ):
+    with pytest.raises(ValueError, match=re.escape("plan.parameters shares memory with memory.high")):
         check_written(plan, memory._replace(high=plan.parameters.reshape(-1)[3:10]), results)
     inner = plan.vehicle.tables.data[:8]
     trim = memory.trim._replace(value=inner)
@@ -149,9 +147,7 @@ def test_arrays_that_are_only_read_may_share_memory(plan, arguments):
 @pytest.mark.parametrize("change", [misaligned, np.asfortranarray, read_only])
 def test_results_that_cannot_be_written_to_are_refused(arguments, change):
     plan, memory, results = arguments
-    with pytest.raises(
-        ValueError, match=re.escape("results.metrics is not an aligned, C-contiguous and writable array")
-    ):
+    with pytest.raises(ValueError, match=re.escape("results.metrics is not an aligned, C-contiguous")):
         check_written(plan, memory, results._replace(metrics=change(results.metrics)))
 
 

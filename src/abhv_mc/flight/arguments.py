@@ -54,7 +54,7 @@ class KernelPlan(NamedTuple):
     parameters: Floats  # [flight, parameter]
 
 
-class Results(NamedTuple):
+class KernelResults(NamedTuple):
     """What the compiled flight fills."""
 
     metrics: Floats  # [flight, metric]
@@ -64,10 +64,10 @@ class Results(NamedTuple):
     states: Floats  # [flight, sample, state]; no samples where not asked for
 
 
-def make_results(plan: FlightPlan, flights: int, every: int, keep_states: bool) -> Results:
+def make_results(plan: FlightPlan, flights: int, every: int, keep_states: bool) -> KernelResults:
     """Room for the results; ``every`` counts ticks between samples, 0 for none."""
     samples = plan.timing.ticks // every + 1 if every else 0
-    return Results(
+    return KernelResults(
         np.empty((flights, len(METRICS))),
         np.empty(flights, dtype=np.int64),
         np.empty(flights, dtype=np.int64),
@@ -146,7 +146,7 @@ def check_shape(array: NDArray[Any], shape: tuple[int | None, ...], name: str) -
         raise ValueError(f"{name} has the shape {array.shape}, not ({words})")
 
 
-def check_written(plan: KernelPlan, memory: Memory, results: Results) -> None:
+def check_written(plan: KernelPlan, memory: Memory, results: KernelResults) -> None:
     """Refuse arrays that the kernel cannot write to, or that share memory with another one of its arguments.
 
     Raises ValueError.

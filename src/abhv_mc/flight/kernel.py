@@ -3,7 +3,7 @@
 One kernel serves every vehicle, mission, controller and gain: they are arguments. A lane never looks at another lane,
 so a flight is the same bit for bit whichever flights are in the lanes beside it. A kernel's arguments are three named
 tuples: the plan, which is only read (:class:`abhv_mc.flight.arguments.KernelPlan`), the working memory
-(:class:`abhv_mc.flight.memory.Memory`) and the results (:class:`abhv_mc.flight.arguments.Results`).
+(:class:`abhv_mc.flight.memory.Memory`) and the results (:class:`abhv_mc.flight.arguments.KernelResults`).
 """
 
 from collections.abc import Callable

@@ -12,7 +12,7 @@ from abhv_mc.control.laws.allocation import moment_slope, nominal_moment, side_f
 from abhv_mc.control.laws.tlc import N_ROWS, SLOPES, nominal_vehicle
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
-from abhv_mc.plant.aerodynamics import Cells, make_cells
+from abhv_mc.plant.aerodynamics import TableCells, make_cells
 from abhv_mc.plant.effectiveness import INPUTS, N_INPUTS, Effectiveness, make_effectiveness
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.vehicle.arrays import Floats, Ints
@@ -34,7 +34,7 @@ class Memory(NamedTuple):
 
     Z: Floats
     T: Floats
-    cells: Cells
+    cells: TableCells
     high: Floats
 
 

@@ -56,7 +56,7 @@ class GuidanceTrim(NamedTuple):
     equivalence_ratio: Floats
     elevator: Floats
     mass: Floats  # fuel burnt up to the point counted
-    status: NDArray[np.int64]  # 0, or a sum of NO_EQUIVALENCE_RATIO, ...: the nearest end of the interval stands there
+    status: NDArray[np.int64]  # 0, or a sum of NO_EQUIVALENCE_RATIO, ...: then at the nearest end of the interval
     iterations: NDArray[np.int64]  # of the outermost search
 
 
