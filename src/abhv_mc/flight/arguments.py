@@ -180,7 +180,8 @@ def check_written(plan: KernelPlan, memory: Memory, results: KernelResults) -> N
 
 def _arrays(value: Any, name: str) -> Iterator[tuple[str, NDArray[Any], Any]]:
     """The arrays of a named tuple, however deep, with their names and annotations."""
-    for (field, hint), member in zip(_hints(type(value)).items(), value, strict=True):
+    kind: Any = type(value)
+    for (field, hint), member in zip(_hints(kind).items(), value, strict=True):
         if hasattr(hint, "_fields"):
             yield from _arrays(member, f"{name}.{field}")
         elif hint not in (int, float):

@@ -134,7 +134,7 @@ def fly_on_gpu(
         for first in range(0, flights, piece):
             own = slice(first, min(first + piece, flights))
             host = [array[own] for array in results]
-            device = KernelResults(*(cuda.device_array(array.shape, array.dtype) for array in host))
+            device: Any = KernelResults(*(cuda.device_array(array.shape, array.dtype) for array in host))
             blocks = -(-len(host[0]) // threads)
             kernel[blocks, threads](fixed._replace(parameters=cuda.to_device(parameters[own])), device)
             for there, here in zip(device, host, strict=True):

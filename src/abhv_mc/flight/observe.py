@@ -46,9 +46,12 @@ def _row_in_memory(source: str) -> int | None:
 
 
 # The sources that are derived, each once, and a row for each.
-DERIVED = tuple(
-    dict.fromkeys(each.source for each in (*LIMITS, *METRICS, *CHANNELS) if _row_in_memory(each.source) is None)
-)
+_SOURCES = [
+    *(limit.source for limit in LIMITS),
+    *(metric.source for metric in METRICS),
+    *(channel.source for channel in CHANNELS),
+]
+DERIVED = tuple(dict.fromkeys(source for source in _SOURCES if _row_in_memory(source) is None))
 VERDICT = FIRST_DERIVED + len(DERIVED)  # outcome of the limits at this tick, 0 within all of them
 END_ROW = VERDICT + 1  # of the lane memory
 
