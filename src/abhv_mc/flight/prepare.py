@@ -6,14 +6,14 @@ import numpy as np
 
 from abhv_mc.control.columns import ANGLE_OF_ATTACK, BANK, TIME
 from abhv_mc.control.controller_file import Controller, TlcController, read_controller
-from abhv_mc.control.design_model import wrench_at
-from abhv_mc.control.design_tables import Numbers, slope
-from abhv_mc.control.guidance_trim import trim_faults
-from abhv_mc.control.lqr_design import make_lqr_gains, make_lqr_settings
+from abhv_mc.control.design.design_model import wrench_at
+from abhv_mc.control.design.design_tables import Numbers, slope
+from abhv_mc.control.design.guidance_trim import trim_faults
+from abhv_mc.control.design.lqr_design import make_lqr_gains, make_lqr_settings
+from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, solve_reference
+from abhv_mc.control.design.surroundings import make_surroundings
+from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.control.reference import make_mission_trim_tables, make_start_trim, solve_reference
-from abhv_mc.control.surroundings import make_surroundings
-from abhv_mc.control.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.flight.plan import FlightPlan, Limits, Timing
 from abhv_mc.io.documents import InputError
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body

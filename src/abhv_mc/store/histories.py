@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from abhv_mc.control.reference import COLUMN_INDEX
+from abhv_mc.control.design.reference import COLUMN_INDEX
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.signals import CHANNEL_INDEX, CHANNELS, REFERENCE_CHANNELS
 from abhv_mc.store.flights import make_field, write_parquet

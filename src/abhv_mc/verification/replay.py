@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.control.columns import REFERENCE
-from abhv_mc.control.recorded import RECORDED_GAINS
+from abhv_mc.control.laws.recorded import RECORDED_GAINS
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.plan import FlightPlan, Limits, Timing
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body

@@ -6,9 +6,9 @@ the commands of this flight, here. The law sees the nominal vehicle and the meas
 """
 
 from abhv_mc.control import columns as ref
-from abhv_mc.control.allocation import moment_slope, nominal_moment, side_force_slope, solve_3x3
 from abhv_mc.control.columns import TLC_ATTITUDE, TLC_K1, TLC_K2, TLC_RATE
-from abhv_mc.control.tlc_loops import (
+from abhv_mc.control.laws.allocation import moment_slope, nominal_moment, side_force_slope, solve_3x3
+from abhv_mc.control.laws.tlc_loops import (
     AttitudePoint,
     Inertia,
     Spectrum,
@@ -19,7 +19,7 @@ from abhv_mc.control.tlc_loops import (
     moment_inverse,
     rate_gains,
 )
-from abhv_mc.control.trim_lookup import look_up_trim
+from abhv_mc.control.laws.trim_lookup import look_up_trim
 from abhv_mc.jit import lanes, scalar
 from abhv_mc.numerics.angles import clamp, wrap
 from abhv_mc.numerics.lane_math import exp, sincos
@@ -97,7 +97,7 @@ def tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt):
         alpha_cmd = clamp(alpha, settings[2], settings[3])
         bank_cmd = clamp(bank, -settings[4], settings[4])
         eta_cmd = clamp(eta, constants.equivalence_ratio_min, constants.equivalence_ratio_max)
-        # Behind a limit the integrators that feed it stand still.
+        # Anti-windup: the integrators that feed a limited command are held.
         vertical_free = alpha_cmd == alpha
         Z[I_ALTITUDE, lane] = int_altitude if vertical_free else Z[I_ALTITUDE, lane]
         Z[I_GUIDANCE, lane] = int_path if vertical_free else Z[I_GUIDANCE, lane]
@@ -242,7 +242,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         m_y -= b[6] * int_p + b[7] * p_err + b[8] * int_q + b[9] * q_err + b[10] * int_r + b[11] * r_err
         m_z -= b[12] * int_p + b[13] * p_err + b[14] * int_q + b[15] * q_err + b[16] * int_r + b[17] * r_err
 
-        # Allocation (19): what is asked for beyond the moment of the last commands.
+        # Allocation (19): the moment wanted in addition to that of the last commands.
         now_x, now_y, now_z = nominal_moment(Z, lane, constants, Z[RHO_NOM, lane], q_bar, speed)
         a_x, a_y, a_z = moment_slope(Z, lane, constants, q_bar, SLOPES, 0)
         b_x, b_y, b_z = moment_slope(Z, lane, constants, q_bar, SLOPES, 1)
@@ -257,7 +257,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         Z[s.CMD_AILERON, lane] = aileron_cmd
         Z[s.CMD_RUDDER, lane] = rudder_cmd
         Z[s.CMD_ELEVATOR, lane] = elevator_cmd
-        # Behind a deflection limit the integrators of the axes that it serves stand still.
+        # Anti-windup: the integrators of the axes that a limited deflection serves are held.
         pitch_free = elevator_cmd == elevator
         lateral_free = aileron_cmd == aileron and rudder_cmd == rudder
         Z[I_ATTITUDE, lane] = int_alpha if pitch_free else Z[I_ATTITUDE, lane]

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from abhv_mc.control.allocation import moment_slope, nominal_moment, side_force_slope
-from abhv_mc.control.design_model import Surroundings, Wrench, wrench_at
-from abhv_mc.control.design_tables import slope
-from abhv_mc.control.tlc import N_ROWS, SLOPES, nominal_vehicle
+from abhv_mc.control.design.design_model import Surroundings, Wrench, wrench_at
+from abhv_mc.control.design.design_tables import slope
+from abhv_mc.control.laws.allocation import moment_slope, nominal_moment, side_force_slope
+from abhv_mc.control.laws.tlc import N_ROWS, SLOPES, nominal_vehicle
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
-from abhv_mc.plant.aerodynamics import Cells, make_cells
+from abhv_mc.plant.aerodynamics import TableCells, make_cells
 from abhv_mc.plant.effectiveness import INPUTS, N_INPUTS, Effectiveness, make_effectiveness
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.vehicle.arrays import Floats, Ints
@@ -34,11 +34,11 @@ class Memory(NamedTuple):
 
     Z: Floats
     T: Floats
-    cells: Cells
+    cells: TableCells
     high: Floats
 
 
-CONFIGS = Path(__file__).parents[2] / "configs" / "vehicle"
+CONFIGS = Path(__file__).parents[3] / "configs" / "vehicle"
 N = 24
 AIR = Surroundings(22e3, 0.0646, 296.4, 9.74, 6.4e6, 0.0)
 _CAPACITY = N

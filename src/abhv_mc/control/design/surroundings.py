@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abhv_mc.control.design_model import Surroundings
+from abhv_mc.control.design.design_model import Surroundings
 from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.world.atmosphere import atmosphere
 from abhv_mc.world.earth import Earth, gravity_ned, radii

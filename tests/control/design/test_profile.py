@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from abhv_mc.control.design.profile import make_profile, step_times
 from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.control.profile import make_profile, step_times
 from abhv_mc.io.documents import Document, InputError, validate
 
 START = {"altitude": "20 km", "speed": "1400 m/s", "heading": "90 deg", "latitude": "29.3 deg"}

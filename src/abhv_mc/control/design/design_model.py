@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from abhv_mc.control.design_tables import (
+from abhv_mc.control.design.design_tables import (
     Numbers,
     coefficients_at,
     fixed_values,

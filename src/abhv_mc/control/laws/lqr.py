@@ -1,6 +1,6 @@
 """The LQR baseline, one control tick in lanes: guidance (22), then longitudinal and lateral attitude (23).
 
-Zhu & Shen (2014), section 7. Gains come per tick from the launching process (abhv_mc.control.lqr_design);
+Zhu & Shen (2014), section 7. Gains come per tick from the launching process (abhv_mc.control.design.lqr_design);
 deviations are taken from the reference and from the coordinated-turn rates.
 """
 

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from abhv_mc.control.columns import TLC_ATTITUDE, TLC_GAINS, TLC_K1, TLC_K2, TLC_RATE, TLC_SETTINGS
 from abhv_mc.control.controller_file import Channel, TlcController, read_controller
-from abhv_mc.control.design_model import Surroundings, guidance_rates
-from abhv_mc.control.design_tables import slope
-from abhv_mc.control.tlc_design import make_tlc_gains, make_tlc_settings, pd_spectrum
+from abhv_mc.control.design.design_model import Surroundings, guidance_rates
+from abhv_mc.control.design.design_tables import slope
+from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings, pd_spectrum
 from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 
 Floats = NDArray[np.float64]
-CONFIGS = Path(__file__).parents[2] / "configs"
+CONFIGS = Path(__file__).parents[3] / "configs"
 
 
 @pytest.fixture(scope="module")

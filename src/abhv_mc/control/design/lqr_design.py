@@ -1,7 +1,7 @@
 """Gains of the LQR baseline along the reference: guidance (22), longitudinal and lateral attitude (23).
 
 Zhu and Shen 2014, section 7. Guidance is linearised with the data at trim, attitude with the full tables, damping and
-thrust included, both by complex steps of :mod:`abhv_mc.control.design_model`; the Riccati equations are scipy's.
+thrust included, both by complex steps of :mod:`abhv_mc.control.design.design_model`; the Riccati equations are scipy's.
 """
 
 from typing import NamedTuple
@@ -16,17 +16,17 @@ from abhv_mc.control.controller_file import (
     LongitudinalWeights,
     LqrController,
 )
-from abhv_mc.control.design_model import (
+from abhv_mc.control.design.design_model import (
     Surroundings,
     attitude_rates,
     body_rate_rates,
     guidance_rates,
     wrench_at,
 )
-from abhv_mc.control.design_tables import Numbers, slope
+from abhv_mc.control.design.design_tables import Numbers, slope
+from abhv_mc.control.design.profile import step_times
+from abhv_mc.control.design.surroundings import make_surroundings
 from abhv_mc.control.mission import Mission
-from abhv_mc.control.profile import step_times
-from abhv_mc.control.surroundings import make_surroundings
 from abhv_mc.vehicle.arrays import Floats, Tables
 from abhv_mc.vehicle.model import Vehicle
 

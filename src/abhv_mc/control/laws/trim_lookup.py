@@ -1,4 +1,4 @@
-"""Look-up of the trim tables in lanes: each flight follows its own commands through cells of its own."""
+"""Look-up of the trim tables in lanes: each lane keeps its own cell from tick to tick."""
 
 from typing import NamedTuple
 
@@ -14,12 +14,12 @@ AXES = 3  # Mach, angle of attack, equivalence ratio
 _MACH_AXIS, _ALPHA_AXIS, _ETA_AXIS = range(AXES)
 _MACH = variable_row("mach")
 
-# Rows of the trim tables, in the order of abhv_mc.control.trim_tables.TRIM_ROWS.
+# Rows of the trim tables, in the order of abhv_mc.control.design.trim_tables.TRIM_ROWS.
 _LIFT, _DRAG, _THRUST = 1, 2, 3
 
 
 class TrimCells(NamedTuple):
-    """Where each lane stands on each axis, and room for what its tables give."""
+    """Each lane's cell on each axis, and buffers for the interpolated values."""
 
     cell: Ints  # [axis, lane]
     low: Floats  # [axis, lane] the cell's ends, between which a command mostly stays
@@ -31,7 +31,7 @@ class TrimCells(NamedTuple):
 
 
 def make_trim_cells(width: int) -> TrimCells:
-    """The memory of ``width`` lanes that have looked nothing up yet: empty cells, which everything is outside of."""
+    """Memory of ``width`` lanes before their first look-up: empty intervals, so that it searches every axis."""
     return TrimCells(
         aligned_zeros((AXES, width), np.int64),
         aligned_zeros((AXES, width)),
@@ -45,7 +45,7 @@ def make_trim_cells(width: int) -> TrimCells:
 
 @lanes
 def follow(Z, W, row, tables, axis, cells):
-    """Cell and fraction of every lane on one axis; searched only when one has left its cell."""
+    """Cell and fraction of every lane on one axis; searched only when a lane has left its cell."""
     left = False
     for lane in range(W):
         x, low = Z[row, lane], cells.low[axis, lane]

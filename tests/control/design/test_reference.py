@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from abhv_mc.control.columns import REFERENCE
-from abhv_mc.control.design_model import Surroundings, guidance_rates
-from abhv_mc.control.guidance_trim import trim_faults
+from abhv_mc.control.design.design_model import Surroundings, guidance_rates
+from abhv_mc.control.design.guidance_trim import trim_faults
+from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, solve_reference
 from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.control.reference import make_mission_trim_tables, make_start_trim, solve_reference
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 
 Floats = NDArray[np.float64]
-CONFIGS = Path(__file__).parents[2] / "configs"
+CONFIGS = Path(__file__).parents[3] / "configs"
 Columns = dict[str, Floats]
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 
 from abhv_mc.control.columns import REFERENCE
-from abhv_mc.control.guidance_trim import GuidancePoints, GuidanceTrim, trim_along
+from abhv_mc.control.design.guidance_trim import GuidancePoints, GuidanceTrim, trim_along
+from abhv_mc.control.design.profile import Profile, make_profile, step_times
+from abhv_mc.control.design.surroundings import make_places
+from abhv_mc.control.design.trim_tables import make_trim_tables
 from abhv_mc.control.mission import Mission
-from abhv_mc.control.profile import Profile, make_profile, step_times
-from abhv_mc.control.surroundings import make_places
-from abhv_mc.control.trim_tables import make_trim_tables
 from abhv_mc.plant.trim import FlightPoint, TrimPoint, trim
 from abhv_mc.vehicle.arrays import Floats, Tables
 from abhv_mc.vehicle.model import Vehicle

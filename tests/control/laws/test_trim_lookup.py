@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from abhv_mc.control.trim_lookup import look_up_trim, make_trim_cells
-from abhv_mc.control.trim_tables import TRIM_ROWS, make_trim_tables
+from abhv_mc.control.design.trim_tables import TRIM_ROWS, make_trim_tables
+from abhv_mc.control.laws.trim_lookup import look_up_trim, make_trim_cells
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
 from abhv_mc.plant.state import variable_row
@@ -36,7 +36,7 @@ def look_up(trim, cells, points, found):
 
 @pytest.fixture(scope="module")
 def trim():
-    vehicle = load_vehicle(Path(__file__).parents[2] / "configs" / "vehicle" / "ghame_x.yaml")
+    vehicle = load_vehicle(Path(__file__).parents[3] / "configs" / "vehicle" / "ghame_x.yaml")
     return make_trim_tables(vehicle, 20e3, (1350.0, 1450.0))
 
 

@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import brentq, root
 
-from abhv_mc.control.design_model import Surroundings, guidance_rates
-from abhv_mc.control.guidance_trim import (
+from abhv_mc.control.design.design_model import Surroundings, guidance_rates
+from abhv_mc.control.design.guidance_trim import (
     NO_ANGLE_OF_ATTACK,
     NO_BANK,
     NO_EQUIVALENCE_RATIO,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.control.trim_tables import TRIM_ROWS
+from abhv_mc.control.design.trim_tables import TRIM_ROWS
 from abhv_mc.jit import kernel, routine, scalar
 from abhv_mc.numerics.root_finding import NO_SIGN_CHANGE, brent
 from abhv_mc.numerics.tables import bracket
@@ -56,7 +56,7 @@ class GuidanceTrim(NamedTuple):
     equivalence_ratio: Floats
     elevator: Floats
     mass: Floats  # fuel burnt up to the point counted
-    status: NDArray[np.int64]  # 0, or a sum of NO_EQUIVALENCE_RATIO, ...: the nearest end of the interval stands there
+    status: NDArray[np.int64]  # 0, or a sum of NO_EQUIVALENCE_RATIO, ...: then at the nearest end of the interval
     iterations: NDArray[np.int64]  # of the outermost search
 
 

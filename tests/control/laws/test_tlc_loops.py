@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from abhv_mc.control.design_model import Surroundings, attitude_rates, body_rate_rates, wrench_at
-from abhv_mc.control.design_tables import slope
-from abhv_mc.control.tlc_loops import (
+from abhv_mc.control.design.design_model import Surroundings, attitude_rates, body_rate_rates, wrench_at
+from abhv_mc.control.design.design_tables import slope
+from abhv_mc.control.laws.tlc_loops import (
     AttitudePoint,
     Inertia,
     Spectrum,

@@ -1,4 +1,4 @@
-"""What a mission asks for over time: altitude, speed and heading with their rates."""
+"""Commanded altitude, speed and heading over the time of a mission, with their rates."""
 
 from typing import NamedTuple
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.control.columns import LQR_ELEVATOR, LQR_GAINS, LQR_GUIDANCE, LQR_LATERAL
 from abhv_mc.control.controller_file import LqrController, read_controller
-from abhv_mc.control.lqr_design import (
+from abhv_mc.control.design.lqr_design import (
     attitude_slopes,
     gains_at,
     guidance_model,
@@ -27,7 +27,7 @@ from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import WGS84
 
 Floats = NDArray[np.float64]
-CONFIGS = Path(__file__).parents[2] / "configs"
+CONFIGS = Path(__file__).parents[3] / "configs"
 KNOTS = [0, 700, 2500, 4999, 5000, 6000]
 
 

@@ -12,7 +12,7 @@ from abhv_mc.flight.prepare import make_plan
 from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.plant.vehicles import load_vehicle
 
-CONFIGS = Path(__file__).parents[2] / "configs"
+CONFIGS = Path(__file__).parents[3] / "configs"
 RETUNED = {
     "ghame_x": "lqr_retuned",
     "ghame_x_coupled": "lqr_retuned_ghame_x_coupled",

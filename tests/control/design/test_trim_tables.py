@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from abhv_mc.control.design_model import Surroundings
-from abhv_mc.control.design_tables import table_rows, variables_at
-from abhv_mc.control.trim_tables import TRIM_ROWS, make_trim_tables, trim_elevator
+from abhv_mc.control.design.design_model import Surroundings
+from abhv_mc.control.design.design_tables import table_rows, variables_at
+from abhv_mc.control.design.trim_tables import TRIM_ROWS, make_trim_tables, trim_elevator
 from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.arrays import VARIABLES
@@ -16,7 +16,7 @@ from abhv_mc.world.atmosphere import atmosphere
 from abhv_mc.world.earth import WGS84
 
 ALTITUDE = 20e3
-VEHICLES = Path(__file__).parents[2] / "configs" / "vehicle"
+VEHICLES = Path(__file__).parents[3] / "configs" / "vehicle"
 
 
 @pytest.mark.parametrize("name", ["ghame", "ghame_x", "ghame_x_coupled", "winged_cone"])

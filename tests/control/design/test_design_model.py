@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from abhv_mc.control.design_model import attitude_rates
+from abhv_mc.control.design.design_model import attitude_rates
 
 Floats = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""No control law: surfaces and engine follow a recording. For replaying other people's flights."""
+"""No control law: surfaces and engine follow a recording, to replay published flights."""
 
 from abhv_mc.jit import lanes
 from abhv_mc.plant import state as s
