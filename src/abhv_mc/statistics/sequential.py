@@ -9,6 +9,7 @@ of a single look would not: the chances of the looks add up.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -70,7 +71,7 @@ def choose_looks(probability: float, risk: float, most: int) -> tuple[int, ...]:
 @lru_cache(maxsize=256)
 def make_sequential_plan(looks: tuple[int, ...], probability: float, risk: float) -> SequentialPlan:
     """The most decisive plan for `looks` [ascending flights] with exact risks of at most `risk`. Raises ValueError."""
-    if not looks or looks[0] < 1 or any(b <= a for a, b in zip(looks[:-1], looks[1:], strict=True)):
+    if not looks or looks[0] < 1 or any(b <= a for a, b in pairwise(looks)):
         raise ValueError(f"looks must ascend from 1, found {list(looks)}")
     if not (0.0 < probability < 1.0 and 0.0 < risk < 1.0):
         raise ValueError(f"probability and risk must lie between 0 and 1, found {probability} and {risk}")
