@@ -54,7 +54,9 @@ def _duel_sentence(duel: Mapping[str, Any]) -> str:
     if won[None]:
         parts.append(f"no difference is shown in {joined(won[None])}")
     if mixed:
-        parts.append(f"in {joined(mixed)} the one that is closer on more flights has the larger median")
+        parts.append(
+            f"in {joined(mixed)} the one that is closer in the median is worse in its tails or loses more flights"
+        )
     return f"On the same {fixed(duel['pairs'], 0)} flights {'; '.join(parts)}{_usage_words(duel)}."
 
 

@@ -177,8 +177,7 @@ def duel_tables(numbers: Mapping[str, Any]) -> list[Row]:
             if found
         ]
         tables.append(
-            {"a": a, "b": b, "pairs": duel["pairs"], "quantiles": quantiles, "failures": failures, "usage": usage,
-             "replicates": duel["replicates"]}
+            {"a": a, "b": b, "pairs": duel["pairs"], "quantiles": quantiles, "failures": failures, "usage": usage}
         )  # fmt: skip
     return tables
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import betainc
 from scipy.stats import false_discovery_control, rankdata
 
-from abhv_mc.statistics.bootstrap import SEED
-from abhv_mc.statistics.estimates import Floats
+from abhv_mc.statistics.estimates import SEED, Floats
 
 FALSE_DISCOVERY_RATE = 0.005
 _FEWEST_SPARE = 10  # flights beyond the number of inputs

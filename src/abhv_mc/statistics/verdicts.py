@@ -124,8 +124,8 @@ def judge(
     """PASS when the success probability is proven at the consumer's `risk`, FAIL when its lack is proven at the same.
 
     Anything between is NOT SHOWN. `uncomputed` of the `runs` flights are not among `failures` and count as such:
-    nothing shows that they held. Flights that are not `independent` (stratified or low-discrepancy designs) get an ESTIMATE,
-    because the binomial law does not hold for their failures.
+    nothing shows that they held. Flights that are not `independent` (stratified or low-discrepancy designs) get an
+    ESTIMATE, because the binomial law does not hold for their failures.
     """
     if uncomputed < 0:
         raise ValueError(f"uncomputed flights cannot be negative, found {uncomputed}")
