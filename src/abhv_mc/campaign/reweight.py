@@ -16,6 +16,7 @@ from abhv_mc.campaign.laws import ContinuousLaw, DiscreteLaw, Law
 from abhv_mc.document_reader import compose
 from abhv_mc.documents import InputError, Refusal, one_of, validate
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.statistics.reweight import Unseen, join_unseen, unseen_of_range, unseen_of_values
 
 Floats = NDArray[np.float64]
 
@@ -119,12 +120,16 @@ def _log_copula(copula: Copula, laws: Sequence[Law], columns: Floats) -> Floats:
     return np.asarray(0.5 * (np.sum(normal**2, axis=1) - np.sum(mixed**2, axis=0)))
 
 
-def unseen_probability(campaign: CheckedCampaign, change: Change, samples: Floats) -> float:
-    """Probability, under the changed laws, of a value outside the range that the flights cover."""
-    unseen = 0.0
+def unseen_probability(campaign: CheckedCampaign, change: Change, samples: Floats) -> Unseen:
+    """Probability, under the changed laws, of values that no flight ``[flight, parameter]`` stands for."""
+    parts = []
     for name, law in change.laws.items():
-        if isinstance(law, ContinuousLaw):
-            values = samples[:, campaign.names.index(name)]
-            low, high = law.cdf(np.array([values.min(), values.max()]))
-            unseen += float(low + 1.0 - high)
-    return min(unseen, 1.0)
+        values = samples[:, campaign.names.index(name)]
+        if isinstance(law, DiscreteLaw):
+            parts.append(unseen_of_values(law.values, law.density(law.values), values))
+        else:
+            ends = np.array([values.min(), values.max()])
+            low, high = law.cdf(ends).tolist()
+            weights = np.nan_to_num(law.density(ends) / campaign.laws[name].density(ends), posinf=0.0)
+            parts.append(unseen_of_range((low, 1.0 - high), (weights[0], weights[1]), values.size))
+    return join_unseen(parts)
