@@ -153,3 +153,46 @@ def test_few_failures_give_no_rule():
     failed = np.zeros(FLIGHTS, dtype=bool)
     failed[:4] = True
     assert find_rules(bin_inputs(_inputs(0).T), failed) == []
+
+
+def test_both_ends_of_an_input_are_one_rule():
+    """|wind.north| > 25 m/s: 21 of 21, where the page said '> 25: 52 %'."""
+    for seed in range(10):
+        inputs = np.random.default_rng(7000 + seed).normal(0.0, 12.0, (1000, IDLE))
+        failed = np.abs(inputs[:, 6]) > np.sort(np.abs(inputs[:, 6]))[-22]
+        rules = find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__)
+        best = rules[0]
+        assert best.either and [(c.input, c.above) for c in best.conditions] == [(6, False), (6, True)]
+        assert best.failures_inside >= 17 and best.failures == 21
+        assert best.others_inside < 0.03 * best.others
+        assert not any(len(rule.conditions) == 1 for rule in rules)
+
+
+def test_a_difference_of_two_inputs_is_one_rule():
+    for seed in range(10):
+        inputs = np.random.default_rng(7100 + seed).uniform(-1.0, 1.0, (1000, IDLE))
+        margin = inputs[:, 3] - inputs[:, 8]
+        failed = margin > np.sort(margin)[-101]
+        best = find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__)[0]
+        (condition,) = best.conditions
+        assert (condition.input, condition.minus, condition.above) == (3, 8, True)
+        assert best.failures_inside >= 98 and best.others_inside <= 2
+
+
+def test_a_difference_rides_on_no_real_input():
+    """One input alone, and a corner, stay what they are."""
+    for seed in range(10):
+        inputs = _inputs(7200 + seed)
+        for failed in (inputs[:, 4] > 0.7, _corner(inputs, 0.9, 7300 + seed)):
+            rules = find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__)
+            assert rules and not any(c.minus is not None for rule in rules[:1] for c in rule.conditions)
+            assert {c.input for c in rules[0].conditions} <= {4, 9}
+
+
+def test_no_rule_of_any_kind_where_failures_fall_at_random():
+    false_alarms = 0
+    for seed in range(60):
+        inputs = _inputs(seed)
+        failed = np.random.default_rng(7400 + seed).random(FLIGHTS) < 0.1
+        false_alarms += bool(find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__))
+    assert false_alarms <= 5
