@@ -14,7 +14,8 @@ from abhv_mc.report.sobol import independent_rows
 from abhv_mc.report.words import percent
 from abhv_mc.statistics.drivers import FALSE_DISCOVERY_RATE, rank_drivers
 from abhv_mc.statistics.failure_drivers import FALSE_DISCOVERY_RATE as RULES_RATE
-from abhv_mc.statistics.failure_drivers import FEWEST_FAILURES, Condition, Rule, bin_inputs, find_rules
+from abhv_mc.statistics.failure_drivers import FEWEST_FAILURES, bin_inputs, find_rules
+from abhv_mc.statistics.failure_rules import Condition, Rule
 
 _LISTED = 12  # parameters of a metric, largest first
 _MOST_FLIGHTS = 5_000  # the first so many tell correlations of 0.05 from chance

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import false_discovery_control, hypergeom
 
 from abhv_mc.statistics.estimates import Floats
+from abhv_mc.statistics.failure_rules import Condition, Rule, sharpen, standardise
 
 FALSE_DISCOVERY_RATE = 0.05
 FEWEST_FAILURES = 5
@@ -27,30 +28,6 @@ _CLEAR = 2.0  # standard deviations below which neither end of an input is looke
 _DIFFERED = 6  # inputs, those that failures prefer most, whose differences are tried
 _MOST_RULES = 20
 _CHUNK = 4096
-
-
-@dataclass(frozen=True)
-class Condition:
-    """`input` above (or below) `threshold`; or that input less another, each in its standard deviations."""
-
-    input: int  # column of the inputs
-    above: bool
-    threshold: float
-    minus: int | None = None  # the other input
-
-
-@dataclass(frozen=True)
-class Rule:
-    """A region that failures prefer."""
-
-    conditions: tuple[Condition, ...]
-    failures_inside: int
-    failures: int
-    others_inside: int
-    others: int
-    p_value: float  # adjusted for the candidates of this input or pair
-    q_value: float  # false-discovery rate at which it is still found
-    either: bool = False  # whether one of the conditions is enough
 
 
 @dataclass(frozen=True)
@@ -99,7 +76,8 @@ def find_rules(
     ]
     # A pair is worth its second condition: ties in p go to the simpler rule.
     rules.sort(key=lambda rule: (rule.p_value, len(rule.conditions)))
-    return rules[:_MOST_RULES]
+    rules = rules[:_MOST_RULES]
+    return rules if column is None else [sharpen(rule, failed, column) for rule in rules]
 
 
 def _rule(candidate: "_Candidate", flights: int, failures: int, p_value: float, q_value: float) -> Rule:
@@ -131,9 +109,8 @@ def _differences(
     standard = {}
     for _, j in alone[:_DIFFERED]:
         values = column(j)
-        spread = float(np.std(values))
-        if spread > 0.0:
-            standard[j] = (values - np.mean(values)) / spread
+        if np.ptp(values) > 0.0:
+            standard[j] = standardise(values)
     found = []
     for one, other in combinations(sorted(standard), 2):
         values = standard[one] - standard[other]
