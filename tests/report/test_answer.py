@@ -26,6 +26,12 @@ def test_tails_and_lost_flights_that_contradict_the_median_make_no_winner(report
     assert "no difference is shown in altitude;" in first
 
 
+def test_the_risk_is_of_the_rule_not_of_the_result(report_json):
+    text = sureness_sentence(report_json)
+    assert "A system that just misses the requirement would PASS with a probability of at most 10 %." in text
+    assert "wrong" not in text
+
+
 def test_an_unfinished_campaign_is_preliminary(report_json):
     assert "preliminary" not in sureness_sentence(report_json)
     assert "preliminary" in sureness_sentence({**report_json, "state": "interrupted"})
