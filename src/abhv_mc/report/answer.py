@@ -7,6 +7,7 @@ from abhv_mc.report.failures import EARLY
 from abhv_mc.report.metrics import FOLLOWING, HOLDING, controller_label
 from abhv_mc.report.parameters import spoken_name
 from abhv_mc.report.words import count_of, fixed, p_value, percent, significant
+from abhv_mc.statistics.verdict_words import risk_words
 
 _SHORT = {
     "angle_of_attack_error_rms_deg": "the angle-of-attack command",
@@ -54,7 +55,9 @@ def _pair_sentence(pair: Mapping[str, Any]) -> str:
     if won[None]:
         parts.append(f"no difference is shown in {joined(won[None])}")
     if mixed:
-        parts.append(f"in {joined(mixed)} the one that is closer on more flights has the larger median")
+        parts.append(
+            f"in {joined(mixed)} the one that is closer in the median is worse in its tails or loses more flights"
+        )
     return f"On the same {fixed(pair['pairs'], 0)} flights {'; '.join(parts)}{_usage_words(pair)}."
 
 
@@ -189,8 +192,8 @@ def sureness_sentence(numbers: Mapping[str, Any]) -> str:
             text += " The intervals of the Sobol indices are 95 %, from resampled groups of flights."
     elif numbers["requirements"]:
         risks = sorted({entry["consumer_risk"] for entry in numbers["requirements"]})
-        text += f" A PASS is wrong with a probability of at most {joined([percent(risk) for risk in risks])}"
-        text += ", however often it was looked at." if campaign["looks"] else "."
+        rule = risk_words(risks[-1], bool(campaign["looks"]))  # the largest holds for all
+        text += f" {rule[0].upper()}{rule[1:]}."
     if campaign["looks"] and len(flown) == 1:
         text += " " + _stopping_sentence(campaign, flown.pop())
     for warning in numbers["warnings"]:

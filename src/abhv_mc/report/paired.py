@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from abhv_mc.report.failures import requirement_failures
 from abhv_mc.report.flights import ControllerFlights, common_rows, severities
-from abhv_mc.report.metrics import HEADLINE, USAGE, words_of
+from abhv_mc.report.metrics import FOLLOWING, HEADLINE, HOLDING, USAGE, words_of
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.results import Requirement, Results
-from abhv_mc.statistics.bootstrap import PairedBootstrap
-from abhv_mc.statistics.duel import failure_duel, median_ratio, metric_duel, usage_duel
+from abhv_mc.statistics.paired import compare_failures, compare_metric, compare_usage, median_ratio
+from abhv_mc.statistics.winner import decide
 from abhv_mc.vehicle.arrays import Floats
 
 _LISTED = 10  # flights where only one failed
@@ -23,7 +23,12 @@ def paired_numbers(results: Results) -> dict[str, Any]:
     pairs: dict[str, Any] = {}
     for a, b in results.pairs:
         found = pair_numbers(
-            results.flights[a], results.flights[b], (a, b), results.metrics, results.campaign.requirements
+            results.flights[a],
+            results.flights[b],
+            (a, b),
+            results.metrics,
+            results.campaign.requirements,
+            rivals=len(list(results.pairs)),
         )
         if found is not None:
             pairs[f"{a} - {b}"] = found
@@ -36,21 +41,31 @@ def pair_numbers(
     names: tuple[str, str],
     metrics: Iterable[str],
     requirements: Sequence[Requirement],
+    rivals: int = 1,
 ) -> dict[str, Any] | None:
-    """Every metric, every requirement and the control usage of `a` against `b`; None without a common flight."""
+    """Every metric, every requirement and the control usage of `a` against `b`; None without a common flight.
+
+    Winners allow for all `rivals` and for all metrics of the first screen.
+    """
     rows_a, rows_b = common_rows(flights_a, flights_b)
     if not rows_a.size:
         return None
-    bootstrap = PairedBootstrap(rows_a.size)
+    metrics = list(metrics)
+    compared = rivals * max(1, sum(metric in (*FOLLOWING, *HOLDING) for metric in metrics))
+    lost = flights_a.failed[rows_a], flights_b.failed[rows_b]
     numbers = flights_a.flight[rows_a]
     return {
         "a": names[0],
         "b": names[1],
         "pairs": int(rows_a.size),
-        "replicates": bootstrap.replicates,
         "metrics": {
             metric: _metric(
-                severities(flights_a, metric, rows_a), severities(flights_b, metric, rows_b), metric, names, bootstrap
+                severities(flights_a, metric, rows_a),
+                severities(flights_b, metric, rows_b),
+                metric,
+                names,
+                lost,
+                compared,
             )
             for metric in metrics
         },
@@ -70,13 +85,27 @@ def pair_numbers(
     }
 
 
-def _metric(a: Floats, b: Floats, metric: str, names: tuple[str, str], bootstrap: PairedBootstrap) -> dict[str, Any]:
-    found = metric_duel(a, b, bootstrap)
+def _metric(
+    a: Floats,
+    b: Floats,
+    metric: str,
+    names: tuple[str, str],
+    lost: tuple[NDArray[np.bool_], NDArray[np.bool_]],
+    compared: int,
+) -> dict[str, Any]:
+    found, decision = compare_metric(a, b), decide(a, b, *lost, compared)
     sense = words_of(metric).sense
     levels = zip(found.levels, found.quantile_differences, strict=True)
     return {
-        **{key: getattr(found, key) for key in ("a_better", "b_better", "ties", "mixed")},
-        "winner": {"a": names[0], "b": names[1], "": None}[found.winner],
+        "a_better": found.a_better,
+        "b_better": found.b_better,
+        "ties": found.ties,
+        "winner": {"a": names[0], "b": names[1], "": None}[decision.winner],
+        "closer": {"a": names[0], "b": names[1], "": None}[decision.closer],
+        "mixed": bool(decision.closer) and not decision.winner,
+        "worse_tails": list(decision.worse),
+        "uncompared_tails": list(decision.uncompared),
+        "loses_more": decision.loses_more,
         "median_difference": interval_in_sense(found.median_difference, sense),
         "pairing_gain": plain(found.pairing_gain),
         **{level_name(level): interval_in_sense(interval, sense) for level, interval in levels},
@@ -84,7 +113,7 @@ def _metric(a: Floats, b: Floats, metric: str, names: tuple[str, str], bootstrap
 
 
 def _failures(a: NDArray[np.bool_], b: NDArray[np.bool_], flight: NDArray[np.int64]) -> dict[str, Any]:
-    found = plain(failure_duel(a, b))
+    found = plain(compare_failures(a, b))
     found["flights_only_a"] = flight[a & ~b][:_LISTED].tolist()
     found["flights_only_b"] = flight[b & ~a][:_LISTED].tolist()
     return dict(found)
@@ -104,6 +133,6 @@ def _usage(
     flown = ~(a.failed[rows_a] | b.failed[rows_b])
     use_a, use_b = total_usage(a.metrics)[rows_a][flown], total_usage(b.metrics)[rows_b][flown]
     return {
-        metric: plain(usage_duel(a.metrics[metric][rows_a][flown], b.metrics[metric][rows_b][flown], use_a, use_b))
+        metric: plain(compare_usage(a.metrics[metric][rows_a][flown], b.metrics[metric][rows_b][flown], use_a, use_b))
         for metric in HEADLINE
     }

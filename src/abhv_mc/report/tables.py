@@ -161,8 +161,7 @@ def pair_tables(numbers: Mapping[str, Any]) -> list[Row]:
             if found
         ]
         tables.append(
-            {"a": a, "b": b, "pairs": pair["pairs"], "quantiles": quantiles, "failures": failures, "usage": usage,
-             "replicates": pair["replicates"]}
+            {"a": a, "b": b, "pairs": pair["pairs"], "quantiles": quantiles, "failures": failures, "usage": usage}
         )  # fmt: skip
     return tables
 

@@ -16,6 +16,7 @@ from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, DiscreteMarg
 from abhv_mc.io.document_reader import compose
 from abhv_mc.io.documents import InputError, Refusal, one_of, validate
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.statistics.reweight import Unseen, join_unseen, unseen_of_range, unseen_of_values
 
 Floats = NDArray[np.float64]
 
@@ -119,12 +120,16 @@ def _log_copula(copula: Copula, marginals: Sequence[Marginal], columns: Floats) 
     return np.asarray(0.5 * (np.sum(normal**2, axis=1) - np.sum(mixed**2, axis=0)))
 
 
-def unseen_probability(campaign: CheckedCampaign, change: Change, samples: Floats) -> float:
-    """Probability, under the changed distributions, of a value outside the range that the flights cover."""
-    unseen = 0.0
+def unseen_probability(campaign: CheckedCampaign, change: Change, samples: Floats) -> Unseen:
+    """Probability, under the changed distributions, of values that no flight ``[flight, parameter]`` stands for."""
+    parts = []
     for name, marginal in change.marginals.items():
-        if isinstance(marginal, ContinuousMarginal):
-            values = samples[:, campaign.names.index(name)]
-            low, high = marginal.cdf(np.array([values.min(), values.max()]))
-            unseen += float(low + 1.0 - high)
-    return min(unseen, 1.0)
+        values = samples[:, campaign.names.index(name)]
+        if isinstance(marginal, DiscreteMarginal):
+            parts.append(unseen_of_values(marginal.values, marginal.density(marginal.values), values))
+        else:
+            ends = np.array([values.min(), values.max()])
+            low, high = marginal.cdf(ends).tolist()
+            weights = np.nan_to_num(marginal.density(ends) / campaign.marginals[name].density(ends), posinf=0.0)
+            parts.append(unseen_of_range((low, 1.0 - high), (weights[0], weights[1]), values.size))
+    return join_unseen(parts)
