@@ -139,9 +139,9 @@ its travel, nominal S); the search weighs six errors alike, altitude, speed and 
 it shows what such an LQR can do, not the least that each error alone can be. The command that made a file stands at \
 its head; that of `ghame_x` is older than this habit: begun from it again, the search gains 1.3 % of its score and \
 moves no error by more than 3 %. Errors are against each controller's own commands, as in the paper's figures. \
-Intervals are 95 %: medians of the paired ratio exactly, shares by Clopper and Pearson at the family's confidence; a flight that ends early \
-counts as infinitely far off; a controller is closer where the interval of the median difference leaves out zero and \
-the two medians do not contradict it.
+Intervals are 95 %: medians of the paired ratio exactly, shares of flights by Clopper and Pearson, for the three \
+errors together (Bonferroni). A flight that ends early counts as infinitely far off. A controller is better where it \
+is closer on more than half of the flights, not worse in the 95 % and 99.73 % quantiles, and loses no more flights.
 
 In short, in brackets TLC's error over the LQR's, median over the flights:
 
