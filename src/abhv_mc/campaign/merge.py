@@ -15,8 +15,9 @@ from abhv_mc.campaign.setup import Engine, Request
 from abhv_mc.documents import InputError
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.folder import CampaignFolder, write_whole
+from abhv_mc.store.hashes import read_checked
 from abhv_mc.store.lock import hold_lock
-from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, read_manifest, write_manifest
+from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, write_manifest
 from abhv_mc.store.plans import flatten, read_plan
 from abhv_mc.store.samples import ROW_GROUP, SampleReader
 
@@ -30,7 +31,7 @@ def merge_campaign(parts: Sequence[Path], out: Path, engine: Engine | None = Non
     on the same samples and plans, each flight once; and after it where their digests do not add up.
     """
     folders = [CampaignFolder(part) for part in parts]
-    manifests = [read_manifest(folder.manifest) for folder in folders]
+    manifests = [read_checked(folder) for folder in folders]
     order = _check_parts(folders, manifests)
     first, target = folders[order[0]], CampaignFolder(out)
     for folder in folders:
@@ -49,8 +50,12 @@ def merge_campaign(parts: Sequence[Path], out: Path, engine: Engine | None = Non
             merge_states([folder.envelope_states for folder in folders], target.envelope_states)
         except ValueError as error:
             raise InputError(out, None, None, str(error), "shards of one campaign") from None
-        merged = {key: value for key, value in manifests[order[0]].items() if key != "shard"}
+        merged = {key: value for key, value in manifests[order[0]].items() if key not in ("shard", "files")}
         merged |= {"state": INTERRUPTED, "merged_from": [manifests[i]["digest"] for i in order]}
+        files = manifests[order[0]].get("files") or {}
+        copied = {name: known for name, known in files.items() if not name.startswith(target.envelope_states.name)}
+        if copied:
+            merged["files"] = copied  # the others' flights are proven as they are read
         merged["wall_time_s"] = sum(manifest["wall_time_s"] for manifest in manifests)
         write_manifest(target.manifest, merged)
     result = run_campaign(Request(target.campaign, out), engine)

@@ -13,7 +13,8 @@ from typing import Any
 
 from abhv_mc.campaign.check import CheckedCampaign, select_requirements
 from abhv_mc.documents import InputError, read_document, write_document
-from abhv_mc.store.folder import CampaignFolder, write_bytes, write_whole
+from abhv_mc.store.folder import CampaignFolder, hash_file, write_bytes, write_whole
+from abhv_mc.store.hashes import FileHashes
 
 _YAML = (".yaml", ".yml")
 _DATA = (".csv", ".parquet", ".pq", ".json", ".gz")
@@ -160,16 +161,23 @@ def read_held(folder: CampaignFolder, manifest: dict[str, Any]) -> ResolvedCampa
     return ResolvedCampaign(data, {}, hashes)
 
 
-def mend_folder(folder: CampaignFolder, manifest: dict[str, Any], wanted: ResolvedCampaign) -> None:
+def mend_folder(folder: CampaignFolder, manifest: dict[str, Any], wanted: ResolvedCampaign, files: FileHashes) -> None:
     """Write the campaign's file and inputs anew where they are damaged and the manifest says that they were these."""
     if wanted.identity != manifest.get("campaign_hash"):
         return
     try:
-        held = read_held(folder, manifest).identity == wanted.identity and all(
-            hashlib.sha256((folder.root / place).read_bytes()).hexdigest() == known
-            for place, known in wanted.hashes.items()
-        )
-    except (InputError, OSError):
+        held = files.holds(folder.campaign) and read_held(folder, manifest).identity == wanted.identity
+        check_inputs(folder, manifest)
+    except InputError:
         held = False
     if not held:
         wanted.write(folder)
+
+
+def check_inputs(folder: CampaignFolder, manifest: dict[str, Any]) -> None:
+    """Raises InputError for a copy of an input file that is not as the manifest says."""
+    for place, known in manifest["inputs"].items():
+        path = folder.root / place
+        if not path.is_file() or hash_file(path) != known:
+            wish = "the file as it was flown: the same campaign with all its controllers puts it there again"
+            raise InputError(path, None, None, "a damaged copy of an input file", wish)

@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from abhv_mc.documents import InputError
-from abhv_mc.report.build import hash_files, hash_pages
+from abhv_mc.report.build import hash_files, hash_pages, write_json
 from abhv_mc.report.numbers import make_numbers
 from abhv_mc.report.results import read_results
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.flights import DamagedFileError, read_block
 from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.hashes import find_damage
 from abhv_mc.store.manifest import read_manifest
 
 
@@ -57,13 +58,18 @@ def verify_campaign(root: Path) -> Iterator[str]:
     Raises InputError where the report or the data cannot be read at all.
     """
     folder = CampaignFolder(root)
+    manifest = read_manifest(folder.manifest)
+    yield from (f"{path.relative_to(root).as_posix()}: {found}" for path, found in find_damage(folder, manifest))
     path = root / "report.json"
     if not path.is_file():
         raise InputError(path, None, None, "no such file", f"a report: abhv-mc report {root}")
     try:
-        written = json.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        written = json.loads(text)
     except ValueError as error:
         raise InputError(path, None, None, str(error), "JSON") from None
+    if text != write_json(written):
+        yield "report.json: not as it was written"
     # Cheap and sharp first: one flipped byte in any file changes its hash.
     yield from differences(written.pop("files", {}), hash_files(root), "files")
     pages = written.pop("pages", {})

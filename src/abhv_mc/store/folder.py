@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import hashlib
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -12,6 +13,9 @@ from abhv_mc.input_error import InputError
 _ASIDE = ".aside"  # ending of a file that is being written
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the last: a limit on a file's size (ulimit -f)
 _CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
+
+
+_recorders: list[Callable[[Path, str], None]] = []  # told of every file that is put whole
 
 
 class StorageFullError(Exception):
@@ -80,12 +84,16 @@ class CampaignFolder:
         return self.plans / f"{controller}.npz"
 
     @property
+    def report(self) -> tuple[Path, ...]:
+        """What a report writes."""
+        return (self.root / "report.html", self.root / "report.md", self.root / "report.json", self.root / "figures")
+
+    @property
     def parts(self) -> tuple[Path, ...]:
         """Everything that a campaign writes, apart from the lock."""
         files = (self.campaign, self.manifest, self.samples, self.envelopes, self.nominal, self.reference)
-        report = (self.root / "report.html", self.root / "report.md", self.root / "report.json", self.root / "figures")
         folders = (self.inputs, self.plans, self.flights, self.histories, self.envelope_states, self.explained)
-        return (*files, *report, *folders)
+        return (*files, *self.report, *folders)
 
     def strangers(self) -> list[Path]:
         """What lies in the folder that no campaign wrote."""
@@ -129,6 +137,16 @@ def told_plainly(path: Path) -> Iterator[None]:
         raise
 
 
+@contextlib.contextmanager
+def recording(note: Callable[[Path, str], None]) -> Iterator[None]:
+    """Let ``note`` know every file that is put whole meanwhile, with the SHA-256 of what was written."""
+    _recorders.append(note)
+    try:
+        yield
+    finally:
+        _recorders.remove(note)
+
+
 def write_whole(path: Path, write: Callable[[Path], None], durable: bool = False) -> None:
     """Let ``write`` make the file aside, then rename it into place; ``durable`` waits until the disk has it.
 
@@ -142,11 +160,20 @@ def write_whole(path: Path, write: Callable[[Path], None], durable: bool = False
             if durable:
                 with aside.open("rb") as file:
                     os.fsync(file.fileno())
+            digest = hash_file(aside) if _recorders else ""
             aside.replace(path)
         except BaseException:
             with contextlib.suppress(OSError):
                 aside.unlink(missing_ok=True)
             raise
+    for note in _recorders:
+        note(path, digest)
+
+
+def hash_file(path: Path) -> str:
+    """SHA-256 of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def write_bytes(path: Path, content: bytes, durable: bool = False) -> None:

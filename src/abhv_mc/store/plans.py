@@ -1,6 +1,7 @@
 """Flight plans as .npz without pickle: nested named tuples and dataclasses as a flat set of named arrays."""
 
 import dataclasses
+import io
 import typing
 from pathlib import Path
 from typing import Any, TypeVar
@@ -9,7 +10,7 @@ import numpy as np
 
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.input_error import InputError
-from abhv_mc.store.folder import write_whole
+from abhv_mc.store.folder import write_bytes
 
 T = TypeVar("T")
 _WISH = "a plan as it was written: restore it, or run with --fresh to delete what was flown and fly it anew"
@@ -41,11 +42,14 @@ def rebuild(kind: type[T], flat: dict[str, np.ndarray], prefix: str = "") -> T:
 def write_plan(path: Path, plan: FlightPlan) -> None:
     """Store a plan."""
 
-    def write(aside: Path) -> None:
-        with aside.open("wb") as file:
-            np.savez_compressed(file, **flatten(plan))  # type: ignore[arg-type]
+    write_bytes(path, pack_plan(plan), durable=True)
 
-    write_whole(path, write, durable=True)
+
+def pack_plan(plan: FlightPlan) -> bytes:
+    """A plan as the content of its file; equal plans have equal content."""
+    content = io.BytesIO()
+    np.savez_compressed(content, **flatten(plan))  # type: ignore[arg-type]
+    return content.getvalue()
 
 
 def read_plan(path: Path) -> FlightPlan:

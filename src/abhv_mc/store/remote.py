@@ -60,12 +60,12 @@ class Remote:
         self._held: dict[str, tuple[int, int] | None] = {}  # what the address holds -> size and time of ours
         self._token = uuid.uuid4().hex
 
-    def pull(self, endings: tuple[str, ...] = ("",)) -> None:
-        """Copy what the address holds, as far as its name ends so, into the local folder."""
+    def pull(self) -> None:
+        """Copy what the address holds into the local folder."""
         selector = pyarrow_fs.FileSelector(self._base, allow_not_found=True, recursive=True)
         for info in self._system.get_file_info(selector):
             name = info.path[len(self._base) + 1 :]
-            if info.type != pyarrow_fs.FileType.File or name == _LOCK or not name.endswith(endings):
+            if info.type != pyarrow_fs.FileType.File or name == _LOCK:
                 continue
             path = self.local / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -157,8 +157,8 @@ def local_path(path: Path) -> Path | None:
 
 
 @contextlib.contextmanager
-def fetched(path: Path, endings: tuple[str, ...] = ("",)) -> Iterator[Path]:
-    """A campaign's folder to read: ``path``, or a copy for a while of the files at an address that end so."""
+def fetched(path: Path) -> Iterator[Path]:
+    """A campaign's folder to read: ``path``, or a copy for a while of what is at an address."""
     local = local_path(path)
     if local is not None:
         yield local
@@ -166,7 +166,7 @@ def fetched(path: Path, endings: tuple[str, ...] = ("",)) -> Iterator[Path]:
     address = str(parse_address(path))
     with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder:
         with _told_plainly(address):
-            Remote(address, *_open(address), Path(folder)).pull((*endings, _MANIFEST))
+            Remote(address, *_open(address), Path(folder)).pull()
         yield Path(folder)
 
 
