@@ -33,6 +33,7 @@ def _read_pages(path: Path, numbers: dict[str, Any]) -> dict[str, Any]:
     try:
         held = json.loads(path.read_text(encoding="utf-8"))
         pages: dict[str, Any] = held.pop("pages", {})
+        held.pop("pictures", None)
     except (OSError, ValueError, AttributeError):
         return {}
     return pages if held == json.loads(json.dumps(numbers)) else {}
@@ -68,8 +69,11 @@ def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
         page, make_page(results, numbers, figures) if format == "html" else make_markdown(results, numbers, figures)
     )
     report = folder / "report.json"
-    pages = [name for name in _read_pages(report, numbers) if name.startswith("report.")]
-    names = [*pages, page.name, *(path.relative_to(folder).as_posix() for path in sorted(kept))]
-    numbers = {**numbers, "pages": hash_pages(folder, dict.fromkeys(names))}
+    names = [*_read_pages(report, numbers), page.name]
+    pictures = [path.relative_to(folder).as_posix() for path in sorted(kept)]
+    numbers |= {
+        "pages": hash_pages(folder, dict.fromkeys(names)),
+        "pictures": hash_pages(folder, pictures),
+    }
     write_text(report, write_json(numbers))
     return page

@@ -74,6 +74,8 @@ def verify_campaign(root: Path) -> Iterator[str]:
     yield from differences(written.pop("files", {}), hash_files(root), "files")
     pages = written.pop("pages", {})
     yield from differences(pages, hash_pages(root, pages), "pages")
+    pictures = written.pop("pictures", {})
+    yield from differences(pictures, hash_pages(root, pictures), "pictures")
     results = read_results(root)
     yield from _blocks(folder, list(results.samples))
     yield from differences(written, json.loads(json.dumps(make_numbers(results))))
