@@ -116,6 +116,7 @@ def write_kept_histories(
             progress.add(len(file.flights))
     for path in set(folder.histories.glob("*.parquet")) - {file.path for file in wanted}:
         path.unlink()
+        hashes.forget(path)
 
 
 def _parameters(samples: SampleReader, flights: list[int]) -> NDArray[np.float64]:

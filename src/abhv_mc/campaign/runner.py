@@ -150,6 +150,7 @@ class _Run:
                     raise DamagedFileError(f"{path.name} was flown on other samples")
             except DamagedFileError:
                 path.rename(path.with_name(f"_{path.name}.damaged"))  # kept, but hidden from readers of the folder
+                self.files.forget(path)
                 continue
             if not self.files.knows(path):  # it landed after the last manifest, and holds what it says
                 self.files.note(path, hash_file(path))
@@ -261,6 +262,9 @@ class _Run:
         )
         for collector in self.collectors.values():
             collector.finish()
+        if not self.folder.envelope_states.is_dir():
+            self.files.forget(self.folder.envelope_states)
+        self.files.check_presence()
 
     def _list_histories(self) -> list[HistoryFile]:
         return list_histories(self.folder, replace(self.campaign, runs=self._goal()), self.tallies, self.files)

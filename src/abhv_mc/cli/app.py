@@ -13,7 +13,7 @@ import typer
 
 from abhv_mc import __version__
 from abhv_mc.cli.errors import exit_code_of
-from abhv_mc.cli.signals import heed_signals
+from abhv_mc.cli.signals import heed_signals, ignore_signals
 
 _COMMANDS = {
     "Start": ("new", "validate", "schema"),
@@ -76,4 +76,5 @@ def main() -> None:
         try:
             app(prog_name="abhv-mc")  # so that completion knows it, however it was started
         except BaseException as error:  # every way out passes here, so that each has the promised code
+            ignore_signals()  # a second Ctrl-C finds nothing left to stop
             sys.exit(exit_code_of(error))

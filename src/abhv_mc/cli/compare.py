@@ -18,9 +18,10 @@ def command(
 
     Without --controllers, each controller that both flew is compared with itself.
     """
+    from abhv_mc.cli.names import parse_names
     from abhv_mc.report.compare import compare_folders
 
-    named = tuple(part.strip() for part in controllers.split(",")) if controllers else ()
+    named = parse_names(controllers) or ()
     found = compare_folders(folder_a, folder_b, named)
     if json:
         import json as writer

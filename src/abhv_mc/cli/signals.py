@@ -36,5 +36,12 @@ def settle_interrupt() -> None:
     eval("0")  # noqa: S307  # the next one that runs to its end makes Python forget it
 
 
+def ignore_signals() -> None:
+    """From here on the process ends by itself."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+
 def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt

@@ -12,7 +12,10 @@ from abhv_mc.input_error import InputError
 
 _ASIDE = ".aside"  # ending of a file that is being written
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the last: a limit on a file's size (ulimit -f)
-_CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
+_CLOSED = (
+    errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT,
+    errno.ELOOP, errno.ENAMETOOLONG, errno.EINVAL,
+)  # fmt: skip
 
 
 _recorders: list[Callable[[Path, str], None]] = []  # told of every file that is put whole
@@ -22,11 +25,19 @@ class StorageFullError(Exception):
     """The disk is full; what was flown is kept and the same command resumes."""
 
 
+class FolderLostError(Exception):
+    """Files of the campaign went while it flew; the same command makes them anew."""
+
+
 @dataclass(frozen=True)
 class CampaignFolder:
     """Paths of a campaign's folder."""
 
     root: Path
+
+    def __post_init__(self) -> None:
+        if ":" in str(self.root):  # pyarrow takes a relative path with a colon for an address
+            object.__setattr__(self, "root", self.root.absolute())
 
     @property
     def campaign(self) -> Path:
@@ -108,7 +119,7 @@ class CampaignFolder:
 
         self.manifest.unlink(missing_ok=True)
         for path in self.parts:
-            if path.is_dir():
+            if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
             else:
                 path.unlink(missing_ok=True)
@@ -152,7 +163,7 @@ def write_whole(path: Path, write: Callable[[Path], None], durable: bool = False
 
     Raises StorageFullError or InputError where the folder takes nothing.
     """
-    aside = path.with_name(f".{path.name}{_ASIDE}")  # the dot hides it from readers of the folder
+    aside = path.absolute().with_name(f".{path.name}{_ASIDE}")  # the dot hides it from readers of the folder
     with told_plainly(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:

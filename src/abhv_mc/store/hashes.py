@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from abhv_mc.input_error import InputError
-from abhv_mc.store.folder import CampaignFolder, hash_file, recording
+from abhv_mc.store.folder import CampaignFolder, FolderLostError, hash_file, recording
 from abhv_mc.store.manifest import COMPLETE, read_manifest
 
 _DAMAGED = "a file that is not as the campaign wrote it: damaged, or changed since"
@@ -54,8 +54,21 @@ class FileHashes:
         return hashlib.sha256(content).hexdigest() == self._held.get(self._name(path))
 
     def listed(self) -> dict[str, str]:
-        """Hashes of the files that are there, for the manifest."""
-        return {name: self._held[name] for name in sorted(self._held) if (self._root / name).is_file()}
+        """Hashes of all files, for the manifest."""
+        return dict(sorted(self._held.items()))
+
+    def forget(self, path: Path) -> None:
+        """A file, or all in a folder, that the run has removed."""
+        gone = self._name(path)
+        for name in [name for name in self._held if name == gone or name.startswith(f"{gone}/")]:
+            del self._held[name]
+
+    def check_presence(self) -> None:
+        """Raises FolderLostError where files have gone that nobody here has removed."""
+        lost = [name for name in self._held if not (self._root / name).is_file()]
+        if lost:
+            words = f"{len(lost)} files of the campaign, {lost[0]} among them, are gone: deleted meanwhile"
+            raise FolderLostError(f"{self._root}: {words}. The same command makes them anew.")
 
     def _name(self, path: Path) -> str:
         return path.relative_to(self._root).as_posix()
