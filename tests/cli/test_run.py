@@ -170,7 +170,7 @@ def test_a_folder_with_a_colon_in_its_name_is_a_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     campaign = write_campaign(tmp_path / "f", runs="30")
     assert run_campaign(Request(campaign, Path("run-21:30")), ENGINE).complete
-    assert open_database(Path("run-21:30")).sql("select count(*) from flights").fetchone() == (60,)
+    assert open_database(Path("run-21:30")).sql("select count(*) from flights").fetchall() == [(60,)]
 
 
 def test_a_folder_that_is_deleted_meanwhile_is_not_complete(tmp_path):

@@ -1,5 +1,6 @@
 """The shards of a campaign as one campaign, once they are proven to be its parts."""
 
+import contextlib
 import shutil
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -17,7 +18,7 @@ from abhv_mc.store.digest import Digest
 from abhv_mc.store.folder import CampaignFolder, write_whole
 from abhv_mc.store.hashes import read_checked
 from abhv_mc.store.lock import hold_lock
-from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, write_manifest
+from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, read_manifest, write_manifest
 from abhv_mc.store.plans import flatten, read_plan
 from abhv_mc.store.samples import ROW_GROUP, SampleReader
 
@@ -31,11 +32,13 @@ def merge_campaign(parts: Sequence[Path], out: Path, engine: Engine | None = Non
     on the same samples and plans, each flight once; and after it where their digests do not add up.
     """
     folders = [CampaignFolder(part) for part in parts]
-    manifests = [read_checked(folder) for folder in folders]
+    manifests = [read_manifest(folder.manifest) for folder in folders]
     order = _check_parts(folders, manifests)
     first, target = folders[order[0]], CampaignFolder(out)
     for folder in folders:
-        _check_content(first, folder, list(manifests[0]["controllers"]))
+        with contextlib.suppress(OSError, ValueError):  # damaged, which is told next
+            _check_content(first, folder, list(manifests[0]["controllers"]))
+        read_checked(folder)
     if out.exists() and any(out.iterdir()):
         raise InputError(out, None, None, "a folder that is not empty", "a new or an empty one")
     with ExitStack() as stack:

@@ -30,7 +30,7 @@ from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import FileHashes, read_checked, record_hashes, refuse_links
 from abhv_mc.store.histories import write_nominal, write_reference
 from abhv_mc.store.lock import hold_lock
-from abhv_mc.store.manifest import COMPLETE, RUNNING, read_manifest, write_manifest
+from abhv_mc.store.manifest import COMPLETE, RUNNING, read_manifest, read_whole_manifest, write_manifest
 from abhv_mc.store.plans import pack_plan, read_plan, write_plan
 from abhv_mc.store.provenance import find_commit, find_machine, find_versions
 from abhv_mc.store.samples import ROW_GROUP, SampleReader, write_samples
@@ -126,7 +126,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     refuse_links(folder.root)
     asked = tuple(wanted.model.controllers)
     if started and not request.fresh:
-        held = read_manifest(folder.manifest).get("files")
+        held = read_whole_manifest(folder.manifest).get("files")
         files = stack.enter_context(record_hashes(folder.root, held or {}))
         if held is None:
             files.adopt()

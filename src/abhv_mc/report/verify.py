@@ -13,7 +13,7 @@ from abhv_mc.store.digest import Digest
 from abhv_mc.store.flights import DamagedFileError, read_block
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import find_damage
-from abhv_mc.store.manifest import read_manifest
+from abhv_mc.store.manifest import read_manifest, read_whole_manifest
 
 
 def differences(written: Any, remade: Any, place: str = "") -> Iterator[str]:
@@ -58,7 +58,7 @@ def verify_campaign(root: Path) -> Iterator[str]:
     Raises InputError where the report or the data cannot be read at all.
     """
     folder = CampaignFolder(root)
-    manifest = read_manifest(folder.manifest)
+    manifest = read_whole_manifest(folder.manifest)
     yield from (f"{path.relative_to(root).as_posix()}: {found}" for path, found in find_damage(folder, manifest))
     path = root / "report.json"
     if not path.is_file():

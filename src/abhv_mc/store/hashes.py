@@ -9,7 +9,7 @@ from typing import Any
 
 from abhv_mc.input_error import InputError
 from abhv_mc.store.folder import CampaignFolder, FolderLostError, hash_file, recording
-from abhv_mc.store.manifest import COMPLETE, read_manifest
+from abhv_mc.store.manifest import COMPLETE, read_whole_manifest
 
 _DAMAGED = "a file that is not as the campaign wrote it: damaged, or changed since"
 _GONE = "no such file, but the manifest names it"
@@ -133,7 +133,7 @@ def read_checked(folder: CampaignFolder, paths: Iterable[Path] | None = None) ->
     Raises InputError, which names the first file that is not, and a link that leads out of the folder. A folder of an
     older version, which kept no hashes, is read; standard error says so.
     """
-    manifest = read_manifest(folder.manifest)
+    manifest = read_whole_manifest(folder.manifest)
     refuse_links(folder.root)
     for path, found in find_damage(folder, manifest, paths):
         wish = f"the file as it was written: restore it, or make it anew (abhv-mc run CAMPAIGN.yaml -o {folder.root})"

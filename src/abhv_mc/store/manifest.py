@@ -22,7 +22,19 @@ def write_manifest(path: Path, manifest: dict[str, Any]) -> None:
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
+    """Read what it says, altered or not. Raises InputError where there is none."""
+    return _parse(path)[0]
+
+
+def read_whole_manifest(path: Path) -> dict[str, Any]:
     """Read it. Raises InputError where there is none, or one that is not as it was written."""
+    manifest, content = _parse(path)
+    if (manifest.keys() & {_HASH, "files"}) and not _is_whole(content):  # older versions wrote neither
+        raise InputError(path, None, None, "a damaged manifest (its text has another hash)", _WISH)
+    return manifest
+
+
+def _parse(path: Path) -> tuple[dict[str, Any], bytes]:
     try:
         content = path.read_bytes()
         manifest = json.loads(content)
@@ -32,9 +44,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
         raise InputError(path, None, None, f"a damaged manifest ({error})", _WISH) from None
     if not isinstance(manifest, dict):
         raise InputError(path, None, None, "no mapping", _WISH)
-    if (manifest.keys() & {_HASH, "files"}) and not _is_whole(content):  # older versions wrote neither
-        raise InputError(path, None, None, "a damaged manifest (its text has another hash)", _WISH)
-    return manifest
+    return manifest, content
 
 
 def _is_whole(content: bytes) -> bool:
