@@ -1,6 +1,7 @@
 """One process per campaign folder: a lock that the system drops when its holder dies."""
 
 import contextlib
+import errno
 import fcntl
 import json
 import os
@@ -10,6 +11,8 @@ from pathlib import Path
 
 from abhv_mc.input_error import InputError
 from abhv_mc.store.folder import told_plainly
+
+_HELD = (errno.EAGAIN, errno.EWOULDBLOCK, errno.EACCES)
 
 
 @contextlib.contextmanager
@@ -21,7 +24,11 @@ def hold_lock(path: Path) -> Iterator[None]:
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+        except OSError as error:
+            if error.errno not in _HELD:
+                found = f"a file system without locks ({error.strerror})"
+                wish = "a folder on a disk of this machine (-o DIR), or one mounted with locks (NFS: without nolock)"
+                raise InputError(path.parent, None, None, found, wish) from None
             found = f"a campaign that {_holder(path)} is flying"
             raise InputError(path.parent, None, None, found, "its end, or another folder (-o DIR)") from None
         with contextlib.suppress(OSError):  # a full disk: the lock holds all the same
@@ -38,8 +45,8 @@ def lock_holder(path: Path) -> str | None:
             return None
     except FileNotFoundError:
         return None
-    except OSError:
-        return _holder(path)
+    except OSError as error:
+        return _holder(path) if error.errno in _HELD else None
 
 
 def _holder(path: Path) -> str:
