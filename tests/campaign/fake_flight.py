@@ -102,7 +102,7 @@ def write_campaign(folder: Path, **entries: str) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "tables").mkdir(exist_ok=True)
     (folder / "tables/cl.csv").write_text("mach,value\n1,2\n", encoding="utf-8")
-    (folder / "vehicle.yaml").write_text("table: tables/cl.csv\n", encoding="utf-8")
+    (folder / "vehicle.yaml").write_text("file: tables/cl.csv\n", encoding="utf-8")
     (folder / "mission.yaml").write_text("kind: level\n", encoding="utf-8")
     (folder / "one.yaml").write_text("gain: 1.0\n", encoding="utf-8")
     (folder / "two.yaml").write_text("gain: 2.0\n", encoding="utf-8")

@@ -78,7 +78,7 @@ def _references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Pat
     """Files that a YAML file names by relative paths, and those that they name."""
     if path.suffix.lower() not in _YAML or path in seen:
         return
-    for text in _texts(read_document(path).data):
+    for text in _named_files(read_document(path).data):
         if Path(text).suffix.lower() in (*_YAML, *_DATA) and not Path(text).is_absolute():
             file = (path.parent / text).resolve()
             if file.is_file():
@@ -86,15 +86,13 @@ def _references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Pat
                 yield from _references(file, seen | {path})
 
 
-def _texts(value: Any) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict):
-        for inner in value.values():
-            yield from _texts(inner)
-    elif isinstance(value, list):
-        for inner in value:
-            yield from _texts(inner)
+def _named_files(value: Any) -> Iterator[str]:
+    """What stands at the one key that names a file in the files that a campaign refers to; text elsewhere is text."""
+    for key, inner in value.items() if isinstance(value, dict) else ():
+        if key == "file" and isinstance(inner, str):
+            yield inner
+    for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from _named_files(inner)
 
 
 def describe_changes(held: ResolvedCampaign, wanted: ResolvedCampaign, extensible: bool) -> list[str]:
