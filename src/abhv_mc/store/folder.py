@@ -12,12 +12,10 @@ from abhv_mc.input_error import InputError
 
 _ASIDE = ".aside"  # ending of a file that is being written
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the last: a limit on a file's size (ulimit -f)
-_CLOSED = (
-    errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT,
-    errno.ELOOP, errno.ENAMETOOLONG, errno.EINVAL,
+_CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
+_UNWRITABLE = (
+    *_CLOSED, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT, errno.ELOOP, errno.ENAMETOOLONG, errno.EINVAL,
 )  # fmt: skip
-
-
 _recorders: list[Callable[[Path, str], None]] = []  # told of every file that is put whole
 
 
@@ -133,8 +131,11 @@ class CampaignFolder:
 
 
 @contextlib.contextmanager
-def told_plainly(path: Path) -> Iterator[None]:
-    """Say what a full disk or a closed folder means instead of a bare OSError."""
+def told_plainly(path: Path, writing: bool = False) -> Iterator[None]:
+    """Say what a full disk or a closed folder means instead of a bare OSError.
+
+    With ``writing``, all that keeps ``path`` from being written, which elsewhere may be a defect (no such file).
+    """
     try:
         yield
     except OSError as error:
@@ -142,7 +143,7 @@ def told_plainly(path: Path) -> Iterator[None]:
             raise StorageFullError(
                 f"{path}: no space left. What was flown is kept: make room and run the same command again."
             ) from error
-        if error.errno in _CLOSED:
+        if error.errno in (_UNWRITABLE if writing else _CLOSED):
             raise InputError(path, None, None, f"a place that cannot be written ({error.strerror})",
                              "a folder that can be written") from error  # fmt: skip
         raise
@@ -164,7 +165,7 @@ def write_whole(path: Path, write: Callable[[Path], None], durable: bool = False
     Raises StorageFullError or InputError where the folder takes nothing.
     """
     aside = path.absolute().with_name(f".{path.name}{_ASIDE}")  # the dot hides it from readers of the folder
-    with told_plainly(path):
+    with told_plainly(path, writing=True):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             write(aside)

@@ -18,7 +18,7 @@ _HELD = (errno.EAGAIN, errno.EWOULDBLOCK, errno.EACCES)
 @contextlib.contextmanager
 def hold_lock(path: Path) -> Iterator[None]:
     """Hold the lock file ``path``. Raises InputError, which names the holder, when another process has it."""
-    with told_plainly(path):
+    with told_plainly(path, writing=True):
         path.parent.mkdir(parents=True, exist_ok=True)
         file = path.open("ab", buffering=0)  # held open as long as the lock
     with file:
