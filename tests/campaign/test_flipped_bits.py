@@ -85,7 +85,7 @@ def test_run_mends_any_flipped_bit(flown, tmp_path, capfd):
     digest = open_results(folder).manifest["digest"]
     chance = random.Random(SEED)
     for file, content in whole.items():
-        for place in (1, chance.randrange(len(content)), len(content) - 2):
+        for place in {1, chance.randrange(len(content))}:
             out = tmp_path / "out"
             shutil.copytree(folder, out)
             flip(out / file, place, chance.randrange(8))
