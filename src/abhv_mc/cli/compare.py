@@ -18,10 +18,11 @@ def command(
 
     Without --controllers, each controller that both flew is compared with itself.
     """
+    from abhv_mc.cli.names import parse_names
     from abhv_mc.cli.printing import print_json
     from abhv_mc.report.compare import compare_folders
 
-    named = tuple(part.strip() for part in controllers.split(",")) if controllers else ()
+    named = parse_names(controllers) or ()
     found = compare_folders(folder_a, folder_b, named)
     (print_json if json else _print)(found)
 

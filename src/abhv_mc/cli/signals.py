@@ -35,3 +35,10 @@ def heed_signals() -> Iterator[None]:
 def settle_interrupt() -> None:
     """Leave with an exit code after an interrupt: one that hit exec or eval would have Python die by its signal."""
     eval("0")  # noqa: S307  # the next one that runs to its end makes Python forget it
+
+
+def ignore_signals() -> None:
+    """From here on the process ends by itself."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)

@@ -1,6 +1,6 @@
 """The flights of a campaign by controller, from its blocks."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -83,12 +83,14 @@ class _Collected:
         return ControllerFlights(flight, outcome, self.metrics, self.not_computed)
 
 
-def read_flights(folder: Path) -> dict[str, ControllerFlights]:
+def read_flights(folder: Path, known: Collection[Path] | None = None) -> dict[str, ControllerFlights]:
     """All blocks of a folder, each read once; controllers without a computed flight are left out.
+
+    With ``known``, only those among them.
 
     Raises InputError where there is no flight, or where a block is unreadable or not like the others.
     """
-    files = sorted(folder.glob("*.parquet"))
+    files = [path for path in sorted(folder.glob("*.parquet")) if known is None or path in known]
     if not files:
         raise missing_file(folder, "at least one flown block (*.parquet)")
     metrics = _find_metrics(read_table(files[0], _WANTED).schema)

@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import hashlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -10,17 +11,26 @@ from abhv_mc.io.input_error import InputError
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the last: a limit on a file's size (ulimit -f)
 _CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
+_UNWRITABLE = (
+    *_CLOSED, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT, errno.ELOOP, errno.ENAMETOOLONG, errno.EINVAL,
+)  # fmt: skip
+_recorders: list[Callable[[Path, str], None]] = []  # told of every file that is put whole
 
 
 class StorageFullError(Exception):
     """The disk is full; what was flown is kept and the same command resumes."""
 
 
+class FolderLostError(Exception):
+    """Files of the campaign went while it flew; the same command makes them anew."""
+
+
 class CampaignFolder:
     """Paths of a campaign's folder."""
 
     def __init__(self, root: Path) -> None:
-        self.root = root
+        # pyarrow takes a relative path with a colon for an address.
+        self.root = root = root.absolute() if ":" in str(root) else root
         self.campaign = root / "campaign.yaml"
         self.manifest = root / "manifest.json"
         self.samples = root / "samples.parquet"
@@ -39,12 +49,16 @@ class CampaignFolder:
         return self.plans / f"{controller}.npz"
 
     @property
+    def report(self) -> tuple[Path, ...]:
+        """What a report writes."""
+        return (self.root / "report.html", self.root / "report.md", self.root / "report.json", self.root / "figures")
+
+    @property
     def parts(self) -> tuple[Path, ...]:
         """Everything that a campaign writes, apart from the lock."""
         files = (self.campaign, self.manifest, self.samples, self.envelopes, self.nominal, self.reference)
-        report = (self.root / "report.html", self.root / "report.md", self.root / "report.json", self.root / "figures")
         folders = (self.inputs, self.plans, self.flights, self.histories, self.envelope_states, self.explained)
-        return (*files, *report, *folders)
+        return (*files, *self.report, *folders)
 
     def unknown_files(self) -> list[Path]:
         """What lies in the folder that no campaign wrote."""
@@ -59,7 +73,7 @@ class CampaignFolder:
 
         self.manifest.unlink(missing_ok=True)
         for path in self.parts:
-            if path.is_dir():
+            if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
             else:
                 path.unlink(missing_ok=True)
@@ -73,8 +87,11 @@ class CampaignFolder:
 
 
 @contextlib.contextmanager
-def told_plainly(path: Path) -> Iterator[None]:
-    """Say what a full disk or a closed folder means instead of a bare OSError."""
+def told_plainly(path: Path, writing: bool = False) -> Iterator[None]:
+    """Say what a full disk or a closed folder means instead of a bare OSError.
+
+    With ``writing``, all that keeps ``path`` from being written, which elsewhere may be a defect (no such file).
+    """
     try:
         yield
     except OSError as error:
@@ -82,10 +99,20 @@ def told_plainly(path: Path) -> Iterator[None]:
             raise StorageFullError(
                 f"{path}: no space left. What was flown is kept: make room and run the same command again."
             ) from error
-        if error.errno in _CLOSED:
+        if error.errno in (_UNWRITABLE if writing else _CLOSED):
             raise InputError(path, None, None, f"a place that cannot be written ({error.strerror})",
                              "a folder that can be written") from error  # fmt: skip
         raise
+
+
+@contextlib.contextmanager
+def recording(note: Callable[[Path, str], None]) -> Iterator[None]:
+    """Let ``note`` know every file that is put whole meanwhile, with the SHA-256 of what was written."""
+    _recorders.append(note)
+    try:
+        yield
+    finally:
+        _recorders.remove(note)
 
 
 def write_whole(path: Path, write: Callable[[Path], None], durable: bool = False) -> None:
@@ -93,8 +120,19 @@ def write_whole(path: Path, write: Callable[[Path], None], durable: bool = False
 
     Raises StorageFullError or InputError where the folder takes nothing.
     """
-    with told_plainly(path), atomic_write(path, durable) as aside:
+    digest = ""
+    with told_plainly(path, writing=True), atomic_write(path, durable) as aside:
         write(aside)
+        if _recorders:
+            digest = hash_file(aside)
+    for note in _recorders:
+        note(path, digest)
+
+
+def hash_file(path: Path) -> str:
+    """SHA-256 of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def write_bytes(path: Path, content: bytes, durable: bool = False) -> None:

@@ -20,6 +20,7 @@ from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.statistics.requirement import requirement_failures
 from abhv_mc.store.flights import FlightRows
 from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.hashes import read_checked
 from abhv_mc.store.plans import read_plan
 from abhv_mc.store.samples import SampleReader
 
@@ -80,6 +81,8 @@ def explain_flight(
     else the first requirement that it missed. Raises InputError for a flight that is not there or did not fail.
     """
     folder = CampaignFolder(root)
+    inputs = [path for path in folder.inputs.rglob("*") if path.is_file()]
+    read_checked(folder, [folder.campaign, folder.plan(controller), folder.samples, *inputs])
     campaign = read_campaign(folder.campaign)
     if controller not in campaign.model.controllers:
         raise InputError(root, None, None, f"no controller '{controller}'", one_of(campaign.model.controllers))

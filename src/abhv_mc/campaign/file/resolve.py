@@ -13,7 +13,8 @@ from typing import Any
 
 from abhv_mc.campaign.file.check import CheckedCampaign, select_requirements
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
-from abhv_mc.store.folder import CampaignFolder, write_bytes, write_whole
+from abhv_mc.store.folder import CampaignFolder, hash_file, write_bytes, write_whole
+from abhv_mc.store.hashes import FileHashes
 
 _YAML = (".yaml", ".yml")
 _DATA = (".csv", ".parquet", ".pq", ".json", ".gz")
@@ -81,7 +82,7 @@ def _references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Pat
     """Files that a YAML file names by relative paths, and those that they name."""
     if path.suffix.lower() not in _YAML or path in seen:
         return
-    for text in _texts(read_document(path).data):
+    for text in _named_files(read_document(path).data):
         if Path(text).suffix.lower() in (*_YAML, *_DATA) and not Path(text).is_absolute():
             file = (path.parent / text).resolve()
             if file.is_file():
@@ -89,15 +90,13 @@ def _references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Pat
                 yield from _references(file, seen | {path})
 
 
-def _texts(value: Any) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict):
-        for inner in value.values():
-            yield from _texts(inner)
-    elif isinstance(value, list):
-        for inner in value:
-            yield from _texts(inner)
+def _named_files(value: Any) -> Iterator[str]:
+    """What stands at the one key that names a file in the files that a campaign refers to; text elsewhere is text."""
+    for key, inner in value.items() if isinstance(value, dict) else ():
+        if key == "file" and isinstance(inner, str):
+            yield inner
+    for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from _named_files(inner)
 
 
 def describe_changes(held: ResolvedCampaign, wanted: ResolvedCampaign, extensible: bool) -> list[str]:
@@ -164,16 +163,23 @@ def read_held(folder: CampaignFolder, manifest: dict[str, Any]) -> ResolvedCampa
     return ResolvedCampaign(document, {}, hashes)
 
 
-def mend_folder(folder: CampaignFolder, manifest: dict[str, Any], wanted: ResolvedCampaign) -> None:
+def mend_folder(folder: CampaignFolder, manifest: dict[str, Any], wanted: ResolvedCampaign, files: FileHashes) -> None:
     """Write the campaign's file and inputs anew where they are damaged and the manifest says that they were these."""
     if wanted.identity != manifest.get("campaign_hash"):
         return
     try:
-        held = read_held(folder, manifest).identity == wanted.identity and all(
-            hashlib.sha256((folder.root / place).read_bytes()).hexdigest() == known
-            for place, known in wanted.hashes.items()
-        )
-    except (InputError, OSError):
+        held = files.holds(folder.campaign) and read_held(folder, manifest).identity == wanted.identity
+        check_inputs(folder, manifest)
+    except InputError:
         held = False
     if not held:
         wanted.write(folder)
+
+
+def check_inputs(folder: CampaignFolder, manifest: dict[str, Any]) -> None:
+    """Raises InputError for a copy of an input file that is not as the manifest says."""
+    for place, known in manifest["inputs"].items():
+        path = folder.root / place
+        if not path.is_file() or hash_file(path) != known:
+            wish = "the file as it was flown: the same campaign with all its controllers puts it there again"
+            raise InputError(path, None, None, "a damaged copy of an input file", wish)

@@ -45,6 +45,7 @@ from abhv_mc.store.flights import (
     read_block,
     write_block,
 )
+from abhv_mc.store.folder import hash_file
 from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
 from abhv_mc.store.samples import SampleReader
 
@@ -87,6 +88,7 @@ class _Run:
     def __init__(self, opened: OpenCampaign, engine: Engine, executor: Executor) -> None:
         self.folder, self.campaign, self.plans = opened.folder, opened.campaign, opened.plans
         self.manifest, self.asked, self.engine = opened.manifest, opened.asked, engine
+        self.files = opened.files
         model = self.campaign.model
         self.first, self.stop = opened.part
         self.sharded = "shard" in self.manifest
@@ -103,9 +105,7 @@ class _Run:
     def run(self) -> RunResult:
         """Fly and finish."""
         self._take_stock()
-        flown = (
-            self.manifest["state"] == COMPLETE and self._whole() and (self.sharded or is_whole(self.folder.envelopes))
-        )
+        flown = self.manifest["state"] == COMPLETE and self._whole() and (self.sharded or self._has_envelopes())
         if not (flown and (self.sharded or all(file.whole for file in self._list_histories()))):
             check_source(self.folder, self.manifest, self.engine)
             try:
@@ -123,7 +123,12 @@ class _Run:
                 with contextlib.suppress(Exception):  # the error counts, not that the full disk takes no manifest
                     self._write_manifest(INTERRUPTED)
                 raise
+        elif self.manifest.get("files", self.files.listed()) != self.files.listed():
+            self._write_manifest(COMPLETE)  # what was mended may have other bytes, written by another library
         return RunResult(self.folder.root, self.manifest)
+
+    def _has_envelopes(self) -> bool:
+        return self.files.holds(self.folder.envelopes) and is_whole(self.folder.envelopes)
 
     def _goal(self) -> int:
         """Number of flights to have: all, or up to the look at which a campaign that stops when proven stops."""
@@ -146,12 +151,17 @@ class _Run:
                 mask = self.done.get(controller)
                 if mask is None or stop > self.campaign.runs or mask[first:stop].any():
                     raise DamagedFileError(f"{path.name} belongs to no part of this campaign")
+                if self.files.knows(path) and not self.files.holds(path):
+                    raise DamagedFileError(f"{path.name} is not as it was written")
                 rows = read_block(path, self.samples.names)
                 if not np.array_equal(rows.samples, self.samples.rows(first, stop)):
                     raise DamagedFileError(f"{path.name} was flown on other samples")
             except DamagedFileError:
                 path.rename(path.with_name(f"_{path.name}.damaged"))  # kept, but hidden from readers of the folder
+                self.files.forget(path)
                 continue
+            if not self.files.knows(path):  # it landed after the last manifest, and holds what it says
+                self.files.note(path, hash_file(path))
             mask[first:stop] = True
             self.tallies[controller].add(rows, rows.digest())
 
@@ -255,12 +265,17 @@ class _Run:
             tables = {name: self.collectors[name].table() for name in self.plans}
             write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables)
         flown = replace(self.campaign, runs=self._goal())
-        write_kept_histories(self.folder, flown, self.plans, self.tallies, self.samples, self.fly, self.workers)
+        write_kept_histories(
+            self.folder, flown, self.plans, self.tallies, self.samples, self.fly, self.workers, self.files
+        )
         for collector in self.collectors.values():
             collector.finish()
+        if not self.folder.envelope_states.is_dir():
+            self.files.forget(self.folder.envelope_states)
+        self.files.check_presence()
 
     def _list_histories(self) -> list[HistoryFile]:
-        return list_histories(self.folder, replace(self.campaign, runs=self._goal()), self.tallies)
+        return list_histories(self.folder, replace(self.campaign, runs=self._goal()), self.tallies, self.files)
 
     def _write_manifest(self, state: str) -> None:
         failed_code = Outcome.FAILED_TO_RUN.code
@@ -282,6 +297,7 @@ class _Run:
             },
             "requirements": [] if self.sharded else judge_requirements(self.tallies, self.campaign, gapless),
         }
+        self.manifest["files"] = self.files.listed()
         if self.campaign.looks:
             self.manifest["stopped_at"] = gapless if state == COMPLETE else None
         write_manifest(self.folder.manifest, self.manifest)
