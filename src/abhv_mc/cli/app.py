@@ -31,6 +31,7 @@ _COMMANDS = {
         "parameters",
         "version",
     ),
+    "Analyse": ("margins", "linearize"),
     "Prove": ("verify", "bench"),
 }
 

@@ -151,25 +151,34 @@ def hold(plan: FlightPlan, parameters: Floats, plant_A: Floats, plant_B: Floats)
     return np.ascontiguousarray(end[:, :18, :18]), np.ascontiguousarray(end[:, :18, 18:])
 
 
-def closed_loop(linear: Linear, point: int) -> Floats:
-    """The sampled map of one control period: plant, actuators, the law's memory and, newest first, old measurements."""
+def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
+    """A, B, C of all loops cut at the plant's inputs: from what goes in there to minus what the law commands.
+
+    States are the plant's 18, the law's memory and, newest first, the old measurements that a delay keeps.
+    """
     m, d = linear.law_A.shape[1], int(linear.delay[point])
     n = 18 + m + 10 * d
-    A = np.zeros((n, n))
     seen = np.zeros((10, n))  # the measurement that the law sees, of the whole state
-    seen[:, n - 10 : n] = np.eye(10)
-    if d == 0:
-        seen[:] = np.eye(10, n)
-    commands = linear.law_D[point] @ seen
-    commands[:, 18 : 18 + m] += linear.law_C[point]
-    A[:18, :18] = linear.A[point]
-    A[:18] += linear.B[point] @ commands
+    if d:
+        seen[:, n - 10 :] = np.eye(10)
+    else:
+        seen[:, :10] = np.eye(10)
+    A, B = np.zeros((n, n)), np.zeros((n, 4))
+    A[:18, :18], B[:18] = linear.A[point], linear.B[point]
     A[18 : 18 + m] = linear.law_B[point] @ seen
     A[18 : 18 + m, 18 : 18 + m] += linear.law_A[point]
     if d:
         A[18 + m : 28 + m, :10] = np.eye(10)
         A[28 + m :, 18 + m : n - 10] = np.eye(10 * (d - 1))
-    return A
+    C = -linear.law_D[point] @ seen
+    C[:, 18 : 18 + m] -= linear.law_C[point]
+    return A, B, C
+
+
+def closed_loop(linear: Linear, point: int) -> Floats:
+    """The sampled map of one control period with the law in command, on the states of :func:`open_loop`."""
+    A, B, C = open_loop(linear, point)
+    return A - B @ C
 
 
 def memory_count(plan: FlightPlan) -> int:

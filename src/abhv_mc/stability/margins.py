@@ -135,9 +135,7 @@ def _phase_margins(at, grid: Floats, gains: Complexes) -> tuple[Floats, Floats, 
 def _largest_mu(response: Response, omega: Floats, S: Complexes) -> tuple[Floats, Floats]:
     half = 0.5 * np.eye(S.shape[-1])
     value, at = peak_of_structured_singular_values(S - half)
-    return refine_peaks(
-        lambda i, w: structured_singular_values(close(response(i, w))[0] - half), omega, at, value
-    )
+    return refine_peaks(lambda i, w: structured_singular_values(close(response(i, w))[0] - half), omega, at, value)
 
 
 def _common_delay(response: Response, omega: Floats, L: Complexes) -> Floats:

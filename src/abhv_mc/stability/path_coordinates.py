@@ -103,9 +103,7 @@ def _motion(states: Floats, rates: Floats) -> tuple[Floats, Floats]:
     bank, d_bank = _angle(right, below, d_right, d_below)
     turning, d_turning = x[s.ROLL_RATE : s.YAW_RATE + 1], dx[s.ROLL_RATE : s.YAW_RATE + 1]
     path = np.stack([x[s.ALTITUDE], V, gamma, chi, alpha, beta, bank, *turning], axis=1)
-    return path, np.stack(
-        [dx[s.ALTITUDE], dV, d_gamma, d_chi, d_alpha, d_beta, d_bank, *d_turning], axis=1
-    )
+    return path, np.stack([dx[s.ALTITUDE], dV, d_gamma, d_chi, d_alpha, d_beta, d_bank, *d_turning], axis=1)
 
 
 def _length(v: Floats, dv: Floats) -> tuple[Floats, Floats]:

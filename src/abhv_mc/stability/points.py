@@ -26,6 +26,7 @@ from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.vehicle.model import Vehicle
 
 _ITERATIONS = 25
+_AT_REST = 1e-12  # what the law's memory at a trim may change by in a tick
 _BALANCED = 1e-9  # rad/s2 and so on: what a trim may leave of any rate
 _TRIM_UNKNOWNS = (path.ALPHA, path.BANK, path.P, path.Q, path.R, 10, 11, 12, 13)
 _TRIM_RATES = tuple(range(1, 10))  # all but the altitude's
@@ -145,6 +146,8 @@ def _memory_at_rest(plan: FlightPlan, points: Points) -> Floats:
     for _ in range(8 if count else 0):
         law = law_slopes(plan, points._replace(memory=memory))
         left = law.value - np.hstack([memory, points.controls])
+        if np.abs(left).max() < _AT_REST:
+            break
         J = law.slope[:, :, 10:].copy()
         J[:, :count] -= np.eye(count)
         memory = memory - np.einsum("pij,pj->pi", np.linalg.pinv(J, rcond=1e-13), left)
