@@ -13,7 +13,7 @@ import time
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_name] = "1"  # small matrices: the processes are the parallel part
 
-import numpy as np
+import numpy as np  # noqa: E402
 
 SPREADS = {
     "atmosphere.density": 0.1,

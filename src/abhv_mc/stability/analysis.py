@@ -102,7 +102,8 @@ def margins_of_flights(
                 words.append(fault or ("" if stable else "unstable"))
                 values = np.zeros(4) if words[-1] else _least(stability.margins, i)
                 least[:, first + i] = np.minimum(least[:, first + i], values)
-    return FlightMargins(*least, faults)
+    gain, phase, delay, disk = least
+    return FlightMargins(gain, phase, delay, disk, faults)
 
 
 def _least(margins: Margins, system: int) -> Floats:

@@ -134,7 +134,7 @@ def actuator_matrices(plan: FlightPlan, parameters: Floats) -> tuple[Floats, Flo
 
 
 def hold(plan: FlightPlan, parameters: Floats, plant_A: Floats, plant_B: Floats) -> tuple[Floats, Floats]:
-    """Plant with actuators under commands held over the control period: discrete A [point, 18, 18], B [point, 18, 4]."""
+    """Plant and actuators under held commands: discrete A [point, 18, 18] and B [point, 18, 4]."""
     from scipy.linalg import expm
 
     actuator_A, actuator_B = actuator_matrices(plan, parameters)

@@ -23,9 +23,9 @@ _FARTHEST = 1e6  # a gain margin beyond 120 dB is none
 
 
 class Margins(NamedTuple):
-    """Margins of each loop with the others closed, [system, loop], and of all at once, [system]; inf where there is none.
+    """Margins of each loop with the others closed, [system, loop], and of all at once, [system].
 
-    Only of systems whose closed loop is stable do they mean anything.
+    Infinite where there is none. Only of systems whose closed loop is stable do they mean anything.
     """
 
     gain_low: Floats  # the gain below 1 nearest to it that makes the loop neutral, 0 where none does
@@ -49,13 +49,17 @@ class Closed(NamedTuple):
     S: Complexes  # [..., loop]
 
 
+# One loop alone of the rows [point], which count the loops of system after system, at frequencies [point].
+Single = Callable[[Ints, Floats], Closed]
+
+
 def close(L: Complexes) -> tuple[Complexes, Closed]:
     """Sensitivity [..., input, input] and the single loops of loop gains [..., input, input]."""
     eye = np.eye(L.shape[-1])
     S = np.linalg.inv(eye + L)
     alone = np.einsum("...ij,...ji->...i", S, L)
     own = np.einsum("...ii->...i", S)
-    return S, Closed(alone / own, own)
+    return np.asarray(S), Closed(np.asarray(alone / own), own)
 
 
 def find_margins(response: Response, omega: Floats, period: float) -> Margins:
@@ -75,28 +79,29 @@ def find_margins(response: Response, omega: Floats, period: float) -> Margins:
         rows = np.arange(loop.size)
         return Closed(found.L[rows, loop % inputs], found.S[rows, loop % inputs])
 
-    low, low_at, high, high_at = _gain_margins(at, grid, gains, response, systems, inputs, period)
+    low, low_at, high, high_at = _gain_margins(at, grid, gains, period)
     phase, crossover, delay = _phase_margins(at, grid, gains)
-    peaks = [
-        refine_peaks(lambda i, w, c=centre: np.abs(at(i, w).S - c), grid, size.argmax(axis=1), size.max(axis=1))[0]
-        for centre, size in ((0.0, np.abs(own)), (0.5, np.abs(own - 0.5)))
-    ]
+    sensitivity, disk = (_largest(at, grid, own, centre) for centre in (0.0, 0.5))
     mu, mu_at = _largest_mu(response, omega, S)
-    each = (low, low_at, high, high_at, phase, crossover, delay, peaks[0], 1.0 / peaks[1])
-    return Margins(
-        *(value.reshape(systems, inputs) for value in each), 1.0 / mu, mu_at, _common_delay(response, omega, L)
-    )
+    each = (low, low_at, high, high_at, phase, crossover, delay, sensitivity, 1.0 / disk)
+    together = (1.0 / mu, mu_at, _common_delay(response, omega, L))
+    return Margins._make([*(value.reshape(systems, inputs) for value in each), *together])
 
 
-def _gain_margins(  # type: ignore[no-untyped-def]
-    at, grid: Floats, gains: Complexes, response: Response, systems: int, inputs: int, period: float
-) -> tuple[Floats, Floats, Floats, Floats]:
+def _largest(at: Single, grid: Floats, own: Complexes, centre: float) -> Floats:
+    """Largest distance [row] of the sensitivity from ``centre`` over frequency."""
+    size = np.abs(own - centre)
+    found, _ = refine_peaks(lambda i, w: np.abs(at(i, w).S - centre), grid, size.argmax(axis=1), size.max(axis=1))
+    return found
+
+
+def _gain_margins(at: Single, grid: Floats, gains: Complexes, period: float) -> tuple[Floats, Floats, Floats, Floats]:
     turned = np.sin(np.angle(gains))
     loop, interval = changes_of_sign(turned)
     where = refine_crossings(lambda i, w: np.sin(np.angle(at(i, w).L)), turned, grid, loop, interval)
     value = at(loop, where).L
     # At zero frequency and at half the sampling rate every loop is real.
-    rows = np.arange(systems * inputs)
+    rows = np.arange(len(grid))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         ends = [at(rows, np.full(rows.size, w)).L for w in (0.0, np.pi / period)]
     loop = np.concatenate([loop, rows, rows])
@@ -117,7 +122,7 @@ def _gain_margins(  # type: ignore[no-untyped-def]
     return low, low_at, high, high_at
 
 
-def _phase_margins(at, grid: Floats, gains: Complexes) -> tuple[Floats, Floats, Floats]:  # type: ignore[no-untyped-def]
+def _phase_margins(at: Single, grid: Floats, gains: Complexes) -> tuple[Floats, Floats, Floats]:
     size = np.log(np.abs(gains))
     loop, interval = changes_of_sign(size)
     where = refine_crossings(lambda i, w: np.log(np.abs(at(i, w).L)), size, grid, loop, interval)

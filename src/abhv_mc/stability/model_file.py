@@ -89,7 +89,7 @@ def write_model(file: Path, model: dict[str, Any]) -> None:
         file.write_text(json.dumps(model, default=np.ndarray.tolist, indent=1) + "\n", encoding="utf-8")
         return
     if file.suffix == ".npz":
-        flat = {}
+        flat: dict[str, Any] = {}
         for key, value in model.items():
             parts = value.items() if isinstance(value, dict) else [("", value)]
             flat.update({f"{key}_{name}".rstrip("_"): np.array(each) for name, each in parts})

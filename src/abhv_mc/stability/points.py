@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.control import columns as ref
 from abhv_mc.control.controller_file import Controller, TlcController
-from abhv_mc.control.guidance_trim import GuidancePoints, trim_along
+from abhv_mc.control.guidance_trim import GuidancePoints, GuidanceTrim, trim_along
 from abhv_mc.control.lqr_design import make_lqr_gains
 from abhv_mc.control.mission import Level, Mission
 from abhv_mc.control.reference import make_mission_trim_tables
@@ -66,7 +66,7 @@ def make_steady_plan(
     return replace(plan, reference=reference, gains=gains, trim_tables=trim_tables)
 
 
-def _trim_turn(vehicle: Vehicle, plan: FlightPlan, row: Floats, heading_rate: float):  # type: ignore[no-untyped-def]
+def _trim_turn(vehicle: Vehicle, plan: FlightPlan, row: Floats, heading_rate: float) -> GuidanceTrim:
     one = np.ones(1)
     points = GuidancePoints(
         row[ref.SPEED] * one,
@@ -127,11 +127,12 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     limit = plan.vehicle.constants.surface_limit * calm[:, PARAMETER_INDEX["actuator.deflection_limit"]]
     eta_max = plan.vehicle.constants.equivalence_ratio_max * calm[:, PARAMETER_INDEX["engine.equivalence_ratio_limit"]]
     eta_min = plan.vehicle.constants.equivalence_ratio_min
-    beyond = (np.abs(at[:, 10:13]) > limit[:, None]).any(axis=1) | (at[:, 13] > eta_max) | (at[:, 13] < eta_min)
-    off = ~(np.abs(left).max(axis=1) < _BALANCED)
+    deflected = np.asarray((np.abs(at[:, 10:13]) > limit[:, None]).any(axis=1))
+    beyond = deflected | (at[:, 13] > eta_max) | (at[:, 13] < eta_min)
+    off = np.asarray(~(np.abs(left).max(axis=1) < _BALANCED))
     faults = [
         "no trim was found" if o else "the trim is beyond the limits of surfaces or engine" if b else ""
-        for o, b in zip(off, beyond, strict=True)
+        for o, b in zip(off.tolist(), beyond.tolist(), strict=True)
     ]
     points = fixed._replace(path=at[:, :10], controls=at[:, 10:], measured=at[:, :10])
     return Found(points._replace(memory=_memory_at_rest(plan, points)), faults)
@@ -181,7 +182,7 @@ def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
     limited = behind_limit(plan, points)
     faults = [
         f"the flight has ended before {time:g} s" if e else "a command stands at a limit" if b else ""
-        for e, b in zip(ended, limited, strict=True)
+        for e, b in zip(ended.tolist(), limited.tolist(), strict=True)
     ]
     return Found(points, faults)
 
@@ -193,6 +194,6 @@ def behind_limit(plan: FlightPlan, points: Points) -> NDArray[np.bool_]:
     low, high, bank = plan.settings[-3:]
     alpha, sigma = free.guidance[:, 1], np.abs(free.guidance[:, 2])
     eta = free.command[:, 3]
-    beyond = (alpha < low) | (alpha > high) | (sigma > bank)
+    beyond = np.asarray((alpha < low) | (alpha > high) | (sigma > bank))
     beyond |= (eta < c.equivalence_ratio_min) | (eta > c.equivalence_ratio_max)
     return np.asarray(beyond | (np.abs(free.command[:, :3]) > c.surface_limit).any(axis=1))

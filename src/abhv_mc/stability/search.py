@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from abhv_mc.vehicle.arrays import Floats, Ints
 
 _CROSSING_STEPS = 40
-_PEAK_STEPS = 24
-_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+_PEAK_STEPS = 9
+_SECTION = 0.5 * (3.0 - np.sqrt(5.0))  # golden
+_CLOSE = 1e-12  # of a quantity that crosses zero, and of the frequency's logarithm
 
 # A quantity [point] of loops [point] at frequencies [point], rad/s.
 Quantity = Callable[[Ints, Floats], Floats]
@@ -46,37 +47,42 @@ def refine_crossings(quantity: Quantity, values: Floats, omega: Floats, loop: In
         a[busy] = np.where(same, a[busy], b[busy])
         moved = np.abs(c - end[busy])
         b[busy], fb[busy], end[busy] = c, fc, c
-        busy = busy[(np.minimum(moved, np.abs(c - a[busy])) > 1e-13) & (fc != 0.0)]
+        busy = busy[(np.minimum(moved, np.abs(c - a[busy])) > _CLOSE) & (np.abs(fc) > _CLOSE)]
     return np.asarray(np.exp(end))
 
 
 def refine_peaks(quantity: Quantity, omega: Floats, at: Ints, value: Floats) -> tuple[Floats, Floats]:
     """Largest value [loop] near the grid's ``at`` [loop], where it is ``value``, and its frequency.
 
-    Golden section between the neighbours in the grid ``omega`` [loop, frequency].
+    Between the neighbours in the grid ``omega`` [loop, frequency], in its logarithm: the vertex of a parabola through
+    three points, every third time a golden section, which also gets on where the peak is a kink.
     """
     loops = np.arange(len(omega))
-    last = omega.shape[1] - 1
-    low = np.log(omega[loops, np.maximum(at - 1, 0)])
-    high = np.log(omega[loops, np.minimum(at + 1, last)])
-    best, where = value.copy(), omega[loops, at].copy()
+    x = np.log(omega)
+    low, here, high = (x[loops, np.clip(at + step, 0, omega.shape[1] - 1)] for step in (-1, 0, 1))
+    f_here = value.copy()
+    f_low, f_high = (quantity(loops, np.exp(end)) for end in (low, high))
+    for step in range(_PEAK_STEPS):
+        left, right = here - low, high - here
+        longer = np.where(right > left, here + _SECTION * right, here - _SECTION * left)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            p, q = right * (f_here - f_low), left * (f_here - f_high)
+            vertex = here + 0.5 * (right * p - left * q) / (p + q)
+        far = np.minimum(np.abs(vertex - low), np.abs(vertex - high)) > 0.0
+        useful = np.isfinite(vertex) & (vertex > low) & (vertex < high) & (vertex != here) & far
+        new = np.where(useful & (step % 3 != 2), vertex, longer)
+        f_new = quantity(loops, np.exp(new))
+        better, after = f_new > f_here, new > here
+        low, f_low = _choose(better & after, here, f_here, ~better & ~after, new, f_new, low, f_low)
+        high, f_high = _choose(better & ~after, here, f_here, ~better & after, new, f_new, high, f_high)
+        here, f_here = np.where(better, new, here), np.where(better, f_new, f_here)
+    return np.asarray(f_here), np.asarray(np.exp(here))
 
-    def ask(x: Floats) -> Floats:
-        found = quantity(loops, np.exp(x))
-        better = found > best
-        best[better], where[better] = found[better], np.exp(x)[better]
-        return found
 
-    left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    f_left, f_right = ask(left), ask(right)
-    for _ in range(_PEAK_STEPS):
-        rising = f_left < f_right
-        low, high = np.where(rising, left, low), np.where(rising, high, right)
-        fresh = np.where(rising, low + _GOLDEN * (high - low), high - _GOLDEN * (high - low))
-        f_fresh = ask(fresh)
-        left, right = np.where(rising, right, fresh), np.where(rising, fresh, left)
-        f_left, f_right = np.where(rising, f_right, f_fresh), np.where(rising, f_fresh, f_left)
-    return best, where
+def _choose(  # the first that is so
+    a: NDArray[np.bool_], xa: Floats, fa: Floats, b: NDArray[np.bool_], xb: Floats, fb: Floats, x: Floats, f: Floats
+) -> tuple[Floats, Floats]:
+    return np.where(a, xa, np.where(b, xb, x)), np.where(a, fa, np.where(b, fb, f))
 
 
 def frequency_grid(poles: list[NDArray[np.complex128]], period: float, count: int) -> Floats:

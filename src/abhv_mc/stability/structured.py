@@ -190,7 +190,7 @@ def _peak(M, value, at):
             _osborne(M[system, f], x)
             bound[f] = _sigma(M[system, f], x, H, V, room[0])
             tight[f] = 0
-        best = 0
+        best = np.argmax(bound)
         for _ in range(M.shape[1]):
             best = np.argmax(bound)
             if tight[best] == 1:
