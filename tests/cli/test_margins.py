@@ -9,7 +9,7 @@ import pytest
 import scipy.io
 
 from abhv_mc.cli import linearize, margins
-from abhv_mc.documents import InputError
+from abhv_mc.io.documents import InputError
 
 KEYS = [
     "controller",

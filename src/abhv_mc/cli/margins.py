@@ -53,7 +53,7 @@ def command(
     At a time of the flight the reference is frozen: such margins are indicative.
     """
     from abhv_mc.flight.fly import nominal_parameters
-    from abhv_mc.input_error import InputError
+    from abhv_mc.io.input_error import InputError
     from abhv_mc.stability.analysis import analyse
     from abhv_mc.stability.linearize import linearise
     from abhv_mc.stability.rows import make_rows
@@ -87,8 +87,8 @@ def command(
 
 def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], float]":
     """Times (s, or the trim) and the bank (rad) of the options. Raises InputError."""
-    from abhv_mc.documents import InputError, Refusal
-    from abhv_mc.units import ANGLE, TIME, parse_quantity
+    from abhv_mc.io.documents import InputError, Refusal
+    from abhv_mc.io.units import ANGLE, TIME, parse_quantity
 
     def read(option: str, text: str, dimension: Any, bare: str) -> float:
         try:
@@ -116,7 +116,7 @@ def read_setup(vehicle: str, mission: str, controllers: str, one: bool = False) 
     from abhv_mc.cli.fly import find_file
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
-    from abhv_mc.documents import InputError
+    from abhv_mc.io.documents import InputError
     from abhv_mc.plant.vehicles import load_vehicle
 
     names = [name.strip() for name in controllers.split(",")]
@@ -137,9 +137,9 @@ def read_setup(vehicle: str, mission: str, controllers: str, one: bool = False) 
 def find_point(setup: Setup, name: str, time: "Time", bank: float) -> "tuple[FlightPlan, Points]":
     """The plan and the point of the nominal flight; a warning where it is doubtful. Raises InputError without one."""
     from abhv_mc.cli.announce import announce_warnings
-    from abhv_mc.documents import InputError
     from abhv_mc.flight.fly import nominal_parameters
     from abhv_mc.flight.prepare import prepare
+    from abhv_mc.io.documents import InputError
     from abhv_mc.stability.nodes import near_nodes
     from abhv_mc.stability.points import flown_points, make_steady_plan, trim_points
 

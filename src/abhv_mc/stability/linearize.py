@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.plant import state as s
+from abhv_mc.flight.sensors import MAX_DELAY_TICKS
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.differences import Slopes, cells_of, differentiate
@@ -69,7 +69,7 @@ def linearise(plan: FlightPlan, parameters: Floats, points: Points) -> Linear:
         law.slope[:, :m, :10],
         law.slope[:, m:, 10:],
         law.slope[:, m:, :10],
-        np.minimum(age, s.MAX_DELAY_TICKS),
+        np.minimum(age, MAX_DELAY_TICKS),
     )
 
 

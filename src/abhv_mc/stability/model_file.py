@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.linearize import INPUTS, PLANT_STATES, Linear, Points, actuator_matrices, closed_loop, open_loop
 from abhv_mc.stability.probe import LAW_MEMORY

@@ -16,7 +16,7 @@ from abhv_mc.control.tlc_design import make_tlc_gains
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_plan
-from abhv_mc.input_error import InputError
+from abhv_mc.io.input_error import InputError
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.stability import path_coordinates as path

@@ -3,19 +3,20 @@
 Linearising takes differences of these, so that what is linearised is what flies. Many points are asked abreast.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from abhv_mc.control.lqr import lqr_tick
-from abhv_mc.control.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE, tlc_tick
+from abhv_mc.control.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
+from abhv_mc.flight.arguments import make_kernel_plan
 from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.flight.lanes import LAWS, TLC, evaluate
+from abhv_mc.flight.kernel import control, evaluate
 from abhv_mc.flight.memory import Z_ROWS, has_width, make_memory
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.plan import LANES, FlightPlan
-from abhv_mc.flight.sensors import find_faults, sense
-from abhv_mc.jit import lanes, standalone
+from abhv_mc.flight.sensors import active_sensor_errors, sense
+from abhv_mc.jit import kernel, lanes
 from abhv_mc.plant import state as s
 from abhv_mc.plant.disturbance import density_profile
 from abhv_mc.plant.equations import Stage
@@ -60,27 +61,27 @@ class LawTick(NamedTuple):
 
 
 @lanes
-def _load(Z, row, first, width, values, numbers, start, n):
+def _load(Z, row, width, values, numbers, start, n):
     """Columns of ``values[numbers[start + lane]]`` into the rows from ``row``; spare lanes repeat the last."""
     for lane in range(width):
         source = numbers[start + min(lane, n - 1)]
         for i in range(values.shape[1]):
-            Z[row + i, lane] = values[source, first + i]
+            Z[row + i, lane] = values[source, i]
 
 
-@standalone
-def probe_plant(vehicle, earth, parameters, flight, states, numbers, rates, variables, memory):
+@kernel
+def probe_plant(plan, memory, flight, states, numbers, rates, variables):
     """Rates [point, state before the actuators] and variables [point, variable] of ``states`` [point, state].
 
-    ``flight`` [point] says whose parameters [flight, parameter]; ``numbers`` [point] counts the points.
+    ``flight`` [point] says whose of the plan's parameters; ``numbers`` [point] counts the points.
     """
     if has_width(memory, LANES):
-        Z, T, width = memory.Z, memory.T, memory.Z.shape[1]
+        Z, width = memory.Z, memory.Z.shape[1]
         for start in range(0, states.shape[0], width):
             n = min(width, states.shape[0] - start)
-            _load(Z, s.P, 0, width, parameters, flight, start, n)
-            _load(Z, X, 0, width, states, numbers, start, n)
-            _load(Z, XS, 0, width, states, numbers, start, n)
+            _load(Z, s.P, width, plan.parameters, flight, start, n)
+            _load(Z, X, width, states, numbers, start, n)
+            _load(Z, XS, width, states, numbers, start, n)
             for lane in range(width):
                 Z[s.PER_MASS_FACTOR, lane] = 1.0 / Z[s.P + _MASS, lane]
                 Z[s.GUST_U, lane] = 0.0
@@ -89,7 +90,7 @@ def probe_plant(vehicle, earth, parameters, flight, states, numbers, rates, vari
                 for i in range(s.AILERON):
                     Z[SUM + i, lane] = 0.0
             density_profile(Z, width)
-            evaluate(Z, T, width, vehicle, earth, memory.cells, Stage(1.0, 0.0), True)
+            evaluate(plan, memory, width, Stage(1.0, 0.0), True)
             for lane in range(n):
                 for i in range(rates.shape[1]):
                     rates[start + lane, i] = Z[SUM + i, lane]
@@ -97,36 +98,17 @@ def probe_plant(vehicle, earth, parameters, flight, states, numbers, rates, vari
                     variables[start + lane, i] = Z[s.VAR + i, lane]
 
 
-@standalone
-def probe_law(
-    vehicle,
-    trim,
-    effectiveness,
-    earth,
-    law,
-    reference,
-    gains,
-    settings,
-    tick_length,
-    first_tick,
-    end,
-    states,
-    rows,
-    numbers,
-    before,
-    after,
-    seen,
-    memory,
-):
-    """Ticks of a law from the memory rows ``before`` [point, row] to ``after``.
+@kernel
+def probe_law(plan, memory, first_tick, end, states, rows, numbers, before, after, seen):
+    """Ticks of the plan's law from the memory rows ``before`` [point, row] to ``after``.
 
     With ``states`` [point, tick, state] the flight is followed from ``first_tick`` up to the measurement of tick
     ``end``; without, the law makes one tick of the measurement that is among the rows.
     """
     if has_width(memory, LANES):
-        Z, T, width = memory.Z, memory.T, memory.Z.shape[1]
-        scratch = (memory.cells, memory.trim, memory.high)
+        Z, width = memory.Z, memory.Z.shape[1]
         replaying = states.shape[1] > 0
+        tick_length = plan.timing.step * plan.timing.steps_per_tick
         for start in range(0, before.shape[0], width):
             n = min(width, before.shape[0] - start)
             for lane in range(width):
@@ -134,7 +116,7 @@ def probe_law(
                 for i in range(rows.size):
                     Z[rows[i], lane] = before[source, i]
                 Z[s.P, lane] = 1.0  # the factor of the nominal vehicle's terms
-            faults = find_faults(Z, width)
+            sensor_errors = active_sensor_errors(Z, width)
             for tick in range(first_tick, end + 1):
                 if replaying:
                     for lane in range(width):
@@ -142,29 +124,10 @@ def probe_law(
                         for i in range(s.N_STATES):
                             Z[X + i, lane] = states[source, tick, i]
                     navigate(Z, width, tick_length, tick == 0)
-                    sense(Z, width, faults, tick_length, tick)
+                    sense(Z, width, sensor_errors, tick_length, tick)
                     if tick == end:
                         break
-                if law == TLC:
-                    tlc_tick(
-                        Z,
-                        T,
-                        width,
-                        vehicle,
-                        trim,
-                        effectiveness,
-                        earth,
-                        reference,
-                        gains,
-                        settings,
-                        tick,
-                        tick_length,
-                        replaying and tick == 0,
-                        scratch,
-                        memory.unit_factors,
-                    )
-                else:
-                    lqr_tick(Z, width, vehicle, earth, reference, gains, settings, tick)
+                control(plan, memory, width, plan.law, tick)
             for lane in range(n):
                 for i in range(rows.size):
                     after[start + lane, i] = Z[rows[i], lane]
@@ -183,18 +146,8 @@ def plant_rates(plan: FlightPlan, parameters: Floats, flight: Ints, states: Floa
     """
     points = len(states)
     rates, variables = np.empty((points, s.AILERON)), np.empty((points, len(VARIABLES)))
-    memory = make_memory(LANES, plan.vehicle.build_up.factor.size)
-    probe_plant(
-        plan.vehicle,
-        plan.earth,
-        np.ascontiguousarray(parameters),
-        np.ascontiguousarray(flight, dtype=np.int64),
-        np.ascontiguousarray(states),
-        np.arange(points),
-        rates,
-        variables,
-        memory,
-    )
+    arguments = make_kernel_plan(plan, parameters, 0), make_memory(LANES), np.asarray(flight, dtype=np.int64)
+    probe_plant(*arguments, np.ascontiguousarray(states), np.arange(points), rates, variables)
     return rates, variables
 
 
@@ -209,9 +162,8 @@ def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> L
     ``measured`` [point, 10] in the order of the measured rows, ``memory`` [point, memory] in that of LAW_MEMORY.
     """
     rows = np.concatenate([np.arange(s.MEASURED, s.MEASURED + s.N_MEASURED), law_memory_rows(plan)])
-    after, seen = _run_law(
-        _without_limits(plan), (tick, tick), np.empty((0, 0, 0)), rows, np.hstack([measured, memory])
-    )
+    free = _without_limits(plan, tick)
+    after, seen = _run_law(free, (1, 1), np.empty((0, 0, 0)), rows, np.hstack([measured, memory]))
     variables, guidance, command = np.split(seen, [len(VARIABLES), len(VARIABLES) + 3], axis=1)
     return LawTick(after[:, s.N_MEASURED :], command, variables, guidance)
 
@@ -241,38 +193,26 @@ def _run_law(
     plan: FlightPlan, ticks: tuple[int, int], states: Floats, rows: Ints, before: Floats
 ) -> tuple[Floats, Floats]:
     after, seen = np.empty_like(before), np.empty((len(before), _N_SEEN))
-    probe_law(
-        plan.vehicle,
-        plan.trim_tables,
-        plan.effectiveness,
-        plan.earth,
-        LAWS[plan.law],
-        plan.reference,
-        plan.gains,
-        plan.settings,
-        plan.timing.tick,
-        *ticks,
-        np.ascontiguousarray(states),
-        rows,
-        np.arange(len(before)),
-        np.ascontiguousarray(before),
-        after,
-        seen,
-        make_memory(LANES, plan.vehicle.build_up.factor.size),
-    )
+    arguments = make_kernel_plan(plan, nominal_parameters(), 0), make_memory(LANES), *ticks
+    probe_law(*arguments, np.ascontiguousarray(states), rows, np.arange(len(before)), before, after, seen)
     return after, seen
 
 
-def _without_limits(plan: FlightPlan) -> FlightPlan:
-    """The plan as a law sees it that nothing limits."""
-    from dataclasses import replace
-
+def _without_limits(plan: FlightPlan, tick: int) -> FlightPlan:
+    """The plan as a law sees it that nothing limits, with the reference of ``tick`` at all ticks."""
     constants = plan.vehicle.constants._replace(
         surface_limit=_WIDE, equivalence_ratio_min=-_WIDE, equivalence_ratio_max=_WIDE
     )
     settings = plan.settings.copy()
     settings[-3:] = -_WIDE, _WIDE, _WIDE  # lowest and highest angle of attack, bank: last in both laws' settings
-    return replace(plan, vehicle=plan.vehicle._replace(constants=constants), settings=settings)
+    return replace(
+        plan,
+        vehicle=plan.vehicle._replace(constants=constants),
+        settings=settings,
+        reference=np.repeat(plan.reference[tick : tick + 1], 2, axis=0),
+        gains=np.repeat(plan.gains[tick : tick + 1], 2, axis=0),
+        timing=plan.timing._replace(ticks=1),
+    )
 
 
 def undisturbed(parameters: Floats) -> Floats:
