@@ -19,8 +19,8 @@ SPREADS = {
     "atmosphere.density": 0.1,
     "aero.lift": 0.1,
     "aero.drag": 0.15,
-    "control.aileron_effectiveness": 0.2,
-    "control.rudder_effectiveness": 0.2,
+    "aero.pitching_moment": 0.1,
+    "mass.inertia_yy": 0.1,
 }
 
 
@@ -50,10 +50,12 @@ def _work(controller, flights, seed, ready, go, results):
     margins_of_flights(plan, plan, parameters[:2], ["trim"])
     ready.release()
     go.wait()
+    start = time.process_time()
     found = margins_of_flights(plan, plan, parameters, ["trim"])
     results.put(
         {
             "flights": flights,
+            "processor_seconds": time.process_time() - start,
             "without_margins": sum(map(bool, found.faults[0])),
             "gain_margin_median_db": float(np.median(found.gain_db)),
             "disk_margin_median": float(np.median(found.disk)),

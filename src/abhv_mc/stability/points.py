@@ -165,7 +165,7 @@ def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
     shorter = replace(plan, timing=plan.timing._replace(ticks=tick))
     block = fly(shorter, parameters, record_every=1, keep_states=True)
     states = block.states
-    ended = ~np.isfinite(states[:, tick]).all(axis=1)
+    ended = np.asarray(~np.isfinite(states[:, tick]).all(axis=1))
     held = states.copy()
     held[ended] = np.broadcast_to(states[ended, :1], held[ended].shape)  # numbers, of which nothing is said
     measured, memory = replay_law(plan, parameters, held, tick)

@@ -95,8 +95,7 @@ def frequency_grid(poles: list[NDArray[np.complex128]], period: float, count: in
     base = np.geomspace(1e-4, top, count - own)
     grid = np.empty((len(poles), count))
     for i, each in enumerate(poles):
-        with np.errstate(divide="ignore"):
-            s = np.log(each.astype(np.complex128)) / period
+        s = np.log(each[each != 0.0].astype(np.complex128)) / period
         slow = s[(s.imag > 1e-3) & (s.imag < 0.999 * top)]
         chosen = slow[np.argsort(np.abs(slow.real) / slow.imag)][:own].imag
         grid[i] = np.sort(np.concatenate([base, chosen, np.full(own - chosen.size, top)]))
