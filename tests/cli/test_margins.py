@@ -66,6 +66,16 @@ def test_a_turn_has_margins_of_its_own(tmp_path):
     assert turning["stable"] and turning["gain_margin_high_db"] != straight["gain_margin_high_db"]
 
 
+def test_margins_of_a_campaign_are_those_of_its_vehicle_mission_and_controllers(repository, tmp_path, capsys):
+    file = tmp_path / "rows.json"
+    campaign = str(repository / "campaigns" / "winged_cone.yaml")
+    margins.command(campaign, vehicle=None, controller="tlc", at="trim", bank="0", json=file, out=None)
+    found = json.loads(file.read_text())
+    assert found["vehicle"] == "winged_cone" and {row["controller"] for row in found["rows"]} == {"tlc"}
+    with pytest.raises(InputError, match="tlc"):
+        margins.command(campaign, vehicle=None, controller="pid", at="trim", bank="0", json=None, out=None)
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

@@ -27,7 +27,7 @@ def command(
 
     check_format(out)
     (time, angle) = read_points(at, bank, one=True)
-    (name, setup), *_ = read_setup(vehicle, mission, controller, one=True).items()
+    ((name, setup),) = read_setup(vehicle, mission, controller, one=True).items()
     plan, points = find_point(setup, name, time[0], angle)
     linear = linearise(plan, nominal_parameters(), points)
     write_model(out, make_model(plan, nominal_parameters(), points, linear))

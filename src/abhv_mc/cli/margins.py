@@ -34,11 +34,21 @@ class Setup(NamedTuple):
 
 
 def command(
-    mission: Annotated[str, typer.Argument(metavar="MISSION", help="Mission file, or the name of a shipped one.")],
-    vehicle: Annotated[str, typer.Option(metavar="V", help="Vehicle file, or the name of a shipped one.")] = "ghame_x",
+    mission: Annotated[
+        str, typer.Argument(metavar="MISSION", help="Mission file, the name of a shipped one, or a campaign file.")
+    ],
+    vehicle: Annotated[
+        str | None,
+        typer.Option(metavar="V", help="Vehicle file or shipped name.", show_default="ghame_x, or the campaign's"),
+    ] = None,
     controller: Annotated[
-        str, typer.Option(metavar="A,B", help="Controller files or shipped names, separated by commas.")
-    ] = "tlc,lqr",
+        str | None,
+        typer.Option(
+            metavar="A,B",
+            help="Controller files or shipped names, separated by commas.",
+            show_default="tlc,lqr, or the campaign's",
+        ),
+    ] = None,
     at: Annotated[
         str, typer.Option(metavar="POINTS", help="trim, or times of the nominal flight such as 0s,30s,48s.")
     ] = "trim",
@@ -61,8 +71,9 @@ def command(
     if out is not None and out.exists() and not out.is_dir():
         raise InputError(out, None, None, "a file", "a folder, or the name of a new one")
     times, angle = read_points(at, bank)
+    setups = read_setup(vehicle, mission, controller)
     rows: list[dict[str, Any]] = []
-    for name, setup in read_setup(vehicle, mission, controller).items():
+    for name, setup in setups.items():
         for time in times:
             plan, points = find_point(setup, name, time, angle)
             linear = linearise(plan, nominal_parameters(), points)
@@ -81,7 +92,8 @@ def command(
     if json is not None:
         from json import dumps
 
-        head = {"vehicle": Path(vehicle).stem, "mission": Path(mission).stem}
+        files = next(iter(setups.values())).files
+        head = {"vehicle": files[0].stem, "mission": files[1].stem}
         json.write_text(dumps({**head, "rows": rows}, indent=2) + "\n", encoding="utf-8")
 
 
@@ -110,28 +122,50 @@ def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], flo
     return times, angle
 
 
-def read_setup(vehicle: str, mission: str, controllers: str, one: bool = False) -> dict[str, Setup]:
-    """What is to be linearised, by the controllers' names. Raises InputError."""
+def read_setup(vehicle: str | None, mission: str, controllers: str | None, one: bool = False) -> dict[str, Setup]:
+    """What is to be linearised, by the controllers' names; ``mission`` may be a campaign file. Raises InputError."""
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.cli.fly import find_file
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
     from abhv_mc.io.documents import InputError
     from abhv_mc.plant.vehicles import load_vehicle
 
-    names = [name.strip() for name in controllers.split(",")]
-    files = [find_file("control", name) for name in names]
+    paths, files = _find_files(vehicle, mission, controllers)
     if one and len(files) > 1:
-        raise InputError("--controller", None, None, f"'{controllers}'", "one controller")
-    if len({file.stem for file in files}) < len(files):
-        raise InputError("--controller", None, None, controllers, "files of different names")
-    paths = find_file("vehicle", vehicle), find_file("mission", mission)
+        raise InputError("--controller", None, None, ", ".join(files), "one controller")
     packed, asked = load_vehicle(paths[0]), read_mission(paths[1])
     if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
         found = "a vehicle without control surfaces or engine"
         raise InputError(paths[0], None, None, found, "one with both, to fly it with a controller")
+    laws = {name: read_controller(file) for name, file in files.items()}
     announce_compiling()
-    return {file.stem: Setup((*paths, file), packed, asked, read_controller(file)) for file in files}
+    return {name: Setup((*paths, files[name]), packed, asked, law) for name, law in laws.items()}
+
+
+def _find_files(
+    vehicle: str | None, mission: str, controllers: str | None
+) -> tuple[tuple[Path, Path], dict[str, Path]]:
+    """Files of the vehicle and the mission, and those of the controllers by name."""
+    from abhv_mc.campaign.file.inputs import find_kind
+    from abhv_mc.cli.fly import find_file
+    from abhv_mc.io.input_error import InputError, one_of
+
+    names = [name.strip() for name in controllers.split(",")] if controllers else []
+    if Path(mission).is_file() and find_kind(Path(mission)) == "campaign":
+        from abhv_mc.campaign.file.check import read_campaign
+
+        model = read_campaign(mission).model
+        known = {name: Path(file) for name, file in model.controllers.items()}
+        for name in names:
+            if name not in known:
+                raise InputError("--controller", None, None, f"'{name}'", one_of(known, name))
+        paths = Path(model.vehicle) if vehicle is None else find_file("vehicle", vehicle), Path(model.mission)
+        return paths, {name: known[name] for name in names or known}
+    files = [find_file("control", name) for name in names or ("tlc", "lqr")]
+    if len({file.stem for file in files}) < len(files):
+        raise InputError("--controller", None, None, str(controllers), "files of different names")
+    paths = find_file("vehicle", vehicle or "ghame_x"), find_file("mission", mission)
+    return paths, {file.stem: file for file in files}
 
 
 def find_point(setup: Setup, name: str, time: "Time", bank: float) -> "tuple[FlightPlan, Points]":
