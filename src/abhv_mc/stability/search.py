@@ -90,7 +90,7 @@ def frequency_grid(poles: list[NDArray[np.complex128]], period: float, count: in
 
     The systems' own oscillating ``poles`` (discrete) are among them, where their responses may have narrow peaks.
     """
-    own = count // 5
+    own = count // 10
     top = np.pi / period
     base = np.geomspace(1e-4, top, count - own)
     grid = np.empty((len(poles), count))
@@ -98,5 +98,6 @@ def frequency_grid(poles: list[NDArray[np.complex128]], period: float, count: in
         s = np.log(each[each != 0.0].astype(np.complex128)) / period
         slow = s[(s.imag > 1e-3) & (s.imag < 0.999 * top)]
         chosen = slow[np.argsort(np.abs(slow.real) / slow.imag)][:own].imag
-        grid[i] = np.sort(np.concatenate([base, chosen, np.full(own - chosen.size, top)]))
+        spare = np.geomspace(0.1, 100.0, own - chosen.size)  # where the margins of flying vehicles mostly are
+        grid[i] = np.sort(np.concatenate([base, chosen, np.minimum(spare, top)]))
     return grid
