@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from abhv_mc.control import columns as ref
 from abhv_mc.control.controller_file import Controller, TlcController
-from abhv_mc.control.guidance_trim import GuidancePoints, GuidanceTrim, trim_along
-from abhv_mc.control.lqr_design import make_lqr_gains
+from abhv_mc.control.design.guidance_trim import GuidancePoints, GuidanceTrim, trim_along
+from abhv_mc.control.design.lqr_design import make_lqr_gains
+from abhv_mc.control.design.reference import make_mission_trim_tables
+from abhv_mc.control.design.tlc_design import make_tlc_gains
 from abhv_mc.control.mission import Level, Mission
-from abhv_mc.control.reference import make_mission_trim_tables
-from abhv_mc.control.tlc_design import make_tlc_gains
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_plan

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abhv_mc.control.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
+from abhv_mc.control.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
 from abhv_mc.flight.arguments import make_kernel_plan
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.kernel import control, evaluate
