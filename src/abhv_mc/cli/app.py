@@ -32,6 +32,7 @@ _COMMANDS = {
         "parameters",
         "version",
     ),
+    "Analyse": ("margins", "linearize"),
     "Prove": ("verify", "bench"),
 }
 
