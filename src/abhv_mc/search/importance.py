@@ -9,12 +9,13 @@ mixture", Structural Safety 42 (2013). The failures come from subset simulation;
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
 from abhv_mc.search.evaluation import Evaluate, Floats, make_generator
 
 MOST_DIMENSIONS = 20  # beyond, the weights of a fitted covariance degenerate
 _INFLATION = 1.3  # of the fitted covariances: a proposal with thinner tails than the failures has no finite variance
+_MOST_POINTS = 1000  # that a mixture is fitted to
+_SETTLED = 1e-3  # gain of the mean logarithm of the likelihood that ends a fit
 _WANTED = 100.0  # effective failures for an estimate worth comparing with
 
 
@@ -58,24 +59,28 @@ class ImportanceEstimate:
 
 def fit_mixture(points: Floats, components: int, generator: np.random.Generator, steps: int = 30) -> Mixture:
     """A mixture of ``components`` normals fitted to the points by expectation and maximisation."""
-    number, dimension = points.shape
+    number = len(points)
     means = points[[generator.integers(number)]]
     while len(means) < components:  # starts far apart, as k-means++ chooses them
         distance = ((points[:, None, :] - means) ** 2).sum(axis=2).min(axis=1)
         means = np.vstack([means, points[generator.choice(number, p=distance / distance.sum())]])
     nearest = ((points[:, None, :] - means) ** 2).sum(axis=2).argmin(axis=1)
     shares = np.eye(components)[nearest]
-    mixture = _maximise(points, shares)
-    for _ in range(steps):
+    mixture, before = _maximise(points, shares), -np.inf
+    for _ in range(steps if components > 1 else 0):
         parts = mixture.log_parts(points)
-        shares = np.exp(parts - logsumexp(parts, axis=1, keepdims=True))
-        mixture = _maximise(points, shares)
+        density = np.logaddexp.reduce(parts, axis=1)
+        mixture = _maximise(points, np.exp(parts - density[:, None]))
+        likelihood = float(density.sum())
+        if likelihood - before < _SETTLED * number:
+            break
+        before = likelihood
     return mixture
 
 
 def _maximise(points: Floats, shares: Floats) -> Mixture:
     """The normals that fit best points which belong to them by these shares ``[point, component]``."""
-    number, dimension = points.shape
+    dimension = points.shape[1]
     totals = shares.sum(axis=0) + 1e-9
     means = (shares.T @ points) / totals[:, None]
     factors = []
@@ -91,18 +96,20 @@ def _maximise(points: Floats, shares: Floats) -> Mixture:
 def choose_mixture(points: Floats, seed: int, most: int = 6) -> Mixture:
     """The mixture of 1 .. ``most`` components that Schwarz's criterion (1978) prefers, its covariances widened."""
     distinct = np.unique(points, axis=0)
+    if len(distinct) > _MOST_POINTS:
+        distinct = distinct[make_generator(seed, 0, 1).permutation(len(distinct))[:_MOST_POINTS]]
     number, dimension = distinct.shape
-    best, least = None, np.inf
+    best = fit_mixture(distinct, 1, make_generator(seed, 1))
+    least = np.inf
     for components in range(1, most + 1):
         free = components * (1 + dimension + dimension * (dimension + 1) / 2)
         if components > 1 and free > number:
             break
         mixture = fit_mixture(distinct, components, make_generator(seed, components))
-        criterion = free * np.log(number) - 2.0 * logsumexp(mixture.log_parts(distinct), axis=1).sum()
+        criterion = free * np.log(number) - 2.0 * np.logaddexp.reduce(mixture.log_parts(distinct), axis=1).sum()
         if criterion >= least:
             break
         best, least = mixture, criterion
-    assert best is not None
     return Mixture(best.weights, best.means, best.factors * np.sqrt(_INFLATION))
 
 
@@ -114,7 +121,7 @@ def sample_importance(
     points = mixture.draw(flights, make_generator(seed, 0))
     failed = evaluate(points) > threshold
     log_normal = -0.5 * (points**2).sum(axis=1) - 0.5 * points.shape[1] * np.log(2.0 * np.pi)
-    ratios = np.where(failed, np.exp(log_normal - logsumexp(mixture.log_parts(points), axis=1)), 0.0)
+    ratios = np.where(failed, np.exp(log_normal - np.logaddexp.reduce(mixture.log_parts(points), axis=1)), 0.0)
     mean, squares = float(ratios.mean()), float((ratios**2).sum())
     if mean == 0.0:
         return ImportanceEstimate(0.0, np.inf, 0.0, flights)

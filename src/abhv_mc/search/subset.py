@@ -141,7 +141,9 @@ def _move_chains(evaluate: Evaluate, active: list[Repetition], plan: SubsetPlan,
         deviations.append(one.points[seeds].std(axis=0, ddof=1))
         accepted.append(0.0)
     for step in range(1, length):
-        spreads = [np.minimum(1.0, one.scale * np.minimum(1.0, dev)) for one, dev in zip(active, deviations, strict=True)]
+        spreads = [
+            np.minimum(1.0, one.scale * np.minimum(1.0, dev)) for one, dev in zip(active, deviations, strict=True)
+        ]
         proposals = []
         for one, history, sigma in zip(active, histories, spreads, strict=True):
             noise = make_generator(seed, one.number, level, step).standard_normal(history[-1][0].shape)
@@ -150,9 +152,7 @@ def _move_chains(evaluate: Evaluate, active: list[Repetition], plan: SubsetPlan,
         for i, one in enumerate(active):
             better = found[i] >= limits[i]
             points, values = histories[i][-1]
-            histories[i].append(
-                (np.where(better[:, None], proposals[i], points), np.where(better, found[i], values))
-            )
+            histories[i].append((np.where(better[:, None], proposals[i], points), np.where(better, found[i], values)))
             rate = float(better.mean())
             accepted[i] += rate / (length - 1)
             one.scale = float(np.clip(one.scale * np.exp((rate - ACCEPTANCE) / np.sqrt(step)), 1e-3, 10.0))

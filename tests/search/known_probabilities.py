@@ -1,4 +1,4 @@
-"""Failure probabilities that are known: severities of standard normal points whose tail has a formula or an integral."""
+"""Failure probabilities that are known: severities of standard normal points with a formula or an integral."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -40,7 +40,11 @@ def paraboloid(dimension: int, beta: float, curvature: float = 0.15) -> Case:
 def ball(dimension: int, probability: float) -> Case:
     """Outside of a ball."""
     return Case(
-        f"ball {dimension}", dimension, lambda u: (u**2).sum(axis=1), stats.chi2.isf(probability, dimension), probability
+        f"ball {dimension}",
+        dimension,
+        lambda u: (u**2).sum(axis=1),
+        stats.chi2.isf(probability, dimension),
+        probability,
     )
 
 
@@ -55,7 +59,7 @@ def four_branch(threshold: float) -> Case:
     """Schueremans & Van Gemert's series system of four branches, in its two dimensions."""
 
     def inner(angle: float) -> float:
-        """P(fail) along a ray: from the first radius on at which it fails, exact for these branches to grid crossings."""
+        """P(fail) along a ray, from the radii at which it begins and ends to fail."""
         direction = np.array([np.cos(angle), np.sin(angle)])
         radii = np.linspace(0.0, 12.0, 2401)
         excess = _branches(radii[:, None] * direction) - threshold
