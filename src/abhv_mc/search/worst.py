@@ -39,6 +39,11 @@ class WorstCase:
         return np.abs(self.place) >= AT_BOUND
 
 
+def least_evaluations(dimension: int, batch: int = 2 * LANES) -> int:
+    """The fewest evaluations that :func:`search_worst` takes."""
+    return 2 * round_up(2 * dimension + 1, batch) + round_up(2 * dimension)
+
+
 def search_worst(
     evaluate: Evaluate, dimension: int, evaluations: int = 2000, seed: int = 0, batch: int = 2 * LANES
 ) -> WorstCase:
@@ -47,10 +52,10 @@ def search_worst(
     Batches hold ``batch`` points, a multiple of 32. Raises ValueError where the evaluations do not suffice for the
     first batches.
     """
-    reserve = round_up(2 * dimension)
-    least = 2 * round_up(2 * dimension + 1, batch) + reserve
+    least = least_evaluations(dimension, batch)
     if evaluations < least:
         raise ValueError(f"{evaluations} flights; a search of {dimension} parameters needs at least {least}")
+    reserve = round_up(2 * dimension)
     record = Record(evaluate, evaluations)
     explore(record, dimension, seed, batch)
     step = _evolve(record, dimension, seed, batch, max(int(_POLISH_SHARE * evaluations), reserve + 2 * batch))
