@@ -47,7 +47,7 @@ def command(
         print(f"estimate  P(failure) of {found.controller} {estimate.probability:.2g}, 95 % interval {interval}")
     else:
         print(f"no trustworthy estimate: {estimate.refusal}", file=sys.stderr)
-    print(f"flights   {estimate.flights}, {len(found.failures)} of them failures")
+    print(f"flights   {estimate.flights}, {found.failures} of them failures")
     print(f"report    {page}")
     if found.failed_to_run:
         raise typer.Exit(ExitCode.INCOMPLETE)

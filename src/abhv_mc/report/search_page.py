@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from abhv_mc.campaign.search.flights import DrawnFlights
 from abhv_mc.campaign.search.rare import RareFound
-from abhv_mc.campaign.search.severity import ENDED_EARLY
+from abhv_mc.campaign.search.severity import ENDED_EARLY, rank_distinct
 from abhv_mc.campaign.search.worst import WorstFound
 from abhv_mc.flight.signals import CHANNEL_INDEX, METRIC_INDEX, METRICS
 from abhv_mc.report.figures.searches import (
@@ -38,6 +38,9 @@ _CHANNELS = (
     ("bank_deg", "bank (deg)", 1.0),
     ("elevator_deg", "elevator (deg)", 1.0),
 )
+
+
+_LISTED = 10  # worst flights in the table
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ def write_worst_page(found: WorstFound, path: Path) -> Path:
         ),
         _flights_figure(found.drawn),
     ]
-    ranked = np.argsort(-worst, kind="stable")[:10]
+    ranked = rank_distinct(worst, found.flights.samples, _LISTED)
     table = _flight_table(found.flights, ranked, metric, found.controller, path.parent)
     return _write(
         path,
@@ -174,12 +177,12 @@ def write_rare_page(found: RareFound, path: Path) -> Path:
                 "failures",
                 "Where failures live",
                 "Each parameter as the standard normal number behind it, among failures, beside all flights. A "
-                "parameter whose failures look like all flights does not matter. Numbers before the correlations are applied.",
+                "parameter whose failures look like all flights does not matter. Correlations are not applied yet.",
                 plot_failures(found.names, estimate.failures),
             )
         )
     shown.append(_flights_figure(found.drawn))
-    worst = np.argsort(-found.severities, kind="stable")[:10]
+    worst = rank_distinct(found.severities, found.flights.samples, _LISTED)
     table = _flight_table(found.flights, worst, metric, found.controller, path.parent)
     return _write(path, f"P(not {asked})", "Rare event", answers, shown, [table])
 
@@ -211,7 +214,7 @@ def _flights_figure(drawn: DrawnFlights) -> _Shown:
 
 
 def _flight_table(
-    flights: FlightRows, numbers: Sequence[int] | np.ndarray, metric: str, controller: str, folder: Path
+    flights: FlightRows, numbers: Sequence[int], metric: str, controller: str, folder: Path
 ) -> dict[str, Any]:
     rows = [
         [
@@ -223,7 +226,7 @@ def _flight_table(
             ),
             f"abhv-mc replay {folder} --flight {k} --controller {controller}",
         ]
-        for k in map(int, numbers)
+        for k in numbers
     ]
     heads = ["flight", _label(metric), "ended", "parameters", "flown again by"]
     return {"title": "Worst flights", "caption": "Each can be flown again bit for bit.", "heads": heads, "rows": rows}

@@ -9,7 +9,7 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
 from abhv_mc.campaign.run.setup import Engine, make_engine
 from abhv_mc.campaign.search.flights import DRAWN, DrawnFlights, SearchRequest, open_search, read_searched
-from abhv_mc.campaign.search.severity import Severity, ended_early
+from abhv_mc.campaign.search.severity import Severity, ended_early, rank_distinct
 from abhv_mc.campaign.search.space import make_space
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.search.evaluation import Floats
@@ -45,10 +45,9 @@ class RareFound:
     drawn: DrawnFlights
 
     @property
-    def failures(self) -> np.ndarray:
-        """Numbers of the flights that fail, the worst first."""
-        order = np.argsort(-self.severities, kind="stable")
-        return order[: int((self.severities > _LIMIT).sum())]
+    def failures(self) -> int:
+        """How many of the flights fail."""
+        return int((self.severities > _LIMIT).sum())
 
     def numbers(self) -> dict[str, Any]:
         """The result as JSON holds it."""
@@ -83,7 +82,8 @@ class RareFound:
             "refusal": found.refusal,
             "ended_early": int(ended_early(self.flights).sum()),
             "failed_to_run": self.failed_to_run,
-            "worst_flights": self.failures[:20].tolist(),
+            "failures": self.failures,
+            "worst_flights": rank_distinct(self.severities, self.flights.samples, 20),
         }
 
 
@@ -120,7 +120,7 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
             rows,
             severities,
             search.failed_to_run,
-            search.draw(np.argsort(-severities, kind="stable")[:DRAWN].tolist()),
+            search.draw(rank_distinct(severities, rows.samples, DRAWN)),
         )
         search.finish(found.numbers())
     return found

@@ -42,3 +42,17 @@ def ended_early(rows: FlightRows) -> NDArray[np.bool_]:
 def not_computed(rows: FlightRows) -> NDArray[np.bool_]:
     """Flights ``[flight]`` that the machine could not compute."""
     return np.array(rows.outcome) == Outcome.FAILED_TO_RUN.code
+
+
+def rank_distinct(severities: Floats, samples: Floats, number: int) -> list[int]:
+    """The flights with the greatest severities, the worst first; of flights with the same samples only the first."""
+    seen: set[bytes] = set()
+    found: list[int] = []
+    for flight in np.argsort(-severities, kind="stable").tolist():
+        key = samples[flight].tobytes()
+        if key not in seen and np.isfinite(severities[flight]):
+            seen.add(key)
+            found.append(flight)
+        if len(found) == number:
+            break
+    return found

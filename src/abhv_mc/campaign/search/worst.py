@@ -14,7 +14,7 @@ from abhv_mc.campaign.search.flights import (
     open_search,
     read_searched,
 )
-from abhv_mc.campaign.search.severity import Severity, ended_early
+from abhv_mc.campaign.search.severity import Severity, ended_early, rank_distinct
 from abhv_mc.campaign.search.space import make_space
 from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.io.documents import InputError, one_of
@@ -117,7 +117,7 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
             searched + int(np.argmax(severities[searched:])),
             severities,
             search.failed_to_run,
-            search.draw(np.argsort(-severities[:searched], kind="stable")[:DRAWN].tolist()),
+            search.draw(rank_distinct(severities[:searched], rows.samples, DRAWN)),
         )
         search.finish(found.numbers())
     return found

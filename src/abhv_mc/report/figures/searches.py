@@ -89,6 +89,7 @@ def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats]) -> Figur
     left.axhline(0.44, color=INK, linestyle=(0, (4, 2)), linewidth=0.8)
     for axes, words in ((left, "accepted moves"), (right, "size of a move (1: drawn afresh)")):
         axes.set_xlabel("level")
+        axes.xaxis.get_major_locator().set_params(integer=True)
         axes.set_ylabel(words)
         axes.set_ylim(0.0, 1.05)
     return figure
