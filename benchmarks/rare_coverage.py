@@ -64,9 +64,8 @@ def main() -> None:
     parser.add_argument("--json", type=Path, default=None)
     arguments = parser.parse_args()
     rows = []
-    print(
-        "| case | probability | refused | right of given | right of all | mean / truth | cov | evaluations | plain / these |"
-    )
+    heads = ("case", "probability", "refused", "right of given", "right of all", "mean / truth", "cov", "evaluations")
+    print("| " + " | ".join((*heads, "plain / these")) + " |")
     print("|---|---|---|---|---|---|---|---|---|")
     for case in all_cases():
         start = time.monotonic()

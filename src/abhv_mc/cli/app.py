@@ -18,7 +18,7 @@ from abhv_mc.cli.signals import heed_signals
 _COMMANDS = {
     "Start": ("new", "validate", "schema"),
     "Fly": ("run", "merge", "fly", "replay"),
-    "Search": ("worst", "rare"),
+    "Search": ("worst", "rare", "tune"),
     "Look": (
         "report",
         "compare",

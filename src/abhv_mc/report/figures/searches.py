@@ -132,3 +132,27 @@ def plot_flights(times: Floats, panels: Mapping[str, Floats], labels: Sequence[s
     handles, words = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, words, loc="outside lower center", ncols=len(words))
     return figure
+
+
+@styled
+def plot_front(
+    labels: tuple[str, str], points: tuple[Floats, Floats, NDArray[np.bool_]], front: NDArray[np.intp], best: int
+) -> Figure:
+    """Candidates by usage and error: those beyond a limit, those within all, the front, the start and the best."""
+    usage, error, allowed = points
+    figure = new_figure(3.4)
+    axes = figure.subplots()
+    shown = np.isfinite(usage) & np.isfinite(error)
+    axes.plot(usage[shown & ~allowed], error[shown & ~allowed], ".", color="#BBBBBB", label="beyond a limit")
+    axes.plot(usage[shown & allowed], error[shown & allowed], ".", color=SKY, label="within all limits")
+    axes.plot(usage[front], error[front], color=BLUE, linewidth=1.2, drawstyle="steps-post", label="not beaten in both")
+    axes.plot(usage[0], error[0], "s", color=INK, label="start")
+    axes.plot(usage[best], error[best], "o", color=VERMILION, label="best error")
+    axes.set_xlabel(labels[0])
+    axes.set_ylabel(labels[1])
+    if shown.any():  # far candidates would squeeze what matters into a corner
+        for near, values, mark in ((axes.set_xlim, usage, usage[0]), (axes.set_ylim, error, error[0])):
+            low = float(values[shown].min())
+            near(low - 0.1 * abs(mark - low), max(low, mark) + 1.5 * max(abs(mark - low), 0.1 * abs(mark)))
+    figure.legend(loc="outside right upper")
+    return figure
