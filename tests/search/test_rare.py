@@ -98,7 +98,7 @@ def test_refused_where_only_some_repetitions_meet_it():
 
 def test_refused_where_the_event_is_too_rare_for_the_flights():
     found = estimate_rare(lambda u: u[:, 0], SubsetPlan(25, 6.0, 0), flights=8_000)  # 1e-9
-    assert found.refusal is not None and "so rare" in found.refusal
+    assert found.refusal is not None and "the flights suffice for 0 of 4" in found.refusal
     assert found.flights <= 8_000
     with pytest.raises(ValueError, match="2560"):
         estimate_rare(lambda u: u[:, 0], SubsetPlan(25, 6.0, 0), flights=2_000)

@@ -60,8 +60,14 @@ def test_a_plateau_is_not_climbed():
 
 def test_flights_that_do_not_suffice_drop_the_last_repetitions():
     plan = SubsetPlan(2, 4.5, 0)
-    kept = run_subset(first, plan, range(6), 6 * 640 + 6 * 4 * 576)
+    kept = run_subset(first, plan, range(6), 6 * 640 + 6 * 4 * 576 + 3 * 576)
     assert [one.number for one in kept] == list(range(len(kept)))
     assert 0 < len(kept) < 6
     full = run_subset(first, plan, range(6), 10**6)
     assert [one.probability for one in kept] == [one.probability for one in full[: len(kept)]]
+
+
+def test_where_too_few_would_be_left_all_end_as_cut_short():
+    kept = run_subset(first, SubsetPlan(2, 4.5, 0), range(6), 6 * 640 + 6 * 2 * 576 + 3 * 576, fewest=4)
+    assert len(kept) == 6
+    assert all(one.cut_short and not one.reached for one in kept)

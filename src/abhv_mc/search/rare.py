@@ -37,7 +37,7 @@ def choose_chains(flights: int) -> int:
 class RareEstimate:
     """What repetitions of subset simulation say."""
 
-    probability: float  # mean of the repetitions; nan without any
+    probability: float  # mean of the repetitions
     low: float
     high: float
     cov: float  # of the mean, from the repetitions' spread
@@ -70,7 +70,7 @@ def estimate_rare(evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2,
         used += len(points)
         return evaluate(points)
 
-    repetitions = run_subset(counted, plan, range(FEWEST), flights)
+    repetitions = run_subset(counted, plan, range(FEWEST), flights, FEWEST)
     number = FEWEST
     while more := _count_more(repetitions, flights - check_flights - used, target_cov):
         repetitions += run_subset(counted, plan, range(number, number + more), flights - check_flights - used)
@@ -108,7 +108,7 @@ def _chain_cov(repetitions: list[Repetition]) -> float:
 
 def _count_more(repetitions: list[Repetition], left: int, target_cov: float) -> int:
     """How many more repetitions to run: as many as are wanted and fit."""
-    if len(repetitions) < FEWEST or not all(one.reached for one in repetitions):
+    if not all(one.reached for one in repetitions):
         return 0
     wide = stats.norm.ppf(0.5 + CONFIDENCE / 2.0) * target_cov
     fitting = left // max(one.flights for one in repetitions)
@@ -122,8 +122,8 @@ def _interval(repetitions: list[Repetition]) -> tuple[float, float, float, float
     """Mean, ends of its interval, coefficient of variation of the mean; all of 0 .. 1 where there is no interval."""
     estimates = np.array([one.probability for one in repetitions])
     number = len(estimates)
-    mean = float(estimates.mean()) if number else np.nan
-    if number < 2 or not np.all(estimates > 0.0):
+    mean = float(estimates.mean())
+    if not np.all(estimates > 0.0):
         return mean, 0.0, 1.0, np.inf
     half = _half_width(repetitions, number)
     cov = float(estimates.std(ddof=1) / (mean * np.sqrt(number)))
@@ -133,11 +133,11 @@ def _interval(repetitions: list[Repetition]) -> tuple[float, float, float, float
 def _judge(repetitions: list[Repetition]) -> str | None:
     """Why these repetitions are not to be trusted; None where they are."""
     number = len(repetitions)
-    if number < FEWEST:
-        return f"the event is so rare that the flights suffice for {number} of at least {FEWEST} repetitions"
     missed = sum(not one.reached for one in repetitions)
+    deepest = min(float(np.prod([level.probability for level in one.levels])) for one in repetitions)
+    if any(one.cut_short for one in repetitions):
+        return f"the flights suffice for {number - missed} of {number} repetitions, down to {deepest:.1g}"
     if missed == number:
-        deepest = min(float(np.prod([level.probability for level in one.levels])) for one in repetitions)
         return f"no repetition reaches the event; it is rarer than {deepest:.1g}, or on a plateau"
     if missed:
         return f"{missed} of {number} repetitions do not reach the event, the others do"

@@ -41,6 +41,7 @@ class Repetition:
     acceptance: float = 1.0
     spread: float = 1.0
     reached: bool = False  # whether failures were found in sufficient number
+    cut_short: bool = False  # whether the flights did not suffice for its next level
 
     @property
     def probability(self) -> float:
@@ -75,11 +76,12 @@ class SubsetPlan:
         return self.chains * self.length
 
 
-def run_subset(evaluate: Evaluate, plan: SubsetPlan, numbers: range, flights: int) -> list[Repetition]:
+def run_subset(evaluate: Evaluate, plan: SubsetPlan, numbers: range, flights: int, fewest: int = 0) -> list[Repetition]:
     """The repetitions ``numbers`` of a subset simulation for P(severity > threshold).
 
     Where ``flights`` do not suffice for another level of all, the last ones by number are given up and not returned,
-    whatever they have found: which ones are kept must not depend on their results. A repetition that has not met
+    whatever they have found: which ones are kept must not depend on their results. Where that would leave fewer than
+    ``fewest``, all end there, those that are not done as cut short. A repetition that has not met
     enough failures at the last level, or meets a plateau on which no point is more severe than another, has
     ``reached`` False.
     """
@@ -91,7 +93,11 @@ def run_subset(evaluate: Evaluate, plan: SubsetPlan, numbers: range, flights: in
     active = kept
     for level in range(1, plan.most_levels + 1):
         active = [one for one in active if not _close_level(one, plan)]
-        while kept and cost * len(active) > left:
+        while cost * len(active) > left:
+            if len(kept) <= fewest:
+                for one in active:
+                    one.cut_short = True
+                return kept
             dropped = kept.pop()
             active = [one for one in active if one is not dropped]
         if not active or level == plan.most_levels:

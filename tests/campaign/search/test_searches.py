@@ -2,7 +2,8 @@ import json
 
 import numpy as np
 import pytest
-from campaign.fake_flight import DENSITY, ENGINE, LIFT, LOST_BELOW, prepare, write_campaign
+from campaign.fake_flight import ENGINE, LIFT, LOST_BELOW, prepare, write_campaign
+from campaign.search.line_flight import LIMIT, LINE, METRIC, fly_line, write_line
 from scipy import stats
 
 from abhv_mc.campaign.run.setup import Engine
@@ -10,37 +11,9 @@ from abhv_mc.campaign.search.flights import SearchRequest
 from abhv_mc.campaign.search.rare import RareSettings, find_rare
 from abhv_mc.campaign.search.worst import WorstSettings, find_worst
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.flight.signals import CHANNELS, METRICS
 from abhv_mc.io.documents import InputError
 from abhv_mc.store.manifest import read_manifest
 from abhv_mc.store.samples import SampleReader
-
-METRIC = "altitude_error_max_m"
-
-
-def fly_line(plan, parameters, record_every=None):
-    """A metric that is the lift's normal number: the probability of each limit is known."""
-    lift = (parameters[:, LIFT] - 1.0) / 0.05
-    metrics = np.tile(lift[:, None], (1, len(METRICS)))
-    metrics[:, -1] = parameters[:, DENSITY]  # so that the trials see it matter
-    ticks = plan.timing.ticks // record_every + 1 if record_every else 0
-    history = (
-        np.zeros((len(lift), ticks, len(CHANNELS)), np.float32) + parameters[:, [DENSITY]].astype(np.float32)[:, None]
-    )
-    times = np.arange(ticks) * 0.1
-    return FlightBlock(np.full(len(lift), int(Outcome.OK)), np.full(len(lift), 2.0), metrics, history, times)
-
-
-LINE = Engine(prepare, fly_line, "line")
-LIMIT = "[{metric: altitude_error_max_m, below: 4.0, probability: 0.9}]"
-
-
-def write_line(folder, **entries):
-    dispersions = (
-        "{aero.lift: {distribution: normal, sigma: 5 %}, atmosphere.density: {distribution: uniform, half_width: 2 %}}"
-    )
-    return write_campaign(folder, requirements=LIMIT, dispersions=dispersions, **entries)
 
 
 @pytest.fixture

@@ -20,8 +20,8 @@ free: [altitude.damping, {key: altitude.bandwidth, factor: 4}]
 minimise: {metric: altitude_error_rms_m, quantile: 0.9}
 limits:
   - {metric: elevator_travel_deg, quantile: 0.5, below_start_times: 1.5}
-candidates: 161
-validation: 400
+candidates: 113
+validation: 200
 """
 
 
@@ -84,7 +84,7 @@ def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_pat
     assert stored >= 50
     calls = -10_000
     found = tune_controller(request_, Engine(prepare, fly_until, "tuned"))
-    assert 10_000 + calls <= 161 - stored + 10
+    assert 10_000 + calls <= 113 - stored + 10
     other = TuneRequest(request_.campaign, tmp_path / "other.yaml", block=request_.block, workers=1)
     assert found.as_json() == tune_controller(other, ENGINE).as_json()
 
@@ -128,7 +128,7 @@ def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path
         ("altitude.damping,", "altitude.gain,", r"block.yaml:1:8.*'altitude.gain'"),
         ("altitude_error_rms_m", "altitude", r"block.yaml:2:\d+.*metric 'altitude'"),
         ("below_start_times: 1.5", "below: 3, above: 2", r"below and above"),
-        ("candidates: 161", "candidate: 161", r"candidate"),
+        ("candidates: 113", "candidate: 113", r"candidate"),
     ],
 )
 def test_a_block_that_is_wrong_is_refused_with_its_place(request_, old, new, match):
