@@ -138,7 +138,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage):
         fuel_divisor = constants.standard_gravity * isp * Z[_K_ISP, lane]
         per_mass, per_fuel = reciprocals(mass, fuel_divisor if fuel_divisor > 0.0 else 1.0)
         # The thrust factor is thrust at the same fuel flow.
-        fuel_flow = constants.burns_fuel * nominal_thrust * per_fuel if fuel_divisor > 0.0 else 0.0
+        fuel_flow = nominal_thrust * per_fuel if fuel_divisor > 0.0 and constants.burns_fuel > 0.0 else 0.0
         tx = t * constants.thrust_cos
         tz = -t * constants.thrust_sin
         cg_x = Z[s.CG_X, lane] + Z[_CG_X, lane]
