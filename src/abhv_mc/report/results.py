@@ -99,9 +99,9 @@ class Results:
 
 def read_facts(path: Path) -> CampaignFacts:
     """The resolved campaign file of a folder. Raises InputError where it is missing or is not one."""
-    from abhv_mc.campaign.file.check import read_campaign
+    from abhv_mc.campaign.file.resolve import read_own_campaign
 
-    campaign = read_campaign(path)
+    campaign = read_own_campaign(CampaignFolder(path.parent))
     model, plain = campaign.model, campaign.document.data
     controllers = tuple(model.controllers)
     return CampaignFacts(

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.analysis.replay import find_row
 from abhv_mc.campaign.analysis.shrink import shrink
-from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
+from abhv_mc.campaign.file.resolve import read_own_campaign
 from abhv_mc.campaign.run.batches import Fly
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import SENTENCES, Outcome
@@ -83,7 +84,7 @@ def explain_flight(
     folder = CampaignFolder(root)
     inputs = [path for path in folder.inputs.rglob("*") if path.is_file()]
     read_checked(folder, [folder.campaign, folder.plan(controller), folder.samples, *inputs])
-    campaign = read_campaign(folder.campaign)
+    campaign = read_own_campaign(folder)
     if controller not in campaign.model.controllers:
         raise InputError(root, None, None, f"no controller '{controller}'", one_of(campaign.model.controllers))
     row = find_row(folder, controller, flight)

@@ -6,14 +6,14 @@ The resolved file and the copies are all that it takes to fly the campaign again
 import hashlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.campaign.file.check import CheckedCampaign, select_requirements
+from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, select_requirements
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
-from abhv_mc.store.folder import CampaignFolder, hash_file, write_bytes, write_whole
+from abhv_mc.store.folder import CampaignFolder, hash_file, is_inside, write_bytes, write_whole
 from abhv_mc.store.hashes import FileHashes
 
 _YAML = (".yaml", ".yml")
@@ -74,7 +74,10 @@ def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
     files = {path.resolve(): None, **dict.fromkeys(_references(path.resolve()))}
     root = Path(os.path.commonpath([file.parent for file in files]))
     for file in files:
-        copies[f"{place}/{file.relative_to(root).as_posix()}"] = file.read_bytes()
+        copy = f"{place}/{file.relative_to(root).as_posix()}"
+        if not is_inside(copy):
+            raise InputError(file, None, None, "characters in the file's name that nothing shows", "another name")
+        copies[copy] = file.read_bytes()
     return f"{place}/{path.resolve().relative_to(root).as_posix()}"
 
 
@@ -160,7 +163,37 @@ def read_held(folder: CampaignFolder, manifest: dict[str, Any]) -> ResolvedCampa
         raise InputError(error.file, error.line, error.column, error.found, wish) from None
     if not isinstance(document.data, dict) or not isinstance(hashes, dict):
         raise InputError(folder.campaign, None, None, "a damaged campaign file or manifest", wish)
+    _refuse_outside(folder, document, _references_of(document.data))
     return ResolvedCampaign(document, {}, hashes)
+
+
+def read_own_campaign(folder: CampaignFolder) -> CheckedCampaign:
+    """The campaign of a results folder. Raises InputError where it is none, or refers to files outside the folder."""
+    document = read_document(folder.campaign)
+    _refuse_outside(folder, document, _references_of(document.data))
+    return check_campaign(document)
+
+
+def _references_of(data: Any) -> Iterator[str]:
+    """What a campaign file names."""
+    if isinstance(data, dict):
+        controllers, sampling = data.get("controllers"), data.get("sampling")
+        named = [
+            data.get("vehicle"),
+            data.get("mission"),
+            *(controllers.values() if isinstance(controllers, dict) else ()),
+        ]
+        named.append(sampling.get("path") if isinstance(sampling, dict) else None)
+        yield from (text for text in named if isinstance(text, str))
+
+
+def _refuse_outside(folder: CampaignFolder, document: Document, named: Iterable[str]) -> None:
+    """Raises InputError for a reference out of the folder: what it leads to is not the campaign's."""
+    root = os.path.realpath(folder.root)
+    for text in named:
+        if not Path(os.path.realpath(document.resolve(text))).is_relative_to(root):
+            found = f"'{text}', which leads out of the campaign's folder"
+            raise InputError(document.path, None, None, found, "a file in inputs/, as the campaign wrote it")
 
 
 def mend_folder(folder: CampaignFolder, manifest: dict[str, Any], wanted: ResolvedCampaign, files: FileHashes) -> None:
@@ -183,3 +216,6 @@ def check_inputs(folder: CampaignFolder, manifest: dict[str, Any]) -> None:
         if not path.is_file() or hash_file(path) != known:
             wish = "the file as it was flown: the same campaign with all its controllers puts it there again"
             raise InputError(path, None, None, "a damaged copy of an input file", wish)
+        if path.suffix.lower() in _YAML:
+            document = read_document(path)
+            _refuse_outside(folder, document, _named_files(document.data))

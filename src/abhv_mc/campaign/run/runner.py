@@ -99,7 +99,7 @@ class _Run:
         self.done = {name: np.zeros(self.campaign.runs, bool) for name in model.controllers}
         self.collectors: dict[str, Collector] = {}
         provenance = {"seed": str(model.seed), "campaign_hash": self.manifest["campaign_hash"]}
-        self.schema = flights_schema(self.samples.names, provenance | {"version": self.manifest["versions"]["abhv_mc"]})
+        self.schema = flights_schema(self.samples.names, provenance | {"version": str(self.manifest["versions"].get("abhv_mc"))})
         self.start, self.wall_before = time.monotonic(), float(self.manifest.get("wall_time_s", 0.0))
 
     def run(self) -> RunResult:

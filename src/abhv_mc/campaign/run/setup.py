@@ -34,6 +34,7 @@ from abhv_mc.store.plans import pack_plan, read_plan, write_plan
 from abhv_mc.store.provenance import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.store.samples import ROW_GROUP, SampleReader, write_samples
 
+_NEEDED = {"name", "campaign_hash", "source_hash", "inputs", "versions", "controllers"}  # to go on with a folder
 Prepare = Callable[[Path, Path, Path, str], FlightPlan]
 
 
@@ -176,6 +177,8 @@ def _resume(
     manifest = read_manifest(folder.manifest)
     if "search" in manifest:
         raise InputError(folder.root, None, None, "a folder that holds a search's flights", "another folder (-o DIR)")
+    if not manifest.keys() >= _NEEDED:
+        raise InputError(folder.manifest, None, None, "another kind of manifest", "a campaign's")
     held_shard = manifest.get("shard")
     if held_shard != (list(shard) if shard else None):
         words = "the whole campaign" if held_shard is None else f"shard {held_shard[0]}/{held_shard[1]}"
