@@ -1,19 +1,23 @@
 """The block ``tune`` of a campaign: which numbers of a controller's file are free, for what, within what."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from abhv_mc.io.documents import Refusal, StrictModel
+from abhv_mc.io.units import TIME, parse_quantity
 
 Quantile = Annotated[float, Field(gt=0.0, lt=1.0)]
+
+# Stability margins that limits may name beside the metrics of flights, the least over loops and points.
+MARGINS = ("gain_margin_min_db", "phase_margin_min_deg", "delay_margin_min_ms", "disk_margin_min")
 
 
 class Free(StrictModel):
     """A number of the controller's file that is varied by a factor either way; in the file, its key alone will do."""
 
     key: str  # such as velocity.speed.bandwidth
-    factor: Annotated[float, Field(gt=1.0, le=1e4)] = 3.0
+    factor: Annotated[float, Field(gt=1.0, le=1e4)] = 5.0
 
 
 class Aim(StrictModel):
@@ -24,19 +28,33 @@ class Aim(StrictModel):
 
 
 class Limit(StrictModel):
-    """A bound on a quantile of a metric, as a number in its unit or as so many times what the start has."""
+    """A bound on a quantile of a metric, as a number in its unit or as so many times what the start has.
+
+    A stability margin has no quantile: it is the least of the nominal vehicle, or of it and all corners of the
+    dispersions.
+    """
 
     metric: str
     quantile: Quantile = 0.95
     below: float | None = None
     above: float | None = None
     below_start_times: Annotated[float, Field(gt=0.0)] | None = None
+    vehicles: Literal["nominal", "corners"] | None = None  # whose stability margin; nominal by default
+
+    @property
+    def is_margin(self) -> bool:
+        """Whether it bounds a stability margin and not a metric of flights."""
+        return self.metric in MARGINS
 
     @model_validator(mode="after")
     def _one(self) -> "Limit":
         given = [key for key in ("below", "above", "below_start_times") if getattr(self, key) is not None]
         if len(given) != 1:
             raise Refusal(" and ".join(given) or "none of them", "one of below, above, below_start_times")
+        if self.is_margin and ("quantile" in self.model_fields_set or self.above is None or self.above <= 0.0):
+            raise Refusal(f"a limit on {self.metric}", "'above' with a number above zero, and no quantile")
+        if self.vehicles is not None and not self.is_margin:
+            raise Refusal(f"vehicles of {self.metric}", "vehicles only where a stability margin is limited")
         return self
 
 
@@ -44,6 +62,13 @@ def _free(value: Any) -> Any:
     return (
         [{"key": entry} if isinstance(entry, str) else entry for entry in value] if isinstance(value, list) else value
     )
+
+
+def _points(value: Any) -> Any:
+    entries = value if isinstance(value, list) else [value]
+    if not entries:
+        raise Refusal("no point", "trim, or times of the flight such as 30 s")
+    return ["trim" if entry == "trim" else parse_quantity(entry, TIME) for entry in entries]
 
 
 class Tune(StrictModel):
@@ -56,6 +81,9 @@ class Tune(StrictModel):
     ]
     minimise: Aim
     limits: tuple[Limit, ...] = ()
+    margins_at: Annotated[  # where stability margins are found: at the trim, or about the flight at times (s)
+        tuple[Literal["trim"] | float, ...], BeforeValidator(_points, json_schema_input_type=str | list[str])
+    ] = ("trim",)
     usage: Aim = Aim(metric="elevator_travel_deg", quantile=0.5)  # what the front trades the error against
     flights: Annotated[int, Field(ge=32, le=100_000)] = 64  # of each candidate, the same for all
     candidates: Annotated[int, Field(ge=17, le=100_000)] = 320
