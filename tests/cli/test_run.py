@@ -48,7 +48,7 @@ def test_run_says_what_came_of_it(abhv_mc, tmp_path):
     assert code == 0
     assert f"digest    {manifest['digest']}" in out
     assert "289 ok, 11 sideslip_limit" in out
-    assert "11 failures in 300, PASS" in out
+    assert "PASS: 11 failures in 300 flights" in out
     assert "flights: 600 of 600" in err
 
 
@@ -159,3 +159,18 @@ def test_dry_run_says_what_it_costs_and_leaves_nothing(abhv_mc, tmp_path, monkey
     code, out, _ = abhv_mc("validate", "--dry-run", write_campaign(tmp_path / "files"))
     assert code == 0 and "300 flights of 2 controllers" in out and "MB at most" in out
     assert [path.name for path in tmp_path.iterdir()] == ["files"]
+
+
+@pytest.mark.parametrize(("lost", "verdict", "code"), [(0, "PASS", 0), (0, "FAIL", 1), (2, "PASS", 3), (2, "FAIL", 3)])
+def test_flights_that_could_not_be_computed_outrank_a_failed_requirement(tmp_path, lost, verdict, code, capsys):
+    outcomes = {"ok": 300 - lost} | ({"failed_to_run": lost} if lost else {})
+    entry = {"metric": "a", "below": 1.0, "probability": 0.9, "controller": "one", "verdict": verdict, "words": verdict}
+    manifest = {"state": "complete", "runs_done": 300 - lost, "runs_planned": 300, "digest": "", "warnings": []}
+    manifest |= {"controllers": {"one": {"outcomes": outcomes}}, "requirements": [entry]}
+    try:
+        finish(RunResult(tmp_path, manifest), no_report=True)
+    except typer.Exit as end:
+        assert end.exit_code == code
+    else:
+        assert code == 0
+    assert ("2 flights could not be computed" in capsys.readouterr().err) == bool(lost)

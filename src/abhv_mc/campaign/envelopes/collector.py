@@ -91,7 +91,7 @@ class ExactCollector:
             with contextlib.suppress(DamagedFileError, ValueError, OSError, EOFError):
                 name, first, stop = parse_block_name(path)
                 if name == controller and _is_whole(path) and self._open(path).shape == (stop - first, cells.count):
-                    self.covered[first:stop] = True
+                    self.covered[first:stop] |= _computed(self._open(path))
 
     def add(self, first: int, history: Singles) -> None:
         path = self._folder / f"{self._controller}-{first:09d}-{first + len(history):09d}.npy"
@@ -109,8 +109,8 @@ class ExactCollector:
             name, first, stop = parse_block_name(path)
             if name == self._controller:
                 values = self._open(path)
-                fresh = ~taken[first:stop]  # blocks of two sizes may overlap after a resume
-                taken[first:stop] = True
+                fresh = ~taken[first:stop] & _computed(values)  # blocks of two sizes may overlap after a resume
+                taken[first:stop] |= fresh
                 blocks.append((values, fresh))
         cells = self._cells.count
         count, quantiles = np.zeros(cells, np.int64), np.full((len(QUANTILES), cells), np.nan)
@@ -185,6 +185,11 @@ class HistogramCollector:
     def finish(self) -> None:
         """The state stays: extending or merging campaigns goes on from it."""
         self.save()
+
+
+def _computed(values: Singles) -> Mask:
+    """Which flights ``[flight, cell]`` the machine could compute: every one has a value at its start."""
+    return ~np.isnan(values[:, 0])
 
 
 def _checksum(content: bytes) -> bytes:

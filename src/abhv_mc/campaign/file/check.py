@@ -25,7 +25,7 @@ from abhv_mc.flight.signals import METRIC_INDEX, METRICS
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
-from abhv_mc.statistics.sequential import choose_looks
+from abhv_mc.statistics.sequential import choose_common_looks
 
 DISPERSIBLE = tuple(parameter.name for parameter in PARAMETERS[1:])
 
@@ -219,12 +219,19 @@ def _check_stop(document: Document, model: Campaign, runs: int, errors: list[Inp
 
 
 def _find_looks(model: Campaign, runs: int) -> tuple[int, ...]:
-    """The looks that the campaign names, or else those that suit its least demanding requirement; () without stop."""
+    """The looks that the campaign names, or else those that suit all its requirements; () without stop."""
     if model.stop is None or not model.requirements:
         return ()
     if model.stop.looks is not None:
         return model.stop.looks
-    return min(choose_looks(entry.probability, entry.consumer_risk, runs) for entry in model.requirements)
+    risks = [entry.consumer_risk for entry in model.requirements]
+    if model.family is not None:
+        # Every requirement is judged on every controller, and each such pair has its share of the family's risk.
+        pairs = len(risks) * len(model.controllers)
+        risks = [min(risk, model.family.risk / pairs) for risk in risks]
+    return choose_common_looks(
+        [(entry.probability, risk) for entry, risk in zip(model.requirements, risks, strict=True)], runs
+    )
 
 
 def _check_runs(

@@ -187,6 +187,13 @@ def _stop(value: Any) -> Any:
     return value
 
 
+class Family(StrictModel):
+    """All pairs of requirement and controller together: the chance of any false PASS among them."""
+
+    method: Literal["holm"] = "holm"  # where the campaign stops when proven: Bonferroni
+    risk: Annotated[float, Field(gt=0.0, lt=0.5)] = 0.10
+
+
 class Execution(StrictModel):
     """How it is flown; no result depends on it."""
 
@@ -211,5 +218,6 @@ class Campaign(StrictModel):
     correlations: tuple[Correlation, ...] = ()
     requirements: tuple[Requirement, ...] = ()
     stop: Annotated[Stop | None, BeforeValidator(_stop, json_schema_input_type=str | Stop | None)] = None
+    family: Family | None = None  # each requirement has its own risk by default
     keep: Keep = Keep()
     execution: Execution = Execution()
