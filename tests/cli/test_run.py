@@ -7,9 +7,12 @@ import sys
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import typer
 from campaign.fake_flight import ENGINE, fly, write_campaign
 
+from abhv_mc.campaign.run.runner import RunResult
 from abhv_mc.cli.app import main
+from abhv_mc.cli.run import finish
 
 
 @pytest.fixture(autouse=True)

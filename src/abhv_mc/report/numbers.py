@@ -116,7 +116,7 @@ def make_numbers(results: Results) -> dict[str, Any]:
             "controllers": list(results.controllers),
             "looks": list(campaign.looks),
             "independent_flights": campaign.independent,
-            "parameters": list(results.samples),
+            "parameters": list(results.dispersed),
             "dispersions": plain(campaign.dispersions),
         },
         "state": manifest.get("state"),

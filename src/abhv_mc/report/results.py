@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.signals import METRICS
 from abhv_mc.report.columns import FileColumns, read_table
 from abhv_mc.report.flights import ControllerFlights, read_flights
@@ -93,6 +94,11 @@ class Results:
             looks = [self.campaign.runs] if complete and not self.campaign.looks else []
         campaign = self.campaign
         return Rules(tuple(looks), campaign.looks, campaign.independent, campaign.family_risk)
+
+    @property
+    def dispersed(self) -> tuple[str, ...]:
+        """The sampled parameters but the seeds of noise, which are no dispersions."""
+        return tuple(name for name in self.samples if not is_seed(name))
 
     @property
     def metrics(self) -> tuple[str, ...]:

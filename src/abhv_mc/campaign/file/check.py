@@ -20,7 +20,8 @@ from abhv_mc.campaign.sampling.designs import (
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
-from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, SampleSource
+from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, SampleSource, SeededSamples
+from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
 from abhv_mc.flight.signals import METRIC_INDEX, METRICS
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
@@ -54,12 +55,18 @@ class CheckedCampaign:
         return self.model.sampling.design in (*EXTENSIBLE, "file")
 
     def make_samples(self) -> SampleSource:
-        """The source of its samples."""
-        if self.sample_file is not None:
-            return GivenSamples(self.sample_file, self.runs)
+        """The source of its samples: the dispersed parameters, then the seeds that the flights' noise needs."""
         sampling = self.model.sampling
-        design = Design(sampling.design, self.model.seed, self.names, self.runs, sampling.levels)
-        return DrawnSamples(design, tuple(self.marginals.values()), self.copula)
+        source: SampleSource
+        if self.sample_file is not None:
+            source = GivenSamples(self.sample_file, self.runs)
+        else:
+            design = Design(sampling.design, self.model.seed, self.names, self.runs, sampling.levels)
+            source = DrawnSamples(design, tuple(self.marginals.values()), self.copula)
+        seeds = find_seeds(self.names)
+        if not seeds:
+            return source
+        return SeededSamples(source, Seeds(seeds, self.model.seed, sampling.design, len(self.names)))
 
 
 def read_campaign(
