@@ -16,7 +16,7 @@ from abhv_mc.cli.errors import exit_code_of
 from abhv_mc.cli.signals import heed_signals
 
 _COMMANDS = {
-    "Start": ("new", "validate", "schema"),
+    "Start": ("new", "validate", "plan", "schema"),
     "Fly": ("run", "merge", "fly", "replay"),
     "Look": (
         "report",

@@ -44,9 +44,13 @@ def _pair(results: Results, flights: ControllerFlights, requirement: Requirement
 
 def requirement_words(requirement: Requirement) -> str:
     """'Altitude error, max < 50 m'."""
-    words = words_of(requirement.metric)
-    limit = f"{requirement.limit:g}"
-    return f"{words.label} {'<' if requirement.below else '>'} {limit}\N{NO-BREAK SPACE}{words.unit}".strip()
+    return limit_words(requirement.metric, requirement.limit, requirement.below)
+
+
+def limit_words(metric: str, limit: float, below: bool) -> str:
+    """The same of a metric and its limit."""
+    words = words_of(metric)
+    return f"{words.label} {'<' if below else '>'} {limit:g}\N{NO-BREAK SPACE}{words.unit}".strip()
 
 
 def failure_kinds(results: Results, controller: str) -> list[tuple[str, NDArray[np.bool_]]]:
