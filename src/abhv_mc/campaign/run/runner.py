@@ -15,6 +15,7 @@ from abhv_mc.campaign.envelopes.collector import Cells, Collector, make_collecto
 from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.run.batches import Backpressure, Block, Mask, choose_batch, closing_quietly, cut_blocks, fly_block
 from abhv_mc.campaign.run.cluster import connect_cluster
+from abhv_mc.campaign.run.every_tick import BinnedBlock
 from abhv_mc.campaign.run.executor import Executor, open_executor
 from abhv_mc.campaign.run.heal import fly_again, heal_blocks
 from abhv_mc.campaign.run.interrupts import interrupts_deferred, sigterm_as_interrupt
@@ -270,7 +271,8 @@ class _Run:
         """Write a finished block and count it."""
         if block.envelope:
             collector = self.collectors[block.controller]
-            collector.add(block.first, self.cells.cut(flown.history))
+            history = self.cells.cut(flown.history)
+            collector.add(block.first, history, self._extremes(flown, history))
             collector.covered[block.first : block.stop] &= flown.outcome != Outcome.FAILED_TO_RUN
         if block.rows:
             rows = FlightRows(
@@ -286,6 +288,12 @@ class _Run:
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
                 print(f"flight {flight} of {block.controller} failed to run", file=sys.stderr, flush=True)
             self.done[block.controller][block.first : block.stop] = True
+
+    def _extremes(self, flown: FlightBlock, history: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Smallest and largest values ``[side, cell]`` of a block: of every tick, or of the samples from a GPU."""
+        if isinstance(flown, BinnedBlock) and flown.low is not None and flown.high is not None:
+            return self.cells.cut(np.stack([flown.low, flown.high]))
+        return np.stack([np.fmin.reduce(history, axis=0), np.fmax.reduce(history, axis=0)])
 
     def _save(self) -> None:
         for collector in self.collectors.values():
