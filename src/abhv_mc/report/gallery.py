@@ -175,7 +175,7 @@ def _sobol(
         tables = {name: {e["parameter"]: e for e in part[metric]} for name, part in found.items() if metric in part}
         if not tables:
             continue
-        ranked = sorted(results.samples, key=lambda p: -max(table[p]["total"][0] for table in tables.values()))
+        ranked = sorted(results.dispersed, key=lambda p: -max(table[p]["total"][0] for table in tables.values()))
         ranked = ranked[:_SHOWN_PARAMETERS]
         panels.append(_marks_panel(metric, ranked, [spoken_name(p) for p in ranked], tables, kinds))
     if panels:

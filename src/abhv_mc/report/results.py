@@ -10,13 +10,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.signals import METRICS
 from abhv_mc.report.columns import FileColumns, read_table
 from abhv_mc.report.flights import ControllerFlights, read_flights
+from abhv_mc.statistics.judgement import Rules
 from abhv_mc.store.envelopes import QUANTILE_COLUMNS
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import data_files, read_checked
-from abhv_mc.store.manifest import read_manifest
+from abhv_mc.store.manifest import COMPLETE, read_manifest
 from abhv_mc.vehicle.arrays import Floats
 
 BANDS = ("min", *QUANTILE_COLUMNS, "max")
@@ -49,6 +51,7 @@ class CampaignFacts:
     dispersions: dict[str, dict[str, Any]]
     requirements: tuple[Requirement, ...]
     looks: tuple[int, ...] = ()  # where it stops when proven: after which flights the verdicts are looked at
+    family_risk: float | None = None  # of any false PASS among all verdicts, where the campaign holds it
 
     @property
     def independent(self) -> bool:
@@ -84,6 +87,21 @@ class Results:
         return tuple(name for name in self.campaign.controllers if name in self.flights)
 
     @property
+    def rules(self) -> Rules:
+        """What the verdicts rest on. A folder from before looks were recorded was looked at when it was complete."""
+        looks = self.manifest.get("looks")
+        if looks is None:
+            complete = self.manifest.get("state") == COMPLETE
+            looks = [self.campaign.runs] if complete and not self.campaign.looks else []
+        campaign = self.campaign
+        return Rules(tuple(looks), campaign.looks, campaign.independent, campaign.family_risk)
+
+    @property
+    def dispersed(self) -> tuple[str, ...]:
+        """The sampled parameters but the seeds of noise, which are no dispersions."""
+        return tuple(name for name in self.samples if not is_seed(name))
+
+    @property
     def metrics(self) -> tuple[str, ...]:
         """Metrics that the flights hold, in the order of the signal table, others after them."""
         held = next(iter(self.flights.values())).metrics
@@ -112,6 +130,7 @@ def read_facts(path: Path) -> CampaignFacts:
         seed=model.seed,
         sampling=model.sampling.design,
         looks=campaign.looks,
+        family_risk=model.family.risk if model.family else None,
         dispersions=dict(plain.get("dispersions") or {}) if isinstance(plain, dict) else {},
         requirements=tuple(
             Requirement(

@@ -90,12 +90,15 @@ def explain_flight(
     row = find_row(folder, controller, flight)
     failure = _find_failure(root, campaign, row, requirement)
     plan = read_plan(folder.plan(controller))
-    names = row.names
+    names = campaign.names
     nominal = np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in names])
-    values = row.samples[0]
+    values, seeds = row.samples[0, : len(names)], row.samples[:, len(names) :]  # the noise stays as it was flown
+
+    def spread(rows: Floats) -> Floats:
+        return spread_parameters(row.names, np.column_stack([rows, np.repeat(seeds, len(rows), axis=0)]))
 
     def badness(keep: NDArray[np.bool_]) -> Floats:
-        block = fly(plan, spread_parameters(names, np.where(keep, values, nominal)), None)
+        block = fly(plan, spread(np.where(keep, values, nominal)), None)
         return failure.badness(block.outcome, block.end_time, block.metrics)
 
     samples = SampleReader(folder.samples)
@@ -106,7 +109,7 @@ def explain_flight(
         raise InputError(root, None, None, f"a flight {flight} that does not fail when flown again", wish) from None
     sets = [tuple(names[i] for i in members) for members in found.sets]
     alone = np.isin(names, sets[0])
-    parameters = spread_parameters(names, np.stack([nominal, np.where(alone, values, nominal), values]))
+    parameters = spread(np.stack([nominal, np.where(alone, values, nominal), values]))
     return Explanation(
         controller,
         flight,
@@ -147,6 +150,6 @@ def _find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked:
 
 def _mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:
     """The parameters, those whose values are the most usual among the campaign's first."""
-    drawn = samples.rows(0, min(samples.flights, _MOST_SAMPLES))
+    drawn = samples.rows(0, min(samples.flights, _MOST_SAMPLES))[:, : values.size]
     middle = np.median(drawn, axis=0)
     return np.argsort((np.abs(drawn - middle) < np.abs(values - middle)).mean(axis=0), kind="stable")

@@ -20,12 +20,13 @@ from abhv_mc.campaign.sampling.designs import (
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
-from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, SampleSource
+from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, SampleSource, SeededSamples
+from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
 from abhv_mc.flight.signals import METRIC_INDEX, METRICS
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
-from abhv_mc.statistics.sequential import choose_looks
+from abhv_mc.statistics.sequential import choose_common_looks
 
 DISPERSIBLE = tuple(parameter.name for parameter in PARAMETERS[1:])
 
@@ -54,12 +55,18 @@ class CheckedCampaign:
         return self.model.sampling.design in (*EXTENSIBLE, "file")
 
     def make_samples(self) -> SampleSource:
-        """The source of its samples."""
-        if self.sample_file is not None:
-            return GivenSamples(self.sample_file, self.runs)
+        """The source of its samples: the dispersed parameters, then the seeds that the flights' noise needs."""
         sampling = self.model.sampling
-        design = Design(sampling.design, self.model.seed, self.names, self.runs, sampling.levels)
-        return DrawnSamples(design, tuple(self.marginals.values()), self.copula)
+        source: SampleSource
+        if self.sample_file is not None:
+            source = GivenSamples(self.sample_file, self.runs)
+        else:
+            design = Design(sampling.design, self.model.seed, self.names, self.runs, sampling.levels)
+            source = DrawnSamples(design, tuple(self.marginals.values()), self.copula)
+        seeds = find_seeds(self.names)
+        if not seeds:
+            return source
+        return SeededSamples(source, Seeds(seeds, self.model.seed, sampling.design, len(self.names)))
 
 
 def read_campaign(
@@ -219,12 +226,19 @@ def _check_stop(document: Document, model: Campaign, runs: int, errors: list[Inp
 
 
 def _find_looks(model: Campaign, runs: int) -> tuple[int, ...]:
-    """The looks that the campaign names, or else those that suit its least demanding requirement; () without stop."""
+    """The looks that the campaign names, or else those that suit all its requirements; () without stop."""
     if model.stop is None or not model.requirements:
         return ()
     if model.stop.looks is not None:
         return model.stop.looks
-    return min(choose_looks(entry.probability, entry.consumer_risk, runs) for entry in model.requirements)
+    risks = [entry.consumer_risk for entry in model.requirements]
+    if model.family is not None:
+        # Every requirement is judged on every controller, and each such pair has its share of the family's risk.
+        pairs = len(risks) * len(model.controllers)
+        risks = [min(risk, model.family.risk / pairs) for risk in risks]
+    return choose_common_looks(
+        [(entry.probability, risk) for entry, risk in zip(model.requirements, risks, strict=True)], runs
+    )
 
 
 def _check_runs(

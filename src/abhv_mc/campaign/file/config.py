@@ -195,6 +195,13 @@ def _stop(value: Any) -> Any:
     return value
 
 
+class Family(StrictModel):
+    """All pairs of requirement and controller together: the chance of any false PASS among them."""
+
+    method: Literal["holm"] = "holm"  # where the campaign stops when proven: Bonferroni
+    risk: Annotated[float, Field(gt=0.0, lt=0.5)] = 0.10
+
+
 class Execution(StrictModel):
     """How it is flown; no result depends on it."""
 
@@ -220,5 +227,6 @@ class Campaign(StrictModel):
     requirements: tuple[Requirement, ...] = ()
     stop: Annotated[Stop | None, BeforeValidator(_stop, json_schema_input_type=str | Stop | None)] = None
     tune: Tune | None = None  # of `abhv-mc tune`; no flight of the campaign depends on it
+    family: Family | None = None  # each requirement has its own risk by default
     keep: Keep = Keep()
     execution: Execution = Execution()

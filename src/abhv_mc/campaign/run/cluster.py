@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.run.every_tick import fly_every_tick
 from abhv_mc.campaign.run.retry import FlightLostError, UnusableError, fly_with_retries, time_limit
 from abhv_mc.campaign.run.setup import Engine
 from abhv_mc.flight.fly import nominal_parameters
@@ -63,7 +64,7 @@ def fly_remote(
     watch.daemon = True
     watch.start()
     try:
-        return fly(plan, parameters, every)
+        return fly_every_tick(fly, plan, parameters, every)
     finally:
         watch.cancel()
 

@@ -94,5 +94,5 @@ def estimate_campaign(campaign: CheckedCampaign, engine: Engine, workers: int | 
         histories_bytes=histories_size * kept,
         kept=kept,
         envelope_bytes=cells * per_cell * len(plans),
-        warnings=tuple(find_warnings(plans)),
+        warnings=tuple(find_warnings(plans, campaign)),
     )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
+from abhv_mc.campaign.file.possible import find_impossible
 from abhv_mc.campaign.file.resolve import (
     ResolvedCampaign,
     check_inputs,
@@ -146,7 +147,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
         write_plan(folder.plan(name), plan)
     _write_samples(folder, wanted, files)
     _write_nominal(folder, wanted, plans, nominal)
-    manifest = _new_manifest(wanted, resolved, engine) | {"warnings": find_warnings(plans)}
+    manifest = _new_manifest(wanted, resolved, engine) | {"warnings": find_warnings(plans, wanted)}
     if request.shard is not None:
         manifest["shard"] = list(request.shard)
     manifest["files"] = files.listed()
@@ -223,7 +224,7 @@ def _resume(
         manifest["files"] = files.listed()
         write_manifest(folder.manifest, manifest)
     plans = {name: _mend_plan(folder, campaign, name, engine, files) for name in campaign.model.controllers}
-    manifest["warnings"] = find_warnings(plans)
+    manifest["warnings"] = find_warnings(plans, campaign)
     if added or not (files.holds(folder.nominal) and files.holds(folder.reference)):
         _write_nominal(folder, campaign, plans, _try_out(campaign, plans, engine))
     return OpenCampaign(folder, campaign, plans, manifest, (), files)
@@ -275,9 +276,12 @@ def _mend_plan(
     return read_plan(path)
 
 
-def find_warnings(plans: dict[str, FlightPlan]) -> list[str]:
-    """What the plans say about their mission, each sentence once."""
-    return list(dict.fromkeys(warning for plan in plans.values() for warning in plan.warnings.tolist()))
+def find_warnings(plans: dict[str, FlightPlan], campaign: CheckedCampaign) -> list[str]:
+    """What the plans say about their mission, and what of the campaign cannot come out, each sentence once."""
+    plain = [warning for plan in plans.values() for warning in plan.warnings.tolist()]
+    return list(
+        dict.fromkeys([*plain, *(f"{error.found}; wanted {error.wanted}" for error in find_impossible(campaign))])
+    )
 
 
 def _try_out(
