@@ -8,6 +8,7 @@ from pydantic import BeforeValidator, Discriminator, Field, PlainSerializer, Tag
 from abhv_mc.control.trajectory_file import read_trajectory
 from abhv_mc.io.documents import File, Refusal, StrictModel, read_document, validate
 from abhv_mc.io.units import Angle, AngularRate, Length, Speed, Time, parse_in_unit
+from abhv_mc.vehicle.limits import LoadLimits
 from abhv_mc.world.earth import WGS84, Earth
 
 Positive = Field(gt=0.0)
@@ -95,7 +96,7 @@ class Recorded(StrictModel):
 Manoeuvre = Annotated[Level | Climb | PullUp | Turn | SManoeuvre | Waypoints | Recorded, Field(discriminator="kind")]
 
 
-class MissionLimits(StrictModel):
+class MissionLimits(LoadLimits):
     """A flight ends outside."""
 
     altitude: tuple[Length, Length] = (10e3, 40e3)

@@ -22,6 +22,7 @@ from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.trim import TrimPoint
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.arrays import Floats
+from abhv_mc.vehicle.limits import tighter
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 from abhv_mc.world.earth import Earth, radii
@@ -87,6 +88,10 @@ def make_plan(
         gains = make_lqr_gains(controller, mission, reference, vehicle, trim_tables)
         settings = make_lqr_settings(controller)
     constants = vehicle.constants
+    loads = tighter(mission.limits.bounds(), constants.bounds)
+    if loads.heat_flux < np.inf and constants.nose_radius == 0.0:
+        found = "a limit on the heat flux for a vehicle whose file gives no nose radius"
+        raise InputError(mission_file or mission.name, None, None, found, "reference.nose_radius in the vehicle's file")
     return FlightPlan(
         controller=name,
         law=controller.law,
@@ -100,6 +105,7 @@ def make_plan(
             constants.angle_of_attack_min,
             constants.angle_of_attack_max,
             constants.sideslip_max,
+            loads,
         ),
         initial_state=make_initial_state(mission, vehicle, start),
         reference=reference,
