@@ -45,6 +45,17 @@ SENTENCES: dict[Outcome, str] = {
 }
 
 
+class EndBounds(NamedTuple):
+    """Ranges within which the mission goes on, SI and radians; a flight that leaves one has flown it."""
+
+    altitude: tuple[float, float] = (-math.inf, math.inf)
+    speed: tuple[float, float] = (-math.inf, math.inf)
+    mach: tuple[float, float] = (-math.inf, math.inf)
+    dynamic_pressure: tuple[float, float] = (-math.inf, math.inf)
+    flight_path_angle: tuple[float, float] = (-math.inf, math.inf)
+    mass: tuple[float, float] = (-math.inf, math.inf)
+
+
 class Limits(NamedTuple):
     """Where a flight ends, SI and radians."""
 
@@ -54,6 +65,7 @@ class Limits(NamedTuple):
     angle_of_attack_max: float
     sideslip_max: float
     loads: LoadBounds = LoadBounds()
+    end: EndBounds = EndBounds()
 
 
 @dataclass(frozen=True)
@@ -63,6 +75,14 @@ class Limit:
     outcome: Outcome
     source: str
     bounds: Callable[[Limits], tuple[float, float]]
+
+
+_SOURCES = {"dynamic_pressure": "q_bar", "flight_path_angle": "gamma"}  # where the lane memory calls it so
+
+
+def _end(name: str) -> Limit:
+    """A range of :class:`EndBounds`."""
+    return Limit(Outcome.OK, _SOURCES.get(name, name), lambda limits: getattr(limits.end, name))
 
 
 _RIPPLES = ("bank_ripple", "angle_of_attack_ripple", "sideslip_ripple")
@@ -76,6 +96,7 @@ def _above(outcome: Outcome, source: str, name: str, factor: float = 1.0) -> Lim
 
 # Of two limits left at the same tick the later one in this table names the outcome.
 LIMITS: tuple[Limit, ...] = (
+    *map(_end, EndBounds._fields),
     *(_above(Outcome.OSCILLATION_LIMIT, f"{name}_deg", name, _DEG) for name in _RIPPLES),
     Limit(Outcome.BANK_LIMIT, "bank", lambda limits: (-limits.loads.bank, limits.loads.bank)),
     _above(Outcome.HEAT_FLUX_LIMIT, "stagnation_heat_flux_w_m2", "heat_flux"),

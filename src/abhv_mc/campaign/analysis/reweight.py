@@ -12,7 +12,7 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
-from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, DiscreteMarginal, Marginal
+from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, DiscreteMarginal, Marginal, SometimesMarginal
 from abhv_mc.io.document_reader import compose
 from abhv_mc.io.documents import InputError, Refusal, one_of, validate
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
@@ -76,6 +76,12 @@ def make_change(campaign: CheckedCampaign, settings: Mapping[str, Mapping[str, A
 
 def _check_support(name: str, old: Marginal, new: Marginal) -> None:
     """Flights exist wherever the new distribution has weight. Raises InputError."""
+    if isinstance(old, SometimesMarginal) and isinstance(new, SometimesMarginal):
+        _check_support(name, old.drawn, new.drawn)
+        return
+    if isinstance(old, SometimesMarginal) != isinstance(new, SometimesMarginal):
+        found = f"{name} with a probability in one case and always in the other"
+        raise InputError(_SET, None, None, found, "a probability below 1 in both, or in none")
     if isinstance(old, DiscreteMarginal) and isinstance(new, DiscreteMarginal):
         missing = np.setdiff1d(new.values, old.values)
         if missing.size:
@@ -123,8 +129,10 @@ def unseen_probability(campaign: CheckedCampaign, change: Change, samples: Float
     """Probability, under the changed distributions, of a value outside the range that the flights cover."""
     unseen = 0.0
     for name, marginal in change.marginals.items():
-        if isinstance(marginal, ContinuousMarginal):
-            values = samples[:, campaign.names.index(name)]
-            low, high = marginal.cdf(np.array([values.min(), values.max()]))
-            unseen += float(low + 1.0 - high)
+        values, share, drawn = samples[:, campaign.names.index(name)], 1.0, marginal
+        if isinstance(marginal, SometimesMarginal):
+            values, share, drawn = values[values != marginal.nominal], marginal.probability, marginal.drawn
+        if isinstance(drawn, ContinuousMarginal):
+            low, high = drawn.cdf(np.array([values.min(), values.max()])) if values.size else (1.0, 1.0)
+            unseen += share * float(low + 1.0 - high)
     return min(unseen, 1.0)
