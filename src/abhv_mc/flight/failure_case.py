@@ -19,7 +19,7 @@ def failure_words(name: str) -> str:
     what = parts[-2].replace("_", " ")
     if parts[1] == "sensor":
         return f"{what} sensor"
-    return "engine" if name == _ENGINE else f"{what} {_KINDS[parts[-1]]}"
+    return "engine failed" if name == _ENGINE else f"{what} {_KINDS[parts[-1]]}"
 
 
 def failure_cases(names: Sequence[str], samples: Floats, end_time: Floats, engine_failed: Floats) -> list[str]:

@@ -89,11 +89,7 @@ def failure_case_numbers(results: Results) -> dict[str, Any]:
                 "lost": failures,
                 "lost_before": int(np.sum(after < 0.0)) if case != NO_FAILURE else 0,
                 "survived": plain(Interval(1.0 - failures / number, 1.0 - bounds[1], 1.0 - bounds[0])),
-                "median_time_to_loss_s": plain(
-                    float(np.median(after[after >= 0.0])) if np.any(after >= 0.0) else np.nan
-                )
-                if case != NO_FAILURE
-                else None,
+                "median_time_to_loss_s": _median(after[after >= 0.0]) if case != NO_FAILURE else None,
                 "requirements": {},
             }
             for item in campaign.requirements:
@@ -104,6 +100,10 @@ def failure_case_numbers(results: Results) -> dict[str, Any]:
             entry["controllers"][name] = cell
         rows.append(entry)
     return {"cases": rows, "end_s": float(results.reference["time"][-1])}
+
+
+def _median(times: Floats) -> float | None:
+    return float(np.median(times)) if times.size else None
 
 
 def failure_case_rows(numbers: dict[str, Any]) -> list[dict[str, Any]]:
@@ -161,7 +161,7 @@ def still_flying(after: Floats, lost: NDArray[np.bool_], times: Floats) -> Float
     place = np.searchsorted(order, times, side="right")
     levels = np.array([1.0, *steps])
     result[:] = levels[place]
-    return np.where(times <= after.max(initial=0.0), result, np.nan)
+    return np.where((times <= after.max(initial=0.0)) | (result == 0.0), result, np.nan)
 
 
 def failure_case_figures(
