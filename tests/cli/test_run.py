@@ -1,4 +1,3 @@
-
 """The commands around a campaign: run, status, list, replay, query, export, and their exit codes."""
 
 import contextlib

@@ -19,6 +19,7 @@ from abhv_mc.flight.memory import Memory
 from abhv_mc.flight.observe import Observed, make_observed
 from abhv_mc.flight.plan import FlightPlan, Timing
 from abhv_mc.flight.signals import CHANNELS, METRICS
+from abhv_mc.plant.air_profile import PROFILE
 from abhv_mc.plant.effectiveness import Effectiveness
 from abhv_mc.plant.state import N_PARAMETERS, N_STATES
 from abhv_mc.vehicle.arrays import Floats, Ints, Tables
@@ -51,6 +52,7 @@ class KernelPlan(NamedTuple):
     reference: Floats  # [tick, column]
     gains: Floats  # [tick, gain]
     settings: Floats  # [setting]
+    profile: Floats  # [knot, column] nominal air, see abhv_mc.plant.air_profile; no knots: still standard air
     parameters: Floats  # [flight, parameter]
 
 
@@ -97,6 +99,7 @@ def make_kernel_plan(plan: FlightPlan, parameters: Floats, every: int) -> Kernel
             plan.reference,
             plan.gains,
             plan.settings,
+            plan.profile,
             parameters,
         ),
         KernelPlan,
@@ -108,6 +111,7 @@ def make_kernel_plan(plan: FlightPlan, parameters: Floats, every: int) -> Kernel
     check_shape(made.reference, (None, len(REFERENCE)), "plan.reference")
     check_shape(made.gains, (None, columns), "plan.gains")
     check_shape(made.settings, (settings,), "plan.settings")
+    check_shape(made.profile, (None, len(PROFILE)), "plan.profile")
     rows = min(len(made.reference), len(made.gains))
     if rows <= plan.timing.ticks:
         raise ValueError(f"plan.reference or plan.gains has {rows} rows for control ticks 0 to {plan.timing.ticks}")

@@ -25,6 +25,7 @@ from abhv_mc.vehicle.arrays import VARIABLES, Floats, Ints
 
 _DEG = 180.0 / math.pi
 _NOT_FINITE = float(Outcome.NOT_FINITE)
+_FLOWN = 0.5  # verdict of a flight that has met its mission's end: below every limit's code, and OK as a whole number
 _RMS, _MAX_ABS, _MAX_ABS_SETTLED, _MIN, _MAX, _FINAL, _SUM, _DURATION = map(int, Statistic)
 _INITIAL = {Statistic.MIN: math.inf, Statistic.MAX: -math.inf}  # others begin at 0
 
@@ -112,7 +113,7 @@ def make_observed(limits: Limits) -> Observed:
     bounds = np.array([limit.bounds(limits) for limit in LIMITS], dtype=np.float64)
     return Observed(
         np.array([find_row(limit.source) for limit in LIMITS]),
-        np.array([float(limit.outcome) for limit in LIMITS]),
+        np.array([float(limit.outcome) or _FLOWN for limit in LIMITS]),
         bounds[:, 0].copy(),
         bounds[:, 1].copy(),
         *_metric_and_channel_tables(),

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.flight import outcome
+from abhv_mc.plant.air_profile import no_profile
 from abhv_mc.plant.effectiveness import Effectiveness
 from abhv_mc.vehicle.arrays import Floats, Tables
 from abhv_mc.vehicle.model import Vehicle
@@ -51,6 +52,7 @@ class FlightPlan:
     reference: Floats  # [tick, column] see abhv_mc.control.columns
     gains: Floats  # [tick, gain] columns as the law names them
     settings: Floats  # the law's constants (differentiator bandwidths, command limits)
+    profile: Floats = field(default_factory=no_profile)  # [knot, column] nominal air, see abhv_mc.plant.air_profile
     warnings: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # sentences for the user
 
 

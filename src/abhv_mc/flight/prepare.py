@@ -14,14 +14,17 @@ from abhv_mc.control.design.reference import make_mission_trim_tables, make_star
 from abhv_mc.control.design.surroundings import make_surroundings
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.flight.outcome import EndBounds
 from abhv_mc.flight.plan import FlightPlan, Limits, Timing
+from abhv_mc.flight.start import multiply
 from abhv_mc.io.documents import InputError
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import make_effectiveness
-from abhv_mc.plant.trim import TrimPoint
+from abhv_mc.plant.trim import GRAVITY, TrimPoint
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.arrays import Floats
+from abhv_mc.vehicle.limits import tighter
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 from abhv_mc.world.earth import Earth, radii
@@ -50,7 +53,7 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
 def has_authority(vehicle: Vehicle, mission: Mission) -> bool:
     """Whether the deflections' moments at the start can be solved for the deflections, as control allocation does."""
     start = mission.start
-    around = make_surroundings(mission.make_earth(), start.altitude, start.latitude)
+    around = make_surroundings(mission.make_earth(), start.altitude, start.latitude, mission.make_air())
 
     def moment(deflections: Numbers) -> Numbers:
         nothing = 0.0 * deflections[0]
@@ -87,6 +90,10 @@ def make_plan(
         gains = make_lqr_gains(controller, mission, reference, vehicle, trim_tables)
         settings = make_lqr_settings(controller)
     constants = vehicle.constants
+    loads = tighter(mission.limits.bounds(), constants.bounds)
+    if loads.heat_flux < np.inf and constants.nose_radius == 0.0:
+        found = "a limit on the heat flux for a vehicle whose file gives no nose radius"
+        raise InputError(mission_file or mission.name, None, None, found, "reference.nose_radius in the vehicle's file")
     return FlightPlan(
         controller=name,
         law=controller.law,
@@ -100,11 +107,14 @@ def make_plan(
             constants.angle_of_attack_min,
             constants.angle_of_attack_max,
             constants.sideslip_max,
+            loads,
+            EndBounds(*(mission.end.range_of(name) for name in EndBounds._fields)),
         ),
         initial_state=make_initial_state(mission, vehicle, start),
         reference=reference,
         gains=gains,
         settings=settings,
+        profile=mission.make_air(),
         warnings=np.array(warnings, dtype=np.str_),
     )
 
@@ -136,22 +146,30 @@ def make_timing(mission: Mission, rate: float) -> Timing:
 
 
 def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> Floats:
-    """Straight and level in 1 g trim, bank zero, the body turning with the local frame, actuators at rest."""
+    """Steady flight in trim, the body turning with the local frame and, in a bank, with the turn; actuators at rest."""
     start = mission.start
     x = np.zeros(s.N_STATES)
     x[s.ALTITUDE], x[s.LONGITUDE], x[s.LATITUDE] = start.altitude, start.longitude, start.latitude
     alpha = trim.angle_of_attack
     x[s.U], x[s.W] = start.speed * np.cos(alpha), start.speed * np.sin(alpha)
-    attitude = from_euler(start.heading, alpha, 0.0)
+    attitude = from_euler(start.heading, start.flight_path_angle + alpha, 0.0)
+    if start.bank:
+        half = 0.5 * start.bank  # about the velocity, which in body axes is (cos alpha, 0, sin alpha)
+        turned = np.cos(half), np.sin(half) * np.cos(alpha), 0.0, np.sin(half) * np.sin(alpha)
+        attitude = multiply(*attitude, *turned)
     x[s.Q0 : s.Q3 + 1] = attitude
+    level = start.speed * np.cos(start.flight_path_angle)
     rate = local_frame_rate(
         mission.make_earth(),
         start.altitude,
         start.latitude,
-        start.speed * np.cos(start.heading),
-        start.speed * np.sin(start.heading),
+        level * np.cos(start.heading),
+        level * np.sin(start.heading),
     )
     x[s.ROLL_RATE : s.YAW_RATE + 1] = rotate_to_body(*attitude, *rate)
+    if start.bank:
+        lift = trim.load_factor * GRAVITY * np.sin(start.bank)
+        x[s.ROLL_RATE : s.YAW_RATE + 1] += rotate_to_body(*attitude, 0.0, 0.0, lift / level)
     x[s.MASS] = vehicle.constants.mass_start
     x[s.ELEVATOR], x[s.ETA] = trim.elevator, trim.equivalence_ratio
     return x

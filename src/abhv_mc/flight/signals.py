@@ -169,6 +169,22 @@ METRICS: tuple[Metric, ...] = (
         Statistic.DURATION,
         "surface_saturated",
     ),
+    *(
+        Metric(
+            f"{name}_ripple_deg",
+            "deg",
+            f"largest swing of the {words} in settled stretches that an opposite one of at least half its size follows",
+            Statistic.MAX,
+            f"{name}_ripple_deg",
+            0.0,
+        )
+        for name, words in (
+            ("bank", "bank error"),
+            ("angle_of_attack", "angle-of-attack error"),
+            ("sideslip", "sideslip"),
+        )
+    ),
+    Metric("engine_failed_s", "s", "time with a failed or unstarted engine", Statistic.DURATION, "engine_failed"),
     Metric("outside_tables_s", "s", "time outside the tables (clamped)", Statistic.DURATION, "outside"),
 )
 

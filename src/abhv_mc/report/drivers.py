@@ -73,7 +73,9 @@ def _coefficients(results: Results, controller: str, rows: NDArray[np.intp]) -> 
         inputs.append(sampled[flights.flight[first]])
         # A largest absolute error often grows with a parameter's distance from its middle, whichever way; ranks of
         # the parameter alone do not see that.
-        folded.append(np.abs(inputs[-1] - np.median(sampled[flights.flight[rows]])))
+        finite = sampled[flights.flight[rows]]
+        finite = finite[np.isfinite(finite)]  # a failure that never comes is far from every time
+        folded.append(np.abs(inputs[-1] - (np.median(finite) if finite.size else 0.0)))
     drivers = rank_drivers(np.column_stack([*inputs, *folded]), outputs)
     if drivers is None:
         return {}

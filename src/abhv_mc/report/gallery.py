@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from abhv_mc.report.failure_cases import failure_case_figures
 from abhv_mc.report.figures.convergence import ConvergencePanel, plot_convergence
 from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributions, plot_error_against_usage
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
@@ -224,6 +225,7 @@ def make_figures(results: Results, numbers: Mapping[str, Any]) -> Iterator[tuple
     yield from paper_figures(results)
     yield from _distributions(results, labels, colors)
     yield from _trade(results, labels, colors)
+    yield from failure_case_figures(results, labels, colors)
     yield from _worst(results, colors)
     yield from _drivers(results, numbers, labels, colors)
     yield from _sobol(results, numbers, labels, colors)

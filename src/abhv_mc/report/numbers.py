@@ -10,6 +10,7 @@ import numpy as np
 
 from abhv_mc.report.convergence import convergence_numbers
 from abhv_mc.report.drivers import driver_numbers
+from abhv_mc.report.failure_cases import failure_case_numbers
 from abhv_mc.report.failures import judge_all, requirement_failures, requirement_words
 from abhv_mc.report.metrics import words_of
 from abhv_mc.report.paired import paired_numbers
@@ -131,6 +132,7 @@ def make_numbers(results: Results) -> dict[str, Any]:
         "metrics": _metric_table(results),
         "paired": paired_numbers(results),
         "worst": worst_numbers(results),
+        "failure_cases": failure_case_numbers(results),
         "ranges": _ranges(results),
         "drivers": driver_numbers(results),
         "sobol": sobol_numbers(results),

@@ -17,6 +17,7 @@ from markupsafe import Markup
 
 from abhv_mc.report import tables
 from abhv_mc.report.answer import answer_sentences, joined, sureness_sentence
+from abhv_mc.report.failure_cases import failure_case_rows, failure_case_sentences
 from abhv_mc.report.figures.paper import FigureText
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.interactive import envelope_data
@@ -149,6 +150,8 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
             for name, part in numbers["drivers"].get("controllers", {}).items()
             if part["failures"]
         },
+        "failure_cases": failure_case_rows(numbers["failure_cases"]),
+        "failure_sentences": failure_case_sentences(numbers["failure_cases"]),
         "rates": {
             "drivers": percent(numbers["drivers"].get("false_discovery_rate"), 1),
             "rules": percent(numbers["drivers"].get("rules_false_discovery_rate"), 1),

@@ -10,8 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from abhv_mc.flight.failure_case import failure_cases
 from abhv_mc.flight.outcome import SENTENCES, Outcome
-from abhv_mc.flight.signals import METRICS, Signal
+from abhv_mc.flight.signals import METRIC_INDEX, METRICS, Signal
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.store.digest import Digest, digest_rows
 from abhv_mc.store.folder import write_whole
@@ -19,6 +20,7 @@ from abhv_mc.vehicle.arrays import Floats
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
 VALUES = (*METRICS, END_TIME)  # the columns after the samples
+CASE = "failure.case"
 _DIGEST = b"abhv_mc.digest"
 
 
@@ -36,6 +38,7 @@ class FlightRows:
     samples: Floats  # [flight, parameter]
     outcome: tuple[str, ...]  # codes
     values: Floats  # [flight, value] in the order of VALUES
+    duration: float = np.inf  # of the mission, s
 
     @property
     def stop(self) -> int:
@@ -44,6 +47,12 @@ class FlightRows:
     @property
     def flights(self) -> NDArray[np.int64]:
         return np.arange(self.first, self.stop)
+
+    @property
+    def cases(self) -> list[str]:
+        """What failed in each flight; see :mod:`abhv_mc.flight.failure_case`."""
+        ends = np.full(len(self.outcome), self.duration)
+        return failure_cases(self.names, self.samples, ends, self.values[:, METRIC_INDEX["engine_failed_s"]])
 
     def digest(self) -> Digest:
         columns = {name: self.samples[:, i] for i, name in enumerate(self.names)}
@@ -64,6 +73,7 @@ def flights_schema(names: Sequence[str], provenance: dict[str, str]) -> pa.Schem
         make_field("flight", pa.int64(), "-", "number of the flight"),
         make_field("controller", pa.string(), "-", "name of the controller"),
         make_field("outcome", pa.string(), "-", outcomes),
+        make_field(CASE, pa.string(), "-", "what failed, or was to fail before the mission's end; or 'none'"),
         *(make_field(p.name, pa.float64(), p.unit, p.doc) for p in parameters),
         *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in VALUES),
     ]
@@ -97,12 +107,13 @@ def write_block(folder: Path, rows: FlightRows, schema: pa.Schema) -> Digest:
     """Write one block's file into ``folder`` and give its digest."""
     digest = rows.digest()
     columns: list[Any] = [rows.flights, pa.repeat(rows.controller, len(rows.outcome)), pa.array(rows.outcome)]
+    columns.append(pa.array(rows.cases))
     columns += [np.ascontiguousarray(column) for column in (*rows.samples.T, *rows.values.T)]
     schema = schema.with_metadata({**(schema.metadata or {}), _DIGEST: str(digest)})
     table = pa.Table.from_arrays([pa.array(column) for column in columns], schema=schema)
     floats = [*rows.names, *(signal.name for signal in VALUES)]
     path = block_path(folder, rows.controller, rows.first, rows.stop)
-    write_parquet(path, table, floats, ["controller", "outcome"], write_statistics=["flight"])
+    write_parquet(path, table, floats, ["controller", "outcome", CASE], write_statistics=["flight"])
     return digest
 
 

@@ -25,7 +25,7 @@ from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
 from abhv_mc.flight.signals import METRIC_INDEX, METRICS
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.plant.parameters import EFFECTORS, PARAMETER_INDEX, PARAMETERS
 from abhv_mc.statistics.sequential import choose_common_looks
 
 DISPERSIBLE = tuple(parameter.name for parameter in PARAMETERS[1:])
@@ -87,6 +87,7 @@ def read_campaign(
 
 def check_campaign(document: Document) -> CheckedCampaign:
     """Check a campaign that was read already. Raises :class:`InputError` as :func:`read_campaign` does."""
+    document = name_effectors(document)
     model = validate(document, Campaign)
     errors: list[InputError] = []
     marginals = _make_marginals(document, model, errors)
@@ -106,6 +107,40 @@ def check_campaign(document: Document) -> CheckedCampaign:
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
     return CheckedCampaign(document, model, number, marginals, copula, sample_file, limits, _find_looks(model, number))
+
+
+def name_effectors(document: Document) -> Document:
+    """The campaign with failures of the vehicle's own effectors by their place: ``failure.right_elevon.stuck_time``
+    becomes ``failure.effector_0.stuck_time`` where the vehicle file lists right_elevon first."""
+    data = document.data
+    if not isinstance(data, dict):
+        return document
+    held, vehicle = data.get("dispersions"), data.get("vehicle")
+    if not isinstance(held, dict) or not isinstance(vehicle, str):
+        return document
+    asked = [name for name in held if isinstance(name, str) and name.startswith("failure.") and name not in DISPERSIBLE]
+    try:
+        content = read_document(document.path.parent / vehicle).data if asked else None
+    except InputError:
+        return document  # the model refuses the vehicle
+    effectors = content.get("effectors") if isinstance(content, dict) else None
+    places = {name: EFFECTORS[i] for i, name in enumerate(list(effectors or {})[: len(EFFECTORS)])}
+
+    def renamed(name: str) -> str:
+        group, _, rest = name.partition(".")
+        effector, _, key = rest.partition(".")
+        return f"{group}.{places[effector]}.{key}" if name in asked and effector in places else name
+
+    correlations = [
+        {**entry, "between": [renamed(str(name)) for name in entry["between"]]}
+        if isinstance(entry, dict) and isinstance(entry.get("between"), list)
+        else entry
+        for entry in data.get("correlations") or []
+    ]
+    changed = {**data, "dispersions": {renamed(name): value for name, value in held.items()}}
+    if correlations:
+        changed["correlations"] = correlations
+    return replace(document, data=changed) if asked else document
 
 
 def _override(document: Document, runs: int | None, seed: int | None, controllers: Sequence[str] | None) -> Document:
@@ -145,6 +180,9 @@ def _make_marginals(document: Document, model: Campaign, errors: list[InputError
         if name not in DISPERSIBLE:
             errors.append(document.key_error(where, f"parameter '{name}'", one_of(DISPERSIBLE, name)))
             continue
+        if distribution.probability < 1.0 and model.sampling.design in FACTORIAL:
+            found = f"a probability with the design '{model.sampling.design}', which sets every value"
+            errors.append(document.error((*where, "probability"), found, "a design that draws, or no probability"))
         try:
             marginals[name] = distribution.make_marginal(PARAMETERS[PARAMETER_INDEX[name]])
         except Refusal as refusal:
@@ -162,6 +200,9 @@ def _make_copula(document: Document, model: Campaign, names: Sequence[str], erro
             if name not in names:
                 found = f"'{name}', which is not dispersed"
                 errors.append(document.error(("correlations", i, "between", j), found, one_of(names, name)))
+            elif name in model.dispersions and model.dispersions[name].probability < 1.0:
+                found = f"'{name}', which is drawn with a probability: most flights share its nominal value"
+                errors.append(document.error(("correlations", i, "between", j), found, "one that every flight draws"))
         pair = (min(entry.between), max(entry.between))
         if pair in pairs:
             errors.append(document.error(("correlations", i), f"{' and '.join(pair)} a second time", "each pair once"))

@@ -298,6 +298,7 @@ class _Run:
                 self.samples.rows(block.first, block.stop),
                 tuple(Outcome(code).code for code in flown.outcome),
                 np.column_stack([flown.metrics, flown.end_time]),
+                self.plans[block.controller].timing.duration,
             )
             digest = write_block(self.folder.flights, rows, self.schema)
             self.tallies[block.controller].add(rows, digest)
