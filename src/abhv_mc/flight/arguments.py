@@ -26,13 +26,21 @@ from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth
 
 # Which law flies: the integers that the kernel compares.
-TLC, LQR, RECORDED = range(3)
-LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED}
+TLC, LQR, RECORDED, PYTHON = range(4)
+LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED, "python": PYTHON}
 _COLUMNS = {  # of the gains and of the settings
     "tlc": (len(TLC_GAINS), len(TLC_SETTINGS)),
     "lqr": (len(LQR_GAINS), len(LQR_SETTINGS)),
     "recorded": (len(RECORDED_GAINS), None),
+    "python": (None, None),
 }
+
+
+class OwnLaw(NamedTuple):
+    """A law of the user's own, as the kernel calls it."""
+
+    address: int  # of its machine code, 0 for none
+    onboard: int  # 1 where it wants the nominal vehicle
 
 
 class KernelPlan(NamedTuple):
@@ -52,6 +60,7 @@ class KernelPlan(NamedTuple):
     gains: Floats  # [tick, gain]
     settings: Floats  # [setting]
     parameters: Floats  # [flight, parameter]
+    own: OwnLaw = OwnLaw(0, 0)
 
 
 class KernelResults(NamedTuple):

@@ -18,6 +18,7 @@ from abhv_mc.flight.fly import check_parameters, make_block
 from abhv_mc.flight.kernel import fly_groups
 from abhv_mc.flight.memory import O_ROWS, Z_ROWS, Memory
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.io.input_error import Refusal
 from abhv_mc.jit_cuda import cuda, device_kernel, find_device, uncontracted
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import TableCells
@@ -121,6 +122,9 @@ def fly_on_gpu(
     type or shape.
     """
     find_device()
+    if plan.law == "python":
+        found = f"'{plan.controller}', a law of one's own, which is compiled for the processor only"
+        raise Refusal(found, "--device cpu, or a built-in law")
     every = record_every or 0
     host_plan = make_kernel_plan(plan, check_parameters(parameters), every)
     parameters = host_plan.parameters

@@ -9,10 +9,11 @@ tuples: the plan, which is only read (:class:`abhv_mc.flight.arguments.KernelPla
 from collections.abc import Callable
 
 from abhv_mc.control.laws.lqr import lqr_tick
+from abhv_mc.control.laws.own import own_tick
 from abhv_mc.control.laws.recorded import recorded_tick
 from abhv_mc.control.laws.tlc import tlc_tick
 from abhv_mc.flight import observe
-from abhv_mc.flight.arguments import LQR, RECORDED, TLC
+from abhv_mc.flight.arguments import LQR, PYTHON, RECORDED, TLC
 from abhv_mc.flight.memory import Z_ROWS, has_width, restore_lanes, save_lane
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.observe import (
@@ -57,6 +58,8 @@ def control(plan, memory, width, law, tick):
         tlc_tick(plan, memory, width, tick)
     elif law == LQR:
         lqr_tick(plan, memory, width, tick)
+    elif law == PYTHON:
+        own_tick(plan, memory, width, tick)
     else:
         recorded_tick(plan, memory, width, tick)
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc.control import columns as ref
+from abhv_mc.control.laws.own import FAULT
 from abhv_mc.flight import derived
 from abhv_mc.flight.derived import FIRST_DERIVED, remember_start
 from abhv_mc.flight.outcome import LIMITS, Limits, Outcome
@@ -171,7 +172,8 @@ def check_limits(Z, O, width, observed, tick):
         for i in range(s.N_STATES):
             total += Z[X + i, lane]
         finite = total - total == 0.0
-        verdict = Z[VERDICT, lane] if finite else _NOT_FINITE
+        verdict = Z[FAULT, lane] if Z[FAULT, lane] > 0.0 else Z[VERDICT, lane]
+        verdict = verdict if finite else _NOT_FINITE
         ends = alive > 0.0 and verdict > 0.0
         O[OUTCOME, lane] = verdict if ends else O[OUTCOME, lane]
         # A last finite sample still counts; a broken one does not.

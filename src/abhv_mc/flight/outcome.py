@@ -15,6 +15,7 @@ class Outcome(IntEnum):
     SIDESLIP_LIMIT = 3
     NOT_FINITE = 4
     FAILED_TO_RUN = 5
+    LAW_FAILED = 50
 
     @property
     def code(self) -> str:
@@ -27,8 +28,9 @@ SENTENCES: dict[Outcome, str] = {
     Outcome.ALTITUDE_LIMIT: "The altitude left the mission's limits.",
     Outcome.ANGLE_OF_ATTACK_LIMIT: "The angle of attack left the vehicle's limits.",
     Outcome.SIDESLIP_LIMIT: "The sideslip left the vehicle's limits.",
-    Outcome.NOT_FINITE: "A state was no longer a finite number.",
+    Outcome.NOT_FINITE: "A state or a command was no longer a finite number.",
     Outcome.FAILED_TO_RUN: "The flight could not be computed on this machine (crash or time limit).",
+    Outcome.LAW_FAILED: "The control law, one of the user's own, raised an exception.",
 }
 
 

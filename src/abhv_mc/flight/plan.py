@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.control.own.source import OwnSource
 from abhv_mc.flight import outcome
 from abhv_mc.plant.effectiveness import Effectiveness
 from abhv_mc.vehicle.arrays import Floats, Tables
@@ -40,7 +41,7 @@ class FlightPlan:
     """Everything that a worker needs to fly one controller, apart from the dispersions."""
 
     controller: str  # its name in the campaign
-    law: str  # which compiled law flies it: "tlc", "lqr" or "recorded"
+    law: str  # which compiled law flies it: "tlc", "lqr", "recorded" or "python"
     vehicle: Vehicle
     trim_tables: Tables
     effectiveness: Effectiveness
@@ -52,6 +53,9 @@ class FlightPlan:
     gains: Floats  # [tick, gain] columns as the law names them
     settings: Floats  # the law's constants (differentiator bandwidths, command limits)
     warnings: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # sentences for the user
+    gain_names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # of a law of one's own
+    source_hash: str = ""  # of its text, "" for the laws of the program
+    source: OwnSource | None = field(default=None, metadata={"stored": False})  # its text: travels, is not stored
 
 
 @dataclass(frozen=True)
