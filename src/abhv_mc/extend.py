@@ -9,12 +9,12 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from abhv_mc.control.laws.allocation import solve_3x3
-from abhv_mc.control.own.source import CHANNEL, CONTROLLER, ChannelMark, ControllerMark
-from abhv_mc.control.own.table import Table as table  # noqa: N813  spoken as a function
-from abhv_mc.control.own.wires import Command, Inertia, Measured, Moment, Onboard, Reference
 from abhv_mc.jit import scalar
 from abhv_mc.numerics.angles import clamp, larger, smaller, wrap
 from abhv_mc.numerics.lane_math import acos, asin, atan2, exp, log, power, sincos, tan
+from abhv_mc.own.source import CHANNEL, CONTROLLER, ChannelMark, ControllerMark
+from abhv_mc.own.table import Table as table  # noqa: N813  spoken as a function
+from abhv_mc.own.wires import Command, Inertia, Measured, Moment, Onboard, Reference
 
 __all__ = [
     "Command",
@@ -47,9 +47,7 @@ __all__ = [
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def controller(
-    function: F | None = None, *, units: dict[str, str] | None = None, compiled: bool = True
-) -> Any:
+def controller(function: F | None = None, *, units: dict[str, str] | None = None, compiled: bool = True) -> Any:
     """Mark the one function of a file that is its control law.
 
     ``units`` of the settings that have one: YAML must give them with it. ``compiled=False`` calls the law in plain

@@ -200,7 +200,9 @@ def call_address(address: int, Z: Any, reference: Any, gains: Any, settings: Any
 
 
 @intrinsic
-def _call_address(context: Any, address: Any, Z: Any, reference: Any, gains: Any, settings: Any, tick: Any, dt: Any) -> Any:
+def _call_address(
+    context: Any, address: Any, Z: Any, reference: Any, gains: Any, settings: Any, tick: Any, dt: Any
+) -> Any:
     arrays = (Z, reference, gains, settings)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.control.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.control.laws.recorded import RECORDED_GAINS
+from abhv_mc.flight.declared import NOTHING_DECLARED, Declared
 from abhv_mc.flight.memory import Memory
 from abhv_mc.flight.observe import Observed, make_observed
 from abhv_mc.flight.plan import FlightPlan, Timing
@@ -41,6 +42,7 @@ class OwnLaw(NamedTuple):
 
     address: int  # of its machine code, 0 for none
     onboard: int  # 1 where it wants the nominal vehicle
+    channels: int  # address of the user's own channels, 0 for none
 
 
 class KernelPlan(NamedTuple):
@@ -60,7 +62,8 @@ class KernelPlan(NamedTuple):
     gains: Floats  # [tick, gain]
     settings: Floats  # [setting]
     parameters: Floats  # [flight, parameter]
-    own: OwnLaw = OwnLaw(0, 0)
+    declared: Declared = NOTHING_DECLARED
+    own: OwnLaw = OwnLaw(0, 0, 0)
 
 
 class KernelResults(NamedTuple):
@@ -77,7 +80,7 @@ def make_results(plan: FlightPlan, flights: int, every: int, keep_states: bool) 
     """Room for the results; ``every`` counts ticks between samples, 0 for none."""
     samples = plan.timing.ticks // every + 1 if every else 0
     return KernelResults(
-        np.empty((flights, len(METRICS))),
+        np.empty((flights, len(plan.metrics))),
         np.empty(flights, dtype=np.int64),
         np.empty(flights, dtype=np.int64),
         np.full((flights, samples, len(CHANNELS)), np.nan, dtype=np.float32),
@@ -107,6 +110,7 @@ def make_kernel_plan(plan: FlightPlan, parameters: Floats, every: int) -> Kernel
             plan.gains,
             plan.settings,
             parameters,
+            plan.declared.program,
         ),
         KernelPlan,
         "plan",
@@ -161,7 +165,7 @@ def check_written(plan: KernelPlan, memory: Memory, results: KernelResults) -> N
     Raises ValueError.
     """
     flights = len(plan.parameters)
-    check_shape(results.metrics, (flights, len(METRICS)), "results.metrics")
+    check_shape(results.metrics, (flights, len(METRICS) + plan.declared.statistic.size), "results.metrics")
     check_shape(results.outcome, (flights,), "results.outcome")
     check_shape(results.end_tick, (flights,), "results.end_tick")
     samples = plan.timing.ticks // plan.record_every + 1 if plan.record_every else 0

@@ -10,6 +10,7 @@ from abhv_mc.flight.sensors import END_ROW
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.angles import larger, wrap
 from abhv_mc.plant import state as s
+from abhv_mc.plant.heating import heat_flux
 from abhv_mc.plant.state import X, parameter_row, variable_row
 
 _ALPHA = variable_row("angle_of_attack")
@@ -84,6 +85,12 @@ def load_factor_g(Z, lane, plan, tick):
     """Magnitude of the specific force."""
     x, y, z = Z[s.SPECIFIC_X, lane], Z[s.SPECIFIC_Y, lane], Z[s.SPECIFIC_Z, lane]
     return math.sqrt(x * x + y * y + z * z) / _G0
+
+
+@lanes
+def stagnation_heat_flux_w_m2(Z, lane, plan, tick):
+    """Heat flux at the stagnation point; not a number for a vehicle without a nose radius."""
+    return heat_flux(Z[s.RHO, lane], Z[s.AIRSPEED, lane], plan.vehicle.constants.nose_radius)
 
 
 @lanes

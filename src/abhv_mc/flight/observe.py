@@ -13,7 +13,7 @@ import numpy as np
 
 from abhv_mc.control import columns as ref
 from abhv_mc.control.laws.own import FAULT
-from abhv_mc.flight import derived
+from abhv_mc.flight import declared, derived
 from abhv_mc.flight.derived import FIRST_DERIVED, remember_start
 from abhv_mc.flight.outcome import LIMITS, Limits, Outcome
 from abhv_mc.flight.signals import CHANNELS, METRICS, Statistic
@@ -34,7 +34,8 @@ N_METRICS = len(METRICS)
 # Rows of the observer's own block: of every lane, then the metrics.
 ALIVE, OUTCOME, END, SAMPLES = range(4)  # END: tick of the last sample that counted
 FIRST_METRIC = 4
-N_ROWS = FIRST_METRIC + N_METRICS
+FIRST_DECLARED = FIRST_METRIC + N_METRICS  # what declared metrics keep, see abhv_mc.flight.declared
+N_ROWS = FIRST_DECLARED + declared.N_ROWS
 
 
 def _row_in_memory(source: str) -> int | None:
@@ -142,6 +143,8 @@ def start_observing(Z, O, width, observed):
             O[i, lane] = 0.0
         for m in range(N_METRICS):
             O[FIRST_METRIC + m, lane] = observed.metric_initial[m]
+        for i in range(declared.N_ROWS):
+            O[FIRST_DECLARED + i, lane] = 0.0
         O[ALIVE, lane] = 1.0
 
 

@@ -6,7 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.control.columns import ANGLE_OF_ATTACK, BANK, TIME
-from abhv_mc.control.controller_file import Controller, LqrController, PythonController, TlcController, read_controller_document
+from abhv_mc.control.controller_file import (
+    Controller,
+    LqrController,
+    PythonController,
+    TlcController,
+    read_controller_document,
+)
 from abhv_mc.control.design.design_model import wrench_at
 from abhv_mc.control.design.design_tables import Numbers, slope
 from abhv_mc.control.design.guidance_trim import trim_faults
@@ -15,13 +21,13 @@ from abhv_mc.control.design.reference import make_mission_trim_tables, make_star
 from abhv_mc.control.design.surroundings import make_surroundings
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.control.own.design import DesignModel, design_gains
-from abhv_mc.control.own.settings import make_own_settings
-from abhv_mc.control.own.source import Law, load_law, read_source
 from abhv_mc.flight.own_law import open_law
 from abhv_mc.flight.plan import LANES, FlightPlan, Limits, Timing
 from abhv_mc.io.documents import InputError
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
+from abhv_mc.own.design import DesignModel, design_gains
+from abhv_mc.own.settings import make_own_settings
+from abhv_mc.own.source import Law, load_law, read_source
 from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.trim import TrimPoint

@@ -46,6 +46,7 @@ class Reference(StrictModel):
     area: Annotated[Area, Positive]
     span: Annotated[Length, Positive] = Field(description="of rolling and yawing moment")
     chord: Annotated[Length, Positive] = Field(description="of pitching moment")
+    nose_radius: Annotated[Length, Positive] | None = Field(default=None, description="of the stagnation heat flux")
 
 
 class MassPoint(StrictModel):

@@ -233,4 +233,5 @@ def _make_constants(content: VehicleDocument) -> Constants:
         angle_of_attack_max=alpha_max,
         sideslip_max=limits.sideslip if limits else math.pi,
         drag_in_wind_axes=1.0 if content.aerodynamics.force_axes == "wind" else 0.0,
+        nose_radius=content.reference.nose_radius or 0.0,
     )

@@ -32,6 +32,7 @@ class Constants(NamedTuple):
     angle_of_attack_max: float
     sideslip_max: float
     drag_in_wind_axes: float  # 1: drag opposes the velocity (a sphere); 0: drag and lift in stability axes
+    nose_radius: float  # m; 0 where the file has none
 
 
 class Vehicle(NamedTuple):

@@ -16,7 +16,7 @@ from abhv_mc.io.documents import Document, InputError, read_document, write_docu
 from abhv_mc.store.folder import CampaignFolder, write_bytes, write_whole
 
 _YAML = (".yaml", ".yml")
-_DATA = (".csv", ".parquet", ".pq", ".json", ".gz")
+_DATA = (".csv", ".parquet", ".pq", ".json", ".gz", ".py")
 _HEAD = """A campaign as it was flown, with everything that it refers to beside it in inputs/.
 Flying it again gives the same results: abhv-mc run campaign.yaml -o ANOTHER_FOLDER"""
 
@@ -57,6 +57,10 @@ def resolve_campaign(campaign: CheckedCampaign) -> ResolvedCampaign:
     data["controllers"] = {
         name: _take(path, f"inputs/controllers/{name}", copies) for name, path in model.controllers.items()
     }
+    if model.channels is not None:
+        data["channels"] = _take(model.channels, "inputs/channels", copies)
+    if isinstance(model.metrics, Path):
+        data["metrics"] = read_document(model.metrics).data
     data["runs"] = campaign.runs
     data["seed"] = model.seed
     if campaign.looks:
@@ -115,7 +119,7 @@ def describe_changes(held: ResolvedCampaign, wanted: ResolvedCampaign, extensibl
         if key == "runs" and extensible and (before or 0) < (after or 0):
             continue
         changes.append(f"{key}: {_words(before)} -> {_words(after)}")
-    for part in ("vehicle", "mission", "samples", *(f"controllers/{name}" for name in shared)):
+    for part in ("vehicle", "mission", "samples", "channels", *(f"controllers/{name}" for name in shared)):
         changes += _changed_files(held.hashes, wanted.hashes, f"inputs/{part}/")
     return changes
 

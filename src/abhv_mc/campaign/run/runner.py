@@ -38,6 +38,7 @@ from abhv_mc.flight.signals import CHANNEL_INDEX
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.envelopes import is_whole, write_envelopes
 from abhv_mc.store.flights import (
+    END_TIME,
     DamagedFileError,
     FlightRows,
     flights_schema,
@@ -97,7 +98,10 @@ class _Run:
         self.done = {name: np.zeros(self.campaign.runs, bool) for name in model.controllers}
         self.collectors: dict[str, Collector] = {}
         provenance = {"seed": str(model.seed), "campaign_hash": self.manifest["campaign_hash"]}
-        self.schema = flights_schema(self.samples.names, provenance | {"version": self.manifest["versions"]["abhv_mc"]})
+        provenance["version"] = self.manifest["versions"]["abhv_mc"]
+        self.metrics = tuple(self.campaign.metrics.values())
+        self.columns = (*self.campaign.metrics, END_TIME.name)
+        self.schema = flights_schema(self.samples.names, provenance, self.metrics)
         self.start, self.wall_before = time.monotonic(), float(self.manifest.get("wall_time_s", 0.0))
 
     def run(self) -> RunResult:
@@ -147,6 +151,8 @@ class _Run:
                 if mask is None or stop > self.campaign.runs or mask[first:stop].any():
                     raise DamagedFileError(f"{path.name} belongs to no part of this campaign")
                 rows = read_block(path, self.samples.names)
+                if rows.columns != self.columns:
+                    raise DamagedFileError(f"{path.name} holds other metrics")
                 if not np.array_equal(rows.samples, self.samples.rows(first, stop)):
                     raise DamagedFileError(f"{path.name} was flown on other samples")
             except DamagedFileError:
@@ -235,6 +241,7 @@ class _Run:
                 self.samples.rows(block.first, block.stop),
                 tuple(Outcome(code).code for code in flown.outcome),
                 np.column_stack([flown.metrics, flown.end_time]),
+                self.columns,
             )
             digest = write_block(self.folder.flights, rows, self.schema)
             self.tallies[block.controller].add(rows, digest)

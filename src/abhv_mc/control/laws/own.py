@@ -1,6 +1,6 @@
 """A law of the user's own, one control tick in lanes: what it needs, the call of its compiled code, its commands.
 
-Its code is compiled apart from the flight (:mod:`abhv_mc.control.own`) and called once a tick for all lanes through an
+Its code is compiled apart from the flight (:mod:`abhv_mc.own`) and called once a tick for all lanes through an
 address that the plan holds, so that the flight's machine code serves every law.
 """
 
@@ -23,10 +23,12 @@ MAX_MEMORY = 64  # numbers that a law may keep between ticks
 # Rows of the lane memory, behind TLC's, whose rows of the nominal vehicle serve here, too.
 FAULT = LAW + N_TLC_ROWS  # outcome with which the law ends the flight, 0 for none
 MEMORY = FAULT + 1
-ONBOARD = MEMORY + MAX_MEMORY  # in the order of abhv_mc.control.own.wires.Onboard
+ONBOARD = MEMORY + MAX_MEMORY  # in the order of abhv_mc.own.wires.Onboard
 _MOMENT, _LIFT, _SLOPES, _INERTIA = ONBOARD + 3, ONBOARD + 15, ONBOARD + 18, ONBOARD + 24
 N_ONBOARD = 28
-N_ROWS = ONBOARD + N_ONBOARD - LAW
+CHANNEL = ONBOARD + N_ONBOARD  # the user's own channels
+MAX_CHANNELS = 16
+N_ROWS = CHANNEL + MAX_CHANNELS - LAW
 
 NOT_FINITE = 4.0  # abhv_mc.flight.outcome.Outcome.NOT_FINITE, which is a layer above
 

@@ -112,7 +112,7 @@ class Law:
 @functools.lru_cache(maxsize=64)
 def load_law(source: OwnSource) -> Law:
     """Run a controller's file and find what it defines; checked in the user's terms. Raises InputError."""
-    from abhv_mc.control.own.check import check_law
+    from abhv_mc.own.check import check_law
 
     module = run_module(source)
     found = module.marked(CONTROLLER)

@@ -10,9 +10,9 @@ from abhv_mc.control.design.design_model import attitude_rates, body_rate_rates,
 from abhv_mc.control.design.design_tables import Numbers, slope
 from abhv_mc.control.design.lqr_design import Nominal, make_nominal
 from abhv_mc.control.mission import Mission
-from abhv_mc.control.own.source import Law, line_in
-from abhv_mc.control.own.wires import Reference
 from abhv_mc.io.input_error import InputError
+from abhv_mc.own.source import Law, line_in
+from abhv_mc.own.wires import Reference
 from abhv_mc.vehicle.arrays import Floats, Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.control.laws.own import MAX_MEMORY
-from abhv_mc.control.own.source import Law, check_defaults, field_error
-from abhv_mc.control.own.wires import ARGUMENTS, CLASSES, GIVEN
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.io.units import Refusal, parse_unit
+from abhv_mc.own.source import Law, check_defaults, field_error
+from abhv_mc.own.wires import ARGUMENTS, CLASSES, GIVEN
 
 _PROTOTYPE = "or @controller(compiled=False)"
 _REFUSED: dict[type[ast.AST], tuple[str, str]] = {

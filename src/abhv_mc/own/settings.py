@@ -3,9 +3,9 @@
 import numpy as np
 
 from abhv_mc.control.controller_file import PythonController
-from abhv_mc.control.own.source import Law
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of
 from abhv_mc.io.units import parse_in_unit
+from abhv_mc.own.source import Law
 from abhv_mc.vehicle.arrays import Floats
 
 

@@ -54,6 +54,15 @@ class Inertia(NamedTuple):
     xz: float
 
 
+class LastCommand(NamedTuple):
+    """What was commanded at the last tick, within the vehicle's limits."""
+
+    aileron: float  # rad
+    rudder: float
+    elevator: float
+    equivalence_ratio: float
+
+
 class Onboard(NamedTuple):
     """The nominal vehicle at the measured state and the last command."""
 
@@ -74,15 +83,10 @@ class Onboard(NamedTuple):
     drag_by_equivalence_ratio: float
     thrust_by_equivalence_ratio: float
     inertia: Inertia
+    last: LastCommand
 
 
 # Arguments that a law may name, and the rest, which its file defines.
 GIVEN = {"measured": Measured, "reference": Reference, "onboard": Onboard}
 CLASSES = {"memory": "Memory", "settings": "Settings", "gains": "gains"}
 ARGUMENTS = ("measured", "reference", "memory", "settings", "gains", "onboard", "time", "dt")
-
-
-def count_leaves(kind: Any) -> int:
-    """Numbers in a named tuple, however deep."""
-    hints = kind.__annotations__
-    return sum(count_leaves(hint) if hasattr(hint, "_fields") else 1 for hint in hints.values())

@@ -10,15 +10,23 @@ from typing import Any
 
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.laws.own import MEMORY, ONBOARD
-from abhv_mc.control.own.source import Law, Module, OwnSource, load_law
-from abhv_mc.control.own.table import Table
-from abhv_mc.control.own.wires import Command, Measured, Onboard, Reference
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
 from abhv_mc.jit import Uncompilable, compiled_folder, scalar, socket
+from abhv_mc.own.source import Law, Module, OwnSource, load_law
+from abhv_mc.own.table import Table
+from abhv_mc.own.wires import Command, LastCommand, Measured, Onboard, Reference
 from abhv_mc.plant import state as s
 
-_OUT = (s.CMD_AILERON, s.CMD_RUDDER, s.CMD_ELEVATOR, s.CMD_ETA, s.GAMMA_CMD, s.ALPHA_CMD, s.BANK_CMD)  # of a Command
+COMMAND_ROWS = (
+    s.CMD_AILERON,
+    s.CMD_RUDDER,
+    s.CMD_ELEVATOR,
+    s.CMD_ETA,
+    s.GAMMA_CMD,
+    s.ALPHA_CMD,
+    s.BANK_CMD,
+)  # of a Command
 _NOISE = re.compile(r"(Failed in nopython mode|During: |File \"|- Resolution failure|\^|\[1\] |<source|def |return |$)")
 
 
@@ -54,13 +62,13 @@ def make_gains_class(names: Iterable[str]) -> Any:
 def _gains_class(names: tuple[str, ...]) -> Any:
     from collections import namedtuple
 
-    return namedtuple("Gains", names)  # noqa: PYI024  names are known only now
+    return namedtuple("Gains", names)
 
 
 def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> Any:
     """Compile the function ``loop`` of a generated text with these names. Raises InputError."""
     source = module.source
-    key = hashlib.sha256(f"{source.hash} {salt} {text}".encode()).hexdigest()[:24]
+    key = hashlib.sha256(f"{source.hash} {salt} {text} {_own_hash()}".encode()).hexdigest()[:24]
     path = Path(compiled_folder()) / "laws" / f"law_{key}.py"
     if not path.exists():
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -71,6 +79,14 @@ def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> A
         return socket(names["loop"])
     except Uncompilable as error:
         raise _explain(module, error) from None
+
+
+@functools.cache
+def _own_hash() -> str:
+    """Hash of what a user's code is made of besides its text and the layers of the compiled flight."""
+    here = Path(__file__).parent
+    files = [*sorted(here.glob("*.py")), here.parent / "extend.py"]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
 def compiled_names(module: Module) -> dict[str, Any]:
@@ -134,7 +150,7 @@ def _make_loop(law: Law, gains: tuple[str, ...], width: int) -> str:
             inside.append(f"{lane(MEMORY + i)} = after.{field}")
     else:
         inside.append(f"command = {call}")
-    for field, row in zip(Command._fields, _OUT, strict=True):
+    for field, row in zip(Command._fields, COMMAND_ROWS, strict=True):
         inside.append(f"{lane(row)} = command.{field}")
     lines = [f"    {line}" for line in once] + [f"    for lane in range({width}):"] + [f"        {x}" for x in inside]
     return "\n".join(["def loop(Z, row, column, given, tick, dt):", *lines, ""])
@@ -145,7 +161,7 @@ def _make_nested(kind: Any, first: int, lane: Any) -> str:
     parts, row = [], first
     for hint in kind.__annotations__.values():
         if hasattr(hint, "_fields"):
-            parts.append(_make_nested(hint, row, lane))
+            parts.append(_make_nested(hint, s.CMD if hint is LastCommand else row, lane))
             row += len(hint._fields)
         else:
             parts.append(lane(row))
@@ -169,4 +185,3 @@ def _explain(module: Module, error: Uncompilable) -> InputError:
     found_words = "; ".join(useful[:3]) or "code that does not compile"
     wanted = "floats, named tuples and functions of them, or @controller(compiled=False)"
     return InputError(source.file, line, None, f"what does not compile ({found_words:.300})", wanted)
-

@@ -9,9 +9,9 @@ import numpy as np
 
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.laws.own import FAULT, MEMORY, N_ONBOARD, ONBOARD
-from abhv_mc.control.own.compiled import _OUT, make_gains_class
-from abhv_mc.control.own.source import Law
-from abhv_mc.control.own.wires import Command, Measured, Onboard, Reference
+from abhv_mc.own.compiled import COMMAND_ROWS, make_gains_class
+from abhv_mc.own.source import Law
+from abhv_mc.own.wires import Command, Measured, Onboard, Reference
 from abhv_mc.plant import state as s
 from abhv_mc.vehicle.arrays import Floats
 
@@ -52,7 +52,7 @@ class PlainLaw:
                 self._memories[len(self._memories)] = law.memory() if "memory" in law.arguments else None
             number = int(block[MEMORY, lane])
             if number in first_of:  # a spare lane that repeats a flight
-                block[list(_OUT), lane] = block[list(_OUT), first_of[number]]
+                block[list(COMMAND_ROWS), lane] = block[list(COMMAND_ROWS), first_of[number]]
                 block[FAULT, lane] = block[FAULT, first_of[number]]
                 continue
             first_of[number] = lane
@@ -60,7 +60,7 @@ class PlainLaw:
                 self._fly_lane(block, lane, number, given)
             except Exception:
                 block[FAULT, lane] = LAW_FAILED
-                block[list(_OUT), lane] = 0.0
+                block[list(COMMAND_ROWS), lane] = 0.0
                 if law.source.hash not in _told:
                     _told.add(law.source.hash)
                     traceback.print_exc(file=sys.stderr)
@@ -71,7 +71,8 @@ class PlainLaw:
         if "measured" in law.arguments:
             values["measured"] = Measured(*block[s.MEASURED : s.MEASURED + s.N_MEASURED, lane].tolist())
         if "onboard" in law.arguments:
-            values["onboard"] = _nest(Onboard, iter(block[ONBOARD : ONBOARD + N_ONBOARD, lane].tolist()))
+            numbers = block[ONBOARD : ONBOARD + N_ONBOARD, lane].tolist() + block[s.CMD : s.CMD + 4, lane].tolist()
+            values["onboard"] = _nest(Onboard, iter(numbers))
         returned = law.function(*(values[name] for name in law.arguments))
         if "memory" in law.arguments:
             command, self._memories[number] = returned
@@ -79,7 +80,7 @@ class PlainLaw:
             command = returned
         if not isinstance(command, Command):
             raise TypeError(f"the law returns {type(command).__name__}; wanted Command(...)")
-        block[list(_OUT), lane] = command
+        block[list(COMMAND_ROWS), lane] = command
 
 
 def _row(pointer: Any, tick: int, columns: int) -> list[float]:
