@@ -8,6 +8,8 @@ GRAVITY = 9.73  # m/s2, at 20 km
 
 
 class Settings(NamedTuple):
+    """What the YAML file may set."""
+
     path: float = 0.35  # bandwidths, rad/s
     attitude: float = 2.0
     rates: float = 6.0
@@ -15,11 +17,14 @@ class Settings(NamedTuple):
 
 
 class Memory(NamedTuple):
+    """What is kept from tick to tick."""
+
     altitude: float = 0.0  # integral of the altitude error, m s
 
 
 @controller(units={"path": "rad/s", "attitude": "rad/s", "rates": "rad/s", "bank_limit": "rad"})
 def law(measured, reference, memory, settings, onboard, dt):
+    """One tick of one flight."""
     # Path: the flight path and heading wanted, and the lift and bank that turn the velocity so.
     rise = measured.altitude - reference.altitude
     speed = measured.speed - reference.speed

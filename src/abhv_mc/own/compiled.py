@@ -3,6 +3,7 @@
 import functools
 import hashlib
 import re
+import sys
 import types
 from collections.abc import Iterable
 from pathlib import Path
@@ -74,9 +75,12 @@ def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> A
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with atomic_write(path) as aside:
             aside.write_text(text, encoding="utf-8")
-    exec(compile(text, str(path), "exec", dont_inherit=True), names)  # our own text, with the user's functions in it
+    home = types.ModuleType(f"abhv_mc_loop_{key}")  # numba finds what it kept under a module's name
+    sys.modules[home.__name__] = home
+    home.__dict__.update(names, __name__=home.__name__, __file__=str(path))
+    exec(compile(text, str(path), "exec", dont_inherit=True), home.__dict__)  # our text, with the user's functions
     try:
-        return socket(names["loop"])
+        return socket(home.__dict__["loop"])
     except Uncompilable as error:
         raise _explain(module, error) from None
 
@@ -91,7 +95,10 @@ def _own_hash() -> str:
 
 def compiled_names(module: Module) -> dict[str, Any]:
     """A file's names with its functions to be compiled, its tables as look-ups, its classes as makers of floats."""
-    names = dict(module.names)
+    home = types.ModuleType(module.names["__name__"])  # numba finds what it kept of a function under its module's name
+    sys.modules[home.__name__] = home
+    names = home.__dict__
+    names.update(module.names)
     for name, value in module.names.items():
         if isinstance(value, types.FunctionType) and value.__globals__ is module.names:
             copy = types.FunctionType(value.__code__, names, name, value.__defaults__, value.__closure__)
@@ -100,16 +107,16 @@ def compiled_names(module: Module) -> dict[str, Any]:
         elif isinstance(value, Table):
             names[name] = value.make_compiled()
         elif isinstance(value, type) and hasattr(value, "_fields") and (value is Command or name == "Memory"):
-            names[name] = _make_maker(value)
-    return names
+            names[name] = _make_maker(value, home.__name__)
+    return dict(names)
 
 
-def _make_maker(kind: Any) -> Any:
+def _make_maker(kind: Any, home: str) -> Any:
     """A compiled function that makes a named tuple of floats, whatever numbers it is given."""
     defaults = kind._field_defaults
     parameters = [f"{name}=_{name}" if name in defaults else name for name in kind._fields]
     floats = ", ".join(f"float({name})" for name in kind._fields)
-    names: dict[str, Any] = {f"_{name}": float(value) for name, value in defaults.items()} | {"_kind": kind}
+    names: dict[str, Any] = {f"_{name}": float(value) for name, value in defaults.items()} | {"_kind": kind, "__name__": home}
     exec(f"def make({', '.join(parameters)}):\n    return _kind({floats})\n", names)
     return scalar(names["make"])
 
