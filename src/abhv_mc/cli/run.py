@@ -50,6 +50,9 @@ def command(
     ] = None,
     no_report: Annotated[bool, typer.Option("--no-report", help="Make no report.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Delete what the folder holds of a campaign first.")] = False,
+    trust_code: Annotated[
+        bool, typer.Option("--trust-code", help="Run Python code of a campaign's folder that you have not flown.")
+    ] = False,
 ) -> None:
     """Fly a campaign, resuming what its folder already holds, and make the report.
 
@@ -75,7 +78,7 @@ def command(
         engine = make_gpu_engine()
     try:
         with mirrored(out) if out else nullcontext() as folder:
-            request = Request(campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans)
+            request = Request(campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code)
             finish(run_campaign(request, engine), no_report or part is not None, out)
     except UnusableError as error:
         print(error, file=sys.stderr)

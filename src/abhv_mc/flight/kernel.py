@@ -9,10 +9,12 @@ tuples: the plan, which is only read (:class:`abhv_mc.flight.arguments.KernelPla
 from collections.abc import Callable
 
 from abhv_mc.control.laws.lqr import lqr_tick
+from abhv_mc.control.laws.own import own_tick
 from abhv_mc.control.laws.recorded import recorded_tick
 from abhv_mc.control.laws.tlc import tlc_tick
 from abhv_mc.flight import observe
-from abhv_mc.flight.arguments import LQR, RECORDED, TLC
+from abhv_mc.flight.arguments import LQR, PYTHON, RECORDED, TLC
+from abhv_mc.flight.declared import finish_declared, update_declared
 from abhv_mc.flight.memory import Z_ROWS, has_width, restore_lanes, save_lane
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.observe import (
@@ -26,7 +28,7 @@ from abhv_mc.flight.observe import (
 )
 from abhv_mc.flight.sensors import active_sensor_errors, sense
 from abhv_mc.flight.start import start_flights
-from abhv_mc.jit import kernel, lanes
+from abhv_mc.jit import call_address, kernel, lanes
 from abhv_mc.plant import state as s
 from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
 from abhv_mc.plant.aerodynamics import build_up, look_up
@@ -59,6 +61,8 @@ def control(plan, memory, width, law, tick):
         tlc_tick(plan, memory, width, tick)
     elif law == LQR:
         lqr_tick(plan, memory, width, tick)
+    elif law == PYTHON:
+        own_tick(plan, memory, width, tick)
     else:
         recorded_tick(plan, memory, width, tick)
 
@@ -70,8 +74,12 @@ def observe_tick(plan, memory, width, tick):
     if inlet.unstarts > 0.0:
         watch_inlet(memory.Z, width, inlet, tick * plan.timing.step * plan.timing.steps_per_tick)
     derive(memory.Z, width, plan, tick)
+    if plan.own.channels != 0:
+        dt = plan.timing.step * plan.timing.steps_per_tick
+        call_address(plan.own.channels, memory.Z, plan.reference, plan.gains, plan.settings, tick, dt)
     check_limits(memory.Z, memory.O, width, plan.observed, tick)
     update_metrics(memory.Z, memory.O, width, plan, tick)
+    update_declared(memory, width, plan, tick, observe.FIRST_DECLARED)
 
 
 @lanes
@@ -153,6 +161,15 @@ def fly_groups(plan, memory, results, width, law, first_flight, last_flight):
                         still_flying += 1
                     else:
                         finish_metrics(memory.O, lane, plan.observed, results.metrics[flight])
+                        finish_declared(
+                            memory.O,
+                            lane,
+                            plan.declared,
+                            plan.timing.step * plan.timing.steps_per_tick,
+                            observe.FIRST_DECLARED,
+                            observe.N_METRICS,
+                            results.metrics[flight],
+                        )
                         results.outcome[flight] = int(memory.O[observe.OUTCOME, lane])
                         results.end_tick[flight] = int(memory.O[observe.END, lane])
             flying = still_flying

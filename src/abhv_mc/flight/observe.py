@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc.control import columns as ref
-from abhv_mc.flight import derived
+from abhv_mc.control.laws.own import FAULT
+from abhv_mc.flight import declared, derived
 from abhv_mc.flight.derived import FIRST_DERIVED, remember_start
 from abhv_mc.flight.outcome import LIMITS, Limits, Outcome
 from abhv_mc.flight.signals import CHANNELS, METRICS, Statistic
@@ -34,7 +35,8 @@ N_METRICS = len(METRICS)
 # Rows of the observer's own block: of every lane, then the metrics.
 ALIVE, OUTCOME, END, SAMPLES = range(4)  # END: tick of the last sample that counted
 FIRST_METRIC = 4
-N_ROWS = FIRST_METRIC + N_METRICS
+FIRST_DECLARED = FIRST_METRIC + N_METRICS  # what declared metrics keep, see abhv_mc.flight.declared
+N_ROWS = FIRST_DECLARED + declared.N_ROWS
 
 
 def _row_in_memory(source: str) -> int | None:
@@ -142,6 +144,8 @@ def start_observing(Z, O, width, observed):
             O[i, lane] = 0.0
         for m in range(N_METRICS):
             O[FIRST_METRIC + m, lane] = observed.metric_initial[m]
+        for i in range(declared.N_ROWS):
+            O[FIRST_DECLARED + i, lane] = 0.0
         O[ALIVE, lane] = 1.0
 
 
@@ -172,7 +176,8 @@ def check_limits(Z, O, width, observed, tick):
         for i in range(s.N_STATES):
             total += Z[X + i, lane]
         finite = total - total == 0.0
-        verdict = Z[VERDICT, lane] if finite else _NOT_FINITE
+        verdict = Z[FAULT, lane] if Z[FAULT, lane] > 0.0 else Z[VERDICT, lane]
+        verdict = verdict if finite else _NOT_FINITE
         ends = alive > 0.0 and verdict > 0.0
         O[OUTCOME, lane] = verdict if ends else O[OUTCOME, lane]
         # A last finite sample still counts; a broken one does not.

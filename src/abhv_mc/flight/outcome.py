@@ -23,6 +23,7 @@ class Outcome(IntEnum):
     HEAT_FLUX_LIMIT = 8
     BANK_LIMIT = 9
     OSCILLATION_LIMIT = 10
+    LAW_FAILED = 50
 
     @property
     def code(self) -> str:
@@ -35,13 +36,14 @@ SENTENCES: dict[Outcome, str] = {
     Outcome.ALTITUDE_LIMIT: "The altitude left the mission's limits.",
     Outcome.ANGLE_OF_ATTACK_LIMIT: "The angle of attack left the vehicle's limits.",
     Outcome.SIDESLIP_LIMIT: "The sideslip left the vehicle's limits.",
-    Outcome.NOT_FINITE: "A state was no longer a finite number.",
+    Outcome.NOT_FINITE: "A state or a command was no longer a finite number.",
     Outcome.FAILED_TO_RUN: "The flight could not be computed on this machine (crash or time limit).",
     Outcome.DYNAMIC_PRESSURE_LIMIT: "The dynamic pressure exceeded the limit of the mission or the vehicle.",
     Outcome.LOAD_FACTOR_LIMIT: "The load factor exceeded the limit of the mission or the vehicle.",
     Outcome.HEAT_FLUX_LIMIT: "The stagnation heat flux exceeded the limit of the mission or the vehicle.",
     Outcome.BANK_LIMIT: "The bank exceeded the limit of the mission or the vehicle.",
     Outcome.OSCILLATION_LIMIT: "An angle oscillated by more than the limit of the mission or the vehicle.",
+    Outcome.LAW_FAILED: "The control law, one of the user's own, raised an exception.",
 }
 
 

@@ -135,6 +135,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage):
         )
         nominal_thrust = nominal_thrust * Z[s.ENGINE_THRUST, lane] if fuel_left else 0.0
         t = Z[_K_THRUST, lane] * nominal_thrust
+        Z[s.THRUST, lane] = t
         fuel_divisor = constants.standard_gravity * isp * Z[_K_ISP, lane]
         per_mass, per_fuel = reciprocals(mass, fuel_divisor if fuel_divisor > 0.0 else 1.0)
         # The thrust factor is thrust at the same fuel flow.

@@ -57,7 +57,7 @@ VAR = P + len(PARAMETERS)  # variables of the tables and of the build-up
 COEF = VAR + len(VARIABLES)  # coefficients
 CMD = COEF + len(COEFFICIENTS)  # commands held over the tick
 AIR = CMD + 4  # air data of the stage
-FIXED = AIR + 19  # the fixed quantities of the tables, in the order of FIXED_TABLE_ROWS
+FIXED = AIR + 20  # the fixed quantities of the tables, in the order of FIXED_TABLE_ROWS
 NAV = FIXED + len(FIXED_TABLE_ROWS)  # the true motion relative to the Earth
 MEASURED = NAV + 8  # the measurement, which the control laws see
 N_MEASURED = 10
@@ -75,12 +75,12 @@ LAW = FAILURE + 35 + N_MEASURED  # the rows of control and flight follow: the la
 CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, AIR)
 
 # Air data: density, dynamic pressure, flow; latitude and the Earth's rotation in body axes; velocity of the air and
-# specific force in body axes.
+# specific force in body axes, thrust.
 _FLOW, _EARTH, _AIR_VELOCITY, _SPECIFIC_FORCE = AIR, AIR + 8, AIR + 13, AIR + 16
 RHO, Q_BAR, AIRSPEED, SIN_ALPHA, COS_ALPHA, SIN_BETA, COS_BETA, OUTSIDE = range(_FLOW, _EARTH)
 SIN_LAT, COS_LAT, EARTH_X, EARTH_Y, EARTH_Z = range(_EARTH, _AIR_VELOCITY)
 AIR_U, AIR_V, AIR_W = range(_AIR_VELOCITY, _SPECIFIC_FORCE)
-SPECIFIC_X, SPECIFIC_Y, SPECIFIC_Z = range(_SPECIFIC_FORCE, FIXED)
+SPECIFIC_X, SPECIFIC_Y, SPECIFIC_Z, THRUST = range(_SPECIFIC_FORCE, FIXED)
 
 CAPTURE, ISP, THRUST_AREA, INERTIA_XX, INERTIA_YY, INERTIA_ZZ, INERTIA_13, CG_X, CG_Z = range(FIXED, NAV)
 SPEED, GAMMA, CHI, BANK, NORTH, EAST, V_NORTH_LAST, V_EAST_LAST = range(NAV, MEASURED)

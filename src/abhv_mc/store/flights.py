@@ -19,7 +19,8 @@ from abhv_mc.store.folder import write_whole
 from abhv_mc.vehicle.arrays import Floats
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
-VALUES = (*METRICS, END_TIME)  # the columns after the samples
+VALUES = (*METRICS, END_TIME)  # the columns after the samples, and before them a campaign's own metrics
+_VALUE_NAMES = tuple(signal.name for signal in VALUES)
 CASE = "failure.case"
 _DIGEST = b"abhv_mc.digest"
 
@@ -37,7 +38,8 @@ class FlightRows:
     names: tuple[str, ...]  # of the sampled parameters
     samples: Floats  # [flight, parameter]
     outcome: tuple[str, ...]  # codes
-    values: Floats  # [flight, value] in the order of VALUES
+    values: Floats  # [flight, value]
+    columns: tuple[str, ...] = _VALUE_NAMES  # of the values: the metrics, then the time of the end
     duration: float = np.inf  # of the mission, s
 
     @property
@@ -56,7 +58,7 @@ class FlightRows:
 
     def digest(self) -> Digest:
         columns = {name: self.samples[:, i] for i, name in enumerate(self.names)}
-        columns |= {signal.name: self.values[:, i] for i, signal in enumerate(VALUES)}
+        columns |= {name: self.values[:, i] for i, name in enumerate(self.columns)}
         return digest_rows(self.controller, self.flights, self.outcome, columns)
 
 
@@ -65,7 +67,7 @@ def make_field(name: str, kind: pa.DataType, unit: str, doc: str) -> pa.Field:
     return pa.field(name, kind, nullable=False, metadata={"unit": unit, "doc": doc})
 
 
-def flights_schema(names: Sequence[str], provenance: dict[str, str]) -> pa.Schema:
+def flights_schema(names: Sequence[str], provenance: dict[str, str], metrics: Sequence[Signal] = METRICS) -> pa.Schema:
     """Schema of the flights table with the sample columns ``names``."""
     outcomes = "; ".join(f"{outcome.code}: {SENTENCES[outcome]}" for outcome in Outcome)
     parameters = [PARAMETERS[PARAMETER_INDEX[name]] for name in names]
@@ -75,7 +77,7 @@ def flights_schema(names: Sequence[str], provenance: dict[str, str]) -> pa.Schem
         make_field("outcome", pa.string(), "-", outcomes),
         make_field(CASE, pa.string(), "-", "what failed, or was to fail before the mission's end; or 'none'"),
         *(make_field(p.name, pa.float64(), p.unit, p.doc) for p in parameters),
-        *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in VALUES),
+        *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in (*metrics, END_TIME)),
     ]
     return pa.schema(fields, metadata={f"abhv_mc.{key}": text for key, text in provenance.items()})
 
@@ -111,7 +113,7 @@ def write_block(folder: Path, rows: FlightRows, schema: pa.Schema) -> Digest:
     columns += [np.ascontiguousarray(column) for column in (*rows.samples.T, *rows.values.T)]
     schema = schema.with_metadata({**(schema.metadata or {}), _DIGEST: str(digest)})
     table = pa.Table.from_arrays([pa.array(column) for column in columns], schema=schema)
-    floats = [*rows.names, *(signal.name for signal in VALUES)]
+    floats = [*rows.names, *rows.columns]
     path = block_path(folder, rows.controller, rows.first, rows.stop)
     write_parquet(path, table, floats, ["controller", "outcome", CASE], write_statistics=["flight"])
     return digest
@@ -123,8 +125,11 @@ def read_block(path: Path, names: Sequence[str]) -> FlightRows:
     try:
         table = pq.read_table(path, page_checksum_verification=True, partitioning=None)
         samples = np.stack([table[name].to_numpy() for name in names], axis=1) if names else np.empty((stop - first, 0))
-        values = np.stack([table[signal.name].to_numpy() for signal in VALUES], axis=1)
-        rows = FlightRows(controller, first, tuple(names), samples, tuple(table["outcome"].to_pylist()), values)
+        held = table.column_names
+        columns = tuple(name for name in held[held.index(_VALUE_NAMES[0]) :])
+        values = np.stack([table[name].to_numpy() for name in columns], axis=1)
+        outcomes = tuple(table["outcome"].to_pylist())
+        rows = FlightRows(controller, first, tuple(names), samples, outcomes, values, columns)
         whole = np.array_equal(table["flight"].to_numpy(), np.arange(first, stop))
         digest = (table.schema.metadata or {}).get(_DIGEST, b"").decode()
     except (pa.ArrowException, OSError, KeyError, ValueError) as error:

@@ -10,19 +10,18 @@ from abhv_mc.campaign.analysis.replay import find_row
 from abhv_mc.campaign.analysis.shrink import shrink
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
+from abhv_mc.campaign.file.own_code import read_trusted_plan
 from abhv_mc.campaign.file.resolve import read_own_campaign
 from abhv_mc.campaign.run.batches import Fly
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.statistics.requirement import requirement_failures
 from abhv_mc.store.flights import FlightRows
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import read_checked
-from abhv_mc.store.plans import read_plan
 from abhv_mc.store.samples import SampleReader
 
 Floats = NDArray[np.float64]
@@ -36,6 +35,7 @@ class Failure:
 
     requirement: Requirement | None
     limit: float
+    column: int = 0  # of its metric
 
     @property
     def words(self) -> str:
@@ -49,7 +49,7 @@ class Failure:
         early = outcome != Outcome.OK
         if self.requirement is None:
             return np.where(early, -end_time, -np.inf)
-        value = metrics[:, METRIC_INDEX[self.requirement.metric]]
+        value = metrics[:, self.column]
         below = self.requirement.below is not None
         worse = value if below else -value
         failed = requirement_failures(value, early, self.limit, below, self.requirement.early_is_failure)
@@ -74,7 +74,13 @@ class Explanation:
 
 
 def explain_flight(
-    root: Path, controller: str, flight: int, fly: Fly, requirement: str | None = None, every: int = 1
+    root: Path,
+    controller: str,
+    flight: int,
+    fly: Fly,
+    requirement: str | None = None,
+    every: int = 1,
+    trust_code: bool = False,
 ) -> Explanation:
     """Shrink the dispersions of a failing flight of the campaign in ``root`` to those that it takes to fail.
 
@@ -89,7 +95,7 @@ def explain_flight(
         raise InputError(root, None, None, f"no controller '{controller}'", one_of(campaign.model.controllers))
     row = find_row(folder, controller, flight)
     failure = _find_failure(root, campaign, row, requirement)
-    plan = read_plan(folder.plan(controller))
+    plan = read_trusted_plan(folder, controller, trust_code)
     names = campaign.names
     nominal = np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in names])
     values, seeds = row.samples[0, : len(names)], row.samples[:, len(names) :]  # the noise stays as it was flown
@@ -133,7 +139,8 @@ def _find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked:
         raise InputError(root, None, None, found, "a flight that was flown")
     state = np.array([int(outcome)]), row.values[:, -1], row.values[:, :-1]
     failures = [
-        Failure(entry, limit) for entry, limit in zip(campaign.model.requirements, campaign.limits, strict=True)
+        Failure(entry, limit, row.columns.index(entry.metric))
+        for entry, limit in zip(campaign.model.requirements, campaign.limits, strict=True)
     ]
     metrics = [failure.requirement.metric for failure in failures if failure.requirement]
     if asked is not None and asked not in metrics:

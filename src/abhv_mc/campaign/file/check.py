@@ -8,6 +8,12 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.campaign.file.config import Campaign, Requirement
+from abhv_mc.campaign.file.own_metrics import (
+    compile_metrics,
+    find_own_channels,
+    known_channels,
+    read_metrics_file,
+)
 from abhv_mc.campaign.sampling.correlation import Copula, make_copula, normal_correlation
 from abhv_mc.campaign.sampling.designs import (
     EXTENSIBLE,
@@ -22,7 +28,8 @@ from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
 from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, SampleSource, SeededSamples
 from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
-from abhv_mc.flight.signals import METRIC_INDEX, METRICS
+from abhv_mc.flight.declared import NO_METRICS, DeclaredMetrics
+from abhv_mc.flight.signals import METRICS, Signal
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
 from abhv_mc.plant.parameters import EFFECTORS, PARAMETER_INDEX, PARAMETERS
@@ -42,12 +49,18 @@ class CheckedCampaign:
     copula: Copula
     sample_file: SampleFile | None
     limits: tuple[float, ...]  # of the requirements, in their metrics' units
+    declared: DeclaredMetrics = NO_METRICS  # metrics of its own
     looks: tuple[int, ...] = ()  # flights after which a campaign that stops when proven is looked at; the last is runs
 
     @property
     def names(self) -> tuple[str, ...]:
         """The dispersed parameters."""
         return self.sample_file.names if self.sample_file else tuple(self.marginals)
+
+    @property
+    def metrics(self) -> dict[str, Signal]:
+        """The metrics of its flights by name: those of the program, then its own."""
+        return {signal.name: signal for signal in (*METRICS, *self.declared.signals)}
 
     @property
     def extensible(self) -> bool:
@@ -94,10 +107,12 @@ def check_campaign(document: Document) -> CheckedCampaign:
     sample_file = read_sample_file(model.sampling.path, DISPERSIBLE) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)
     copula = _make_copula(document, model, names, errors)
-    limits = tuple(_check_requirements(document, model, errors))
+    declared = _declare_metrics(document, model, errors)
+    metrics = {signal.name: signal for signal in (*METRICS, *declared.signals)}
+    limits = tuple(_check_requirements(document, model, metrics, errors))
     by = model.keep.histories.by
-    if by not in METRIC_INDEX:
-        errors.append(document.error(("keep", "histories", "by"), f"metric '{by}'", one_of(METRIC_INDEX, by)))
+    if by not in metrics:
+        errors.append(document.error(("keep", "histories", "by"), f"metric '{by}'", one_of(metrics, by)))
     number = _check_runs(document, model, names, sample_file, errors)
     for item in model.keep.histories.flights:
         if isinstance(item, int) and item >= number:
@@ -106,7 +121,8 @@ def check_campaign(document: Document) -> CheckedCampaign:
     _check_stop(document, model, number, errors)
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
-    return CheckedCampaign(document, model, number, marginals, copula, sample_file, limits, _find_looks(model, number))
+    looks = _find_looks(model, number)
+    return CheckedCampaign(document, model, number, marginals, copula, sample_file, limits, declared, looks)
 
 
 def name_effectors(document: Document) -> Document:
@@ -223,28 +239,40 @@ def _make_copula(document: Document, model: Campaign, names: Sequence[str], erro
         return Copula((), np.eye(0))
 
 
-def _check_requirements(document: Document, model: Campaign, errors: list[InputError]) -> Iterator[float]:
+def _declare_metrics(document: Document, model: Campaign, errors: list[InputError]) -> DeclaredMetrics:
+    """The campaign's own metrics as a program; nothing of a file of channels is run."""
+    place: tuple[str, ...] = ("metrics",)
+    entries, of = model.metrics, document
+    if isinstance(entries, Path):
+        of, entries = read_metrics_file(entries)
+        place = ()
+    channels = known_channels(find_own_channels(model.channels) if model.channels else ())
+    return compile_metrics(entries, channels, of, place, errors)
+
+
+def _check_requirements(
+    document: Document, model: Campaign, metrics: dict[str, Signal], errors: list[InputError]
+) -> Iterator[float]:
     for i, entry in enumerate(model.requirements):
         where = ("requirements", i)
         for j, name in enumerate(entry.controllers or ()):
             if name not in model.controllers:
                 found = f"controller '{name}'"
                 errors.append(document.error((*where, "controllers", j), found, one_of(model.controllers, name)))
-        if entry.metric not in METRIC_INDEX:
-            wanted = one_of(METRIC_INDEX, entry.metric)
+        if entry.metric not in metrics:
+            wanted = one_of(metrics, entry.metric)
             errors.append(document.error((*where, "metric"), f"metric '{entry.metric}'", wanted))
             continue
         try:
-            yield _limit(entry)
+            yield _limit(entry, metrics[entry.metric].unit)
         except Refusal as refusal:
             key = "below" if entry.below is not None else "above"
             errors.append(document.error((*where, key), refusal.found, refusal.wanted))
 
 
-def _limit(entry: Requirement) -> float:
+def _limit(entry: Requirement, unit: str) -> float:
     """The limit in the metric's unit; a plain number is in it already."""
     value = entry.below if entry.below is not None else entry.above
-    unit = METRICS[METRIC_INDEX[entry.metric]].unit
     if isinstance(value, float):
         return value
     if unit == "g":

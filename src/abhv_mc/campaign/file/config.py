@@ -1,14 +1,16 @@
 """The campaign file as a model: keys, types and what can be checked within one entry."""
 
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from abhv_mc.campaign.file.own_metrics import MetricEntry, MetricName
 from abhv_mc.campaign.file.tuning import Tune
 from abhv_mc.campaign.sampling.designs import DESIGNS
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
-from abhv_mc.flight.signals import CHANNEL_INDEX
+from abhv_mc.flight.signals import CHANNEL_INDEX, STANDARD_CHANNELS
 from abhv_mc.io.documents import File, Refusal, StrictModel, describe, one_of
 from abhv_mc.io.units import FREQUENCY, Time, parse_quantity
 
@@ -161,7 +163,7 @@ class KeepHistories(StrictModel):
 class KeepEnvelopes(StrictModel):
     """What the envelopes over all flights cover."""
 
-    channels: Channels = _ALL_CHANNELS
+    channels: Channels = STANDARD_CHANNELS
     rate: Rate = 5.0
 
 
@@ -211,6 +213,10 @@ class Execution(StrictModel):
     flight_time_limit: Annotated[Time, Field(gt=0.0)] = 10.0  # s
 
 
+def _metrics_kind(value: Any) -> str:
+    return "file" if isinstance(value, str | Path) else "entries"
+
+
 class Campaign(StrictModel):
     """A campaign file."""
 
@@ -224,6 +230,11 @@ class Campaign(StrictModel):
     sampling: Annotated[Sampling, BeforeValidator(_sampling, json_schema_input_type=str | Sampling)] = Sampling()
     dispersions: dict[str, Distribution] = {}
     correlations: tuple[Correlation, ...] = ()
+    channels: File | None = None  # Python file of channels of one's own
+    metrics: Annotated[
+        Annotated[dict[MetricName, MetricEntry], Tag("entries")] | Annotated[File, Tag("file")],
+        Discriminator(_metrics_kind),
+    ] = {}
     requirements: tuple[Requirement, ...] = ()
     stop: Annotated[Stop | None, BeforeValidator(_stop, json_schema_input_type=str | Stop | None)] = None
     tune: Tune | None = None  # of `abhv-mc tune`; no flight of the campaign depends on it

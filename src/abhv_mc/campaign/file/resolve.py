@@ -17,7 +17,7 @@ from abhv_mc.store.folder import CampaignFolder, hash_file, is_inside, write_byt
 from abhv_mc.store.hashes import FileHashes
 
 _YAML = (".yaml", ".yml")
-_DATA = (".csv", ".parquet", ".pq", ".json", ".gz")
+_DATA = (".csv", ".parquet", ".pq", ".json", ".gz", ".py")
 _HEAD = """A campaign as it was flown, with everything that it refers to beside it in inputs/.
 Flying it again gives the same results: abhv-mc run campaign.yaml -o ANOTHER_FOLDER"""
 
@@ -58,6 +58,10 @@ def resolve_campaign(campaign: CheckedCampaign) -> ResolvedCampaign:
     data["controllers"] = {
         name: _take(path, f"inputs/controllers/{name}", copies) for name, path in model.controllers.items()
     }
+    if model.channels is not None:
+        data["channels"] = _take(model.channels, "inputs/channels", copies)
+    if isinstance(model.metrics, Path):
+        data["metrics"] = read_document(model.metrics).data
     data["runs"] = campaign.runs
     data["seed"] = model.seed
     if campaign.looks:
@@ -117,7 +121,7 @@ def describe_changes(held: ResolvedCampaign, wanted: ResolvedCampaign, extensibl
         if key == "runs" and extensible and (before or 0) < (after or 0):
             continue
         changes.append(f"{key}: {_words(before)} -> {_words(after)}")
-    for part in ("vehicle", "mission", "samples", *(f"controllers/{name}" for name in shared)):
+    for part in ("vehicle", "mission", "samples", "channels", *(f"controllers/{name}" for name in shared)):
         changes += _changed_files(held.hashes, wanted.hashes, f"inputs/{part}/")
     return changes
 

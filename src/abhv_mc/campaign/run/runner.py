@@ -41,6 +41,7 @@ from abhv_mc.statistics.judgement import own_risks
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.envelopes import is_whole, write_envelopes
 from abhv_mc.store.flights import (
+    END_TIME,
     DamagedFileError,
     FlightRows,
     flights_schema,
@@ -104,9 +105,10 @@ class _Run:
         self.left: dict[str, Mask] = {}  # what an earlier run could not compute
         self.collectors: dict[str, Collector] = {}
         provenance = {"seed": str(model.seed), "campaign_hash": self.manifest["campaign_hash"]}
-        self.schema = flights_schema(
-            self.samples.names, provenance | {"version": str(self.manifest["versions"].get("abhv_mc"))}
-        )
+        provenance["version"] = str(self.manifest["versions"].get("abhv_mc"))
+        self.metrics = tuple(self.campaign.metrics.values())
+        self.columns = (*self.campaign.metrics, END_TIME.name)
+        self.schema = flights_schema(self.samples.names, provenance, self.metrics)
         self.start, self.wall_before = time.monotonic(), float(self.manifest.get("wall_time_s", 0.0))
 
     def run(self) -> RunResult:
@@ -186,6 +188,8 @@ class _Run:
                 if self.files.knows(path) and not self.files.holds(path):
                     raise DamagedFileError(f"{path.name} is not as it was written")
                 rows = read_block(path, self.samples.names)
+                if rows.columns != self.columns:
+                    raise DamagedFileError(f"{path.name} holds other metrics")
                 if not np.array_equal(rows.samples, self.samples.rows(first, stop)):
                     raise DamagedFileError(f"{path.name} was flown on other samples")
             except DamagedFileError:
@@ -298,6 +302,7 @@ class _Run:
                 self.samples.rows(block.first, block.stop),
                 tuple(Outcome(code).code for code in flown.outcome),
                 np.column_stack([flown.metrics, flown.end_time]),
+                self.columns,
                 self.plans[block.controller].timing.duration,
             )
             digest = write_block(self.folder.flights, rows, self.schema)

@@ -12,7 +12,6 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.statistics.judgement import Pair, Rules, judge_pairs
 from abhv_mc.statistics.requirement import measured_failures, requirement_failures
 from abhv_mc.statistics.verdict_words import verdict_words
@@ -70,9 +69,10 @@ class Tally:
         self.failed.extend(rows.flights[early].tolist())
         self.uncomputed[rows.flights[~flown]] = True
         for count in self.requirements:
-            count.add(rows.values[flown, METRIC_INDEX[count.requirement.metric]], early[flown], rows.flights[flown])
+            column = rows.columns.index(count.requirement.metric)
+            count.add(rows.values[flown, column], early[flown], rows.flights[flown])
         if self.worst_kept:
-            metric = rows.values[:, METRIC_INDEX[self.worst_by]]
+            metric = rows.values[:, rows.columns.index(self.worst_by)]
             metric = np.where(np.isnan(metric), np.inf, metric)
             candidates = zip((~early).tolist(), (-metric).tolist(), rows.flights.tolist(), flown.tolist(), strict=True)
             self.worst = sorted([*self.worst, *(c[:3] for c in candidates if c[3])])[: self.worst_kept]
