@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from abhv_mc.campaign.file.tuning import Tune
 from abhv_mc.campaign.sampling.designs import DESIGNS
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
 from abhv_mc.flight.signals import CHANNEL_INDEX
@@ -218,5 +219,6 @@ class Campaign(StrictModel):
     correlations: tuple[Correlation, ...] = ()
     requirements: tuple[Requirement, ...] = ()
     stop: Annotated[Stop | None, BeforeValidator(_stop, json_schema_input_type=str | Stop | None)] = None
+    tune: Tune | None = None  # of `abhv-mc tune`; no flight of the campaign depends on it
     keep: Keep = Keep()
     execution: Execution = Execution()
