@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.search.evaluation import Floats, make_generator
-from abhv_mc.statistics.bootstrap import PairedBootstrap, quantile_differences
 from abhv_mc.statistics.estimates import Interval
+from abhv_mc.statistics.quantile_pairs import quantile_difference
 
 _STALE = 15  # generations without a better candidate, after which the search starts again at the best with small steps
 _SMALL = 0.3  # of the first step
@@ -132,7 +132,7 @@ class Validation:
 
 
 def validate(start: Floats, best: Floats, quantile: float, confidence: float = 0.95) -> Validation:
-    """Compare severities ``[flight]`` of the same fresh flights, +infinity for a lost one, by the paired bootstrap."""
-    difference = quantile_differences(best, start, (quantile,), PairedBootstrap(len(start)), confidence)[0]
+    """Compare severities ``[flight]`` of the same fresh flights, +infinity for a lost one, with an interval."""
+    difference = quantile_difference(best, start, quantile, confidence)
     at_start = float(np.quantile(start, quantile))
     return Validation(difference, -difference.value / at_start if np.isfinite(at_start) and at_start else np.nan)
