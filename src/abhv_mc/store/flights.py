@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.flight.signals import METRICS, Signal
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.stability.metrics import MARGIN_VALUES
 from abhv_mc.store.digest import Digest, digest_rows
 from abhv_mc.store.folder import write_whole
 from abhv_mc.vehicle.arrays import Floats
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
 VALUES = (*METRICS, END_TIME)  # the columns after the samples
+VALUE_INDEX = {signal.name: i for i, signal in enumerate((*VALUES, *MARGIN_VALUES))}  # where a campaign has margins
 _DIGEST = b"abhv_mc.digest"
 
 
@@ -35,7 +37,7 @@ class FlightRows:
     names: tuple[str, ...]  # of the sampled parameters
     samples: Floats  # [flight, parameter]
     outcome: tuple[str, ...]  # codes
-    values: Floats  # [flight, value] in the order of VALUES
+    values: Floats  # [flight, value] in the order of VALUES, then MARGIN_VALUES where the campaign has margins
 
     @property
     def stop(self) -> int:
@@ -47,8 +49,15 @@ class FlightRows:
 
     def digest(self) -> Digest:
         columns = {name: self.samples[:, i] for i, name in enumerate(self.names)}
-        columns |= {signal.name: self.values[:, i] for i, signal in enumerate(VALUES)}
+        columns |= {
+            signal.name: self.values[:, i] for i, signal in enumerate(value_signals(self.values.shape[1] > len(VALUES)))
+        }
         return digest_rows(self.controller, self.flights, self.outcome, columns)
+
+
+def value_signals(margins: bool) -> tuple[Signal, ...]:
+    """The columns after the samples, of a campaign with or without margins."""
+    return (*VALUES, *MARGIN_VALUES) if margins else VALUES
 
 
 def make_field(name: str, kind: pa.DataType, unit: str, doc: str) -> pa.Field:
@@ -56,8 +65,8 @@ def make_field(name: str, kind: pa.DataType, unit: str, doc: str) -> pa.Field:
     return pa.field(name, kind, nullable=False, metadata={"unit": unit, "doc": doc})
 
 
-def flights_schema(names: Sequence[str], provenance: dict[str, str]) -> pa.Schema:
-    """Schema of the flights table with the sample columns ``names``."""
+def flights_schema(names: Sequence[str], provenance: dict[str, str], margins: bool = False) -> pa.Schema:
+    """Schema of the flights table with the sample columns ``names``, and those of margins where there are any."""
     outcomes = "; ".join(f"{outcome.code}: {SENTENCES[outcome]}" for outcome in Outcome)
     parameters = [PARAMETERS[PARAMETER_INDEX[name]] for name in names]
     fields = [
@@ -65,7 +74,7 @@ def flights_schema(names: Sequence[str], provenance: dict[str, str]) -> pa.Schem
         make_field("controller", pa.string(), "-", "name of the controller"),
         make_field("outcome", pa.string(), "-", outcomes),
         *(make_field(p.name, pa.float64(), p.unit, p.doc) for p in parameters),
-        *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in VALUES),
+        *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in value_signals(margins)),
     ]
     return pa.schema(fields, metadata={f"abhv_mc.{key}": text for key, text in provenance.items()})
 
@@ -100,7 +109,7 @@ def write_block(folder: Path, rows: FlightRows, schema: pa.Schema) -> Digest:
     columns += [np.ascontiguousarray(column) for column in (*rows.samples.T, *rows.values.T)]
     schema = schema.with_metadata({**(schema.metadata or {}), _DIGEST: str(digest)})
     table = pa.Table.from_arrays([pa.array(column) for column in columns], schema=schema)
-    floats = [*rows.names, *(signal.name for signal in VALUES)]
+    floats = [*rows.names, *(signal.name for signal in value_signals(rows.values.shape[1] > len(VALUES)))]
     path = block_path(folder, rows.controller, rows.first, rows.stop)
     write_parquet(path, table, floats, ["controller", "outcome"], write_statistics=["flight"])
     return digest
@@ -112,7 +121,8 @@ def read_block(path: Path, names: Sequence[str]) -> FlightRows:
     try:
         table = pq.read_table(path, page_checksum_verification=True, partitioning=None)
         samples = np.stack([table[name].to_numpy() for name in names], axis=1) if names else np.empty((stop - first, 0))
-        values = np.stack([table[signal.name].to_numpy() for signal in VALUES], axis=1)
+        signals = value_signals(MARGIN_VALUES[0].name in table.column_names)
+        values = np.stack([table[signal.name].to_numpy() for signal in signals], axis=1)
         rows = FlightRows(controller, first, tuple(names), samples, tuple(table["outcome"].to_pylist()), values)
         whole = np.array_equal(table["flight"].to_numpy(), np.arange(first, stop))
         digest = (table.schema.metadata or {}).get(_DIGEST, b"").decode()

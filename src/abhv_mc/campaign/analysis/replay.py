@@ -55,7 +55,7 @@ def replay_flight(root: Path, controller: str, flight: int, fly: Fly, every: int
     values = np.append(block.metrics[0], block.end_time[0])
     differences = [
         f"{signal.name}: {new!r} instead of {old!r}"
-        for signal, new, old in zip(VALUES, values.tolist(), row.values[0].tolist(), strict=True)
+        for signal, new, old in zip(VALUES, values.tolist(), row.values[0, : len(VALUES)].tolist(), strict=True)
         if np.float64(new).tobytes() != np.float64(old).tobytes() and not (np.isnan(new) and np.isnan(old))
     ]
     outcome = Outcome(int(block.outcome[0])).code

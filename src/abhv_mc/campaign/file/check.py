@@ -21,12 +21,15 @@ from abhv_mc.campaign.sampling.designs import (
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
 from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, SampleSource
+from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.signals import METRIC_INDEX, METRICS
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.stability.metrics import MARGINS
 from abhv_mc.statistics.sequential import choose_looks
 
+MARGIN_UNITS = {signal.name: signal.unit for signal in MARGINS}
 DISPERSIBLE = tuple(parameter.name for parameter in PARAMETERS[1:])
 
 
@@ -96,6 +99,7 @@ def check_campaign(document: Document) -> CheckedCampaign:
             where = ("keep", "histories", "flights")
             errors.append(document.error(where, f"flight {item}", f"flights from 0 to {number - 1}"))
     _check_stop(document, model, number, errors)
+    _check_margins(document, model, number, errors)
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
     return CheckedCampaign(document, model, number, marginals, copula, sample_file, limits, _find_looks(model, number))
@@ -182,8 +186,8 @@ def _check_requirements(document: Document, model: Campaign, errors: list[InputE
             if name not in model.controllers:
                 found = f"controller '{name}'"
                 errors.append(document.error((*where, "controllers", j), found, one_of(model.controllers, name)))
-        if entry.metric not in METRIC_INDEX:
-            wanted = one_of(METRIC_INDEX, entry.metric)
+        if entry.metric not in METRIC_INDEX and entry.metric not in MARGIN_UNITS:
+            wanted = one_of((*METRIC_INDEX, *(MARGIN_UNITS if model.margins else ())), entry.metric)
             errors.append(document.error((*where, "metric"), f"metric '{entry.metric}'", wanted))
             continue
         try:
@@ -196,11 +200,11 @@ def _check_requirements(document: Document, model: Campaign, errors: list[InputE
 def _limit(entry: Requirement) -> float:
     """The limit in the metric's unit; a plain number is in it already."""
     value = entry.below if entry.below is not None else entry.above
-    unit = METRICS[METRIC_INDEX[entry.metric]].unit
+    unit = MARGIN_UNITS.get(entry.metric) or METRICS[METRIC_INDEX[entry.metric]].unit
     if isinstance(value, float):
         return value
-    if unit == "g":
-        raise Refusal(f"'{value}'", "a plain number, in g")
+    if unit in ("g", "dB"):
+        raise Refusal(f"'{value}'", f"a plain number, in {unit}")
     return parse_quantity(value or "", dimension_of(unit), bare_unit=unit) / parse_unit(unit)[0]
 
 
@@ -216,6 +220,27 @@ def _check_stop(document: Document, model: Campaign, runs: int, errors: list[Inp
     if model.stop.looks is not None and model.stop.looks[-1] != runs:
         found = f"a last look after {model.stop.looks[-1]} flights"
         errors.append(document.error(("stop", "looks"), found, f"{runs}, the most flights there may be ('runs')"))
+
+
+def _check_margins(document: Document, model: Campaign, runs: int, errors: list[InputError]) -> None:
+    """Points lie within the mission; what is required of margins is required of every flight, so all have them."""
+    needed = [i for i, entry in enumerate(model.requirements) if entry.metric in MARGIN_UNITS]
+    if model.margins is None:
+        for i in needed:
+            found = f"'{model.requirements[i].metric}' without 'margins'"
+            wanted = "'margins: {at: [trim], flights: all}' in the campaign, which finds them"
+            errors.append(document.error(("requirements", i, "metric"), found, wanted))
+        return
+    if needed and model.margins.of(runs) < runs:
+        metric = model.requirements[needed[0]].metric
+        found = f"margins of {model.margins.of(runs)} of {runs} flights, and a requirement on {metric}"
+        wanted = "'flights: all': a verdict needs the metric of every flight"
+        errors.append(document.error(("margins", "flights"), found, wanted))
+    duration = read_mission(model.mission).duration
+    for i, time in enumerate(model.margins.at):
+        if time != "trim" and not 0.0 <= time <= duration:
+            where = ("margins", "at", i)
+            errors.append(document.error(where, f"{time:g} s", f"trim, or a time of the mission, 0 to {duration:g} s"))
 
 
 def _find_looks(model: Campaign, runs: int) -> tuple[int, ...]:

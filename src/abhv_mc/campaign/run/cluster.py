@@ -22,6 +22,7 @@ from abhv_mc.campaign.run.setup import Engine
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.io.input_error import InputError
+from abhv_mc.stability.metrics import MarginPlan
 from abhv_mc.store.plans import flatten, rebuild
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ Arrays = dict[str, np.ndarray]
 _CONNECT = 10.0  # s to find the scheduler
 _PER_THREAD = 2  # blocks under way for each thread of the cluster, so that none waits for the next one
 _FEWEST = 16  # blocks under way at least: room for workers that join later
-_warm: set[tuple[str, str]] = set()
+_warm: set[tuple[str, str, str]] = set()
 _warming = threading.Lock()
 
 
@@ -49,16 +50,17 @@ def fly_remote(
 
     A flight that hangs ends its process: Dask takes it for a worker that died.
     """
-    plan = rebuild(FlightPlan, arrays)
+    plan = rebuild(MarginPlan if "margin_times" in arrays else FlightPlan, arrays)
     if source:
         from abhv_mc.cache import source_hash
 
         if source_hash() != source:
             return f"another version of the program (source {source_hash()}, the campaign's is {source})"
     with _warming:
-        if (plan.law, fly.__qualname__) not in _warm:
+        key = (plan.law, type(plan).__name__, fly.__qualname__)
+        if key not in _warm:
             fly(plan, nominal_parameters(), None)  # loads or compiles, which is no flight's time
-            _warm.add((plan.law, fly.__qualname__))
+            _warm.add(key)
     watch = threading.Timer(limit, os._exit, (1,))
     watch.daemon = True
     watch.start()

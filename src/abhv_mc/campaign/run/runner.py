@@ -33,8 +33,9 @@ from abhv_mc.campaign.run.tally import Tally, judge_requirements, make_tallies
 from abhv_mc.campaign.run.worker_pool import start_fork_server
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.flight.signals import CHANNEL_INDEX
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.signals import CHANNEL_INDEX, METRICS
+from abhv_mc.stability.metrics import MARGIN_VALUES
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.envelopes import is_whole, write_envelopes
 from abhv_mc.store.flights import (
@@ -99,7 +100,13 @@ class _Run:
         self.done = {name: np.zeros(self.campaign.runs, bool) for name in model.controllers}
         self.collectors: dict[str, Collector] = {}
         provenance = {"seed": str(model.seed), "campaign_hash": self.manifest["campaign_hash"]}
-        self.schema = flights_schema(self.samples.names, provenance | {"version": self.manifest["versions"]["abhv_mc"]})
+        self.schema = flights_schema(
+            self.samples.names,
+            provenance | {"version": self.manifest["versions"]["abhv_mc"]},
+            margins=model.margins is not None,
+        )
+        self.margin_plans = opened.margin_plans
+        self.with_margins = model.margins.of(self.campaign.runs) if model.margins else 0
         self.start, self.wall_before = time.monotonic(), float(self.manifest.get("wall_time_s", 0.0))
 
     def run(self) -> RunResult:
@@ -200,6 +207,11 @@ class _Run:
             missing[name] = wanted, ~self.collectors[name].covered & (done | wanted)
         return missing if any(mask.any() for masks in missing.values() for mask in masks) else {}
 
+    def _plan_of(self, block: Block) -> FlightPlan:
+        """The plan with margins for the rows of flights that are to have them."""
+        margins = block.rows and block.first < self.with_margins
+        return (self.margin_plans if margins else self.plans)[block.controller]
+
     def _fly_missing(self, missing: dict[str, tuple[Mask, Mask]]) -> None:
         from joblib import Parallel, delayed
 
@@ -213,12 +225,12 @@ class _Run:
             delayed(backpressure.call)(
                 fly_block,
                 self.fly,
-                self.plans[block.controller],
+                self._plan_of(block),
                 block,
                 self._parameters(block.first, block.stop),
                 self.cells.every,
             )
-            for block in cut_blocks(missing, self.batch)
+            for block in cut_blocks(missing, self.batch, self.with_margins)
         )
         saved = time.monotonic()
         results = pool(tasks)
@@ -244,13 +256,21 @@ class _Run:
                 self.samples.names,
                 self.samples.rows(block.first, block.stop),
                 tuple(Outcome(code).code for code in flown.outcome),
-                np.column_stack([flown.metrics, flown.end_time]),
+                self._make_values(flown),
             )
             digest = write_block(self.folder.flights, rows, self.schema)
             self.tallies[block.controller].add(rows, digest)
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
                 print(f"flight {flight} of {block.controller} failed to run", file=sys.stderr, flush=True)
             self.done[block.controller][block.first : block.stop] = True
+
+    def _make_values(self, flown: FlightBlock) -> NDArray[np.float64]:
+        """Values ``[flight, value]``; margins come last, nan where they were not asked for."""
+        metrics, margins = flown.metrics[:, : len(METRICS)], flown.metrics[:, len(METRICS) :]
+        if self.campaign.model.margins is None:
+            return np.column_stack([metrics, flown.end_time])
+        missing = np.full((len(metrics), len(MARGIN_VALUES)), np.nan)
+        return np.column_stack([metrics, flown.end_time, margins if margins.size else missing])
 
     def _save(self) -> None:
         for collector in self.collectors.values():

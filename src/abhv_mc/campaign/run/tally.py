@@ -11,12 +11,11 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.statistics.requirement import measured_failures, requirement_failures
 from abhv_mc.statistics.sequential import SequentialVerdict, make_sequential_plan, sequential_verdict
 from abhv_mc.statistics.verdicts import Verdict, judge
 from abhv_mc.store.digest import Digest
-from abhv_mc.store.flights import FlightRows
+from abhv_mc.store.flights import VALUE_INDEX, FlightRows
 
 _OK, _FAILED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
 
@@ -70,9 +69,9 @@ class Tally:
         self.failed.extend(rows.flights[early].tolist())
         self.not_computed.extend(rows.flights[~flown].tolist())
         for count in self.requirements:
-            count.add(rows.values[flown, METRIC_INDEX[count.requirement.metric]], early[flown], rows.flights[flown])
+            count.add(rows.values[flown, VALUE_INDEX[count.requirement.metric]], early[flown], rows.flights[flown])
         if self.worst_kept:
-            metric = rows.values[:, METRIC_INDEX[self.worst_by]]
+            metric = rows.values[:, VALUE_INDEX[self.worst_by]]
             metric = np.where(np.isnan(metric), np.inf, metric)
             candidates = zip((~early).tolist(), (-metric).tolist(), rows.flights.tolist(), flown.tolist(), strict=True)
             self.worst = sorted([*self.worst, *(c[:3] for c in candidates if c[3])])[: self.worst_kept]
