@@ -28,10 +28,11 @@ def command(
     An estimate, not a verdict: verdicts come from random campaigns. Exit code 1 where independent repetitions
     contradict each other, so that there is no trustworthy estimate. Ctrl-C keeps what was flown.
     """
-    from abhv_mc.cli.searching import refuse_shard, start_flying, write_json
+    from abhv_mc.cli.announce import announce_compiling
+    from abhv_mc.cli.searching import refuse_shard, write_json
 
     refuse_shard(shard)
-    start_flying(campaign)
+    announce_compiling()
     from abhv_mc.campaign.search.flights import SearchRequest
     from abhv_mc.campaign.search.rare import RareSettings, find_rare
     from abhv_mc.report.search_page import write_rare_page

@@ -16,16 +16,6 @@ def refuse_shard(shard: str | None) -> None:
         raise InputError("--shard", None, None, shard, wanted)
 
 
-def start_flying(campaign: Path) -> None:
-    """Let the compiler begin while the rest is imported."""
-    from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.flight.ahead import compile_ahead
-
-    announce_compiling()
-    if campaign.is_file():
-        compile_ahead()
-
-
 def write_json(path: Path | None, numbers: dict[str, Any]) -> None:
     """Write the result where it is asked for."""
     if path is not None:

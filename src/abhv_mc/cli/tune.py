@@ -26,10 +26,11 @@ def command(
 
     Writes the new file only where the paired interval shows a gain within all limits; exit code 1 where it does not.
     """
-    from abhv_mc.cli.searching import refuse_shard, start_flying, write_json
+    from abhv_mc.cli.announce import announce_compiling
+    from abhv_mc.cli.searching import refuse_shard, write_json
 
     refuse_shard(shard)
-    start_flying(campaign)
+    announce_compiling()
     from abhv_mc.campaign.search.tune import TuneRequest, tune_controller
 
     found = tune_controller(TuneRequest(campaign, out, controller, block, seed, workers))

@@ -30,12 +30,13 @@ def command(
     Bounded laws span their range, others so many sigma. Corners first, then CMA-ES, then a local polish; random flights
     in the same box for comparison. It says what can happen, not how often. Ctrl-C keeps what was flown.
     """
-    from abhv_mc.cli.searching import refuse_shard, start_flying, write_json
+    from abhv_mc.cli.announce import announce_compiling
+    from abhv_mc.cli.searching import refuse_shard, write_json
 
     refuse_shard(shard)
     if above and below:
         raise InputError("--below", None, None, "both --above and --below", "one of them")
-    start_flying(campaign)
+    announce_compiling()
     from abhv_mc.campaign.search.flights import SearchRequest
     from abhv_mc.campaign.search.worst import WorstSettings, find_worst
     from abhv_mc.report.search_page import write_worst_page

@@ -15,7 +15,7 @@ from abhv_mc.campaign.search.flights import DrawnFlights
 from abhv_mc.campaign.search.rare import RareFound
 from abhv_mc.campaign.search.severity import ENDED_EARLY, rank_distinct
 from abhv_mc.campaign.search.worst import WorstFound
-from abhv_mc.flight.signals import CHANNEL_INDEX, METRIC_INDEX, METRICS
+from abhv_mc.flight.signals import CHANNEL_INDEX, METRIC_INDEX
 from abhv_mc.report.figures.searches import (
     plot_convergence,
     plot_failures,
@@ -200,8 +200,7 @@ def _so_far(severities: np.ndarray, sign: float) -> np.ndarray:
 
 
 def _label(metric: str) -> str:
-    signal = METRICS[METRIC_INDEX[metric]]
-    return words_of(metric, signal.unit, signal.doc).label_with_unit
+    return words_of(metric).label_with_unit
 
 
 def _flights_figure(drawn: DrawnFlights) -> _Shown:

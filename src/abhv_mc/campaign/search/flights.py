@@ -200,7 +200,7 @@ def open_search(
         campaign, name = read_searched(request)
         make_space(campaign)
         started = folder.manifest.exists()
-        unknown = [] if started else folder.strangers()
+        unknown = [] if started else folder.unknown_files()
         if unknown:
             found = f"a folder with '{unknown[0].name}', which no search wrote"
             raise InputError(folder.root, None, None, found, "an empty folder or this search's")

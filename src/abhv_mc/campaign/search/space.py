@@ -6,7 +6,7 @@ import numpy as np
 
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.correlation import Copula
-from abhv_mc.campaign.sampling.marginals import DiscreteLaw, Law
+from abhv_mc.campaign.sampling.marginals import DiscreteMarginal, Marginal
 from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
 from abhv_mc.search.evaluation import Floats
 
@@ -20,7 +20,7 @@ class Space:
 
     names: tuple[str, ...]  # of the dimensions
     seeds: tuple[str, ...]  # seed-like parameters, columns after the dimensions
-    laws: tuple[Law, ...]
+    marginals: tuple[Marginal, ...]
     copula: Copula
 
     @property
@@ -32,21 +32,21 @@ class Space:
         """Values ``[flight, dimension]`` in SI of standard normal points: through the copula and the laws."""
         from scipy.special import ndtr
 
-        return self._through_laws(self.copula.apply(np.clip(ndtr(points), _SMALLEST, 1.0 - _SMALLEST)))
+        return self._through_marginals(self.copula.apply(np.clip(ndtr(points), _SMALLEST, 1.0 - _SMALLEST)))
 
-    def _through_laws(self, probabilities: Floats) -> Floats:
-        return np.column_stack([law.ppf(probabilities[:, i]) for i, law in enumerate(self.laws)])
+    def _through_marginals(self, probabilities: Floats) -> Floats:
+        return np.column_stack([marginal.ppf(probabilities[:, i]) for i, marginal in enumerate(self.marginals)])
 
     def bounds(self, box: float) -> Floats:
         """Low and high ends ``[dimension, 2]``: of bounded laws their range, of others +-``box`` sigma."""
         from scipy.special import ndtr
 
         found = []
-        for law in self.laws:
-            ends = law.at_fraction(np.array([0.0, 1.0]))
+        for marginal in self.marginals:
+            ends = marginal.at_fraction(np.array([0.0, 1.0]))
             tails = np.array([ndtr(-box), ndtr(box)])
-            probable = law.ppf(tails)
-            bounded = law.cdf(ends) - np.array([0.0, 1.0])
+            probable = marginal.ppf(tails)
+            bounded = marginal.cdf(ends) - np.array([0.0, 1.0])
             found.append(np.where(np.abs(bounded) < 1e-12, ends, probable))
         return np.array(found)
 
@@ -54,9 +54,9 @@ class Space:
         """Values ``[flight, dimension]`` in SI of points of the box -1 .. 1; a discrete law takes its nearest value."""
         values = bounds[:, 0] + 0.5 * (points + 1.0) * (bounds[:, 1] - bounds[:, 0])
         values = np.where(points == 1.0, bounds[:, 1], values)
-        for i, law in enumerate(self.laws):
-            if isinstance(law, DiscreteLaw):
-                values[:, i] = law.at_fraction(0.5 * (points[:, i] + 1.0))
+        for i, marginal in enumerate(self.marginals):
+            if isinstance(marginal, DiscreteMarginal):
+                values[:, i] = marginal.at_fraction(0.5 * (points[:, i] + 1.0))
         return values
 
     def draw_in_box(self, bounds: Floats, seed: int, number: int) -> Floats:
@@ -96,4 +96,4 @@ def make_space(campaign: CheckedCampaign) -> Space:
     if len(chosen) < len(place):
         raise document.error(("correlations",), "a seed that is correlated", "seeds that belong to themselves")
     copula = Copula(tuple(names.index(name) for name in chosen), campaign.copula.factor)
-    return Space(names, seeds, tuple(campaign.laws[name] for name in names), copula)
+    return Space(names, seeds, tuple(campaign.marginals[name] for name in names), copula)

@@ -194,7 +194,7 @@ class _Study:
     def draw(self, seed: int, flights: int) -> Floats:
         """Parameter rows ``[flight, parameter]`` that all candidates fly."""
         design = Design(INDEPENDENT, seed, self.space.names, flights, 2)
-        values = DrawnSamples(design, self.space.laws, self.space.copula).draw(0, flights)
+        values = DrawnSamples(design, self.space.marginals, self.space.copula).draw(0, flights)
         return spread_parameters(self.space.columns, self.space.complete(values, seed, 0))
 
     def fly(self, points: Floats, parameters: Floats) -> list[Floats]:
