@@ -28,6 +28,14 @@ def requirement_failures(flights: ControllerFlights, requirement: Requirement) -
     return failures(values, early, requirement.limit, requirement.below, requirement.early_is_failure)
 
 
+def failed_anyhow(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -> NDArray[np.bool_]:
+    """Which flights [flight] ended early or miss any requirement."""
+    failed = flights.failed.copy()
+    for item in requirements:
+        failed |= requirement_failures(flights, item)
+    return failed
+
+
 def sequential_evidence(flights: ControllerFlights, requirement: Requirement, looks: tuple[int, ...]) -> Verdict:
     """The verdict of a campaign that stops when proven, with bounds and risks that allow for the looks.
 

@@ -16,6 +16,7 @@ from abhv_mc.report.paired import paired_numbers
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.results import Requirement, Results
 from abhv_mc.report.sobol import sobol_numbers
+from abhv_mc.report.stability import stability_numbers
 from abhv_mc.report.worst import worst_numbers
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
 from abhv_mc.statistics.verdicts import clopper_pearson, judge
@@ -119,6 +120,7 @@ def make_numbers(results: Results) -> dict[str, Any]:
         "paired": paired_numbers(results),
         "worst": worst_numbers(results),
         "ranges": _ranges(results),
+        "stability": stability_numbers(results),
         "drivers": driver_numbers(results),
         "sobol": sobol_numbers(results),
         "convergence": convergence_numbers(results),

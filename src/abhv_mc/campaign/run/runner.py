@@ -1,6 +1,7 @@
 """Fly a campaign: what is missing in its folder, in parallel, kept block by block; then envelopes and histories."""
 
 import contextlib
+import json
 import sys
 import time
 from contextlib import ExitStack
@@ -46,7 +47,7 @@ from abhv_mc.store.flights import (
     read_block,
     write_block,
 )
-from abhv_mc.store.folder import hash_file
+from abhv_mc.store.folder import hash_file, write_text
 from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
 from abhv_mc.store.samples import SampleReader
 
@@ -113,6 +114,8 @@ class _Run:
         """Fly and finish."""
         self._take_stock()
         flown = self.manifest["state"] == COMPLETE and self._whole() and (self.sharded or self._has_envelopes())
+        if self.files.knows(self.folder.margins) and not self.files.holds(self.folder.margins):
+            flown = False
         if not (flown and (self.sharded or all(file.whole for file in self._list_histories()))):
             check_source(self.folder, self.manifest, self.engine)
             try:
@@ -288,11 +291,18 @@ class _Run:
         write_kept_histories(
             self.folder, flown, self.plans, self.tallies, self.samples, self.fly, self.workers, self.files
         )
+        self._write_stability()
         for collector in self.collectors.values():
             collector.finish()
         if not self.folder.envelope_states.is_dir():
             self.files.forget(self.folder.envelope_states)
         self.files.check_presence()
+
+    def _write_stability(self) -> None:
+        """The margins in steady flight, of all controllers of the folder."""
+        if self.engine.find_stability is not None:
+            found = self.engine.find_stability(self.campaign)
+            write_text(self.folder.margins, json.dumps(found, indent=1, allow_nan=False) + "\n")
 
     def _list_histories(self) -> list[HistoryFile]:
         return list_histories(self.folder, replace(self.campaign, runs=self._goal()), self.tallies, self.files)

@@ -23,6 +23,7 @@ from abhv_mc.campaign.file.resolve import (
 )
 from abhv_mc.campaign.run.batches import Fly
 from abhv_mc.campaign.run.margin_plans import make_margin_plans
+from abhv_mc.campaign.run.stability import describe_stability
 from abhv_mc.campaign.run.trial_flights import fly_trials
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import Document, InputError
@@ -62,6 +63,7 @@ class Engine:
     prepare: Prepare
     fly: Fly
     source: str  # hash of the code that flies: two of them never share a campaign
+    find_stability: Callable[[CheckedCampaign], dict[str, Any]] | None = None  # what margins.json holds
     checked: bool = False  # whether ``source`` is what cache.source_hash() must give on every machine
     isolation: str = THREADS  # where "auto" flies; processes need a ``fly`` that can be imported
     device: str = "cpu"  # or the name of a GPU
@@ -94,7 +96,7 @@ def make_engine() -> Engine:
     from abhv_mc.flight.prepare import prepare
     from abhv_mc.stability.metrics import fly_with_margins
 
-    return Engine(prepare, fly_with_margins, source_hash(), checked=True, isolation=PROCESSES)
+    return Engine(prepare, fly_with_margins, source_hash(), describe_stability, checked=True, isolation=PROCESSES)
 
 
 def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -> int:
