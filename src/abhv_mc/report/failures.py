@@ -22,6 +22,14 @@ def requirement_failures(flights: ControllerFlights, requirement: Requirement) -
     return failures(values, early, requirement.limit, requirement.below, requirement.early_is_failure)
 
 
+def failed_anyhow(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -> NDArray[np.bool_]:
+    """Which flights [flight] ended early or miss any requirement."""
+    failed = flights.failed.copy()
+    for item in requirements:
+        failed |= requirement_failures(flights, item)
+    return failed
+
+
 def judge_all(results: Results) -> list[dict[str, Verdict]]:
     """Verdicts of each requirement by controller, as the manifest has them: all pairs are one family."""
     names, items = results.controllers, results.campaign.requirements

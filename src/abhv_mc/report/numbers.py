@@ -17,6 +17,7 @@ from abhv_mc.report.paired import paired_numbers
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.results import Requirement, Results
 from abhv_mc.report.sobol import sobol_numbers
+from abhv_mc.report.stability import stability_numbers
 from abhv_mc.report.worst import worst_numbers
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
 from abhv_mc.statistics.judgement import any_false_pass
@@ -134,6 +135,7 @@ def make_numbers(results: Results) -> dict[str, Any]:
         "worst": worst_numbers(results),
         "failure_cases": failure_case_numbers(results),
         "ranges": _ranges(results),
+        "stability": stability_numbers(results),
         "drivers": driver_numbers(results),
         "sobol": sobol_numbers(results),
         "convergence": convergence_numbers(results),

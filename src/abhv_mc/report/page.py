@@ -24,6 +24,7 @@ from abhv_mc.report.interactive import envelope_data
 from abhv_mc.report.metrics import FOLLOWING, HOLDING, controller_label, words_of
 from abhv_mc.report.parameters import parameter_doc
 from abhv_mc.report.results import Results
+from abhv_mc.report.stability import stability_context, stability_sentences
 from abhv_mc.report.words import fixed, percent, significant
 
 
@@ -137,7 +138,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "labels": [controller_label(name) for name in names],
         "title": campaign["name"].replace("_", " "),
         "question": campaign["question"] or f"What does the campaign {campaign['name']} show?",
-        "answers": answer_sentences(numbers),
+        "answers": [*answer_sentences(numbers), *stability_sentences(numbers)],
         "sureness": sureness_sentence(numbers),
         "verdicts": tables.verdict_rows(numbers),
         "headline": tables.headline_rows(numbers),
@@ -156,6 +157,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
             "drivers": percent(numbers["drivers"].get("false_discovery_rate"), 1),
             "rules": percent(numbers["drivers"].get("rules_false_discovery_rate"), 1),
         },
+        "stability": stability_context(numbers, folder),
         "worst": tables.worst_tables(numbers, folder),
         "worst_heads": [words_of(m).label_with_unit for m in (*FOLLOWING, *HOLDING)],
         "dispersions": _dispersions(numbers),

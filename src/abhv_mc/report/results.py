@@ -1,7 +1,8 @@
 """A campaign's folder as plain arrays: what every table, figure and page of a report is made from."""
 
+import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,10 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.signals import METRICS
+from abhv_mc.io.input_error import InputError
 from abhv_mc.report.columns import FileColumns, read_table
 from abhv_mc.report.flights import ControllerFlights, read_flights
+from abhv_mc.stability.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.statistics.judgement import Rules
 from abhv_mc.store.envelopes import QUANTILE_COLUMNS
 from abhv_mc.store.folder import CampaignFolder
@@ -50,6 +53,8 @@ class CampaignFacts:
     sampling: str
     dispersions: dict[str, dict[str, Any]]
     requirements: tuple[Requirement, ...]
+    margin_flights: int = 0  # of which margins were asked for
+    margin_points: tuple[str | float, ...] = ()  # "trim", or s
     looks: tuple[int, ...] = ()  # where it stops when proven: after which flights the verdicts are looked at
     family_risk: float | None = None  # of any false PASS among all verdicts, where the campaign holds it
 
@@ -80,6 +85,7 @@ class Results:
     envelopes: dict[tuple[str, str], Envelope]  # (controller, channel)
     reference: dict[str, Floats]  # "time" and REFERENCE_CHANNELS -> [time]
     nominal: dict[str, dict[str, Floats]]  # controller -> "time" and CHANNELS -> [time]
+    stability: dict[str, Any] = field(default_factory=dict)  # margins in steady flight; empty where none were found
 
     @property
     def controllers(self) -> tuple[str, ...]:
@@ -104,9 +110,15 @@ class Results:
     @property
     def metrics(self) -> tuple[str, ...]:
         """Metrics that the flights hold, in the order of the signal table, others after them."""
-        held = next(iter(self.flights.values())).metrics
+        held = [name for name in next(iter(self.flights.values())).metrics if name not in self._apart]
         known = [signal.name for signal in METRICS if signal.name in held]
         return (*known, *(name for name in held if name not in known))
+
+    @property
+    def _apart(self) -> tuple[str, ...]:
+        """Margins that not every flight has, which only the section on stability shows; and why there are none."""
+        faults = tuple(signal.name for signal in MARGIN_FAULTS)
+        return faults if self.campaign.margin_flights >= self.campaign.runs else (*faults, *MARGIN_NAMES)
 
     @property
     def pairs(self) -> Iterator[tuple[str, str]]:
@@ -131,6 +143,8 @@ def read_facts(path: Path) -> CampaignFacts:
         sampling=model.sampling.design,
         looks=campaign.looks,
         family_risk=model.family.risk if model.family else None,
+        margin_flights=model.margins.of(campaign.runs) if model.margins else 0,
+        margin_points=model.margins.at if model.margins else (),
         dispersions=dict(plain.get("dispersions") or {}) if isinstance(plain, dict) else {},
         requirements=tuple(
             Requirement(
@@ -172,6 +186,18 @@ def _read_nominal(path: Path) -> dict[str, dict[str, Floats]]:
     }
 
 
+def _read_stability(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        return {}
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(found, dict):
+            raise ValueError(type(found).__name__)
+    except ValueError as error:
+        raise InputError(path, None, None, f"no JSON ({error})", "the margins of a campaign") from None
+    return found
+
+
 def read_results(root: Path) -> Results:
     """Read a campaign's folder. Raises InputError where a file is missing or unreadable."""
     folder = CampaignFolder(root)
@@ -186,6 +212,7 @@ def read_results(root: Path) -> Results:
         envelopes=_read_envelopes(folder.envelopes),
         reference={name: value.astype(np.float64) for name, value in reference.items()},
         nominal=_read_nominal(folder.nominal),
+        stability=_read_stability(folder.margins),
     )
 
 

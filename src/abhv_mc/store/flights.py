@@ -67,8 +67,8 @@ def make_field(name: str, kind: pa.DataType, unit: str, doc: str) -> pa.Field:
     return pa.field(name, kind, nullable=False, metadata={"unit": unit, "doc": doc})
 
 
-def flights_schema(names: Sequence[str], provenance: dict[str, str], metrics: Sequence[Signal] = METRICS) -> pa.Schema:
-    """Schema of the flights table with the sample columns ``names``."""
+def flights_schema(names: Sequence[str], provenance: dict[str, str], values: Sequence[Signal] = VALUES) -> pa.Schema:
+    """Schema of the flights table with the sample columns ``names`` and those of ``values``."""
     outcomes = "; ".join(f"{outcome.code}: {SENTENCES[outcome]}" for outcome in Outcome)
     parameters = [PARAMETERS[PARAMETER_INDEX[name]] for name in names]
     fields = [
@@ -77,7 +77,7 @@ def flights_schema(names: Sequence[str], provenance: dict[str, str], metrics: Se
         make_field("outcome", pa.string(), "-", outcomes),
         make_field(CASE, pa.string(), "-", "what failed, or was to fail before the mission's end; or 'none'"),
         *(make_field(p.name, pa.float64(), p.unit, p.doc) for p in parameters),
-        *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in (*metrics, END_TIME)),
+        *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in values),
     ]
     return pa.schema(fields, metadata={f"abhv_mc.{key}": text for key, text in provenance.items()})
 

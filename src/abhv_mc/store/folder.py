@@ -37,6 +37,7 @@ class CampaignFolder:
         self.envelopes = root / "envelopes.parquet"
         self.nominal = root / "nominal.parquet"
         self.reference = root / "reference.parquet"
+        self.margins = root / "margins.json"
         self.inputs = root / "inputs"
         self.plans = root / "plans"
         self.flights = root / "flights"
@@ -56,7 +57,7 @@ class CampaignFolder:
     @property
     def parts(self) -> tuple[Path, ...]:
         """Everything that a campaign writes, apart from the lock."""
-        files = (self.campaign, self.manifest, self.samples, self.envelopes, self.nominal, self.reference)
+        files = (self.campaign, self.manifest, self.samples, self.envelopes, self.nominal, self.reference, self.margins)
         folders = (self.inputs, self.plans, self.flights, self.histories, self.envelope_states, self.explained)
         return (*files, *self.report, *folders)
 

@@ -123,8 +123,8 @@ def find_damage(
 
 
 def data_files(folder: CampaignFolder, manifest: Mapping[str, Any] | None) -> list[Path]:
-    """The Parquet files of the folder, as far as its manifest names them; all of them without a manifest."""
-    paths = [folder.samples, folder.envelopes, folder.nominal, folder.reference]
+    """The data files of the folder, as far as its manifest names them; all of them without a manifest."""
+    paths = [folder.samples, folder.envelopes, folder.nominal, folder.reference, folder.margins]
     paths += [*sorted(folder.flights.glob("*.parquet")), *sorted(folder.histories.glob("*.parquet"))]
     files = None if manifest is None else _files_of(folder, manifest)
     return [

@@ -58,7 +58,7 @@ def replay_flight(
     values = np.append(block.metrics[0], block.end_time[0])
     differences = [
         f"{name}: {new!r} instead of {old!r}"
-        for name, new, old in zip(row.columns, values.tolist(), row.values[0].tolist(), strict=True)
+        for name, new, old in zip(row.columns, values.tolist(), row.values[0].tolist(), strict=False)  # margins follow
         if np.float64(new).tobytes() != np.float64(old).tobytes() and not (np.isnan(new) and np.isnan(old))
     ]
     outcome = Outcome(int(block.outcome[0])).code

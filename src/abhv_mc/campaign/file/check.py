@@ -28,13 +28,16 @@ from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
 from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, SampleSource, SeededSamples
 from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
+from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.declared import NO_METRICS, DeclaredMetrics
 from abhv_mc.flight.signals import METRICS, Signal
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
 from abhv_mc.plant.parameters import EFFECTORS, PARAMETER_INDEX, PARAMETERS
+from abhv_mc.stability.metrics import MARGINS
 from abhv_mc.statistics.sequential import choose_common_looks
 
+MARGIN_UNITS = {signal.name: signal.unit for signal in MARGINS}
 DISPERSIBLE = tuple(parameter.name for parameter in PARAMETERS[1:])
 
 
@@ -109,7 +112,8 @@ def check_campaign(document: Document) -> CheckedCampaign:
     copula = _make_copula(document, model, names, errors)
     declared = _declare_metrics(document, model, errors)
     metrics = {signal.name: signal for signal in (*METRICS, *declared.signals)}
-    limits = tuple(_check_requirements(document, model, metrics, errors))
+    measured = metrics | {signal.name: signal for signal in MARGINS}
+    limits = tuple(_check_requirements(document, model, measured, errors))
     by = model.keep.histories.by
     if by not in metrics:
         errors.append(document.error(("keep", "histories", "by"), f"metric '{by}'", one_of(metrics, by)))
@@ -119,6 +123,7 @@ def check_campaign(document: Document) -> CheckedCampaign:
             where = ("keep", "histories", "flights")
             errors.append(document.error(where, f"flight {item}", f"flights from 0 to {number - 1}"))
     _check_stop(document, model, number, errors)
+    _check_margins(document, model, number, errors)
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
     looks = _find_looks(model, number)
@@ -260,7 +265,7 @@ def _check_requirements(
                 found = f"controller '{name}'"
                 errors.append(document.error((*where, "controllers", j), found, one_of(model.controllers, name)))
         if entry.metric not in metrics:
-            wanted = one_of(metrics, entry.metric)
+            wanted = one_of([name for name in metrics if model.margins or name not in MARGIN_UNITS], entry.metric)
             errors.append(document.error((*where, "metric"), f"metric '{entry.metric}'", wanted))
             continue
         try:
@@ -275,8 +280,8 @@ def _limit(entry: Requirement, unit: str) -> float:
     value = entry.below if entry.below is not None else entry.above
     if isinstance(value, float):
         return value
-    if unit == "g":
-        raise Refusal(f"'{value}'", "a plain number, in g")
+    if unit in ("g", "dB"):
+        raise Refusal(f"'{value}'", f"a plain number, in {unit}")
     return parse_quantity(value or "", dimension_of(unit), bare_unit=unit) / parse_unit(unit)[0]
 
 
@@ -292,6 +297,27 @@ def _check_stop(document: Document, model: Campaign, runs: int, errors: list[Inp
     if model.stop.looks is not None and model.stop.looks[-1] != runs:
         found = f"a last look after {model.stop.looks[-1]} flights"
         errors.append(document.error(("stop", "looks"), found, f"{runs}, the most flights there may be ('runs')"))
+
+
+def _check_margins(document: Document, model: Campaign, runs: int, errors: list[InputError]) -> None:
+    """Points lie within the mission; what is required of margins is required of every flight, so all have them."""
+    needed = [i for i, entry in enumerate(model.requirements) if entry.metric in MARGIN_UNITS]
+    if model.margins is None:
+        for i in needed:
+            found = f"'{model.requirements[i].metric}' without 'margins'"
+            wanted = "'margins: {at: [trim], flights: all}' in the campaign, which finds them"
+            errors.append(document.error(("requirements", i, "metric"), found, wanted))
+        return
+    if needed and model.margins.of(runs) < runs:
+        metric = model.requirements[needed[0]].metric
+        found = f"margins of {model.margins.of(runs)} of {runs} flights, and a requirement on {metric}"
+        wanted = "'flights: all': a verdict needs the metric of every flight"
+        errors.append(document.error(("margins", "flights"), found, wanted))
+    duration = read_mission(model.mission).duration
+    for i, time in enumerate(model.margins.at):
+        if time != "trim" and not 0.0 <= time <= duration:
+            where = ("margins", "at", i)
+            errors.append(document.error(where, f"{time:g} s", f"trim, or a time of the mission, 0 to {duration:g} s"))
 
 
 def _find_looks(model: Campaign, runs: int) -> tuple[int, ...]:

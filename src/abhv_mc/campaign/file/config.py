@@ -12,7 +12,7 @@ from abhv_mc.campaign.sampling.designs import DESIGNS
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
 from abhv_mc.flight.signals import CHANNEL_INDEX, STANDARD_CHANNELS
 from abhv_mc.io.documents import File, Refusal, StrictModel, describe, one_of
-from abhv_mc.io.units import FREQUENCY, Time, parse_quantity
+from abhv_mc.io.units import FREQUENCY, TIME, Time, parse_quantity
 
 PROCESSES, THREADS = "processes", "threads"
 _ALL_CHANNELS = tuple(CHANNEL_INDEX)
@@ -174,6 +174,38 @@ class Keep(StrictModel):
     envelopes: KeepEnvelopes = KeepEnvelopes()
 
 
+def _points(value: Any) -> Any:
+    if value == []:
+        raise Refusal("no point", "trim, or times of the flight such as 30 s")
+    return ["trim" if item == "trim" else parse_quantity(item, TIME) for item in _as_list(value)]
+
+
+Points = Annotated[
+    tuple[Literal["trim"] | float, ...], BeforeValidator(_points, json_schema_input_type=str | list[str])
+]
+
+
+def _flight_count(value: Any) -> Any:
+    if value == "all":
+        return None
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise Refusal(describe(value), "'all' or a whole number from 1")
+    return value
+
+
+class MarginsOfFlights(StrictModel):
+    """Of which flights stability margins are found, and where."""
+
+    at: Points = ("trim",)
+    flights: Annotated[  # the first so many; None for all
+        int | None, BeforeValidator(_flight_count, json_schema_input_type=Literal["all"] | int)
+    ] = 100
+
+    def of(self, runs: int) -> int:
+        """How many of so many flights."""
+        return runs if self.flights is None else min(self.flights, runs)
+
+
 class Stop(StrictModel):
     """When to stop before ``runs`` flights; in the file, ``when proven`` will do."""
 
@@ -236,6 +268,7 @@ class Campaign(StrictModel):
         Discriminator(_metrics_kind),
     ] = {}
     requirements: tuple[Requirement, ...] = ()
+    margins: MarginsOfFlights | None = None
     stop: Annotated[Stop | None, BeforeValidator(_stop, json_schema_input_type=str | Stop | None)] = None
     tune: Tune | None = None  # of `abhv-mc tune`; no flight of the campaign depends on it
     family: Family | None = None  # each requirement has its own risk by default

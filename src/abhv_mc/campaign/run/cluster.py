@@ -25,6 +25,7 @@ from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.own.source import OwnSource
+from abhv_mc.stability.metrics import MarginPlan
 from abhv_mc.store.plans import flatten, rebuild
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ Code = tuple[OwnSource | None, OwnSource | None]  # of a law and of channels of 
 _CONNECT = 10.0  # s to find the scheduler
 _PER_THREAD = 2  # blocks under way for each thread of the cluster, so that none waits for the next one
 _FEWEST = 16  # blocks under way at least: room for workers that join later
-_warm: set[tuple[str, str]] = set()
+_warm: set[tuple[str, str, str]] = set()
 _warming = threading.Lock()
 
 
@@ -53,14 +54,15 @@ def fly_remote(
 
     A flight that hangs ends its process: Dask takes it for a worker that died.
     """
-    plan = replace(rebuild(FlightPlan, arrays), source=code[0], channels_source=code[1])
+    kind_of_plan = MarginPlan if "margin_times" in arrays else FlightPlan
+    plan: FlightPlan = replace(rebuild(kind_of_plan, arrays), source=code[0], channels_source=code[1])
     if source:
         from abhv_mc.cache import source_hash
 
         if source_hash() != source:
             return f"another version of the program (source {source_hash()}, the campaign's is {source})"
     with _warming:
-        kind = (f"{plan.law} {plan.source_hash} {plan.channels_hash}", fly.__qualname__)
+        kind = (f"{plan.law} {plan.source_hash} {plan.channels_hash}", type(plan).__name__, fly.__qualname__)
         if kind not in _warm:
             fly(plan, nominal_parameters(), None)  # loads or compiles, which is no flight's time
             _warm.add(kind)

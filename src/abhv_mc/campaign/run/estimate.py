@@ -71,7 +71,7 @@ def estimate_campaign(campaign: CheckedCampaign, engine: Engine, workers: int | 
             table = np.column_stack([block.metrics, block.end_time])
             columns = (*campaign.metrics, END_TIME.name)
             rows = FlightRows(name, 0, tuple(source.names), values, outcomes, table, columns)
-            write_block(Path(folder), rows, flights_schema(source.names, {}, plan.metrics))
+            write_block(Path(folder), rows, flights_schema(source.names, {}, (*plan.metrics, END_TIME)))
             rows_size += next(Path(folder).glob(f"{name}-*")).stat().st_size
             block = engine.fly(plan, parameters[:16], history_every)
             path = Path(folder) / "history.parquet"

@@ -14,6 +14,7 @@ from abhv_mc.campaign.run.every_tick import join_binned
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.flight.signals import CHANNELS
+from abhv_mc.stability.metrics import count_metrics
 
 Floats = NDArray[np.float64]
 Attempt = Callable[[Floats], FlightBlock]
@@ -74,7 +75,7 @@ def make_failed(plan: FlightPlan, every: int | None) -> FlightBlock:
     return FlightBlock(
         outcome=np.array([Outcome.FAILED_TO_RUN], np.int64),
         end_time=np.full(1, np.nan),
-        metrics=np.full((1, len(plan.metrics)), np.nan),
+        metrics=np.full((1, count_metrics(plan)), np.nan),
         history=np.full((1, len(times), len(CHANNELS)), np.nan, np.float32),
         times=times.astype(np.float64),
     )

@@ -1,6 +1,7 @@
 """Fly a campaign: what is missing in its folder, in parallel, kept block by block; then envelopes and histories."""
 
 import contextlib
+import json
 import sys
 import time
 from contextlib import ExitStack
@@ -35,8 +36,9 @@ from abhv_mc.campaign.run.tally import Tally, judge_requirements, make_rules, ma
 from abhv_mc.campaign.run.worker_pool import start_fork_server
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.flight.signals import CHANNEL_INDEX
+from abhv_mc.stability.metrics import MARGIN_VALUES
 from abhv_mc.statistics.judgement import own_risks
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.envelopes import is_whole, write_envelopes
@@ -49,7 +51,7 @@ from abhv_mc.store.flights import (
     read_block,
     write_block,
 )
-from abhv_mc.store.folder import hash_file
+from abhv_mc.store.folder import hash_file, write_text
 from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
 from abhv_mc.store.samples import SampleReader
 
@@ -106,9 +108,11 @@ class _Run:
         self.collectors: dict[str, Collector] = {}
         provenance = {"seed": str(model.seed), "campaign_hash": self.manifest["campaign_hash"]}
         provenance["version"] = str(self.manifest["versions"].get("abhv_mc"))
-        self.metrics = tuple(self.campaign.metrics.values())
-        self.columns = (*self.campaign.metrics, END_TIME.name)
-        self.schema = flights_schema(self.samples.names, provenance, self.metrics)
+        values = (*self.campaign.metrics.values(), END_TIME, *(MARGIN_VALUES if model.margins else ()))
+        self.columns = tuple(signal.name for signal in values)
+        self.schema = flights_schema(self.samples.names, provenance, values)
+        self.margin_plans = opened.margin_plans
+        self.with_margins = model.margins.of(self.campaign.runs) if model.margins else 0
         self.start, self.wall_before = time.monotonic(), float(self.manifest.get("wall_time_s", 0.0))
 
     def run(self) -> RunResult:
@@ -121,6 +125,8 @@ class _Run:
             and not any(self._to_retry(self._goal()).values())
             and (self.sharded or self._has_envelopes())
         )
+        if self.files.knows(self.folder.margins) and not self.files.holds(self.folder.margins):
+            flown = False
         if not (flown and (self.sharded or all(file.whole for file in self._list_histories()))):
             check_source(self.folder, self.manifest, self.engine)
             try:
@@ -254,6 +260,11 @@ class _Run:
             missing[name] = wanted, ~self.collectors[name].covered & (done & computed | wanted)
         return missing if any(mask.any() for masks in missing.values() for mask in masks) else {}
 
+    def _plan_of(self, block: Block) -> FlightPlan:
+        """The plan with margins for the rows of flights that are to have them."""
+        margins = block.rows and block.first < self.with_margins
+        return (self.margin_plans if margins else self.plans)[block.controller]
+
     def _fly_missing(self, missing: dict[str, tuple[Mask, Mask]]) -> None:
         from joblib import Parallel, delayed
 
@@ -267,12 +278,12 @@ class _Run:
             delayed(backpressure.call)(
                 fly_block,
                 self.fly,
-                self.plans[block.controller],
+                self._plan_of(block),
                 block,
                 self._parameters(block.first, block.stop),
                 self.cells.every,
             )
-            for block in cut_blocks(missing, self.batch)
+            for block in cut_blocks(missing, self.batch, self.with_margins)
         )
         saved = time.monotonic()
         results = pool(tasks)
@@ -301,7 +312,7 @@ class _Run:
                 self.samples.names,
                 self.samples.rows(block.first, block.stop),
                 tuple(Outcome(code).code for code in flown.outcome),
-                np.column_stack([flown.metrics, flown.end_time]),
+                self._make_values(flown),
                 self.columns,
                 self.plans[block.controller].timing.duration,
             )
@@ -316,6 +327,15 @@ class _Run:
         if isinstance(flown, BinnedBlock) and flown.low is not None and flown.high is not None:
             return self.cells.cut(np.stack([flown.low, flown.high]))
         return np.stack([np.fmin.reduce(history, axis=0), np.fmax.reduce(history, axis=0)])
+
+    def _make_values(self, flown: FlightBlock) -> NDArray[np.float64]:
+        """Values ``[flight, value]``; margins come last, nan where they were not asked for."""
+        count = len(self.campaign.metrics)
+        metrics, margins = flown.metrics[:, :count], flown.metrics[:, count:]
+        if self.campaign.model.margins is None:
+            return np.column_stack([metrics, flown.end_time])
+        missing = np.full((len(metrics), len(MARGIN_VALUES)), np.nan)
+        return np.column_stack([metrics, flown.end_time, margins if margins.size else missing])
 
     def _save(self) -> None:
         for collector in self.collectors.values():
@@ -333,6 +353,7 @@ class _Run:
         write_kept_histories(
             self.folder, flown, self.plans, self.tallies, self.samples, self.fly, self.workers, self.files
         )
+        self._write_stability()
         for name, collector in self.collectors.items():
             if self.tallies[name].uncomputed.any():
                 collector.save()  # the next run tries these flights again, and adds them
@@ -341,6 +362,12 @@ class _Run:
         if not self.folder.envelope_states.is_dir():
             self.files.forget(self.folder.envelope_states)
         self.files.check_presence()
+
+    def _write_stability(self) -> None:
+        """The margins in steady flight, of all controllers of the folder."""
+        if self.engine.find_stability is not None:
+            found = self.engine.find_stability(self.campaign)
+            write_text(self.folder.margins, json.dumps(found, indent=1, allow_nan=False) + "\n")
 
     def _list_histories(self) -> list[HistoryFile]:
         return list_histories(self.folder, replace(self.campaign, runs=self._goal()), self.tallies, self.files)

@@ -24,6 +24,8 @@ from abhv_mc.campaign.file.resolve import (
     resolve_campaign,
 )
 from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.run.margin_plans import make_margin_plans
+from abhv_mc.campaign.run.stability import describe_stability
 from abhv_mc.campaign.run.trial_flights import fly_trials
 from abhv_mc.control.controller_file import PythonController, read_controller
 from abhv_mc.flight.own_law import open_law
@@ -31,6 +33,7 @@ from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.io.documents import Document, InputError
 from abhv_mc.own.source import OwnSource, read_source
 from abhv_mc.own.trust import check_trusted, trust
+from abhv_mc.stability.metrics import MarginPlan
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import FileHashes, read_checked, record_hashes, refuse_links
 from abhv_mc.store.histories import write_nominal, write_reference
@@ -68,6 +71,7 @@ class Engine:
     prepare: Prepare
     fly: Fly
     source: str  # hash of the code that flies: two of them never share a campaign
+    find_stability: Callable[[CheckedCampaign], dict[str, Any]] | None = None  # what margins.json holds
     checked: bool = False  # whether ``source`` is what cache.source_hash() must give on every machine
     isolation: str = THREADS  # where "auto" flies; processes need a ``fly`` that can be imported
     device: str = "cpu"  # or the name of a GPU
@@ -85,6 +89,7 @@ class OpenCampaign:
     manifest: dict[str, Any]
     asked: tuple[str, ...]  # controllers to fly now
     files: FileHashes
+    margin_plans: dict[str, MarginPlan]  # where the campaign asks for margins
 
     @property
     def part(self) -> tuple[int, int]:
@@ -96,10 +101,10 @@ class OpenCampaign:
 def make_engine() -> Engine:
     """The compiled flight."""
     from abhv_mc.cache import source_hash
-    from abhv_mc.flight.fly import fly
     from abhv_mc.flight.prepare import prepare
+    from abhv_mc.stability.metrics import fly_with_margins
 
-    return Engine(prepare, fly, source_hash(), checked=True, isolation=PROCESSES)
+    return Engine(prepare, fly_with_margins, source_hash(), describe_stability, checked=True, isolation=PROCESSES)
 
 
 def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -> int:
@@ -147,6 +152,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     plans = _take_plans(request.plans_from, resolved, asked, engine, request.trust_code)
     plans = plans or make_plans(wanted, asked, engine)
     nominal = _try_out(wanted, plans, engine)
+    margin_plans = make_margin_plans(wanted, plans, engine.device)
     if not started:
         stack.enter_context(hold_lock(folder.lock))
         if folder.manifest.exists():
@@ -164,7 +170,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
         manifest["shard"] = list(request.shard)
     manifest["files"] = files.listed()
     write_manifest(folder.manifest, manifest)
-    return OpenCampaign(folder, wanted, plans, manifest, asked, files)
+    return OpenCampaign(folder, wanted, plans, manifest, asked, files, margin_plans)
 
 
 def _check_shard(request: Request, campaign: CheckedCampaign) -> None:
@@ -239,7 +245,7 @@ def _resume(
     manifest["warnings"] = find_warnings(plans, campaign)
     if added or not (files.holds(folder.nominal) and files.holds(folder.reference)):
         _write_nominal(folder, campaign, plans, _try_out(campaign, plans, engine))
-    return OpenCampaign(folder, campaign, plans, manifest, (), files)
+    return OpenCampaign(folder, campaign, plans, manifest, (), files, make_margin_plans(campaign, plans, engine.device))
 
 
 def check_source(folder: CampaignFolder, manifest: dict[str, Any], engine: Engine) -> None:
