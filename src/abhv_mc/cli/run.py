@@ -23,7 +23,7 @@ class Device(StrEnum):
 
 
 def command(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.yaml", help="Campaign file.")],
+    campaign: Annotated[str, typer.Argument(metavar="CAMPAIGN", help="Campaign file, or the name of a shipped one.")],
     out: Annotated[
         Path | None,
         typer.Option(
@@ -57,8 +57,10 @@ def command(
     from abhv_mc.campaign.run.retry import UnusableError
     from abhv_mc.campaign.run.runner import run_campaign
     from abhv_mc.campaign.run.setup import Request
+    from abhv_mc.shipped import find_input
     from abhv_mc.store.remote import mirrored
 
+    file = find_input(campaign, "campaign")
     names = tuple(name.strip() for name in controllers.split(",")) if controllers else None
     part = _parse_shard(shard) if shard else None
     engine = None
@@ -70,7 +72,7 @@ def command(
         engine = make_gpu_engine()
     try:
         with mirrored(out) if out else nullcontext() as folder:
-            request = Request(campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans)
+            request = Request(file, folder, runs, seed, names, workers, fresh, scheduler, part, plans)
             finish(run_campaign(request, engine), no_report or part is not None, out)
     except UnusableError as error:
         print(error, file=sys.stderr)
