@@ -29,9 +29,9 @@ def test_dispersions_and_overrides_change_the_flight_as_their_files_would():
 
 
 def test_what_is_wrong_is_said():
-    with pytest.raises(InputError, match=r"parameter 'aero.darg'.*aero.drag"):
+    with pytest.raises(InputError, match=r"parameter 'aero\.darg'.*aero\.drag"):
         abhv_mc.fly("level", dispersions={"aero.darg": 1.1})
-    with pytest.raises(InputError, match="wind.north"):
+    with pytest.raises(InputError, match=r"wind\.north"):
         abhv_mc.fly("level", dispersions={"wind.north": "10 kg"})
     with pytest.raises(InputError, match="no such file"):
         abhv_mc.fly("levle")

@@ -60,9 +60,8 @@ def make_document(kind: str, given: Input) -> Document:
         for i, name in enumerate(path):
             if not isinstance(place, dict) or name not in place:
                 known = place if isinstance(place, dict) else ()
-                raise InputError(
-                    document.path, None, None, f"no entry '{'.'.join(path[: i + 1])}'", one_of(known, name)
-                )
+                found = f"no entry '{'.'.join(path[: i + 1])}'"
+                raise InputError(document.path, None, None, found, one_of(known, name) if known else "a mapping")
             place = place[name]
         if not isinstance(place, dict):
             raise InputError(document.path, None, None, f"no entry '{key}'", "the key of a mapping")
@@ -74,9 +73,10 @@ def make_flight_plan(mission: Input, vehicle: Input = "ghame_x", controller: Inp
     """The plan that a controller flies: reference, gains, start. Raises InputError."""
     from abhv_mc.flight.prepare import prepare
 
-    files: Any = (make_document("vehicle", vehicle), make_document("mission", mission))
+    craft: Any = make_document("vehicle", vehicle)  # read as the files that they stand for
+    asked: Any = make_document("mission", mission)
     law: Any = make_document("control", controller)
-    return prepare(*files, law, law.path.stem)
+    return prepare(craft, asked, law, law.path.stem)
 
 
 def make_parameters(dispersions: Mapping[str, Quantity]) -> "NDArray[np.float64]":
@@ -106,7 +106,7 @@ def fly(
     """Fly one flight: a table of ``time`` (s) and every recorded channel, a row each ``every`` control ticks.
 
     dispersions: parameters of this flight (``abhv-mc parameters`` lists them), the others nominal; a number is a
-    factor or SI, text has its unit, as in ``{"aero.drag": "110 %", "wind.north": 12.0, "failure.engine.time": "20 s"}``.
+    factor or SI, text has its unit, as in ``{"aero.drag": "110 %", "wind.north": 12.0}``.
     The table's ``attrs`` hold ``units`` (of the columns), ``outcome``, ``sentence``, ``end_time_s``, ``metrics`` and
     ``metric_units`` by name, and ``warnings``. A flight that ends early has fewer rows. Raises
     :class:`abhv_mc.io.documents.InputError` for what is wrong with an input.

@@ -2,10 +2,11 @@
 
 import os
 import shutil
+import weakref
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any, Literal
 
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
@@ -30,7 +31,6 @@ class Campaign:
 
     def __init__(self, path: Path, checked: CheckedCampaign) -> None:
         self.path, self._checked = path, checked
-        self._place: TemporaryDirectory[str] | None = None
         self.name: str = checked.model.name
         self.question: str = checked.model.question  # what it asks
         self.runs: int = checked.runs  # flights of each controller
@@ -44,16 +44,20 @@ class Campaign:
 
     @classmethod
     def make(cls, data: Mapping[str, Any], **overrides: Any) -> "Campaign":
-        """A campaign from its file's content, without files: ``Campaign.make({"name": "study", "mission": "turn", ...})``.
+        """A campaign from its file's content: ``Campaign.make({"name": "study", "mission": "turn", ...})``.
 
         Vehicle, mission and controllers are shipped names, paths or mappings, with ``base`` and the entries that differ
         (see :func:`abhv_mc.fly`): so a gain sweep is a dict of controllers. ``overrides`` replace entries, such as
         ``runs=200``. Raises :class:`abhv_mc.io.documents.InputError` with everything that is wrong.
         """
-        place = TemporaryDirectory(prefix="abhv-mc-")
-        path = write_inputs({**data, **overrides}, Path(place.name))
-        made = cls(path, read_campaign(path))
-        made._place = place  # goes with the object; a campaign that is flown has copies in its folder
+        place = mkdtemp(prefix="abhv-mc-")
+        try:
+            path = write_inputs({**data, **overrides}, Path(place))
+            made = cls(path, read_campaign(path))
+        except BaseException:
+            shutil.rmtree(place, ignore_errors=True)
+            raise
+        weakref.finalize(made, shutil.rmtree, place, ignore_errors=True)  # a flown campaign has copies in its folder
         return made
 
     def draw_samples(self, flights: int | None = None) -> "pd.DataFrame":

@@ -249,7 +249,7 @@ class Mission(StrictModel):
         """Manoeuvres in their order: place in the file, time at which each begins (s), and itself."""
         if not isinstance(self.manoeuvre, Phases):
             return [(("manoeuvre",), self.start_time, self.manoeuvre)]
-        begin, found = self.start_time, []
+        begin, found = self.start_time, list[tuple[tuple[str | int, ...], float, Any]]()
         for i, phase in enumerate(self.manoeuvre.phases):
             found.append((("manoeuvre", "phases", i), begin, phase))
             begin += phase.length

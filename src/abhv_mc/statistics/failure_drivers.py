@@ -56,8 +56,11 @@ def bin_inputs(inputs: Iterable[Floats]) -> BinnedInputs:
     """Bin `inputs`, each [flight]; one is held at a time."""
     edges, bins = [], []
     for values in inputs:
-        method = "linear" if np.all(np.isfinite(values)) else "lower"  # nothing lies between a number and infinity
-        edges.append(np.quantile(values, np.arange(1, _BINS) / _BINS, method=method))
+        shares = np.arange(1, _BINS) / _BINS
+        if np.all(np.isfinite(values)):
+            edges.append(np.quantile(values, shares))
+        else:  # nothing lies between a number and infinity
+            edges.append(np.quantile(values, shares, method="lower"))
         bins.append(np.searchsorted(edges[-1], values, side="left").astype(np.uint8))
     return BinnedInputs(np.stack(edges, axis=1), np.stack(bins, axis=1))
 

@@ -105,9 +105,8 @@ def check_campaign(document: Document) -> CheckedCampaign:
 def name_effectors(document: Document) -> Document:
     """The campaign with failures of the vehicle's own effectors by their place: ``failure.right_elevon.stuck_time``
     becomes ``failure.effector_0.stuck_time`` where the vehicle file lists right_elevon first."""
-    data = document.data
-    held = data.get("dispersions") if isinstance(data, dict) else None
-    vehicle = data.get("vehicle") if isinstance(data, dict) else None
+    data: dict[str, Any] = document.data if isinstance(document.data, dict) else {}
+    held, vehicle = data.get("dispersions"), data.get("vehicle")
     if not isinstance(held, dict) or not isinstance(vehicle, str):
         return document
     asked = [name for name in held if isinstance(name, str) and name.startswith("failure.") and name not in DISPERSIBLE]
