@@ -27,7 +27,7 @@ class Device(StrEnum):
 
 
 def command(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.yaml", help="Campaign file.")],
+    campaign: Annotated[str, typer.Argument(metavar="CAMPAIGN", help="Campaign file, or the name of a shipped one.")],
     out: Annotated[
         Path | None,
         typer.Option(
@@ -65,8 +65,10 @@ def command(
     from abhv_mc.campaign.run.retry import UnusableError
     from abhv_mc.campaign.run.runner import run_campaign
     from abhv_mc.campaign.run.setup import Request
+    from abhv_mc.shipped import find_input
     from abhv_mc.store.remote import mirrored
 
+    file = find_input(campaign, "campaign")
     names = parse_names(controllers)
     part = _parse_shard(shard) if shard else None
     engine = None
@@ -78,7 +80,7 @@ def command(
         engine = make_gpu_engine()
     try:
         with mirrored(out) if out else nullcontext() as folder:
-            request = Request(campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code)
+            request = Request(file, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code)
             finish(run_campaign(request, engine), no_report or part is not None, out)
     except UnusableError as error:
         print(error, file=sys.stderr)

@@ -4,28 +4,32 @@ import shutil
 from pathlib import Path
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.io.documents import InputError
-from abhv_mc.shipped import shipped_campaigns, shipped_configs
-from abhv_mc.vehicle.file import read_vehicle_file
+from abhv_mc.campaign.file.resolve import find_references
+from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.shipped import shipped_configs, shipped_files
 
-_CAMPAIGN = "s_manoeuvre.yaml"
+DEFAULT = "s_manoeuvre"
 
 
-def write_new_campaign(folder: Path) -> list[Path]:
-    """Fill a new or empty folder, and name the files written; the campaign, ``campaign.yaml``, comes first.
+def write_new_campaign(folder: Path, name: str = DEFAULT) -> list[Path]:
+    """Fill a new or empty folder with the shipped campaign ``name`` and all that it refers to; name what was written.
 
-    Raises :class:`InputError` where the folder holds something already.
+    The campaign, ``campaign.yaml``, comes first. Raises :class:`InputError` for an unknown name, or where the folder
+    holds something already.
     """
+    known = shipped_files("campaign")
+    if name not in known:
+        raise InputError("--from", None, None, f"'{name}'", one_of(known, name))
     if folder.exists() and not folder.is_dir():
         raise InputError(folder, None, None, "a file", "a new or an empty folder")
     if folder.is_dir() and any(folder.iterdir()):
         raise InputError(folder, None, None, "a folder that is not empty", "a new or an empty one")
-    source = shipped_campaigns() / _CAMPAIGN
+    source = known[name]
     campaign = read_campaign(source).model
-    vehicle = read_vehicle_file(campaign.vehicle)
-    files = {campaign.vehicle, campaign.mission, *campaign.controllers.values(), *vehicle.files}
+    named = (campaign.vehicle, campaign.mission, *campaign.controllers.values())
+    files = {file for path in named for file in (path, *find_references(path.resolve()))}
     written = [folder / "campaign.yaml"]
-    for file in sorted(path.resolve() for path in files):
+    for file in sorted({path.resolve() for path in files}):
         target = folder / file.relative_to(shipped_configs().resolve())
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, target)

@@ -75,7 +75,7 @@ def resolve_campaign(campaign: CheckedCampaign) -> ResolvedCampaign:
 
 def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
     """Put ``path`` and all that it refers to under ``place``, in the same positions to each other."""
-    files = {path.resolve(): None, **dict.fromkeys(_references(path.resolve()))}
+    files = {path.resolve(): None, **dict.fromkeys(find_references(path.resolve()))}
     root = Path(os.path.commonpath([file.parent for file in files]))
     for file in files:
         copy = f"{place}/{file.relative_to(root).as_posix()}"
@@ -85,7 +85,7 @@ def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
     return f"{place}/{path.resolve().relative_to(root).as_posix()}"
 
 
-def _references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Path]:
+def find_references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Path]:
     """Files that a YAML file names by relative paths, and those that they name."""
     if path.suffix.lower() not in _YAML or path in seen:
         return
@@ -94,7 +94,7 @@ def _references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Pat
             file = (path.parent / text).resolve()
             if file.is_file():
                 yield file
-                yield from _references(file, seen | {path})
+                yield from find_references(file, seen | {path})
 
 
 def _named_files(value: Any) -> Iterator[str]:
