@@ -53,7 +53,9 @@ def test_a_controller_that_loses_more_flights_fails_whatever_its_metric(failing_
     assert gate["loses_more"] and not gate["shown"]
 
 
-@pytest.mark.parametrize("text", ["speed=5%", "speed_error_max_mps", "speed_error_max_mps=-1%", "speed_error_max_mps=x"])
+@pytest.mark.parametrize(
+    "text", ["speed=5%", "speed_error_max_mps", "speed_error_max_mps=-1%", "speed_error_max_mps=x"]
+)
 def test_margins_that_are_none_are_refused(text):
     with pytest.raises(InputError, match="--fail-if-worse"):
         parse_margins([text])

@@ -43,9 +43,7 @@ def _print(numbers: dict[str, Any]) -> None:
     heads = ("0 failures", "1", "2", "3", f"{flights} with at most", "chance at a fifth of the allowed failures",
              "expected flights if it stops when proven")  # fmt: skip
     table = new_table(("requirement",), heads, f"{numbers['name']}: flights needed for PASS")
-    place = min(
-        range(len(numbers["rates_over_allowed"])), key=lambda k: abs(numbers["rates_over_allowed"][k] - share)
-    )
+    place = min(range(len(numbers["rates_over_allowed"])), key=lambda k: abs(numbers["rates_over_allowed"][k] - share))
     for entry in numbers["requirements"]:
         most = entry["most_failures_at_runs"]
         table.add_row(

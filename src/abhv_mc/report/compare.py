@@ -74,7 +74,9 @@ def compare_folders(
         names = (f"{folder_a}: {one}", f"{folder_b}: {other}")
         found = pair_numbers(a.flights[one], b.flights[other], names, metrics, requirements)
         if found is not None:
-            gates = {metric: _gate(a.flights[one], b.flights[other], metric, m) for metric, m in (margins or {}).items()}
+            gates = {
+                metric: _gate(a.flights[one], b.flights[other], metric, m) for metric, m in (margins or {}).items()
+            }
             pairs.append(found | {"not_worse": gates})
     if not pairs:
         raise InputError(folder_b, None, None, "no flight that both campaigns flew", f"flights of {folder_a}")

@@ -32,7 +32,11 @@ def driver_numbers(results: Results) -> dict[str, Any]:
         flights = results.flights[controller]
         rows = np.flatnonzero(independent_rows(results, flights.flight))
         kinds = failure_kinds(results, controller)
-        binned = bin_inputs(column[flights.flight[rows]] for column in map(results.samples.__getitem__, names)) if kinds else None
+        binned = (
+            bin_inputs(column[flights.flight[rows]] for column in map(results.samples.__getitem__, names))
+            if kinds
+            else None
+        )
 
         def column(index: int, flown: NDArray[np.int64] = flights.flight[rows]) -> NDArray[np.float64]:
             return np.asarray(results.samples[names[index]][flown], dtype=np.float64)
@@ -80,6 +84,7 @@ def _coefficients(results: Results, controller: str, rows: NDArray[np.intp]) -> 
         order = np.argsort(-np.abs(np.nan_to_num(drivers.srrc[:, column])), kind="stable")[:_LISTED]
         table[metric] = {
             "explained": plain(drivers.explained[column]),
+            "tells": bool(drivers.tells[column]),
             "parameters": [
                 {
                     "parameter": names[row % len(names)],
@@ -87,8 +92,9 @@ def _coefficients(results: Results, controller: str, rows: NDArray[np.intp]) -> 
                     **{kind: interval_at(drivers, kind, row, column) for kind in ("srrc", "prcc")},
                     "p_value": plain(drivers.p_value[row, column]),
                     "driver": bool(drivers.found[row, column]),
+                    "moves_with": names[partner % len(names)] if partner >= 0 else None,
                 }
-                for row in order
+                for row, partner in zip(order, drivers.moves_with[order, column].tolist(), strict=True)
             ],
         }
     return table

@@ -155,5 +155,3 @@ def _values(vehicle: Vehicle, row: str) -> np.ndarray:
     block = tables.data[tables.group_start[group] : stop].reshape(-1, tables.group_width[group])
     values: np.ndarray = block[:, number - tables.group_row[group]]
     return values
-
-

@@ -30,7 +30,9 @@ def fly_again(
     """Rows by controller and flight of those flights that can be computed now; ``parameters(first, stop)`` of them."""
     from joblib import Parallel, delayed
 
-    pieces = [(name, flights[i : i + _PIECE]) for name, flights in again.items() for i in range(0, len(flights), _PIECE)]
+    pieces = [
+        (name, flights[i : i + _PIECE]) for name, flights in again.items() for i in range(0, len(flights), _PIECE)
+    ]
     rows: dict[str, dict[int, Row]] = {}
 
     def fly_piece(name: str, flights: list[int]) -> tuple[str, list[int], FlightBlock]:

@@ -152,9 +152,11 @@ class _Run:
 
     def _to_retry(self, goal: int) -> dict[str, list[int]]:
         """Flights that have to be tried again: what earlier runs left, and all before a look settles anything."""
-        due = self._untried() if self.campaign.looks else {
-            name: tally.uncomputed & self.left[name] & ~self.tried[name] for name, tally in self.tallies.items()
-        }
+        due = (
+            self._untried()
+            if self.campaign.looks
+            else {name: tally.uncomputed & self.left[name] & ~self.tried[name] for name, tally in self.tallies.items()}
+        )
         return {name: np.flatnonzero(mask[:goal]).tolist() for name, mask in due.items() if name in self.asked}
 
     def _whole(self) -> bool:
