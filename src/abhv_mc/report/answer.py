@@ -49,8 +49,6 @@ def _standing(pair: Mapping[str, Any]) -> dict[str, list[str]]:
             words = _SHORT[metric]
             if entry["mixed"]:
                 won, words = "mixed", f"{words} ({_contradiction(entry)})"
-            elif entry["winner"] and entry.get("uncompared_tails"):
-                words = f"{words} (tails not compared)"
             found[won].append(words)
     return found
 
@@ -107,8 +105,19 @@ def _pair_sentence(pair: Mapping[str, Any]) -> str:
         parts.append(f"undecided in {joined(found['mixed'])}")
     if found["open"]:
         parts.append(f"no difference is shown in {joined(found['open'])}")
-    text = "; ".join(parts).replace("it has", f"{controller_label(pair['a'])} has", 1)
+    text = "; ".join(parts).replace("it has", f"{controller_label(pair['a'])} has", 1) + _tails_words(pair)
     return f"against {controller_label(pair['b'])}, on the same {fixed(pair['pairs'], 0)} flights, {text}{_usage_words(pair)}."
+
+
+def _tails_words(pair: Mapping[str, Any]) -> str:
+    """'; tails not compared ...' where the flights are too few to compare the tails of an error with a winner."""
+    metrics = [m for m in (*FOLLOWING, *HOLDING) if m in pair["metrics"]]
+    entries = [pair["metrics"][m] for m in metrics if pair["metrics"][m]["winner"]]
+    levels = sorted({level for entry in entries for level in entry.get("uncompared_tails", [])})
+    if not levels:
+        return ""
+    shown = joined([f"{100.0 * level:.4g} %" for level in levels])
+    return f"; tails not compared at {shown}, for which the flights are too few"
 
 
 def _noteworthy_sentences(numbers: Mapping[str, Any]) -> list[str]:
@@ -117,7 +126,7 @@ def _noteworthy_sentences(numbers: Mapping[str, Any]) -> list[str]:
     texts = []
     kinds = (
         ("saturated", "Surfaces reach a limit of deflection or rate in"),
-        ("outside_tables", "The vehicle's tables end before the flight does in"),
+        ("outside_tables", "The vehicle's tables are left in"),
     )
     for key, words in kinds:
         parts = [
