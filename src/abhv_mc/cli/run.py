@@ -102,9 +102,10 @@ def finish(result: "RunResult", no_report: bool, place: Path | None = None) -> N
         print("incomplete: the same command goes on where this one ended", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
     if not no_report:
-        from abhv_mc.report.build import build_report
+        from abhv_mc.report.build import build_report, is_up_to_date
 
-        print(f"report    {named}/{build_report(result.folder).name}")
+        made = is_up_to_date(result.folder)
+        print(f"report    {named}/{'report.html, up to date' if made else build_report(result.folder).name}")
     if lost := sum(facts["outcomes"].get("failed_to_run", 0) for facts in result.manifest["controllers"].values()):
         count = "1 flight" if lost == 1 else f"{lost} flights"
         print(f"{count} could not be computed: the same command tries again", file=sys.stderr)

@@ -81,6 +81,7 @@ def _differences(folder: CampaignFolder, written: dict[str, Any]) -> Iterator[st
     # Cheap and sharp first: one flipped byte in any file changes its hash.
     yield from differences(written.pop("files", {}), hash_files(root), "files")
     pages = written.pop("pages", {})
+    written.pop("key", None)
     yield from differences(pages, hash_pages(root, pages), "pages")
     pictures = written.pop("pictures", {})
     yield from differences(pictures, hash_pages(root, pictures), "pictures")
