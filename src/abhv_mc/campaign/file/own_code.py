@@ -36,6 +36,6 @@ def _take(place: Path, digest: str, trusted: bool) -> OwnSource:
     raise InputError(place, None, None, found, "the file as it was: restore it, or run with --fresh")
 
 
-def is_folder_copy(campaign: Path) -> bool:
-    """Whether a campaign file is one that the program wrote into a campaign's folder: nobody's own file."""
-    return (campaign.parent / "manifest.json").exists()
+def is_in_a_folder(file: Path) -> bool:
+    """Whether a file is a copy in a campaign's folder: nobody's own file."""
+    return any((parent / "manifest.json").exists() for parent in file.resolve().parents[:5])

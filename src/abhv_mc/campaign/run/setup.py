@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
-from abhv_mc.campaign.file.own_code import is_folder_copy, read_trusted_plan
+from abhv_mc.campaign.file.own_code import is_in_a_folder, read_trusted_plan
 from abhv_mc.campaign.file.resolve import (
     ResolvedCampaign,
     describe_changes,
@@ -115,7 +115,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     wanted = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
     folder = CampaignFolder(request.out or Path("reports") / wanted.model.name)
     for source in _own_code(wanted):
-        if is_folder_copy(request.campaign):
+        if is_in_a_folder(Path(source.file)):
             check_trusted(source, request.trust_code)
         else:  # his own file: he has flown it
             trust(source)
