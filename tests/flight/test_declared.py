@@ -95,10 +95,10 @@ def expected(name, get, settled):
     window = (t >= 2.0 - 1e-9) & (t <= 6.0 + 1e-9)
     with np.errstate(invalid="ignore"):
         return {
-            "least": lambda: rate.min(),
-            "most": lambda: rate.max(),
+            "least": rate.min,
+            "most": rate.max,
             "size": lambda: np.abs(rate).max(),
-            "middle": lambda: get("bank_deg").mean(),
+            "middle": get("bank_deg").mean,
             "root": lambda: np.sqrt((error**2).mean()),
             "last": lambda: error[-1],
             "sum": lambda: np.trapezoid(get("mach"), t),
@@ -162,7 +162,9 @@ def test_thrust_and_heat_flux_channels(repository, tmp_path):
     block = fly(dataclasses.replace(plan, timing=plan.timing._replace(ticks=10)), nominal_parameters(), 1)
     get = lambda name: float(block.history[0, 0, CHANNEL_INDEX[name]])  # noqa: E731
     density = atmosphere(get("altitude_m"))[0]
-    assert np.isclose(get("stagnation_heat_flux_w_m2"), 1.7415e-4 * np.sqrt(density / 0.5) * get("speed_mps") ** 3, rtol=1e-4)
+    assert np.isclose(
+        get("stagnation_heat_flux_w_m2"), 1.7415e-4 * np.sqrt(density / 0.5) * get("speed_mps") ** 3, rtol=1e-4
+    )
     assert 1e4 < get("thrust_n") < 1e7
     assert np.isclose(get("speed_measured_mps"), get("speed_mps"))
     assert np.isclose(get("bank_measured_deg"), get("bank_deg"))

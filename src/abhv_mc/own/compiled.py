@@ -116,7 +116,10 @@ def _make_maker(kind: Any, home: str) -> Any:
     defaults = kind._field_defaults
     parameters = [f"{name}=_{name}" if name in defaults else name for name in kind._fields]
     floats = ", ".join(f"float({name})" for name in kind._fields)
-    names: dict[str, Any] = {f"_{name}": float(value) for name, value in defaults.items()} | {"_kind": kind, "__name__": home}
+    names: dict[str, Any] = {f"_{name}": float(value) for name, value in defaults.items()} | {
+        "_kind": kind,
+        "__name__": home,
+    }
     exec(f"def make({', '.join(parameters)}):\n    return _kind({floats})\n", names)
     return scalar(names["make"])
 

@@ -7,8 +7,8 @@ from abhv_mc.flight.signals import METRICS
 from abhv_mc.statistics.estimates import Sense
 
 _UNITS_BY_SUFFIX = {
-    "_j_m2": "J/m2", "_w_m2": "W/m2", "_mps": "m/s", "_deg": "deg", "_dps": "deg/s", "_kg": "kg", "_pa": "Pa", "_n": "N",
-    "_j": "J", "_g": "g", "_m": "m", "_s": "s",
+    "_j_m2": "J/m2", "_w_m2": "W/m2", "_mps": "m/s", "_deg": "deg", "_dps": "deg/s", "_kg": "kg", "_pa": "Pa",
+    "_n": "N", "_j": "J", "_g": "g", "_m": "m", "_s": "s",
 }  # fmt: skip
 _UNIT_SUFFIXES = tuple(_UNITS_BY_SUFFIX)
 _LOW = ("angle_of_attack_min_deg", "equivalence_ratio_min")

@@ -8,7 +8,13 @@ from pydantic import BaseModel
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.config import Campaign
-from abhv_mc.control.controller_file import ControllerFile, LqrController, PythonController, TlcController, read_controller
+from abhv_mc.control.controller_file import (
+    ControllerFile,
+    LqrController,
+    PythonController,
+    TlcController,
+    read_controller,
+)
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.io.documents import InputError, InputErrors, describe, one_of, read_document
 from abhv_mc.plant.vehicles import load_vehicle
