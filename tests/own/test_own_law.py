@@ -239,7 +239,8 @@ def test_onboard_is_the_nominal_vehicle(make):
     from abhv_mc.flight.signals import CHANNEL_INDEX
 
     names = ["dynamic_pressure", "moment.pitch", "moment_by_elevator.pitch", "moment_by_aileron.roll",
-             "moment_by_rudder.yaw", "thrust_by_equivalence_ratio", "thrust", "lift_by_angle_of_attack", "inertia.yy"]  # fmt: skip
+             "moment_by_rudder.yaw", "thrust_by_equivalence_ratio", "thrust", "lift_by_angle_of_attack",
+             "inertia.yy"]  # fmt: skip
     found = {}
     for three in (names[:3], names[3:6], names[6:]):
         plan = make(text.format(*three), seconds=0.01)

@@ -149,7 +149,7 @@ def test_a_wrong_metric_is_refused_in_place(study, name, entry, words):
     with pytest.raises(InputErrors) as caught:
         read_campaign(file)
     assert words in str(caught.value)
-    assert f"{file}:14:" in str(caught.value)
+    assert f"{file}:13:" in str(caught.value)
 
 
 def test_metrics_from_a_file_of_their_own(study, tmp_path):
