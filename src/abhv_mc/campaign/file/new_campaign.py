@@ -1,5 +1,6 @@
 """A folder to start one's own work from: the default campaign and every file that it needs."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -9,13 +10,14 @@ from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.shipped import shipped_configs, shipped_files
 
 DEFAULT = "s_manoeuvre"
+_LAW = "cascade"
 
 
-def write_new_campaign(folder: Path, name: str = DEFAULT) -> list[Path]:
+def write_new_campaign(folder: Path, name: str = DEFAULT, law: bool = False) -> list[Path]:
     """Fill a new or empty folder with the shipped campaign ``name`` and all that it refers to; name what was written.
 
-    The campaign, ``campaign.yaml``, comes first. Raises :class:`InputError` for an unknown name, or where the folder
-    holds something already.
+    The campaign, ``campaign.yaml``, comes first; ``law`` adds a commented controller of one's own to it.
+    Raises :class:`InputError` for an unknown name, or where the folder holds something already.
     """
     known = shipped_files("campaign")
     if name not in known:
@@ -35,4 +37,19 @@ def write_new_campaign(folder: Path, name: str = DEFAULT) -> list[Path]:
         shutil.copyfile(file, target)
         written.append(target)
     written[0].write_text(source.read_text(encoding="utf-8").replace("../configs/", ""), encoding="utf-8")
+    if law:
+        written += _add_law(folder, written[0])
     return written
+
+
+def _add_law(folder: Path, campaign: Path) -> list[Path]:
+    """The shipped example of a controller of one's own, by the name ``my_law``."""
+    source, target = shipped_configs() / "control", folder / "control"
+    files = [target / "my_law.py", target / "my_law.yaml"]
+    shutil.copyfile(source / f"{_LAW}.py", files[0])
+    text = (source / f"{_LAW}.yaml").read_text(encoding="utf-8").replace(f"{_LAW}.py", files[0].name)
+    files[1].write_text(text, encoding="utf-8")
+    text = campaign.read_text(encoding="utf-8")
+    mine = "  my_law: control/my_law.yaml # your own: control/my_law.py\n"
+    campaign.write_text(re.sub(r"(?m)^(controllers:.*\n)", rf"\1{mine}", text), encoding="utf-8")
+    return files
