@@ -35,6 +35,7 @@ from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.signals import CHANNEL_INDEX
+from abhv_mc.io.input_error import InputError
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.envelopes import is_whole, write_envelopes
 from abhv_mc.store.flights import (
@@ -48,6 +49,7 @@ from abhv_mc.store.flights import (
 from abhv_mc.store.folder import hash_file
 from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
 from abhv_mc.store.samples import SampleReader
+from abhv_mc.store.table_check import check_table
 
 _SAVE_INTERVAL = 5.0  # s between states on disk: what a kill costs the envelopes of a large campaign
 
@@ -99,7 +101,9 @@ class _Run:
         self.done = {name: np.zeros(self.campaign.runs, bool) for name in model.controllers}
         self.collectors: dict[str, Collector] = {}
         provenance = {"seed": str(model.seed), "campaign_hash": self.manifest["campaign_hash"]}
-        self.schema = flights_schema(self.samples.names, provenance | {"version": str(self.manifest["versions"].get("abhv_mc"))})
+        self.schema = flights_schema(
+            self.samples.names, provenance | {"version": str(self.manifest["versions"].get("abhv_mc"))}
+        )
         self.start, self.wall_before = time.monotonic(), float(self.manifest.get("wall_time_s", 0.0))
 
     def run(self) -> RunResult:
@@ -153,10 +157,11 @@ class _Run:
                     raise DamagedFileError(f"{path.name} belongs to no part of this campaign")
                 if self.files.knows(path) and not self.files.holds(path):
                     raise DamagedFileError(f"{path.name} is not as it was written")
+                check_table(path)
                 rows = read_block(path, self.samples.names)
                 if not np.array_equal(rows.samples, self.samples.rows(first, stop)):
                     raise DamagedFileError(f"{path.name} was flown on other samples")
-            except DamagedFileError:
+            except (DamagedFileError, InputError):
                 path.rename(path.with_name(f"_{path.name}.damaged"))  # kept, but hidden from readers of the folder
                 self.files.forget(path)
                 continue
