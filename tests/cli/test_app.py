@@ -112,7 +112,7 @@ def test_threads_without_memory_a_working_folder_that_went_and_long_names_are_no
     monkeypatch.chdir(tmp_path / "gone")
     (tmp_path / "gone").rmdir()
     with pytest.raises(FileNotFoundError) as error:
-        os.getcwd()
+        Path.cwd()
     assert exit_code_of(error.value) == ExitCode.BAD_INPUT
     said = capsys.readouterr().err
     assert "not enough memory" in said and "was deleted" in said and "Traceback" not in said

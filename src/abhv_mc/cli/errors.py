@@ -52,9 +52,17 @@ def exit_code_of(error: BaseException) -> int | str | None:
     return ExitCode.DEFECT
 
 
+def _working_folder_is_gone() -> bool:
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return True
+    return False
+
+
 def _explain(error: OSError) -> Exception:
     """A full disk or a closed folder as what it is, wherever it was met; other errors as they are."""
-    if isinstance(error, FileNotFoundError) and error.filename is None and not Path().exists():
+    if isinstance(error, FileNotFoundError) and error.filename is None and _working_folder_is_gone():
         return InputError(".", None, None, "a working folder that was deleted", "one that is there (cd)")
     try:
         with told_plainly(Path(error.filename or ".")):
