@@ -14,7 +14,7 @@ from typing import Any
 from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, select_requirements
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
 from abhv_mc.store.folder import CampaignFolder, hash_file, is_inside, write_bytes, write_whole
-from abhv_mc.store.hashes import FileHashes
+from abhv_mc.store.hashes import FileHashes, refuse_links
 
 _YAML = (".yaml", ".yml")
 _DATA = (".csv", ".parquet", ".pq", ".json", ".gz", ".py")
@@ -173,6 +173,7 @@ def read_held(folder: CampaignFolder, manifest: dict[str, Any]) -> ResolvedCampa
 
 def read_own_campaign(folder: CampaignFolder) -> CheckedCampaign:
     """The campaign of a results folder. Raises InputError where it is none, or refers to files outside the folder."""
+    refuse_links(folder.root)
     document = read_document(folder.campaign)
     _refuse_outside(folder, document, _references_of(document.data))
     return check_campaign(document)

@@ -1,5 +1,6 @@
 """Before a campaign flies: everything checked, then its folder made, or found and proven to be the same campaign."""
 
+import contextlib
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
@@ -41,6 +42,7 @@ from abhv_mc.store.manifest import COMPLETE, RUNNING, read_manifest, read_whole_
 from abhv_mc.store.plans import pack_plan, write_plan
 from abhv_mc.store.provenance import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.store.samples import ROW_GROUP, SampleReader, write_samples
+from abhv_mc.store.table_check import check_table
 
 _NEEDED = {"name", "campaign_hash", "source_hash", "inputs", "versions", "controllers"}  # to go on with a folder
 Prepare = Callable[[Path, Path, Path, str], FlightPlan]
@@ -343,7 +345,11 @@ def _write_samples(folder: CampaignFolder, campaign: CheckedCampaign, files: Fil
     try:
         if not files.holds(folder.samples):
             raise OSError("not as it was written")
-        held = SampleReader(folder.samples)
+        with contextlib.suppress(InputError):
+            check_table(folder.samples)
+            held = SampleReader(folder.samples)
+        if held is None:
+            raise OSError("no table of samples")
         held.verify()
         if held.names == tuple(source.names) and held.flights == campaign.runs:
             return
