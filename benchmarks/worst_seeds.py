@@ -1,6 +1,7 @@
 """How `abhv-mc worst` compares with as many random flights in the same box, seed by seed, and how fast it flies.
 
     python benchmarks/worst_seeds.py [--campaign FILE] [--metric NAME] [--controller NAME] [--seeds 20] [--flights 2000]
+        [--json FILE]
 
 One line for each seed: the worst value of the search and of the random flights (those that `worst` flies for its page).
 The last line counts the seeds in which the search is not below, and gives the flights a second of the search over those
@@ -8,6 +9,7 @@ of plain blocks of 128 flights on the same executor, medians over the seeds.
 """
 
 import argparse
+import json
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -24,7 +26,7 @@ from abhv_mc.search.worst import search_worst
 
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = 128
-PLAIN = 2048
+PLAIN = 512
 
 
 def fly_plain(search: SearchFlights, values: np.ndarray) -> float:
@@ -44,8 +46,9 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--flights", type=int, default=2000)
     parser.add_argument("--box", type=float, default=3.0)
+    parser.add_argument("--json", type=Path, default=None)
     arguments = parser.parse_args()
-    held, ratios = 0, []
+    held, ratios, rows = 0, [], []
     with tempfile.TemporaryDirectory() as folder:
         request = SearchRequest(arguments.campaign, Path(folder) / "search", arguments.controller)
         with open_search(request, {"kind": "benchmark"}, 1, make_engine()) as search:
@@ -69,8 +72,20 @@ def main() -> None:
                     for i in range(0, len(values), 256)
                 )
                 held += found.value >= random
+                rows.append({"seed": seed, "search": found.value, "random": random})
                 print(f"seed {seed}: search {found.value:.6g}, random {random:.6g}", flush=True)
     print(f"not below in {held} of {arguments.seeds} seeds; {median(ratios):.2f} times the plain flights a second")
+    if arguments.json:
+        result = {
+            "campaign": arguments.campaign.stem,
+            "controller": request.controller or "the first",
+            "metric": arguments.metric,
+            "flights": arguments.flights,
+            "not_below": held,
+            "rate_over_plain": median(ratios),
+            "seeds": rows,
+        }
+        arguments.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -254,6 +254,8 @@ def _check_same(folder: CampaignFolder, settings: dict[str, Any], identity: str,
     if manifest.get("campaign_hash") != identity:
         raise InputError(folder.root, None, None, "a folder that holds a search of another campaign", wish)
     changes = [f"{key}: {held.get(key)} -> {value}" for key, value in settings.items() if held.get(key) != value]
+    if changes and changes[0].startswith("flights:") and len(changes) == 1:
+        wish = "another folder (-o DIR): where a search goes depends on how many flights it has from its beginning"
     if changes:
         raise InputError(folder.root, None, None, "a folder that holds another search: " + ", ".join(changes), wish)
     check_source(folder, manifest, engine)

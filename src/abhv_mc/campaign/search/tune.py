@@ -167,8 +167,8 @@ def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneF
     numbers = read_controller_numbers(model.controllers[name], block.free, document, where)
     space = make_space(campaign)
     if any(limit.is_margin for limit in block.limits):
-        start = engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
-        _check_margins(block, document, where, start.timing.duration, len(space.names))
+        plan = engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
+        _check_margins(block, document, where, plan.timing.duration, len(space.names))
     # Threads: every candidate has a plan of its own, which worker processes would have to be sent and would keep. A
     # crash in compiled code ends the program; the same command then goes on with what is kept.
     execution = model.execution.model_copy(update={"isolation": THREADS})
