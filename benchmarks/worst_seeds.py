@@ -4,6 +4,7 @@
         [--json FILE]
 
 One line for each seed: the worst value of the search and of the random flights (those that `worst` flies for its page).
+In the JSON a flight that ended early has 1e9 and the seconds that it had left.
 The last line counts the seeds in which the search is not below, and gives the flights a second of the search over those
 of plain blocks of 128 flights on the same executor, medians over the seeds.
 """
@@ -21,7 +22,7 @@ import numpy as np
 from abhv_mc.campaign.run.setup import make_engine
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.campaign.search.flights import SearchFlights, SearchRequest, open_search
-from abhv_mc.campaign.search.severity import Severity
+from abhv_mc.campaign.search.severity import ENDED_EARLY, Severity
 from abhv_mc.search.worst import search_worst
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -36,6 +37,11 @@ def fly_plain(search: SearchFlights, values: np.ndarray) -> float:
     with ThreadPoolExecutor(search.executor.workers) as threads:
         list(threads.map(lambda i: search.executor.fly(search.plan, rows[i : i + BLOCK], None), range(0, PLAIN, BLOCK)))
     return PLAIN / (time.monotonic() - start)
+
+
+def shown(severity: float) -> str:
+    """A severity as its metric, or that the flight ended early, which is worse the earlier."""
+    return f"{severity:.6g}" if severity < ENDED_EARLY else f"ended early ({severity - ENDED_EARLY:.4g} s left)"
 
 
 def main() -> None:
@@ -73,7 +79,7 @@ def main() -> None:
                 )
                 held += found.value >= random
                 rows.append({"seed": seed, "search": found.value, "random": random})
-                print(f"seed {seed}: search {found.value:.6g}, random {random:.6g}", flush=True)
+                print(f"seed {seed}: search {shown(found.value)}, random {shown(random)}", flush=True)
     print(f"not below in {held} of {arguments.seeds} seeds; {median(ratios):.2f} times the plain flights a second")
     if arguments.json:
         result = {
