@@ -112,39 +112,30 @@ def test_a_campaign_and_a_search_do_not_share_a_folder(abhv_mc, campaign):
     assert code == 2 and "a campaign's flights" in err
 
 
-@pytest.fixture
-def searched(abhv_mc, campaign):
-    """Folders of a finished search of each kind."""
-    assert abhv_mc("worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "worst")[0] == 0
-    assert abhv_mc("rare", campaign, "--requirement", METRIC, "--flights", 5000, "-o", "rare")[0] == 0
-    return "worst", "rare"
-
-
-def test_report_names_the_command_that_makes_a_searchs_page_again(abhv_mc, searched):
-    for folder in searched:
-        before = Path(folder, "report.html").read_bytes()
-        Path(folder, "report.html").unlink()
-        code, _, err = abhv_mc("report", folder)
-        assert code == 2 and "the flights of a search" in err
-        command = re.search(r"abhv-mc (.* -o \S+)", " ".join(err.split()))[1]
-        assert abhv_mc(*shlex.split(command))[0] == 0
-        assert Path(folder, "report.html").read_bytes() == before
-
-
-def test_verify_holds_a_search_against_its_flights(abhv_mc, searched):
-    for folder in searched:
-        code, out, _ = abhv_mc("verify", "campaign", folder)
-        assert code == 0 and "follow from them" in out
-        first = min(Path(folder, "flights").glob("*.parquet"))
-        first.write_bytes(first.read_bytes()[:-100])
-        code, out, _ = abhv_mc("verify", "campaign", folder)
-        assert code == 1 and "flights/" in out
-
-
-def test_verify_sees_a_result_that_the_flights_do_not_have(abhv_mc, searched):
-    for folder, key in zip(searched, ("value", "failures"), strict=True):
-        manifest = read_manifest(Path(folder, "manifest.json"))
-        manifest["result"][key] += 1
-        write_manifest(Path(folder, "manifest.json"), manifest)
-        code, out, _ = abhv_mc("verify", "campaign", folder)
-        assert code == 1 and out.startswith(f"{key}: ")
+@pytest.mark.parametrize(
+    "words, key",
+    [
+        (("worst", "--metric", METRIC, "--flights", 400), "value"),
+        (("rare", "--requirement", METRIC, "--flights", 5000), "failures"),
+    ],
+)
+def test_report_and_verify_know_a_searchs_folder(abhv_mc, campaign, words, key):
+    assert abhv_mc(words[0], campaign, *words[1:], "-o", "out")[0] == 0
+    before = Path("out/report.html").read_bytes()
+    Path("out/report.html").unlink()
+    code, _, err = abhv_mc("report", "out")
+    assert code == 2 and "the flights of a search" in err
+    command = re.search(r"abhv-mc (.* -o \S+)", " ".join(err.split()))[1]
+    assert abhv_mc(*shlex.split(command))[0] == 0  # the command that it names makes the page again
+    assert Path("out/report.html").read_bytes() == before
+    code, out, _ = abhv_mc("verify", "campaign", "out")
+    assert code == 0 and "follow from them" in out
+    manifest = read_manifest(Path("out/manifest.json"))
+    manifest["result"][key] += 1
+    write_manifest(Path("out/manifest.json"), manifest)
+    code, out, _ = abhv_mc("verify", "campaign", "out")
+    assert code == 1 and out.startswith(f"{key}: ")
+    first = min(Path("out/flights").glob("*.parquet"))
+    first.write_bytes(first.read_bytes()[:-100])
+    code, out, _ = abhv_mc("verify", "campaign", "out")
+    assert code == 1 and "flights/" in out
