@@ -79,8 +79,11 @@ def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
     from abhv_mc.report.gallery import make_figures
     from abhv_mc.report.numbers import make_numbers
     from abhv_mc.report.page import PageFigure, make_markdown, make_page
+    from abhv_mc.report.searched import refuse_search
     from abhv_mc.store.folder import write_text
+    from abhv_mc.store.manifest import read_manifest
 
+    refuse_search(folder, read_manifest(CampaignFolder(folder).manifest))
     results = read_results(folder)
     numbers = {**make_numbers(results), "files": hash_files(folder)}
     figures_folder = folder / "figures"
