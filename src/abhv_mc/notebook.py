@@ -100,7 +100,10 @@ class Campaign:
 
 
 class CampaignResults:
-    """What a campaign's folder holds; every table is a pandas DataFrame, SI except angles in degrees."""
+    """What a campaign's folder holds; every table is a pandas DataFrame, SI except angles in degrees.
+
+    ``attrs["units"]`` of a table has the unit of each column that says it.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -296,7 +299,11 @@ class CampaignResults:
         import pyarrow.parquet as pq
 
         tables = [pq.read_table(file, partitioning=None) for file in files]
-        return pa.concat_tables(tables, promote_options="default").to_pandas()
+        whole = pa.concat_tables(tables, promote_options="default")
+        table = whole.to_pandas()
+        units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in whole.schema}
+        table.attrs["units"] = {name: unit for name, unit in units.items() if unit}
+        return table
 
     def __repr__(self) -> str:
         facts = self.manifest
