@@ -51,7 +51,7 @@ def rank_worst(flights: ControllerFlights, requirements: tuple[Requirement, ...]
 
 def _largest(samples: Mapping[str, float], spread: Mapping[str, tuple[float, float]]) -> list[dict[str, Any]]:
     """The dispersions furthest from the campaign's mean in its standard deviations (its sigma), furthest first."""
-    moved = [
+    moved: list[dict[str, Any]] = [
         {"parameter": key, "value": samples[key], "sigma": (samples[key] - mean) / sigma if sigma > 0.0 else 0.0}
         for key, (mean, sigma) in spread.items()
     ]
