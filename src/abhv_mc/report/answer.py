@@ -106,8 +106,8 @@ def _pair_sentence(pair: Mapping[str, Any]) -> str:
     if found["open"]:
         parts.append(f"no difference is shown in {joined(found['open'])}")
     text = "; ".join(parts).replace("it has", f"{controller_label(pair['a'])} has", 1) + _tails_words(pair)
-    rival, flights = controller_label(pair["b"]), fixed(pair["pairs"], 0)
-    return f"against {rival}, on the same {flights} flights, {text}{_usage_words(pair)}."
+    flights = f"on the same {fixed(pair['pairs'], 0)} flights"
+    return f"against {controller_label(pair['b'])}, {flights}, {text}{_usage_words(pair)}."
 
 
 def _tails_words(pair: Mapping[str, Any]) -> str:

@@ -185,8 +185,8 @@ class _Run:
     def _take_stock(self) -> None:
         """Read every block that is there; what is damaged, foreign or double is flown again."""
         self.tallies = make_tallies(self.campaign)
-        for done in self.done.values():
-            done[:] = False
+        for flown in self.done.values():
+            flown[:] = False
         for path in sorted(self.folder.flights.glob("*.parquet")):
             try:
                 controller, first, stop = parse_block_name(path)
