@@ -12,6 +12,7 @@ import numpy as np
 
 from abhv_mc.campaign.run.setup import Engine
 from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.declared import NO_METRICS
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Limits, Timing
 from abhv_mc.flight.signals import CHANNELS, METRICS
 from abhv_mc.io.input_error import InputError
@@ -34,6 +35,8 @@ def make_plan(name: str, gain: float = 1.0) -> FlightPlan:
         "reference": np.zeros((TICKS + 1, 40)),
         "gains": np.full((TICKS + 1, 3), gain),
         "warnings": np.empty(0, dtype=np.str_),
+        "declared": NO_METRICS,
+        **{"source_hash": "", "channels_hash": "", "source": None, "channels_source": None},
     }
     return FlightPlan(**parts)
 
