@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.campaign.run.setup import Engine
-from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.declared import NO_METRICS
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Limits, Timing
 from abhv_mc.flight.signals import CHANNELS, METRICS
 from abhv_mc.io.input_error import InputError

@@ -110,7 +110,7 @@ def expected(name, get, settled):
             "turns": lambda: reversals(rate, 0.0),
             "large_turns": lambda: reversals(error, 0.5),
             "late_swing": lambda: np.ptp(error[settled[: len(t)]]) if settled[: len(t)].any() else np.nan,
-            "mixed": lambda: (np.sqrt(np.abs(rate) + 1) * np.minimum(get("mach"), 3) + get("bank_deg") / 2).max(),
+            "mixed": (np.sqrt(np.abs(rate) + 1) * np.minimum(get("mach"), 3) + get("bank_deg") / 2).max,
             "wave": lambda: np.maximum(np.sin(0.02 * get("bank_deg")), np.cos(get("mach"))).min(),
             "never": lambda: np.nan,
         }[name]()
