@@ -83,7 +83,7 @@ def test_workers_resume_and_replay_give_the_same_digest(study, tmp_path):
     assert results.flights["mine"].metrics["twist_max"].min() > 0.0
     entry = read_manifest(tmp_path / "two" / "manifest.json")["requirements"][0]
     assert (entry["metric"], entry["verdict"]) == ("late_bank_swing_deg", "PASS")
-    assert "late_bank_swing_deg" in build_report(tmp_path / "two").read_text()
+    assert "Late bank swing" in build_report(tmp_path / "two").read_text()
 
 
 def test_another_text_is_another_campaign(study, tmp_path):
