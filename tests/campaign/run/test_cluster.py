@@ -169,7 +169,7 @@ def test_one_worker_killed_and_one_late_give_the_same_digest(dask, tmp_path):
         assert pq.read_table(tmp_path / "a" / name).equals(pq.read_table(tmp_path / "b" / name))
 
 
-def test_a_scheduler_that_dies_ends_the_campaign_in_words_and_the_same_command_goes_on(dask, tmp_path, capsys):
+def test_a_scheduler_that_dies_ends_the_campaign_in_words_and_the_same_command_goes_on(dask, tmp_path):
     dask.start_worker()
     campaign, out = write_campaign(tmp_path / "f", execution="{batch: 8}"), tmp_path / "out"
 
@@ -180,7 +180,7 @@ def test_a_scheduler_that_dies_ends_the_campaign_in_words_and_the_same_command_g
 
     killer = threading.Thread(target=kill_it)
     killer.start()
-    with pytest.raises(BaseException) as ended:
+    with pytest.raises(BaseException) as ended:  # noqa: PT011  # of many kinds
         run_campaign(Request(campaign, out, scheduler=dask.address), replace(ENGINE, fly=fly_slowly))
     killer.join()
     assert isinstance(ended.value, UnusableError) or exit_code_of(ended.value) == ExitCode.INCOMPLETE
