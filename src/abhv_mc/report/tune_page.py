@@ -59,7 +59,11 @@ def _answers(found: TuneFound) -> list[str]:
             change,
         ]
     else:
-        why = f"beyond its limits on fresh flights: {'; '.join(broken)}" if broken else "the interval is not all below zero"
+        why = (
+            f"beyond its limits on fresh flights: {'; '.join(broken)}"
+            if broken
+            else "the interval is not all below zero"
+        )
         answers = [f"No file is written: {why}.", change]
     ends = found.numbers.at_ends(found.tuning.place)
     if ends:
