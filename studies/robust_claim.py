@@ -100,7 +100,8 @@ def margin_table(entrants: dict[str, Entrant]) -> Iterator[str]:
             continue
         cells = [
             f"{side(row['gain_margin_low_db'])} / {side(row['gain_margin_high_db'])} dB, "
-            f"{row['phase_margin_deg']:.0f} deg, {row['delay_margin_ms']:.0f} ms"
+            + ("any phase" if row["phase_margin_deg"] is None else f"{row['phase_margin_deg']:.0f} deg")
+            + ("" if row["delay_margin_ms"] is None else f", {row['delay_margin_ms']:.0f} ms")
             for row in loops
         ]
         least = f"{entrant.least[0]:.1f} dB, {entrant.least[1]:.0f} deg, {entrant.least[2]:.0f} ms"
