@@ -145,10 +145,10 @@ quantiles, and loses no more flights.
 
 ## Table 1 against the paper's weights and the retuned LQR, paper's box
 
-TLC is Table 1. LQR flies with the paper's weights, which stabilise none of these vehicles (see `docs/margins.md`), and \
-retuned for each by `studies/retune_lqr.py`, which searches for weights of small errors at no more than {allowed} times \
-TLC's usage (each surface's rms from trim, and its travel, nominal S) and asks for no margins: its throttle loop bears \
-10 ms of delay.
+TLC is Table 1. LQR flies with the paper's weights, which stabilise none of these vehicles (see `docs/margins.md`), \
+and retuned for each by `studies/retune_lqr.py`, which searches for weights of small errors at no more than {allowed} \
+times TLC's usage (each surface's rms from trim, and its travel, nominal S) and asks for no margins: its throttle loop \
+bears 10 ms of delay.
 
 """
 
