@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from campaign.search.line_flight import LINE, METRIC, fly_line, write_line
+from campaign.search.tuned_flight import ENGINE, write_tuned
 
 from abhv_mc.cli.app import main
 from abhv_mc.store.manifest import read_manifest, write_manifest
@@ -79,6 +80,24 @@ def test_rare_gives_an_estimate_or_refuses_with_exit_code_1(abhv_mc, campaign):
     refused = read_json("no.json")
     assert refused["probability"] is None and refused["refusal"]
     assert "no trustworthy estimate" in Path("no/report.html").read_text(encoding="utf-8")
+
+
+def test_tune_writes_the_file_and_a_page_or_says_why_not(abhv_mc, tmp_path, monkeypatch):
+    monkeypatch.setattr("abhv_mc.campaign.search.tune.make_engine", lambda: ENGINE)
+    campaign = write_tuned(tmp_path).campaign
+    words = ("tune", campaign, "--tune", "block.yaml")
+    code, out, _ = abhv_mc(*words, "-o", "new.yaml", "--json", "new.json")
+    assert code == 0 and "95 % interval" in out
+    page = Path("new.html").read_text(encoding="utf-8")
+    assert f"{read_json('new.json')['fresh'][0]['best']:.4g} instead of" in page
+    assert "It is shown for this campaign" in page and page.count("<img ") == 2
+    impossible = Path("block.yaml").read_text(encoding="utf-8").replace("below_start_times: 1.5", "below: 0.01")
+    Path("block.yaml").write_text(impossible, encoding="utf-8")
+    code, out, err = abhv_mc(*words, "-o", "no.yaml")
+    assert code == 1 and "not shown to be better" in err and "broken" in out
+    page = Path("no.html").read_text(encoding="utf-8")
+    assert "No file is written: no candidate kept every limit" in page and "It is shown for" not in page
+    assert not Path("no.yaml").exists()
 
 
 @pytest.mark.parametrize(

@@ -163,7 +163,8 @@ def write_rare_page(found: RareFound, path: Path) -> Path:
                 "failures",
                 "Where failures live",
                 "Each parameter as the standard normal number behind it, among failures, beside all flights. A "
-                "parameter whose failures look like all flights does not matter. Correlations are left out.",
+                "parameter whose failures look like all flights does not matter. The "
+                "numbers are those before correlations are applied.",
                 plot_failures(found.names, estimate.failures),
             )
         )

@@ -1,57 +1,18 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
-from campaign.fake_flight import LIFT, make_plan, write_campaign
+from campaign.fake_flight import LIFT, write_campaign
+from campaign.search.tuned_flight import BLOCK, CONTROLLER, ENGINE, fly, prepare, write_tuned
 
 from abhv_mc.campaign.run.setup import Engine
 from abhv_mc.campaign.search import tune as module
 from abhv_mc.campaign.search.tune import TuneRequest, tune_controller
 from abhv_mc.control.controller_file import read_controller
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.flight.signals import METRIC_INDEX, METRICS
 from abhv_mc.io.documents import InputError
-
-ERROR, TRAVEL = METRIC_INDEX["altitude_error_rms_m"], METRIC_INDEX["elevator_travel_deg"]
-CONTROLLER = (Path(__file__).parents[3] / "configs/control/tlc.yaml").read_text(encoding="utf-8")
-BLOCK = """\
-free: [{key: altitude.damping, factor: 3}, {key: altitude.bandwidth, factor: 4}]
-minimise: {metric: altitude_error_rms_m, quantile: 0.9}
-limits:
-  - {metric: elevator_travel_deg, quantile: 0.5, below_start_times: 1.5}
-candidates: 113
-validation: 200
-"""
-
-
-def prepare(vehicle, mission, controller, name):
-    law = read_controller(controller)
-    plan = make_plan(name)
-    plan.gains[0, :2] = law.altitude.damping, law.altitude.bandwidth
-    return plan
-
-
-def fly(plan, parameters, record_every=None):
-    """Least error at a damping of 3 and a bandwidth of 0.06; the travel grows with the bandwidth."""
-    damping, bandwidth = plan.gains[0, :2]
-    lift = (parameters[:, LIFT] - 1.0) / 0.05
-    metrics = np.zeros((len(lift), len(METRICS)))
-    metrics[:, ERROR] = 1.0 + np.log(damping / 3.0) ** 2 + np.log(bandwidth / 0.06) ** 2 + 0.2 * np.abs(lift)
-    metrics[:, TRAVEL] = 100.0 * bandwidth + np.zeros(len(lift))
-    outcome = np.where(lift > 2.5, int(Outcome.SIDESLIP_LIMIT), int(Outcome.OK))
-    return FlightBlock(outcome, np.full(len(lift), 2.0), metrics, np.empty((len(lift), 0, 0), np.float32), np.empty(0))
-
-
-ENGINE = Engine(prepare, fly, "tuned")
 
 
 @pytest.fixture
 def request_(tmp_path):
-    campaign = write_campaign(tmp_path / "files", dispersions="{aero.lift: {distribution: normal, sigma: 5 %}}")
-    (tmp_path / "files/one.yaml").write_text(CONTROLLER, encoding="utf-8")
-    (tmp_path / "block.yaml").write_text(BLOCK, encoding="utf-8")
-    return TuneRequest(campaign, tmp_path / "new.yaml", block=tmp_path / "block.yaml", workers=2)
+    return write_tuned(tmp_path)
 
 
 def test_finds_the_best_numbers_within_the_limit_and_writes_them(request_):
@@ -103,14 +64,14 @@ def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(
     """The fake margin falls with the bandwidth, and with the lift's distance from nominal."""
     seen = []
 
-    def margins_of(self, file, plan):
-        bandwidth = read_controller(file).altitude.bandwidth
+    def margins_of(self, candidate):
+        bandwidth = candidate.controller.altitude.bandwidth
         lift = np.abs(self.vehicles[:, LIFT] - 1.0) / 0.05
         seen.append((len(lift), self.margins_at))
         return np.tile(((12.0 - 100.0 * bandwidth) - lift)[:, None], (1, 4))
 
     monkeypatch.setattr("abhv_mc.campaign.search.tune_trials.Trials.margins_of", margins_of)
-    text = "limits: [{metric: gain_margin_min_db, above: 7%s}]\nmargins_at: [trim, 1 s]\ncandidates: 209\n"
+    text = "limits: [{metric: gain_margin_min_db, above: 7%s}]\nmargins_at: [trim, 1 s]\ncandidates: 161\n"
     start = BLOCK[: BLOCK.index("limits:")]
     for vehicles, vehicle_count, wanted in (("", 1, 0.05), (", vehicles: corners", 3, 0.02)):
         request_.block.write_text(start + text % vehicles, encoding="utf-8")

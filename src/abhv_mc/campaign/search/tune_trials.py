@@ -1,5 +1,6 @@
 """What tuning learns of each candidate: its flights and its stability margins, kept in files as they are found."""
 
+import functools
 import hashlib
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -17,7 +18,7 @@ from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
 from abhv_mc.campaign.sampling.samples import DrawnSamples, spread_parameters
 from abhv_mc.campaign.search.controller_numbers import ControllerNumbers
 from abhv_mc.campaign.search.space import Space
-from abhv_mc.control.controller_file import read_controller
+from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
@@ -40,6 +41,14 @@ class Trial:
 
     metrics: Floats  # [flight, metric]; not-a-number in the rows of flights that are lost
     margins: Floats  # [vehicle, MARGINS], the nominal one first; no rows where no limit asks for them
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A controller with its numbers, and the plan of its flights."""
+
+    controller: Controller
+    plan: FlightPlan
 
 
 def cornered_vehicles(space: Space, block: Tune) -> Floats:
@@ -82,17 +91,18 @@ class Trials:
         return [found[place] for place in places.reshape(-1).tolist()]
 
     def _one(self, point: Floats, parameters: Floats) -> Trial:
-        metrics = self._remember(point, parameters, lambda key: self._fly(point, parameters, key))
+        candidate = self._plan(point)
+        metrics = self._remember(point, parameters, lambda: self._fly(candidate(), parameters))
         if not len(self.vehicles):
             return Trial(metrics, np.empty((0, len(MARGINS))))
-        return Trial(metrics, self._remember(point, self.vehicles, lambda key: self._find_margins(point, key)))
+        return Trial(metrics, self._remember(point, self.vehicles, lambda: self.margins_of(candidate())))
 
-    def _remember(self, point: Floats, parameters: Floats, make: Callable[[str], Floats]) -> Floats:
+    def _remember(self, point: Floats, parameters: Floats, make: Callable[[], Floats]) -> Floats:
         key = hashlib.sha256(point.tobytes() + parameters.tobytes() + self.identity.encode()).hexdigest()[:32]
         path = self.kept / f"{key}.npy"
         if path.exists():
             return np.asarray(np.load(path, allow_pickle=False), np.float64)
-        values = make(key)
+        values = make()
 
         def write(aside: Path) -> None:
             with aside.open("wb") as file:
@@ -101,48 +111,45 @@ class Trials:
         write_whole(path, write)
         return values
 
-    def _fly(self, point: Floats, parameters: Floats, key: str) -> Floats:
-        def fly(file: Path) -> Floats:
-            plan = self._plan(file)
-            starts = range(0, len(parameters), _BLOCK)
-            pieces = [self.executor.fly(plan, parameters[start : start + _BLOCK], None) for start in starts]
-            metrics = np.concatenate([piece.metrics for piece in pieces])
-            lost = np.concatenate([piece.outcome for piece in pieces]) != Outcome.OK
-            return np.where(lost[:, None], np.nan, metrics)
+    def _fly(self, candidate: Candidate | None, parameters: Floats) -> Floats:
+        if candidate is None:
+            return np.full((len(parameters), len(METRIC_INDEX)), np.nan)
+        starts = range(0, len(parameters), _BLOCK)
+        pieces = [self.executor.fly(candidate.plan, parameters[start : start + _BLOCK], None) for start in starts]
+        metrics = np.concatenate([piece.metrics for piece in pieces])
+        lost = np.concatenate([piece.outcome for piece in pieces]) != Outcome.OK
+        return np.where(lost[:, None], np.nan, metrics)
 
-        return self._with_file(point, key, fly, np.full((len(parameters), len(METRIC_INDEX)), np.nan))
-
-    def _find_margins(self, point: Floats, key: str) -> Floats:
-        def find(file: Path) -> Floats:
-            return self.margins_of(file, self._plan(file))
-
-        return self._with_file(point, key, find, np.zeros((len(self.vehicles), len(MARGINS))))
-
-    def margins_of(self, file: Path, plan: FlightPlan) -> Floats:
-        """Least margins ``[vehicle, MARGINS]`` of a controller's file; zero where it does not stabilise."""
-        model = self.campaign.model
+    def margins_of(self, candidate: Candidate | None) -> Floats:
+        """Least margins ``[vehicle, MARGINS]``; zero where there is no controller, or none in steady flight."""
+        model, none = self.campaign.model, np.zeros((len(self.vehicles), len(MARGINS)))
+        if candidate is None:
+            return none
         try:
             steady = make_steady_plan(
-                load_vehicle(model.vehicle), read_mission(model.mission), read_controller(file), self.name
+                load_vehicle(model.vehicle), read_mission(model.mission), candidate.controller, self.name
             )
-        except np.linalg.LinAlgError:
-            return np.zeros((len(self.vehicles), len(MARGINS)))
-        found = margins_of_flights(plan, steady, self.vehicles, self.margins_at)
+        except (InputError, np.linalg.LinAlgError):
+            return none
+        found = margins_of_flights(candidate.plan, steady, self.vehicles, self.margins_at)
         return np.column_stack([found.gain_db, found.phase_deg, found.delay_ms, found.disk])
 
-    def _with_file(self, point: Floats, key: str, use: Callable[[Path], Floats], none: Floats) -> Floats:
-        """What ``use`` makes of the candidate's file; ``none`` where its numbers make no controller."""
-        file = self.kept / f"{key}.yaml"
-        try:
-            self.numbers.write(file, point)
-            return use(file)
-        except InputError:
-            if not np.any(point):
-                raise
-            return none
-        finally:
-            file.unlink(missing_ok=True)
-
-    def _plan(self, file: Path) -> FlightPlan:
+    def _plan(self, point: Floats) -> Callable[[], Candidate | None]:
+        """Makes the candidate's plan once, when it is first asked for; None where its numbers make no controller."""
+        file = self.kept / f"{hashlib.sha256(point.tobytes()).hexdigest()[:32]}.yaml"
         model = self.campaign.model
-        return self.engine.prepare(model.vehicle, model.mission, file, self.name)
+
+        @functools.cache
+        def make() -> Candidate | None:
+            try:
+                self.numbers.write(file, point)
+                plan = self.engine.prepare(model.vehicle, model.mission, file, self.name)
+                return Candidate(read_controller(file), plan)
+            except InputError:
+                if not np.any(point):
+                    raise
+                return None
+            finally:
+                file.unlink(missing_ok=True)
+
+        return make
