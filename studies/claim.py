@@ -1,4 +1,4 @@
-"""Is it true that 'with nearly the same control usage TLC tracks better'? Writes docs/claim.md.
+"""Is it true that 'with nearly the same control usage TLC tracks better'? Writes docs/explanation/claim.md.
 
     python studies/claim.py [--flights 400]
 
@@ -163,7 +163,7 @@ def main() -> None:
         print(f"{vehicle} flown", flush=True)
     lines = [*head, *summary, "", *sections]
     text = "\n".join(wrapped(line) for line in lines)
-    (ROOT / "docs/claim.md").write_text(text.rstrip() + "\n", encoding="utf-8")
+    (ROOT / "docs/explanation/claim.md").write_text(text.rstrip() + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
