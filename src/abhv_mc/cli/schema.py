@@ -19,7 +19,6 @@ def command(kind: Annotated[Kind, typer.Argument(help="The kind of file.")]) -> 
     """Print the JSON Schema of a kind of file."""
     import json
 
-    from abhv_mc.campaign.file.inputs import MODELS
+    from abhv_mc.campaign.file.schema import make_schema
 
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | MODELS[kind.value].model_json_schema()
-    print(json.dumps(schema, indent=2))
+    print(json.dumps(make_schema(kind.value), indent=2))
