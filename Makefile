@@ -3,6 +3,7 @@
 # make docs    the site, in docs/_build/html                make bench-peers  speed beside other simulators
 # make lock    renew both lock files                        make example      renew reports/example
 # make dist    build and check what a release publishes
+# make newest-numba  a short flight with the newest numba, pre-releases included: reports, never fails
 #
 # PYTHON=python3.12 make test chooses the interpreter that .venv is made with.
 
@@ -15,7 +16,7 @@ REPORT := reports/s_manoeuvre/report.html
 TEST_WORKERS ?= 2
 SELF_CHECKS := tests/verification tests/world tests/control/test_retuned.py
 
-.PHONY: run test docs example verify bench bench-peers lock dist clean
+.PHONY: run test docs example verify bench bench-peers newest-numba lock dist clean
 .DELETE_ON_ERROR:
 
 run: $(INSTALLED)
@@ -49,6 +50,9 @@ bench: $(INSTALLED)
 bench-peers: $(INSTALLED)
 	$(BIN)/python -m benchmarks.peers.run
 
+newest-numba: $(INSTALLED)
+	$(BIN)/python .ci/newest_numba.py
+
 # A lock names versions for every Python that the project supports, and no index.
 LOCK := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --no-header --no-annotate pyproject.toml
 
@@ -59,7 +63,7 @@ lock: $(INSTALLED)
 
 # What a run needs; what tests and pages need besides comes on top of it.
 $(INSTALLED): requirements.lock pyproject.toml
-	@$(PYTHON) -c 'import sys; sys.exit(None if (3, 11) <= sys.version_info < (3, 14) else "$(PYTHON) is Python " + sys.version.split()[0] + "; 3.11 to 3.13 is needed: make PYTHON=...")'
+	@$(PYTHON) -c 'import sys; sys.exit(None if (3, 11) <= sys.version_info < (3, 15) else "$(PYTHON) is Python " + sys.version.split()[0] + "; 3.11 to 3.14 is needed: make PYTHON=...")'
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .

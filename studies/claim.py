@@ -18,10 +18,9 @@ from experiment import ALLOWED, FOLLOWING, ROOT, USAGE, Bench, Floats, columns, 
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.statistics.bootstrap import PairedBootstrap
-from abhv_mc.statistics.duel import MetricDuel, median_ratio, metric_duel
 from abhv_mc.statistics.estimates import Interval
-from abhv_mc.statistics.verdicts import clopper_pearson
+from abhv_mc.statistics.paired import median_ratio
+from abhv_mc.statistics.winner import Decision, decide
 
 VEHICLES = {"ghame_x": "lqr_retuned", "ghame_x_coupled": "lqr_retuned_ghame_x_coupled", "ghame": "lqr_retuned_ghame"}
 WORDS = {
@@ -59,36 +58,36 @@ def within(interval: Interval | None, digits: int = 2) -> str:
     return f"{interval.value:.{digits}f} ({interval.low:.{digits}f} to {interval.high:.{digits}f})"
 
 
-def compare(tlc: Flown, other: Flown) -> Iterator[tuple[str, MetricDuel, str]]:
-    """Each error: in words with the median ratio, the duel, and its row."""
-    bootstrap = PairedBootstrap(len(tlc.errors))
+def compare(tlc: Flown, other: Flown) -> Iterator[tuple[str, Decision, str]]:
+    """Each error: in words with the median ratio, who is better, and its row."""
     for i, name in enumerate(FOLLOWING):
         ours, theirs = tlc.errors[:, i], other.errors[:, i]
-        duel = metric_duel(ours, theirs, bootstrap)
-        low, high = clopper_pearson(duel.a_better, duel.pairs)
-        share = f"{100 * duel.a_better / duel.pairs:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
-        winner = {"a": "TLC", "b": "LQR", "": "neither"}[duel.winner]
+        decision = decide(ours, theirs, np.isinf(ours), np.isinf(theirs), len(FOLLOWING))
+        share = (
+            f"{100 * decision.share.value:.1f} % ({100 * decision.share.low:.1f} to {100 * decision.share.high:.1f})"
+        )
+        winner = {"a": "TLC", "b": "LQR", "": "neither"}[decision.winner]
         medians = f"{np.median(ours):.4f} | {np.median(theirs):.4f}"
         ratio = median_ratio(ours, theirs)
         words = f"{WORDS[name]} ({ratio.value:.2f})" if ratio else WORDS[name]
-        yield words, duel, f"{WORDS[name]} | {medians} | {within(ratio, 3)} | {share} | {winner}"
+        yield words, decision, f"{WORDS[name]} | {medians} | {within(ratio, 3)} | {share} | {winner}"
 
 
-def verdict(name: str, tlc: Flown, other: Flown, duels: dict[str, MetricDuel]) -> str:
-    """The claim against one LQR in a sentence; ``duels`` by error in words."""
+def verdict(name: str, tlc: Flown, other: Flown, decisions: dict[str, Decision]) -> str:
+    """The claim against one LQR in a sentence; ``decisions`` by error in words."""
     ratios = other.usage / tlc.usage
     used = f"{name} uses {ratios.min():.2f} to {ratios.max():.2f} times TLC's surfaces on the nominal S"
     if (ratios > ALLOWED).any():
         return f"{used}: more than {ALLOWED} times in at least one, so the claim's condition does not hold"
-    won = [words for words, duel in duels.items() if duel.winner == "a"]
-    lost = [words for words, duel in duels.items() if duel.winner == "b"]
-    if len(won) == len(duels):
+    won = [words for words, decision in decisions.items() if decision.winner == "a"]
+    lost = [words for words, decision in decisions.items() if decision.winner == "b"]
+    if len(won) == len(decisions):
         return f"{used}; **confirmed** for all three: {', '.join(won)}"
-    if len(lost) == len(duels):
+    if len(lost) == len(decisions):
         return f"{used}; **refuted** for all three: {', '.join(lost)}"
     shares = [f"confirmed for {' and '.join(won)}"] if won else []
     shares += [f"refuted for {' and '.join(lost)}"] if lost else []
-    even = [words for words, duel in duels.items() if not duel.winner]
+    even = [words for words, decision in decisions.items() if not decision.winner]
     shares += [f"undecided for {' and '.join(even)}"] if even else []
     return f"{used}; **{', '.join(shares)}**"
 
@@ -108,7 +107,7 @@ def section(vehicle: str, retuned: str, parameters: Floats, summary: list[str]) 
     for name, other in others.items():
         found = list(compare(tlc, other))
         tables += [f"| {name} | {row} |" for _, _, row in found]
-        sentences.append(f"- {verdict(name, tlc, other, {words: duel for words, duel, _ in found})}.")
+        sentences.append(f"- {verdict(name, tlc, other, {words: decision for words, decision, _ in found})}.")
     summary.append(f"- `{vehicle}`: {sentences[-1].removeprefix('- ')}")
     yield from sentences
     yield ""
@@ -140,9 +139,9 @@ its travel, nominal S); the search weighs six errors alike, altitude, speed and 
 it shows what such an LQR can do, not the least that each error alone can be. The command that made a file stands at \
 its head; that of `ghame_x` is older than this habit: begun from it again, the search gains 1.3 % of its score and \
 moves no error by more than 3 %. Errors are against each controller's own commands, as in the paper's figures. \
-Intervals are 95 %: medians of the paired ratio exactly, shares by Clopper and Pearson; a flight that ends early \
-counts as infinitely far off; a controller is closer where the interval of the median difference leaves out zero and \
-the two medians do not contradict it.
+Intervals are 95 %: medians of the paired ratio exactly, shares of flights by Clopper and Pearson, for the three \
+errors together (Bonferroni). A flight that ends early counts as infinitely far off. A controller is better where it \
+is closer on more than half of the flights, not worse in the 95 % and 99.73 % quantiles, and loses no more flights.
 
 In short, in brackets TLC's error over the LQR's, median over the flights:
 

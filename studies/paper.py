@@ -21,10 +21,10 @@ from paper_points import CONTROLLERS, POINTS, VERDICTS, Point, axis_of, judge, s
 
 from abhv_mc.control.columns import LQR_ELEVATOR, LQR_GUIDANCE, LQR_LATERAL
 from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
-from abhv_mc.control.lqr_design import attitude_slopes, gains_at, lateral_model, make_models, make_nominal
+from abhv_mc.control.design.lqr_design import attitude_slopes, gains_at, lateral_model, make_models, make_nominal
+from abhv_mc.control.design.profile import step_times
+from abhv_mc.control.design.reference import SETTLING, make_mission_trim_tables, solve_reference
 from abhv_mc.control.mission import read_mission
-from abhv_mc.control.profile import step_times
-from abhv_mc.control.reference import SETTLING, make_mission_trim_tables, solve_reference
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.report.figures.style import write_png
 from abhv_mc.report.results import Results, read_results

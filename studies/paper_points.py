@@ -6,7 +6,7 @@ import numpy as np
 from experiment import Floats
 from numpy.typing import NDArray
 
-from abhv_mc.control.reference import SETTLING
+from abhv_mc.control.design.reference import SETTLING
 
 READING = 0.02  # of a range's width
 IN, AFTER, OUT = VERDICTS = ("matched", "after the steps", "not matched")

@@ -33,7 +33,7 @@ from scipy.stats.qmc import Sobol
 
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.controller_file import LqrController, read_controller
-from abhv_mc.control.lqr_design import gains_of_models, make_lqr_models
+from abhv_mc.control.design.lqr_design import gains_of_models, make_lqr_models
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.outcome import Outcome

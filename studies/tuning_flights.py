@@ -9,7 +9,7 @@ from experiment import ERRORS, ROOT, Bench, Floats, columns, corner_parameters
 from numpy.typing import NDArray
 
 from abhv_mc.control.controller_file import TlcController
-from abhv_mc.control.profile import step_times
+from abhv_mc.control.design.profile import step_times
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.signals import CHANNEL_INDEX

@@ -1,19 +1,23 @@
-"""Where compiled code is kept: never stale, and its making is announced."""
+"""Compiled code does what the functions say; what is kept of it is never stale, and its making is announced."""
 
+import errno
+import gc
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 
 import abhv_mc
-from abhv_mc import code_cache
+from abhv_mc import jit
 from abhv_mc.flight.fly import compiled_flight, fly, nominal_parameters
 from abhv_mc.flight.plan import LANES
 from abhv_mc.flight.prepare import prepare
+from abhv_mc.jit import kernel, lanes, routine, scalar
 
 PACKAGE = Path(abhv_mc.__file__).parent
 
@@ -25,41 +29,12 @@ def source(tmp_path):
     return shutil.copytree(PACKAGE, tmp_path / "source" / "abhv_mc", ignore=skip)
 
 
-def run(code, source, cache):
-    environment = {**os.environ, "PYTHONPATH": str(source.parent), "XDG_CACHE_HOME": str(cache)}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+def run(code, source, cache, environment=os.environ):
+    environment = {**environment, "PYTHONPATH": str(source.parent), "XDG_CACHE_HOME": str(cache)}
+    done = subprocess.run(
+        [sys.executable, "-u", "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
     return done.stdout.split()
-
-
-LAYERS = [
-    *("code_cache.py", "machine_code.py", "jit.py", "jit_compiler.py"),
-    *("numerics", "world", "vehicle", "plant", "control", "flight"),
-]
-
-
-@pytest.mark.parametrize("layer", LAYERS)
-def test_any_change_to_what_is_compiled_changes_the_folder(source, monkeypatch, layer):
-    assert code_cache.source_hash() == code_cache.source_hash()
-    before = code_cache.source_hash()
-    monkeypatch.setattr(code_cache, "_PACKAGE", source)
-    assert code_cache.source_hash() == before  # the place does not matter
-    changed = source / layer if layer.endswith(".py") else sorted((source / layer).rglob("*.py"))[-1]
-    changed.write_bytes(changed.read_bytes() + b"#")
-    assert code_cache.source_hash() != before
-
-
-def test_another_numba_has_another_folder(monkeypatch):
-    before = code_cache.source_hash()
-    monkeypatch.setattr(code_cache, "version", lambda name: "0")
-    assert code_cache.source_hash() != before
-
-
-def test_the_report_does_not_change_the_folder(source, monkeypatch):
-    before = code_cache.source_hash()
-    monkeypatch.setattr(code_cache, "_PACKAGE", source)
-    page = source / "report" / "page.py"
-    page.write_bytes(page.read_bytes() + b"#")
-    assert code_cache.source_hash() == before
 
 
 CALLER = """
@@ -85,11 +60,36 @@ def test_a_change_in_another_file_reaches_cached_code(source, tmp_path):
     assert run(CALLER, source, tmp_path / "cache") == ["compiling", "6.0", "7.0"]
 
 
-def test_a_home_that_takes_no_files_is_no_obstacle(monkeypatch, tmp_path):
-    (tmp_path / "file").touch()
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    folder = code_cache.cache_folder()
-    assert folder.is_dir() and tmp_path not in folder.parents
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+@pytest.mark.parametrize("size", [0, 100])
+def test_a_damaged_file_of_the_cache_is_made_anew(source, tmp_path, suffix, size):
+    (source / "world" / "caller.py").write_text(
+        "from abhv_mc.jit import kernel\n@kernel\ndef call(x):\n    return x + 1.0\n"
+    )
+    assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"]
+    files = list((tmp_path / "cache").rglob(f"caller*.{suffix}"))
+    for file in files:
+        os.truncate(file, size)
+    assert files and run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"]
+    assert run(CALLER, source, tmp_path / "cache") == ["2.0", "3.0"]
+
+
+EDITED = """
+import pathlib
+import abhv_mc.world
+from abhv_mc.world.caller import call
+file = pathlib.Path(abhv_mc.world.__file__)
+file.write_bytes(file.read_bytes() + b"#")
+print(call(1.0))
+"""
+
+
+def test_code_of_a_source_edited_meanwhile_is_not_kept(source, tmp_path):
+    (source / "world" / "caller.py").write_text(
+        "from abhv_mc.jit import kernel\n@kernel\ndef call(x):\n    return x + 1.0\n"
+    )
+    assert run(EDITED, source, tmp_path / "cache") == ["2.0"]
+    assert not list((tmp_path / "cache").rglob("caller*.nbi"))
 
 
 def test_a_changed_table_changes_the_flight_without_compiling(repository, tmp_path):
@@ -112,15 +112,161 @@ def test_a_changed_table_changes_the_flight_without_compiling(repository, tmp_pa
     assert np.array_equal(fly_level(), after)
 
 
-LAZY = """
-import sys
-from abhv_mc.flight import kernel
-from abhv_mc.world.earth import WGS84, radii
-assert "numba" not in sys.modules and radii.__doc__ and radii.py_func(WGS84, 0.5)
-assert radii(WGS84, 0.5) == radii.py_func(WGS84, 0.5)
-assert "numba" in sys.modules and len(radii.signatures) == 0 < len(radii.dispatcher._called.signatures)
+@pytest.mark.parametrize("words", [["-c", "import abhv_mc"], ["-m", "abhv_mc", "--help"]])
+def test_numba_is_loaded_only_where_something_flies(words):
+    environment = {**os.environ, "PYTHONPATH": str(PACKAGE.parent)}
+    command = [sys.executable, "-X", "importtime", *words]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    modules = [line.rpartition("|")[2].strip() for line in done.stderr.splitlines()]
+    assert "abhv_mc" in modules and "numba" not in modules
+
+
+@scalar
+def cube(x):
+    return x * x * x
+
+
+@lanes
+def cubes(Z, width):
+    for lane in range(width):
+        Z[1, lane] = cube(Z[0, lane]) / (1.0 - Z[0, lane])
+
+
+@routine
+def total(row):
+    sum_ = 0.0
+    for x in row:
+        sum_ += x
+    return sum_
+
+
+@kernel
+def fly_cubes(Z, width):
+    cubes(Z, width)
+    return total(Z[1, :width])
+
+
+def numbers():
+    return np.random.default_rng(1).normal(size=(2, 16))
+
+
+@pytest.mark.parametrize("width", [1, 7, 16])
+def test_as_python(width):
+    """Bit for bit, through every depth of calls, for any number of lanes."""
+    compiled, plain = numbers(), numbers()
+    for lane in range(width):
+        plain[1, lane] = plain[0, lane] * plain[0, lane] * plain[0, lane] / (1.0 - plain[0, lane])
+    assert fly_cubes(compiled, width) == sum(plain[1, :width].tolist())
+    np.testing.assert_array_equal(compiled, plain)
+
+
+def test_a_scalar_has_an_entry_from_python():
+    assert cube(3.0) == 27.0 and cube(3) == 27
+    assert cube.py_func(2.0) == 8.0
+
+
+def test_numbas_own_functions_may_call_ours():
+    """Everything that is called at any depth comes with it."""
+
+    @scalar
+    def power_nine(x):
+        return cube(cube(x))
+
+    @numba.njit
+    def user(x):
+        return power_nine(x) + cube(x)
+
+    assert user(2.0) == 520.0
+
+
+@lanes
+def first(Z, width, wanted):
+    if wanted:
+        cubes(Z, width)
+    Z[1, 0] = 1.0
+
+
+@lanes
+def second(Z, width):
+    cubes(Z, width)
+
+
+@kernel
+def both(Z, width):
+    first(Z, width, False)
+    second(Z, width)
+
+
+def test_what_only_a_later_call_needs_is_linked():
+    """The first caller's branch is dead for this argument, so that nobody calls ``cube`` when it is linked."""
+    ours, wanted = numbers(), numbers()
+    both(ours, 16)
+    fly_cubes(wanted, 16)
+    np.testing.assert_array_equal(ours, wanted)
+
+
+def test_numbers_that_a_kernel_is_made_from_tell_kernels_apart():
+    def make(constant):
+        @kernel
+        def add(x):
+            return x + constant
+
+        return add
+
+    assert [make(constant)(1.0) for constant in (1, 2, 1)] == [2.0, 3.0, 2.0]
+
+
+@pytest.fixture
+def fails():
+    @kernel
+    def wrong(x):
+        return x.nothing
+
+    return wrong
+
+
+def test_garbage_is_collected_again_after_a_fault(fails):
+    with pytest.raises(numba.TypingError):
+        fails(1.0)
+    assert gc.isenabled()
+
+
+@pytest.mark.skipif(jit.compiler() == "public", reason="numba's own dispatcher")
+def test_a_full_disk_is_no_fault(monkeypatch):
+    @kernel
+    def halve(x):
+        return (x - x) + x / 2.0
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "no space left")
+
+    for name in ("load_overload", "save_overload", "flush"):
+        monkeypatch.setattr(halve._cache, name, full if name != "load_overload" else lambda *_: None)
+    assert halve(3.0) == 1.5
+
+
+BROKEN = """
+import warnings
+import numba.core.codegen
+{change}
+with warnings.catch_warnings(record=True) as said:
+    warnings.simplefilter("always")
+    from abhv_mc import jit
+    from abhv_mc.world.earth import WGS84, radii
+    print(jit.compiler(), len(said), radii(WGS84, 0.5) == radii.py_func(WGS84, 0.5))
+import subprocess, sys
+subprocess.run([sys.executable, "-W", "error", "-c", "from abhv_mc import jit; print(jit.compiler())"], check=True)
 """
 
 
-def test_decorating_does_not_load_numba(tmp_path):
-    run(LAZY, PACKAGE, tmp_path)
+@pytest.mark.parametrize(
+    "change",
+    ["", "del numba.core.codegen.JITCodeLibrary", "numba.core.codegen.JITCodeLibrary = type('Another', (), dict())"],
+    ids=["as it is", "does not import", "does not compile"],
+)
+def test_where_numba_has_changed_its_public_interface_compiles(tmp_path, change):
+    """With one warning, and none from the processes that are started from there."""
+    environment = dict(os.environ)
+    environment.pop("ABHV_MC_PUBLIC_NUMBA", None)
+    expected = ["public", "1", "True", "public"] if change else ["private", "0", "True", "private"]
+    assert run(BROKEN.format(change=change), PACKAGE, tmp_path, environment)[:4] == expected

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.bench.speed import make_work, read_operations
-from abhv_mc.control.lqr import lqr_tick
-from abhv_mc.control.tlc import T_LIFT, nominal_variables, nominal_vehicle, tlc_attitude, tlc_guidance
-from abhv_mc.control.trim_lookup import look_up_trim
+from abhv_mc.control.laws.lqr import lqr_tick
+from abhv_mc.control.laws.tlc import T_LIFT, nominal_variables, nominal_vehicle, tlc_attitude, tlc_guidance
+from abhv_mc.control.laws.trim_lookup import look_up_trim
 from abhv_mc.flight import observe
 from abhv_mc.flight.arguments import make_kernel_plan
 from abhv_mc.flight.fly import fly

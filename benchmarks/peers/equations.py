@@ -1,7 +1,7 @@
 """The plant and the LQR law in JAX, one flight as scalars: what ``jax.vmap`` turns into a batch.
 
-The equations of ``abhv_mc.plant`` and ``abhv_mc.control.lqr`` with the plan's numbers as constants of the trace. Left
-out, since these flights need none of it: limits of the actuators, gusts, turbulence, sensor errors, metrics.
+The equations of ``abhv_mc.plant`` and ``abhv_mc.control.laws.lqr`` with the plan's numbers as constants of the trace.
+Left out, since these flights need none of it: limits of the actuators, gusts, turbulence, sensor errors, metrics.
 """
 
 from collections.abc import Callable

@@ -5,7 +5,7 @@ from pathlib import Path
 from shutil import copytree, rmtree
 from subprocess import run
 
-from abhv_mc.campaign.file.starter import write_starter
+from abhv_mc.campaign.file.new_campaign import write_new_campaign
 
 RUNS = 200
 
@@ -17,7 +17,7 @@ def prepare(app) -> None:
         if folder.name != "study":
             rmtree(folder)
     study, fresh = work / "study", work / "fresh"
-    write_starter(fresh)
+    write_new_campaign(fresh)
     copytree(fresh, study, dirs_exist_ok=True)
     rmtree(fresh)
     command = [sys.executable, "-m", "abhv_mc", "run", "campaign.yaml", "--runs", str(RUNS), "--no-report"]

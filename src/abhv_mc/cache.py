@@ -98,3 +98,16 @@ def one_at_a_time(file: Path) -> Iterator[None]:
             stack.callback(os.close, descriptor)
             fcntl.flock(descriptor, fcntl.LOCK_EX)
         yield
+
+
+@contextlib.contextmanager
+def one_compiles(folder: str | None, name: str) -> Iterator[None]:
+    """Of the processes that miss a kernel in numba's ``folder`` (None where it has none), one is inside at a time.
+
+    The others find there what the first has compiled. Who comes when it is there already need not wait.
+    """
+    if folder is None or any(Path(folder).glob(f"*{name}-*.nbi")):
+        yield
+    else:
+        with one_at_a_time(Path(folder) / f"{name}.lock"):
+            yield

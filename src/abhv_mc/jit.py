@@ -9,27 +9,25 @@ Rules for compiled functions (measured; the benchmark ``abhv-mc bench`` holds th
 - no libm call inside a lane loop: use :mod:`abhv_mc.numerics.lane_math`;
 - data (tables, gains, references) are arguments, never globals: numba freezes globals silently.
 
-numba's own passes compile, and its own disk cache keeps kernels. Functions here call each other a hundred deep and are
-inlined into a few kernels; subclasses of some private classes of numba tell it so (``docs/performance.md`` says what
-each measure saves). Where they do not work, or with ``ABHV_MC_PUBLIC_NUMBA=1``, its public interface makes the same
-bits, slower.
+numba's own passes compile, and its own disk cache keeps kernels. A few subclasses of its private classes tell it that
+all functions here are inlined into a few kernels (``docs/explanation/performance.md`` has what each saves). Where they do not work,
+or with ``ABHV_MC_PUBLIC_NUMBA=1``, numba's public interface makes the same bits, slower.
 """
 
 import contextlib
 import functools
 import gc
 import os
-import pickle
 import warnings
 from collections.abc import Callable
-from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any, TypeVar
 
 import numba
 import numpy as np
 from numba.core import event
 
-from abhv_mc.cache import cache_folder, one_at_a_time, source_unchanged
+from abhv_mc.cache import cache_folder, one_compiles, source_unchanged
 
 F = TypeVar("F", bound=Callable[..., Any])
 _Make = Callable[..., Any]  # of a function and numba's options, what stands in its place
@@ -94,32 +92,22 @@ def on_first_compile(called: Callable[[], None]) -> None:
 
 def _make_private() -> tuple[_Make, _Make]:
     """What makes a function that kernels call, and what makes a kernel, with numba's private classes."""
-    import llvmlite.binding as llvm
     from numba.core import types
     from numba.core.caching import NullCache
     from numba.core.codegen import JITCodeLibrary
     from numba.core.compiler import Compiler
     from numba.core.registry import CPUDispatcher
 
-    def change_linkage(module: Any, before: str, after: str) -> None:
-        for function in module.functions:
-            if not function.is_declaration and function.linkage == llvm.Linkage[before]:
-                function.linkage = after
+    class InlinedLibrary(JITCodeLibrary):
+        """Code that only becomes part of a kernel's: neither optimized by itself nor made machine code."""
 
-    class InlinedLibrary(JITCodeLibrary):  # type: ignore[misc]
-        def finalize(self) -> None:  # neither optimized nor made machine code by itself
-            change_linkage(self._final_module, "external", "weak_odr")  # linkers drop linkonce_odr not called yet
+        def _optimize_final_module(self) -> None:
+            pass
+
+        def _finalize_final_module(self) -> None:
             self._finalized = True
 
-        def _get_module_for_linking(self) -> Any:
-            return self._final_module
-
-    class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
-        def _optimize_final_module(self) -> None:
-            change_linkage(self._final_module, "weak_odr", "linkonce_odr")  # which disappears once it is inlined
-            super()._optimize_final_module()
-
-    class InlinedCompiler(Compiler):  # type: ignore[misc]
+    class InlinedCompiler(Compiler):
         def compile_extra(self, function: Any) -> Any:
             library = InlinedLibrary(self.state.targetctx.codegen(), function.__qualname__)
             self.state["library"] = library
@@ -127,17 +115,10 @@ def _make_private() -> tuple[_Make, _Make]:
             self.state.flags.noalias = True  # no checks for overlap before a loop over lanes is vectorized
             result = super().compile_extra(function)
             entry = set[Any]().remove  # never called: numba knows a function by a builtin of its own
-            called = list(dict.fromkeys([library, *library._linking_libraries]))  # at any depth
-            result.target_context.insert_user_function(entry, result.fndesc, called)
+            result.target_context.insert_user_function(entry, result.fndesc, [library])
             return result._replace(entry_point=entry)
 
-    class KernelCompiler(Compiler):  # type: ignore[misc]
-        def compile_extra(self, function: Any) -> Any:
-            self.state["library"] = KernelLibrary(self.state.targetctx.codegen(), function.__qualname__)
-            self.state["library"].enable_object_caching()
-            return super().compile_extra(function)
-
-    class Inlined(CPUDispatcher):  # type: ignore[misc]
+    class Inlined(CPUDispatcher):
         def __init__(self, function: Any, **options: Any) -> None:
             # No reference counting (_nrt): an atomic count on each array in each lane costs three times the physics.
             options |= {"nopython": True, "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -153,25 +134,22 @@ def _make_private() -> tuple[_Make, _Make]:
         def __call__(self, *arguments: Any) -> Any:
             return self.kernel(*arguments)
 
-    class Kernel(CPUDispatcher):  # type: ignore[misc]
+    class Kernel(CPUDispatcher):
         def __init__(self, function: Any, **options: Any) -> None:
             options |= {"nopython": True, "no_cfunc_wrapper": True}
-            super().__init__(function, targetoptions=options, pipeline_class=KernelCompiler)
+            super().__init__(function, targetoptions=options)
             self.enable_caching()
 
         def compile(self, sig: Any) -> Any:
             if not source_unchanged():  # keep nothing under the name of a source that was edited meanwhile
                 self._cache = NullCache()
-            folder, name = self.stats.cache_path, self.py_func.__name__
-            with contextlib.ExitStack() as stack:
-                if folder and not any(Path(folder).glob(f"*{name}-*.nbi")):  # of several processes one compiles
-                    stack.enter_context(one_at_a_time(Path(folder) / f"{name}.lock"))
+            with one_compiles(self.stats.cache_path, self.py_func.__name__), contextlib.ExitStack() as stack:
                 if gc.isenabled():
                     gc.disable()
                     stack.callback(gc.enable)
                 try:
                     return super().compile(sig)
-                except (OSError, EOFError, pickle.UnpicklingError):  # a full disk, or a damaged file of the cache
+                except (OSError, EOFError, UnpicklingError):  # a full disk, or a damaged file of the cache
                     with contextlib.suppress(OSError):
                         self._cache.flush()
                     return super().compile(sig)
@@ -184,6 +162,8 @@ def _try_out(row: Any) -> None:
         row[i] = _twice(row[i])
 
 
+# LLVM's level 2: an eighth less to compile than level 3, and flights as fast.
+numba.config.OPT = type(numba.config.OPT)(2)  # type: ignore[attr-defined]
 # numba decides on its cache's place when it decorates, so that is set before any function is made.
 _mode = "public" if _PLAIN or os.environ.get(_PUBLIC, "0") not in ("", "0") else "private"
 numba.config.CACHE_DIR = str(cache_folder(_mode))  # type: ignore[attr-defined]
@@ -193,8 +173,8 @@ if _mode == "private":
         _twice = scalar(lambda x: x + x)
         kernel(_try_out)(np.ones(2))
     except Exception as error:
-        what = f"numba {numba.__version__} is newer than this program knows ({type(error).__name__}: {error:.200})"
-        warnings.warn(f"{what}; flights are the same, but compile and fly slower", RuntimeWarning, stacklevel=2)
+        what = f"the private part of numba {numba.__version__} is another than known ({type(error).__name__}: {error})"
+        warnings.warn(f"{what}: its public interface makes the same flights, slower", RuntimeWarning, stacklevel=2)
         os.environ[_PUBLIC], _mode = "1", "public"  # processes that this one starts need not find out again
         numba.config.CACHE_DIR = str(cache_folder(_mode))  # type: ignore[attr-defined]
 if _mode == "public":

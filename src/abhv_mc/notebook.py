@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
 from abhv_mc.store.folder import CampaignFolder
-from abhv_mc.store.manifest import COMPLETE, read_manifest
+from abhv_mc.store.hashes import data_files, read_checked
+from abhv_mc.store.manifest import COMPLETE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,38 +24,17 @@ class Campaign:
     """A campaign file, read and checked; :meth:`run` flies it."""
 
     def __init__(self, path: Path, checked: CheckedCampaign) -> None:
-        self.path = path
-        self._checked = checked
+        self.path, self._checked = path, checked
+        self.name: str = checked.model.name
+        self.question: str = checked.model.question  # what it asks
+        self.runs: int = checked.runs  # flights of each controller
+        self.controllers: tuple[str, ...] = tuple(checked.model.controllers)  # the first is compared with the others
+        self.parameters: tuple[str, ...] = checked.names  # that are dispersed
 
     @classmethod
     def read(cls, path: Paths) -> "Campaign":
         """Read a campaign file. Raises :class:`abhv_mc.io.documents.InputError` with everything that is wrong."""
         return cls(Path(path), read_campaign(path))
-
-    @property
-    def name(self) -> str:
-        """Its name."""
-        return self._checked.model.name
-
-    @property
-    def question(self) -> str:
-        """What it asks."""
-        return self._checked.model.question
-
-    @property
-    def runs(self) -> int:
-        """Flights of each controller."""
-        return self._checked.runs
-
-    @property
-    def controllers(self) -> tuple[str, ...]:
-        """Names of the controllers; the first is compared with the others."""
-        return tuple(self._checked.model.controllers)
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the dispersed parameters."""
-        return self._checked.names
 
     def draw_samples(self, flights: int | None = None) -> "pd.DataFrame":
         """The dispersions that the first flights will have (all by default), SI, one column a parameter."""
@@ -100,7 +80,7 @@ class CampaignResults:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._paths = CampaignFolder(folder)
-        self.manifest: dict[str, Any] = read_manifest(self._paths.manifest)
+        self.manifest: dict[str, Any] = read_checked(self._paths)
 
     @property
     def complete(self) -> bool:
@@ -115,7 +95,7 @@ class CampaignResults:
     @cached_property
     def flights(self) -> "pd.DataFrame":
         """One row a flight and controller: outcome, dispersions, metrics."""
-        table = self._read(sorted(self._paths.flights.glob("*.parquet")))
+        table = self._read(self._files_in(self._paths.flights))
         order = {name: i for i, name in enumerate(self.controllers)}
         return table.sort_values(["controller", "flight"], key=lambda c: c.map(order) if c.name == "controller" else c,
                                  ignore_index=True)  # fmt: skip
@@ -133,7 +113,7 @@ class CampaignResults:
     @cached_property
     def histories(self) -> "pd.DataFrame":
         """Channels over time of the flights that were kept."""
-        return self._read(sorted(self._paths.histories.glob("*.parquet")))
+        return self._read(self._files_in(self._paths.histories))
 
     @cached_property
     def nominal(self) -> "pd.DataFrame":
@@ -281,6 +261,9 @@ class CampaignResults:
         from abhv_mc.report.results import read_results
 
         return read_results(self.folder)
+
+    def _files_in(self, part: Path) -> list[Path]:
+        return [path for path in data_files(self._paths, self.manifest) if path.parent == part]
 
     @staticmethod
     def _read(files: Sequence[Path]) -> "pd.DataFrame":

@@ -11,11 +11,16 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.campaign.run.setup import Engine
+from abhv_mc.control.columns import REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Limits, Timing
 from abhv_mc.flight.signals import CHANNELS, METRICS
 from abhv_mc.io.input_error import InputError
+from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.plant.state import N_STATES
+from abhv_mc.vehicle.arrays import BuildUp
+from abhv_mc.vehicle.pack import Axis, Table, pack_tables
 
 DENSITY, LIFT, DRAG = (PARAMETER_INDEX[name] for name in ("atmosphere.density", "aero.lift", "aero.drag"))
 LOST_BELOW = 0.91
@@ -25,14 +30,24 @@ TICKS = 20  # of 0.1 s
 def make_plan(name: str, gain: float = 1.0) -> FlightPlan:
     """A plan whose arrays are small and whose first gain the fake flight reads."""
     plan = _fill(FlightPlan)
+    axes = tuple(Axis(variable, np.array([0.0, 1.0])) for variable in range(1, 4))
+    tables, _ = pack_tables([Table(axes, np.zeros((2, 2, 2)))], {})
+    vehicle = plan.vehicle._replace(
+        tables=tables, build_up=BuildUp(*(np.zeros(0, np.int64) for _ in range(4))), effector_mix=np.zeros((4, 3))
+    )
     parts = {field: getattr(plan, field) for field in typing.get_type_hints(FlightPlan)}
     parts |= {
         "controller": name,
         "law": "tlc",
         "timing": Timing(0.05, 2, TICKS),
         "limits": Limits(0.0, 1e5, -1.0, 1.0, 1.0),
-        "reference": np.zeros((TICKS + 1, 40)),
-        "gains": np.full((TICKS + 1, 3), gain),
+        "vehicle": vehicle,
+        "trim_tables": tables,
+        "effectiveness": make_effectiveness(vehicle),
+        "initial_state": np.zeros(N_STATES),
+        "reference": np.zeros((TICKS + 1, len(REFERENCE))),
+        "gains": np.full((TICKS + 1, len(TLC_GAINS)), gain),
+        "settings": np.zeros(len(TLC_SETTINGS)),
         "warnings": np.empty(0, dtype=np.str_),
     }
     return FlightPlan(**parts)
@@ -87,7 +102,7 @@ def write_campaign(folder: Path, **entries: str) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "tables").mkdir(exist_ok=True)
     (folder / "tables/cl.csv").write_text("mach,value\n1,2\n", encoding="utf-8")
-    (folder / "vehicle.yaml").write_text("table: tables/cl.csv\n", encoding="utf-8")
+    (folder / "vehicle.yaml").write_text("file: tables/cl.csv\n", encoding="utf-8")
     (folder / "mission.yaml").write_text("kind: level\n", encoding="utf-8")
     (folder / "one.yaml").write_text("gain: 1.0\n", encoding="utf-8")
     (folder / "two.yaml").write_text("gain: 2.0\n", encoding="utf-8")

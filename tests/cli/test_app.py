@@ -13,7 +13,7 @@ import abhv_mc
 from abhv_mc.cli.app import app
 from abhv_mc.cli.errors import ExitCode, exit_code_of
 from abhv_mc.io.documents import InputError
-from abhv_mc.store.folder import StorageFullError
+from abhv_mc.store.folder import FolderLostError, StorageFullError
 
 HEAVY = {"duckdb", "matplotlib", "numba", "numpy", "pandas", "plotly", "pyarrow", "pydantic", "scipy"}
 
@@ -102,3 +102,14 @@ def test_interrupt_leaves_with_incomplete(moment: str) -> None:
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert answer.returncode == ExitCode.INCOMPLETE != -signal.SIGINT
     assert answer.stderr.startswith("interrupted") and "Traceback" not in answer.stderr
+
+
+def test_no_memory_and_a_cluster_that_dies_are_no_defects(capsys):
+    class CommClosedError(OSError):
+        pass
+
+    CommClosedError.__module__ = "distributed.comm.core"
+    for error in (MemoryError(), CommClosedError("in <TCP>: Stream is closed"), FolderLostError("out: gone")):
+        assert exit_code_of(error) == ExitCode.INCOMPLETE
+    said = capsys.readouterr().err
+    assert "not enough memory" in said and "cluster" in said and "Traceback" not in said

@@ -7,14 +7,14 @@ import pytest
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.inputs import check_inputs, find_kind
-from abhv_mc.campaign.file.starter import write_starter
+from abhv_mc.campaign.file.new_campaign import write_new_campaign
 from abhv_mc.io.documents import InputError
 from abhv_mc.shipped import shipped_campaigns
 
 
 def test_new_folder_stands_alone(tmp_path: Path) -> None:
     folder = tmp_path / "deep" / "study"
-    written = write_starter(folder)
+    written = write_new_campaign(folder)
     assert {found.kind for found in check_inputs(written[0])} == {"campaign", "vehicle", "mission", "controller"}
     made, shipped = read_campaign(written[0]).model, read_campaign(shipped_campaigns() / "s_manoeuvre.yaml").model
     for file in (made.vehicle, made.mission, *made.controllers.values()):
@@ -24,7 +24,7 @@ def test_new_folder_stands_alone(tmp_path: Path) -> None:
 
 
 def test_editors_find_the_schema_of_every_file(tmp_path: Path) -> None:
-    files = [file for file in write_starter(tmp_path / "study") if file.suffix == ".yaml"]
+    files = [file for file in write_new_campaign(tmp_path / "study") if file.suffix == ".yaml"]
     assert len(files) > 4
     for file in files:
         name = file.read_text().splitlines()[0].removeprefix("# yaml-language-server: $schema=")
@@ -36,5 +36,5 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("precious")
     for folder in (tmp_path, tmp_path / "mine"):
         with pytest.raises(InputError, match="empty"):
-            write_starter(folder)
+            write_new_campaign(folder)
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]

@@ -3,6 +3,7 @@
 import csv
 import json
 import sys
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -159,3 +160,47 @@ def test_dry_run_says_what_it_costs_and_leaves_nothing(abhv_mc, tmp_path, monkey
     code, out, _ = abhv_mc("validate", "--dry-run", write_campaign(tmp_path / "files"))
     assert code == 0 and "300 flights of 2 controllers" in out and "MB at most" in out
     assert [path.name for path in tmp_path.iterdir()] == ["files"]
+
+
+def test_a_folder_with_a_colon_in_its_name_is_a_folder(tmp_path, monkeypatch):
+    from abhv_mc.campaign.run.runner import run_campaign
+    from abhv_mc.campaign.run.setup import Request
+    from abhv_mc.store.database import open_database
+
+    monkeypatch.chdir(tmp_path)
+    campaign = write_campaign(tmp_path / "f", runs="30")
+    assert run_campaign(Request(campaign, Path("run-21:30")), ENGINE).complete
+    assert open_database(Path("run-21:30")).sql("select count(*) from flights").fetchall() == [(60,)]
+
+
+def test_a_folder_that_is_deleted_meanwhile_is_not_complete(tmp_path):
+    import shutil
+    from dataclasses import replace
+
+    from abhv_mc.campaign.run.runner import run_campaign
+    from abhv_mc.campaign.run.setup import Request
+    from abhv_mc.store.folder import FolderLostError
+
+    campaign, out = write_campaign(tmp_path / "f", runs="60", execution="{batch: 20}"), tmp_path / "out"
+    blocks = iter(range(100))
+
+    def fly_and_delete(plan, parameters, every=None):
+        if next(blocks) == 5:
+            shutil.rmtree(out)
+        return fly(plan, parameters, every)
+
+    with pytest.raises(FolderLostError, match="deleted"):
+        run_campaign(Request(campaign, out, workers=1), replace(ENGINE, fly=fly_and_delete))
+    assert (
+        run_campaign(Request(campaign, out), ENGINE).manifest["digest"]
+        == (run_campaign(Request(campaign, tmp_path / "other"), ENGINE).manifest["digest"])
+    )
+
+
+@pytest.mark.parametrize("names", ["", ",", "one,", " "])
+def test_an_empty_name_of_a_controller_is_refused(names):
+    from abhv_mc.cli.names import parse_names
+    from abhv_mc.io.input_error import InputError
+
+    with pytest.raises(InputError, match="empty name"):
+        parse_names(names)

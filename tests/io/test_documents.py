@@ -206,3 +206,34 @@ def test_what_is_written_reads_back(tmp_path_factory: pytest.TempPathFactory, da
     path = tmp_path_factory.getbasetemp() / "written.yaml"
     write_document(path, data, comment)
     assert read_document(path).data == data
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    {
+        "open brackets": ("[" * 50_000, "too many levels"),
+        "open braces": ("{a: " * 50_000, "too many levels"),
+        "indented": ("\n".join(" " * i + "a:" for i in range(1300)), "too many levels"),
+        "unknown keys": ("".join(f"key_{i}: {i}\n" for i in range(20_000)), "keys and values"),
+        "aliases": ("a: &a [1]\n" + "".join(f"b{i}: *a\n" for i in range(20_000)), "keys and values"),
+    }.values(),
+)
+def test_a_file_of_too_much_is_refused_where_it_becomes_too_much(tmp_path, text, said):
+    path = tmp_path / "much.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=said) as refused:
+        read_document(path)
+    assert refused.value.line is not None
+    assert refused.value.line < 7000  # not read to its end
+
+
+def test_thousands_of_mistakes_are_said_in_part(tmp_path):
+    class Model(StrictModel):
+        name: str = ""
+
+    path = tmp_path / "keys.yaml"
+    path.write_text("".join(f"key_{i}: {i}\n" for i in range(4000)))
+    with pytest.raises(InputErrors) as refused:
+        validate(read_document(path), Model)
+    lines = str(refused.value).splitlines()
+    assert "key_0" in lines[0] and "3950 more mistakes" in lines[-1] and len(lines) == 51

@@ -17,13 +17,19 @@ def test_early_ends_are_told(failing_numbers):
     assert sentences[0].startswith("12 flights ended early under LQR alone, 0 under TLC alone")
 
 
-def test_medians_that_contradict_the_flights_make_no_winner(report_json):
+def test_tails_and_lost_flights_that_contradict_the_median_make_no_winner(report_json):
     numbers = copy.deepcopy(report_json)
-    for duel in numbers["duels"].values():
-        duel["metrics"]["sideslip_rms_deg"] |= {"winner": None, "mixed": True}
+    for pair in numbers["paired"].values():
+        pair["metrics"]["sideslip_rms_deg"] |= {"winner": None, "mixed": True}
     first = answer_sentences(numbers)[0]
-    assert "in zero sideslip the one that is closer on more flights has the larger median" in first
+    assert "in zero sideslip the one that is closer in the median is worse in its tails or loses more flights" in first
     assert "no difference is shown in altitude;" in first
+
+
+def test_the_risk_is_of_the_rule_not_of_the_result(report_json):
+    text = sureness_sentence(report_json)
+    assert "A system that just misses the requirement would PASS with a probability of at most 10 %." in text
+    assert "wrong" not in text
 
 
 def test_an_unfinished_campaign_is_preliminary(report_json):

@@ -1,5 +1,7 @@
 """The page in a real browser: no console message, nothing leaves, switches work, narrow windows fit."""
 
+import base64
+import hashlib
 import json
 import re
 import shutil
@@ -64,10 +66,17 @@ def found_in(document):
     return json.loads(text.replace("&quot;", '"').replace("&amp;", "&"))
 
 
+def allowed(page):
+    """The page with the probe among the scripts that its policy names."""
+    script = PROBE.strip().removeprefix("<script>").removesuffix("</script>")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return page.replace("script-src ", f"script-src 'sha256-{digest}' ", 1)
+
+
 @pytest.fixture(scope="module")
 def probed(report_page, tmp_path_factory):
     path = tmp_path_factory.mktemp("browser") / "probed.html"
-    path.write_text(report_page.replace("</body>", PROBE + "</body>"), encoding="utf-8")
+    path.write_text(allowed(report_page).replace("</body>", PROBE + "</body>"), encoding="utf-8")
     return path
 
 
@@ -120,3 +129,14 @@ def test_it_prints(report_folder, tmp_path):
     target = tmp_path / "report.pdf"
     browse(tmp_path, (report_folder / "report.html").as_uri(), f"--print-to-pdf={target}", "--no-pdf-header-footer")
     assert target.read_bytes().startswith(b"%PDF-")
+
+
+def test_no_other_script_runs(report_page, tmp_path):
+    foreign = (
+        "<script>document.body.dataset.foreign = 1</script><img src=x onerror='document.body.dataset.foreign = 1'>"
+    )
+    path = tmp_path / "foreign.html"
+    path.write_text(report_page.replace("</body>", foreign + "</body>"), encoding="utf-8")
+    document, log = browse(tmp_path, path.as_uri())
+    assert "data-foreign" not in document
+    assert "Content Security Policy" in log

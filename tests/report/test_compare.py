@@ -7,18 +7,18 @@ from abhv_mc.report.compare import compare_folders
 
 def test_a_campaign_against_itself_is_a_draw(failing_folder):
     found = compare_folders(failing_folder, failing_folder)
-    assert len(found["duels"]) == 3
-    for duel in found["duels"]:
-        assert all(entry["ties"] == 100 for entry in duel["metrics"].values())
-        assert duel["ended_early"]["only_a"] == 0
+    assert len(found["paired"]) == 3
+    for pair in found["paired"]:
+        assert all(entry["ties"] == 100 for entry in pair["metrics"].values())
+        assert pair["ended_early"]["only_a"] == 0
 
 
 def test_controllers_can_be_crossed(failing_folder, failing_numbers):
-    (duel,) = compare_folders(failing_folder, failing_folder, ("tlc", "lqr"))["duels"]
-    inside = failing_numbers["duels"]["tlc - lqr"]
-    assert duel["requirements"] == inside["requirements"]
+    (pair,) = compare_folders(failing_folder, failing_folder, ("tlc", "lqr"))["paired"]
+    inside = failing_numbers["paired"]["tlc - lqr"]
+    assert pair["requirements"] == inside["requirements"]
     metric = "bank_error_rms_deg"
-    assert duel["metrics"][metric]["q95"] == inside["metrics"][metric]["q95"]
+    assert pair["metrics"][metric]["q95"] == inside["metrics"][metric]["q95"]
 
 
 def test_other_samples_are_refused_at_the_first_that_differs(failing_folder, tmp_path):

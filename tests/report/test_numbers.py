@@ -38,10 +38,10 @@ def test_small_is_bad_for_the_least_angle_of_attack(failing, failing_numbers):
 
 
 def test_duel_counts_every_pair(failing_numbers):
-    duel = failing_numbers["duels"]["tlc - lqr"]
-    assert duel["pairs"] == 100
-    assert duel["ended_early"]["only_b"] == 12
-    attack = duel["metrics"]["angle_of_attack_error_rms_deg"]
+    pair = failing_numbers["paired"]["tlc - lqr"]
+    assert pair["pairs"] == 100
+    assert pair["ended_early"]["only_b"] == 12
+    attack = pair["metrics"]["angle_of_attack_error_rms_deg"]
     assert (attack["a_better"], attack["winner"]) == (100, "tlc")
 
 

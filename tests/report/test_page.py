@@ -1,7 +1,9 @@
 """The page as text: structure, accessibility, escaping. What a browser makes of it is in test_browser."""
 
 import base64
+import dataclasses
 import gzip
+import hashlib
 import itertools
 import json
 import re
@@ -140,3 +142,28 @@ def test_markdown_says_the_same_and_needs_no_question(tmp_path):
     assert markdown.startswith("# What does the campaign synthetic_s show?")
     assert "## Requirements" in markdown
     assert "| **NOT SHOWN** | 0 of 8 |" in markdown
+
+
+def test_only_the_pages_own_scripts_may_run(report_page):
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', report_page)[1]
+    scripts = re.search(r"script-src ([^;]*);", policy)[1]
+    assert "unsafe" not in scripts
+    digest = base64.b64encode(
+        hashlib.sha256(re.search(r"<script>(.*?)</script>", report_page, re.S)[1].encode()).digest()
+    )
+    assert f"'sha256-{digest.decode()}'" in scripts and scripts.count("sha256-") == 2
+
+
+HOSTILE = "a|b <script>alert(1)</script> `c` [x](javascript:1) *d*\nnext"
+
+
+def test_markdown_shows_any_text_as_text(tmp_path):
+    folder = write_campaign(tmp_path / "c", runs=8)
+    results = read_results(folder)
+    facts = dataclasses.replace(results.campaign, question=HOSTILE)
+    results = dataclasses.replace(results, campaign=facts, manifest=results.manifest | {"commit": HOSTILE})
+    markdown = make_markdown(results, make_numbers(results), [])
+    shown = r"a\|b &lt;script>alert(1)&lt;/script> \`c\` \[x\](javascript:1) \*d\* next"
+    assert markdown.startswith(f"# {shown}\n")
+    assert f"| commit | {shown} |" in markdown
+    assert "<script" not in markdown

@@ -17,7 +17,7 @@ def test_a_folder_reads_as_arrays(failing):
     assert set(np.argsort(density)[-12:]) == set(np.flatnonzero(failing.flights["lqr"].failed))
     requirement = failing.campaign.requirements[0]
     assert (requirement.limit, requirement.controllers) == (50.0, ("tlc",))
-    assert requirement.held(np.array([49.9, 50.0, np.nan])).tolist() == [True, False, False]
+    assert (requirement.limit, requirement.below, requirement.early_is_failure) == (50.0, True, True)
 
 
 def test_histories_are_those_kept(failing_folder):

@@ -86,3 +86,13 @@ def test_a_folder_without_a_report_is_bad_input(tmp_path):
 def test_differences_name_their_place():
     written, remade = {"a": [1, {"b": 2}], "c": 1}, {"a": [1, {"b": 3}], "d": 1}
     assert [line.split(":")[0] for line in differences(written, remade, "x")] == ["x.a[1].b", "x.c", "x.d"]
+
+
+def test_a_bit_of_a_figure_or_of_the_numbers_is_told(copy):
+    path = next((copy / "figures").glob("*.png"))
+    flipped(path, path.stat().st_size // 2)
+    assert next(verify_campaign(copy)).startswith(f"pictures.figures/{path.name}: ")
+    flipped(path, path.stat().st_size // 2)
+    path = copy / "report.json"
+    path.write_text(path.read_text(encoding="utf-8").replace("\n ", "\n\t", 1), encoding="utf-8")
+    assert next(verify_campaign(copy)).startswith("report.json: ")

@@ -108,14 +108,17 @@ def test_the_same_laws_change_nothing(flown):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        (["atmosphere.density.half_width=12%"], "from 0.88 to 1.12, beyond what was flown; wanted a law within 0.9"),
+        (
+            ["atmosphere.density.half_width=12%"],
+            "from 0.88 to 1.12, beyond what was flown; wanted a distribution within 0.9",
+        ),
         (["atmosphere.density.half_width=0.4%"], "an effective number of at least 100"),
         (["aero.lift.sigma=9%"], "beyond all 1500 flights; wanted at most 1 %"),
         (["aero.lift.sigma=-1"], "a sigma above zero"),
         (["aero.lift.half_width=5%"], "unknown key 'half_width'"),
         (["aero.drag.sigma=5%"], "'aero.drag', which the campaign did not disperse"),
         (["aero.lift"], "PARAMETER.KEY=VALUE"),
-        (["aero.lift.distribution=discrete", "aero.lift.values=[0.9, 1.1]"], "a law of the same kind"),
+        (["aero.lift.distribution=discrete", "aero.lift.values=[0.9, 1.1]"], "a distribution of the same kind"),
     ],
 )
 def test_what_the_flights_do_not_say_is_refused(flown, settings, words):

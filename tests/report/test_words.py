@@ -1,7 +1,7 @@
 import pytest
 
 from abhv_mc.plant.parameters import PARAMETERS
-from abhv_mc.report.metrics import METRIC_WORDS
+from abhv_mc.report.metrics import _METRIC_WORDS
 from abhv_mc.report.parameters import shown_value, spoken_name
 from abhv_mc.report.words import bounds, estimate, fixed, p_value, percent, significant
 
@@ -67,7 +67,7 @@ def test_parameters_are_shown_as_deviations():
 
 
 def test_every_metric_has_words():
-    labels = [words.label_with_unit for words in METRIC_WORDS.values()]
+    labels = [words.label_with_unit for words in _METRIC_WORDS.values()]
     assert len(set(labels)) == len(labels)
-    assert METRIC_WORDS["cross_track_error_final_m"].label_with_unit == "Cross-track error at the end (m)"
-    assert METRIC_WORDS["angle_of_attack_min_deg"].sense == "low"
+    assert _METRIC_WORDS["cross_track_error_final_m"].label_with_unit == "Cross-track error at the end (m)"
+    assert _METRIC_WORDS["angle_of_attack_min_deg"].sense == "low"

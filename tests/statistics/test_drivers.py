@@ -38,7 +38,7 @@ def test_planted_drivers_among_thirty_idle_in_95_of_100_seeds():
         inputs = _inputs(seed)
         noise = np.random.default_rng(1000 + seed).normal(size=FLIGHTS)
         output = np.exp(inputs[:, 3]) - 0.8 * inputs[:, 17] + 0.5 * noise
-        found = np.flatnonzero(rank_drivers(inputs, output[:, None], replicates=2).found[:, 0])
+        found = np.flatnonzero(rank_drivers(inputs, output[:, None]).found[:, 0])
         missed += not {3, 17} <= set(found)
         exact += set(found) == {3, 17}
     assert missed <= 5
@@ -49,8 +49,57 @@ def test_no_driver_where_there_is_none():
     false_alarms = 0
     for seed in range(100):
         noise = np.random.default_rng(2000 + seed).normal(size=(FLIGHTS, 1))
-        false_alarms += rank_drivers(_inputs(seed), noise, replicates=2).found.any()
+        false_alarms += rank_drivers(_inputs(seed), noise).found.any()
     assert false_alarms <= 5
+
+
+def test_a_tiny_coefficient_names_nobody():
+    """An SRRC of 0.01 was named where 5000 flights made it significant."""
+    inputs = np.random.default_rng(90).uniform(-1.0, 1.0, (5000, 3))
+    found = rank_drivers(inputs, (inputs @ [1.0, 0.02, 0.0])[:, None])
+    assert found.p_value[1, 0] < 1e-6 and abs(found.srrc[1, 0]) < 0.05
+    assert found.found[:, 0].tolist() == [True, False, False]
+
+
+def test_no_single_parameter_where_little_is_explained():
+    draw = np.random.default_rng(91)
+    inputs = draw.uniform(-1.0, 1.0, (1000, 3))
+    found = rank_drivers(inputs, (inputs[:, 0] + 1.5 * draw.normal(size=1000))[:, None])
+    assert found.p_value[0, 0] < 1e-6 and not found.tells[0] and not found.found.any()
+
+
+@pytest.mark.parametrize("together", [0.5, 0.8, 0.95])
+def test_an_idle_partner_of_a_driver_is_not_named(together):
+    """Was named in 16 to 100 % of campaigns."""
+    named = marked = 0
+    for seed in range(100):
+        draw = np.random.default_rng(5000 + seed)
+        inputs = draw.normal(size=(1000, 4))
+        inputs[:, 1] = together * inputs[:, 0] + np.sqrt(1.0 - together**2) * inputs[:, 1]
+        output = np.exp(inputs[:, 0]) + inputs[:, 0] ** 3 + 0.3 * draw.normal(size=1000)
+        found = rank_drivers(inputs, output[:, None])
+        assert found.found[0, 0]
+        named += found.found[1, 0]
+        marked += found.moves_with[1, 0] == 0
+    assert named <= 5 and marked >= 95
+
+
+def test_intervals_cover_the_coefficients_of_all_flights():
+    """Of errors whose spread grows with the input, too."""
+    draw = np.random.default_rng(92)
+
+    def fly(number):
+        inputs = draw.uniform(-1.0, 1.0, (number, 2))
+        return inputs, inputs @ [1.0, 0.5] + (1.0 + inputs[:, 0]) * draw.normal(size=number)
+
+    everything = rank_drivers(*(np.atleast_2d(part.T).T for part in fly(400_000)))
+    inside = 0
+    for _ in range(300):
+        inputs, output = fly(200)
+        found = rank_drivers(inputs, output[:, None])
+        inside += found.srrc_low[0, 0] <= everything.srrc[0, 0] <= found.srrc_high[0, 0]
+        assert found.prcc_low[0, 0] < found.prcc[0, 0] < found.prcc_high[0, 0]
+    assert inside >= 0.93 * 300
 
 
 def test_constant_output_and_input_are_not_judged():
@@ -104,3 +153,55 @@ def test_few_failures_give_no_rule():
     failed = np.zeros(FLIGHTS, dtype=bool)
     failed[:4] = True
     assert find_rules(bin_inputs(_inputs(0).T), failed) == []
+
+
+def test_both_ends_of_an_input_are_one_rule():
+    """|wind.north| > 25 m/s: 21 of 21, where the page said '> 25: 52 %'."""
+    for seed in range(10):
+        inputs = np.random.default_rng(7000 + seed).normal(0.0, 12.0, (1000, IDLE))
+        failed = np.abs(inputs[:, 6]) > np.sort(np.abs(inputs[:, 6]))[-22]
+        rules = find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__)
+        best = rules[0]
+        assert best.either and [(c.input, c.above) for c in best.conditions] == [(6, False), (6, True)]
+        assert (best.failures_inside, best.failures, best.others_inside) == (21, 21, 0)
+        assert not any(len(rule.conditions) == 1 for rule in rules)
+
+
+def test_a_difference_of_two_inputs_is_one_rule():
+    for seed in range(10):
+        inputs = np.random.default_rng(7100 + seed).uniform(-1.0, 1.0, (1000, IDLE))
+        margin = inputs[:, 3] - inputs[:, 8]
+        failed = margin > np.sort(margin)[-101]
+        best = find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__)[0]
+        (condition,) = best.conditions
+        assert (condition.input, condition.minus, condition.above) == (3, 8, True)
+        assert best.failures_inside == best.failures == 100 and best.others_inside <= 3
+
+
+def test_a_difference_rides_on_no_real_input():
+    """One input alone, and a corner, stay what they are."""
+    for seed in range(10):
+        inputs = _inputs(7200 + seed)
+        for failed in (inputs[:, 4] > 0.7, _corner(inputs, 0.9, 7300 + seed)):
+            rules = find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__)
+            assert rules and not any(c.minus is not None for rule in rules[:1] for c in rule.conditions)
+            assert {c.input for c in rules[0].conditions} <= {4, 9}
+
+
+def test_no_rule_of_any_kind_where_failures_fall_at_random():
+    false_alarms = 0
+    for seed in range(60):
+        inputs = _inputs(seed)
+        failed = np.random.default_rng(7400 + seed).random(FLIGHTS) < 0.1
+        false_alarms += bool(find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__))
+    assert false_alarms <= 5
+
+
+def test_thresholds_of_discrete_inputs_keep_equal_values_together():
+    draw = np.random.default_rng(95)
+    inputs = np.column_stack([draw.integers(0, 3, 600).astype(float), draw.random(600)])
+    failed = inputs[:, 0] == 0.0
+    best = find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__)[0]
+    (condition,) = best.conditions
+    assert not condition.above and 0.0 <= condition.threshold < 1.0
+    assert (best.failures_inside, best.others_inside) == (best.failures, 0)

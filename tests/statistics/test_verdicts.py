@@ -107,7 +107,7 @@ def test_verdicts():
     proven = judge(0, 1000, 0.9973)
     assert (proven.status, proven.flights_needed) == ("PASS", 0)
     open_ = judge(0, 1000, 0.99865)
-    assert (open_.status, open_.flights_needed) == ("NOT SHOWN", runs_needed(0, 0.99865, 0.10) - 1000)
+    assert (open_.status, open_.flights_needed) == ("NOT SHOWN", runs_needed(0, 0.99865, 0.10))
     assert judge(3, 2000, 0.9973).status == "NOT SHOWN"
     failed = judge(30, 1000, 0.9973)
     assert (failed.status, failed.flights_needed) == ("FAIL", None)
@@ -133,3 +133,30 @@ def test_pass_and_fail_err_no_more_often_than_allowed():
 def test_impossible_arguments_are_refused(call):
     with pytest.raises(ValueError, match="must lie"):
         call()
+
+
+def test_flights_that_were_not_computed_count_as_failures():
+    """148 of 1000 not computed was '0 failures in 852, PASS'."""
+    found = judge(0, 1000, 0.9973, 0.10, uncomputed=148)
+    assert (found.status, found.failures, found.runs, found.uncomputed) == ("FAIL", 148, 1000, 148)
+    assert found.provisional
+    assert judge(0, 6, 0.9, 0.10, uncomputed=6).status == "FAIL"
+
+
+def test_a_verdict_is_provisional_only_where_those_flights_matter():
+    assert not judge(0, 5000, 0.9973, 0.10, uncomputed=1).provisional
+    assert judge(0, 1000, 0.9973, 0.10, uncomputed=1).provisional  # PASS if it held
+    assert judge(0, 852, 0.9973, 0.10, uncomputed=1).provisional
+    assert not judge(900, 1000, 0.9973, 0.10, uncomputed=50).provisional
+    with pytest.raises(ValueError, match="negative"):
+        judge(0, 10, 0.9, uncomputed=-1)
+    with pytest.raises(ValueError, match="failures"):
+        judge(6, 10, 0.9, uncomputed=5)
+
+
+def test_the_posterior_is_jeffreys():
+    from scipy.stats import beta
+
+    for failures, runs, probability in ((0, 852, 0.9973), (3, 1440, 0.9973), (10, 10, 0.5)):
+        expected = beta(runs - failures + 0.5, failures + 0.5).sf(probability)
+        assert judge(failures, runs, probability).met == pytest.approx(expected, abs=1e-12)

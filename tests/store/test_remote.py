@@ -160,3 +160,24 @@ def test_files_are_local(tmp_path):
 def test_an_unknown_scheme_is_bad_input():
     with pytest.raises(InputError, match="address"), mirrored(Path("ftp://host/a")):
         pass
+
+
+@pytest.mark.parametrize("wrong_by", [-7200.0, 7200.0])
+def test_the_hosts_clocks_do_not_matter(bucket, tmp_path, monkeypatch, wrong_by):
+    _, address, _ = bucket
+    clock = remote.time.time
+    with mirrored(Path(address)):
+        monkeypatch.setattr(remote.time, "time", lambda: clock() + wrong_by)
+        with pytest.raises(InputError, match="is flying"), mirrored(Path(address)):
+            pass
+
+
+def test_an_abandoned_address_is_taken_over_by_the_stores_clock(bucket, monkeypatch):
+    store, address, base = bucket
+    with store.open_output_stream(f"{base}/.lock") as stream:
+        stream.write(json.dumps({"pid": 1, "host": "gone", "token": "other"}).encode())
+    with pytest.raises(InputError, match="process 1 on gone"), mirrored(Path(address)):
+        pass
+    monkeypatch.setattr(remote, "LEASE", -1.0)
+    with mirrored(Path(address)):
+        pass

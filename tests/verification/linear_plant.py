@@ -23,7 +23,7 @@ from verification.nominals import (
     velocity_jacobian,
 )
 
-from abhv_mc.control.trim_tables import trim_elevator
+from abhv_mc.control.design.trim_tables import trim_elevator
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.plan import Timing
 from abhv_mc.numerics.quaternion import from_euler

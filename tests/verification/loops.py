@@ -15,10 +15,10 @@ from verification.nominals import (
 
 from abhv_mc.control.columns import LQR_ELEVATOR, LQR_GUIDANCE, LQR_LATERAL, REFERENCE, TLC_K1, TLC_K2
 from abhv_mc.control.controller_file import LqrController
-from abhv_mc.control.design_model import body_rate_rates
-from abhv_mc.control.lqr_design import gains_at, make_models, make_nominal
-from abhv_mc.control.tlc_design import make_tlc_gains, pd_spectrum
-from abhv_mc.control.tlc_loops import (
+from abhv_mc.control.design.design_model import body_rate_rates
+from abhv_mc.control.design.lqr_design import gains_at, make_models, make_nominal
+from abhv_mc.control.design.tlc_design import make_tlc_gains, pd_spectrum
+from abhv_mc.control.laws.tlc_loops import (
     Inertia,
     Spectrum,
     attitude_gains,

@@ -10,13 +10,13 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
-from abhv_mc.control.design_model import Surroundings, attitude_rates, body_rate_rates, guidance_rates, wrench_at
-from abhv_mc.control.design_tables import Numbers, slope
+from abhv_mc.control.design.design_model import Surroundings, attitude_rates, body_rate_rates, guidance_rates, wrench_at
+from abhv_mc.control.design.design_tables import Numbers, slope
+from abhv_mc.control.design.reference import make_mission_trim_tables, solve_reference
+from abhv_mc.control.design.surroundings import make_surroundings
+from abhv_mc.control.design.trim_tables import trim_elevator
+from abhv_mc.control.laws.tlc_loops import AttitudePoint, attitude_inverse
 from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.control.reference import make_mission_trim_tables, solve_reference
-from abhv_mc.control.surroundings import make_surroundings
-from abhv_mc.control.tlc_loops import AttitudePoint, attitude_inverse
-from abhv_mc.control.trim_tables import trim_elevator
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.vehicle.arrays import Floats, Tables

@@ -18,14 +18,14 @@ def test_named_columns_come_with_all_their_digits(tmp_path):
 @pytest.mark.parametrize(
     ("text", "match", "place"),
     [
-        ("time,b\n0,1\n1,x\n", "'x' in column b", (3, 2)),
-        ("time,b\n0,1\n1,\n", "'' in column b", (3, 2)),
-        ("time,b\n0,1\n1,inf\n", "in column b", (3, 2)),
+        ("time,b\n0,1\n1,x\n", "'x'", (3, 3)),
+        ("time,b\n0,1\n1,\n", "an empty cell", (3, 3)),
+        ("time,b\n0,1\n1,inf\n", "'inf'", (3, 3)),
         ("time,c\n0,1\n1,2\n", "no column b", (1, None)),
         ("time,b,b\n0,1,2\n1,2,3\n", "2 columns b", (1, None)),
         ("time,b\n0,1\n", "1 rows", (None, None)),
         ("time,b\n0,1\n1,2,3,4\n", "4 cells", (3, None)),
-        ("", "no column", (1, None)),
+        ("", "no rows", (1, None)),
     ],
 )
 def test_what_is_wrong_is_said_with_its_place(tmp_path, text, match, place):

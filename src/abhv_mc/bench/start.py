@@ -42,15 +42,12 @@ _FIRST_FLIGHT = ["-m", "abhv_mc", "fly", "s_manoeuvre", "--controller", "tlc"]
 _IMPORT = ["-c", "import time; t = time.perf_counter(); import abhv_mc; print(time.perf_counter() - t)"]
 
 
-def _environment(changes: dict[str, str]) -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **changes}
-
-
 def _run(arguments: list[str], changes: dict[str, str]) -> tuple[float, str]:
     """Wall time, s, and standard output of a Python process."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **changes}
     start = time.perf_counter()
     done = subprocess.run(  # noqa: S603
-        [sys.executable, *arguments], env=_environment(changes), capture_output=True, text=True, check=True
+        [sys.executable, *arguments], env=environment, capture_output=True, text=True, check=True
     )
     return time.perf_counter() - start, done.stdout
 

@@ -10,7 +10,7 @@ def announce_compiling() -> None:
 
     on_first_compile(
         lambda: print(
-            "compiling the flight for this machine (about 15 seconds, once per version)", file=sys.stderr, flush=True
+            "compiling the flight for this machine (about 20 seconds, once per version)", file=sys.stderr, flush=True
         )
     )
 

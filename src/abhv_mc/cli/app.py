@@ -5,6 +5,7 @@ called ``app``) and is named here. Python takes ``cli/<command>.py`` in at every
 inside its function.
 """
 
+import atexit
 import gc
 import sys
 from importlib import import_module
@@ -12,8 +13,8 @@ from importlib import import_module
 import typer
 
 from abhv_mc import __version__
-from abhv_mc.cli.errors import exit_code_of
-from abhv_mc.cli.signals import heed_signals
+from abhv_mc.cli.errors import ExitCode, exit_code_of
+from abhv_mc.cli.signals import heed_signals, ignore_signals
 
 _COMMANDS = {
     "Start": ("new", "validate", "schema"),
@@ -31,6 +32,7 @@ _COMMANDS = {
         "parameters",
         "version",
     ),
+    "Analyse": ("margins", "linearize"),
     "Prove": ("verify", "bench"),
 }
 
@@ -72,8 +74,13 @@ for _panel, _names in _COMMANDS.items():
 def main() -> None:
     """Run the command line and exit with its code."""
     gc.set_threshold(100_000, 10, 10)  # libraries being loaded are no garbage: a tenth of a cached start
+    atexit.register(ignore_signals)  # while Python takes itself apart there is nothing left to stop
     with heed_signals():
         try:
             app(prog_name="abhv-mc")  # so that completion knows it, however it was started
         except BaseException as error:  # every way out passes here, so that each has the promised code
-            sys.exit(exit_code_of(error))
+            try:
+                code = exit_code_of(error)
+            except KeyboardInterrupt:  # a second one, while the first is told
+                code = ExitCode.INCOMPLETE
+            sys.exit(code)

@@ -18,41 +18,26 @@ def command(
 
     Without --controllers, each controller that both flew is compared with itself.
     """
+    from abhv_mc.cli.names import parse_names
+    from abhv_mc.cli.printing import print_json
     from abhv_mc.report.compare import compare_folders
 
-    named = tuple(part.strip() for part in controllers.split(",")) if controllers else ()
+    named = parse_names(controllers) or ()
     found = compare_folders(folder_a, folder_b, named)
-    if json:
-        import json as writer
-
-        print(writer.dumps(found, indent=1, allow_nan=False))
-    else:
-        _print(found)
+    (print_json if json else _print)(found)
 
 
 def _print(found: dict[str, Any]) -> None:
-    from rich.box import SIMPLE
-    from rich.console import Console
-    from rich.table import Table
-
-    from abhv_mc.cli.printing import print_table
-    from abhv_mc.report.metrics import METRIC_WORDS, words_of
+    from abhv_mc.cli.printing import new_table, print_table
+    from abhv_mc.report.metrics import words_of
     from abhv_mc.report.words import p_value, significant
 
-    console = Console()
-    for duel in found["duels"]:
-        table = Table(title=f"{duel['a']}  minus  {duel['b']}: {duel['pairs']} flights", box=SIMPLE)
-        table.add_column("metric", no_wrap=True)
-        for heading in (
-            "median difference (95 %)",
-            "of 95 % quantiles (95 %)",
-            "A better",
-            "B better",
-            "pairing saved",
-        ):
-            table.add_column(heading, justify="right")
-        for metric, numbers in duel["metrics"].items():
-            words = METRIC_WORDS.get(metric) or words_of(metric)
+    for pair in found["paired"]:
+        headings = "median difference (95 %)", "of 95 % quantiles (95 %)", "A better", "B better", "pairing saved"
+        title = f"{pair['a']}  minus  {pair['b']}: {pair['pairs']} flights"
+        table = new_table(("metric",), headings, title)
+        for metric, numbers in pair["metrics"].items():
+            words = words_of(metric)
             gain = numbers["pairing_gain"]
             saved = f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none"
             row = (str(numbers["a_better"]), str(numbers["b_better"]), saved)
@@ -60,14 +45,12 @@ def _print(found: dict[str, Any]) -> None:
                 words.label_with_unit, _with_bounds(numbers["median_difference"]), _with_bounds(numbers["q95"]), *row
             )
         print_table(table)
-        _print_usage(duel["usage"])
+        _print_usage(pair["usage"])
         listed = [*found["requirements"], "reached the end of the mission"]
-        for words_, failed in zip(listed, [*duel["requirements"], duel["ended_early"]], strict=True):
-            console.print(
+        for words_, failed in zip(listed, [*pair["requirements"], pair["ended_early"]], strict=True):
+            print(
                 f"{words_}: only A failed {failed['only_a']}, only B {failed['only_b']}, both {failed['both']} "
-                f"(McNemar p {p_value(failed['p_value'])}){_listed(failed)}",
-                highlight=False,
-                soft_wrap=True,
+                f"(McNemar p {p_value(failed['p_value'])}){_listed(failed)}"
             )
 
 
@@ -91,16 +74,11 @@ def _listed(failed: dict[str, Any]) -> str:
 
 def _print_usage(usage: dict[str, Any]) -> None:
     """Tracking error against control usage: the ratios, and in how many flights less error was bought with more use."""
-    from rich.box import SIMPLE
-    from rich.table import Table
-
-    from abhv_mc.cli.printing import print_table
+    from abhv_mc.cli.printing import new_table, print_table
     from abhv_mc.report.metrics import words_of
 
-    table = Table(title="A to B: error against surface usage", box=SIMPLE)
-    table.add_column("metric", no_wrap=True)
-    for heading in ("error ratio", "usage ratio", "less error, no more use", "less error, more use"):
-        table.add_column(heading, justify="right")
+    headings = "error ratio", "usage ratio", "less error, no more use", "less error, more use"
+    table = new_table(("metric",), headings, "A to B: error against surface usage")
     for metric, numbers in usage.items():
         if numbers:
             counts = [str(numbers[f"less_error_{use}_usage"]) for use in ("less", "more")]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from abhv_mc.cli.signals import settle_interrupt
 from abhv_mc.io.input_error import InputError, Refusal
-from abhv_mc.store.folder import StorageFullError, told_plainly
+from abhv_mc.store.folder import FolderLostError, StorageFullError, told_plainly
 
 
 class ExitCode(IntEnum):
@@ -33,7 +33,14 @@ def exit_code_of(error: BaseException) -> int | str | None:
         return ExitCode.INCOMPLETE
     if isinstance(error, OSError):
         error = _explain(error)
-    if isinstance(error, StorageFullError):
+    if isinstance(error, MemoryError):
+        print("not enough memory: what was flown is kept; fewer workers or smaller blocks need less", file=sys.stderr)
+        return ExitCode.INCOMPLETE
+    if type(error).__module__.partition(".")[0] == "distributed":  # of many kinds, as a scheduler or its host dies
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        print(f"the cluster does not answer ({reason}): what was flown is kept", file=sys.stderr)
+        return ExitCode.INCOMPLETE
+    if isinstance(error, (StorageFullError, FolderLostError)):
         print(error, file=sys.stderr)
         return ExitCode.INCOMPLETE
     if isinstance(error, (InputError, Refusal)):

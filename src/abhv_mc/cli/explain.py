@@ -27,6 +27,7 @@ def command(
     from abhv_mc.campaign.analysis.explain import explain_flight
     from abhv_mc.campaign.run.setup import make_engine
     from abhv_mc.cli.announce import announce_compiling
+    from abhv_mc.cli.printing import print_json
     from abhv_mc.report.explained import explanation_numbers, explanation_words, write_explained_figure
     from abhv_mc.report.results import read_facts
     from abhv_mc.store.folder import CampaignFolder
@@ -38,9 +39,7 @@ def command(
     path = out or paths.explained / f"{name}-{flight}.png"
     write_explained_figure(found, path)
     if json:
-        import json as writer
-
-        print(writer.dumps(explanation_numbers(found) | {"figure": str(path)}, indent=1))
+        print_json(explanation_numbers(found) | {"figure": str(path)})
         return
     print(*explanation_words(found), sep="\n")
     print(f"figure    {path}")

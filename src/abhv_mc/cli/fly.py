@@ -24,13 +24,13 @@ def command(
     from abhv_mc.cli.announce import announce_compiling, announce_warnings
     from abhv_mc.io.input_error import InputError
 
-    files = [_find("control", name) for name in controller or ("tlc", "lqr")]
+    files = [find_file("control", name) for name in controller or ("tlc", "lqr")]
     names = [file.stem for file in files]
     if len(set(names)) < len(names):
         raise InputError("--controller", None, None, ", ".join(names), "files of different names")
     if out is not None and out.exists() and not out.is_dir():
         raise InputError(out, None, None, "a file", "a folder, or the name of a new one")
-    paths = _find("vehicle", vehicle), _find("mission", mission)
+    paths = find_file("vehicle", vehicle), find_file("mission", mission)
     announce_compiling()
     from abhv_mc.flight.fly import fly, nominal_parameters
     from abhv_mc.flight.prepare import prepare
@@ -48,7 +48,7 @@ def command(
             print(path)
 
 
-def _find(kind: str, name: str) -> Path:
+def find_file(kind: str, name: str) -> Path:
     """The file that is meant: a path, or the name of one that comes with the program."""
     from abhv_mc.io.input_error import InputError
     from abhv_mc.shipped import shipped_configs
@@ -63,17 +63,11 @@ def _find(kind: str, name: str) -> Path:
 
 
 def _print_table(title: str, blocks: "dict[str, FlightBlock]") -> None:
-    from rich.box import SIMPLE
-    from rich.table import Table
-
-    from abhv_mc.cli.printing import print_table
+    from abhv_mc.cli.printing import new_table, print_table
     from abhv_mc.flight.outcome import SENTENCES, Outcome
     from abhv_mc.flight.signals import METRICS
 
-    table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0))
-    table.add_column("metric", no_wrap=True)
-    for name in blocks:
-        table.add_column(name, justify="right")
+    table = new_table(("metric",), blocks, title, padding=(0, 1, 0, 0))
     outcomes = {name: Outcome(int(block.outcome[0])) for name, block in blocks.items()}
     table.add_row("outcome", *(outcome.code for outcome in outcomes.values()))
     table.add_row("end_time_s", *(f"{block.end_time[0]:g}" for block in blocks.values()), end_section=True)

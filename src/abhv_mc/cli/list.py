@@ -15,15 +15,14 @@ def command(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """List the campaigns in a folder: name, state, flights, when, and the digest's first digits."""
-    import json as writer
-
     from abhv_mc.campaign.run.status import find_campaigns
+    from abhv_mc.cli.printing import print_json
 
     if not folder.is_dir() and folder != _DEFAULT:
         raise InputError(folder, None, None, "no such folder", "one that holds campaigns' folders")
     found = find_campaigns(folder)
     if json:
-        print(writer.dumps(found, indent=2))
+        print_json(found)
         return
     if not found:
         print(f"no campaigns in {folder}")

@@ -7,14 +7,14 @@ import typer
 
 def command(json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
     """Print every dispersible parameter: name, unit, nominal value, meaning. A unit of - is a factor or a number."""
-    import json as writer
     from dataclasses import asdict
 
+    from abhv_mc.cli.printing import print_json
     from abhv_mc.plant.parameters import PARAMETERS
 
     listed = PARAMETERS[1:]  # the first is no parameter of a vehicle
     if json:
-        print(writer.dumps([asdict(parameter) for parameter in listed], indent=2))
+        print_json([asdict(parameter) for parameter in listed])
         return
     for parameter in listed:
         print(f"{parameter.name:<36} {parameter.unit:>6} {parameter.nominal:>4g}  {parameter.doc}")

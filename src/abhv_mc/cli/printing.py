@@ -1,9 +1,30 @@
-"""Tables on standard output, as wide as their text: a number is never cut, whatever stands at the other end."""
+"""What commands print: JSON for programs, and tables as wide as their text, in which no number is ever cut."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+
+def print_json(value: Any) -> None:
+    """Print a value as JSON; what JSON has no type for becomes text."""
+    import json
+
+    print(json.dumps(value, indent=2, default=str))
+
+
+def new_table(left: Iterable[str], right: Iterable[str], title: str | None = None, **options: Any) -> "Table":
+    """An empty table: headings of columns of words, then of columns of numbers. ``options`` are those of rich."""
+    from rich.box import SIMPLE
+    from rich.table import Table
+
+    table = Table(title=title, box=SIMPLE, **options)
+    for heading in left:
+        table.add_column(heading, no_wrap=True)
+    for heading in right:
+        table.add_column(heading, justify="right", no_wrap=True)
+    return table
 
 
 def print_table(table: "Table") -> None:

@@ -22,7 +22,7 @@ def command(
     from abhv_mc.store.database import open_database
     from abhv_mc.store.remote import fetched
 
-    with fetched(folder, (".parquet",)) as source:
+    with fetched(folder) as source:
         connection = open_database(source)
         try:
             answer = connection.sql(sql)

@@ -9,10 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from abhv_mc.cli.errors import ExitCode
+from abhv_mc.cli.names import parse_names
 from abhv_mc.io.input_error import Refusal
 
 if TYPE_CHECKING:
     from abhv_mc.campaign.run.runner import RunResult
+
+
+_WORKERS = typer.Option(min=1, max=1024, help="Flights in parallel.", show_default="cores")
 
 
 class Device(StrEnum):
@@ -37,7 +41,7 @@ def command(
     runs: Annotated[int | None, typer.Option(min=1, help="Flights of each controller.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed.")] = None,
     controllers: Annotated[str | None, typer.Option(metavar="A,B", help="Only these of its controllers.")] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Flights in parallel.", show_default="cores")] = None,
+    workers: Annotated[int | None, _WORKERS] = None,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Fly on this Dask cluster.")] = None,
     device: Annotated[Device, typer.Option(help="Fly on the processor or on an NVIDIA GPU.")] = Device.CPU,
     shard: Annotated[str | None, typer.Option(metavar="I/N", help="Only part I of N; merge joins them.")] = None,
@@ -59,7 +63,7 @@ def command(
     from abhv_mc.campaign.run.setup import Request
     from abhv_mc.store.remote import mirrored
 
-    names = tuple(name.strip() for name in controllers.split(",")) if controllers else None
+    names = parse_names(controllers)
     part = _parse_shard(shard) if shard else None
     engine = None
     if device is Device.GPU:
@@ -113,11 +117,15 @@ def _print_result(result: "RunResult", named: str) -> None:
     print(f"folder    {named}")
     print(f"flights   {manifest['runs_done']} of {manifest['runs_planned']}, {manifest['state']}")
     for name, facts in manifest["controllers"].items():
-        counts = ", ".join(f"{number} {outcome}" for outcome, number in facts["outcomes"].items())
-        print(f"  {name:<12} {counts or 'none'}")
+        print(f"  {name:<12} {describe_outcomes(facts)}")
     for entry in manifest["requirements"]:
         print(f"  {describe_requirement(entry)}")
     print(f"digest    {manifest['digest']}")
+
+
+def describe_outcomes(facts: dict[str, Any]) -> str:
+    """How many of a controller's flights ended in each way."""
+    return ", ".join(f"{number} {outcome}" for outcome, number in facts["outcomes"].items()) or "none"
 
 
 def describe_requirement(entry: dict[str, Any]) -> str:

@@ -17,8 +17,7 @@ class Kind(StrEnum):
 
 def command(kind: Annotated[Kind, typer.Argument(help="The kind of file.")]) -> None:
     """Print the JSON Schema of a kind of file."""
-    import json
-
     from abhv_mc.campaign.file.schema import make_schema
+    from abhv_mc.cli.printing import print_json
 
-    print(json.dumps(make_schema(kind.value), indent=2))
+    print_json(make_schema(kind.value))

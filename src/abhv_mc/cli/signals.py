@@ -6,7 +6,8 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
-from types import FrameType
+
+from abhv_mc.campaign.run.interrupts import sigterm_as_interrupt
 
 _AGAIN = 0.01  # s
 
@@ -14,7 +15,7 @@ _AGAIN = 0.01  # s
 @contextlib.contextmanager
 def heed_signals() -> Iterator[None]:
     """Let SIGTERM interrupt as Ctrl-C does, and let no interrupt get lost."""
-    hook, handler = sys.unraisablehook, signal.signal(signal.SIGTERM, _interrupt)
+    hook = sys.unraisablehook
 
     def interrupt_again(unraisable: "sys.UnraisableHookArgs") -> None:
         """Python drops what is raised in a finalizer, even a KeyboardInterrupt: send it once more."""
@@ -25,10 +26,10 @@ def heed_signals() -> Iterator[None]:
 
     sys.unraisablehook = interrupt_again
     try:
-        yield
+        with sigterm_as_interrupt():
+            yield
     finally:
         sys.unraisablehook = hook
-        signal.signal(signal.SIGTERM, handler)
 
 
 def settle_interrupt() -> None:
@@ -36,5 +37,8 @@ def settle_interrupt() -> None:
     eval("0")  # noqa: S307  # the next one that runs to its end makes Python forget it
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
+def ignore_signals() -> None:
+    """From here on the process ends by itself."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)

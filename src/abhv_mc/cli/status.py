@@ -11,21 +11,19 @@ def command(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Say how far a campaign is, who flies it, and what was found so far."""
-    import json as writer
-
     from abhv_mc.campaign.run.status import read_status
-    from abhv_mc.cli.run import describe_requirement
+    from abhv_mc.cli.printing import print_json
+    from abhv_mc.cli.run import describe_outcomes, describe_requirement
 
     status = read_status(folder)
     if json:
-        print(writer.dumps(status, indent=2))
+        print_json(status)
         return
     print(f"{status['name']}: {status['state']}, {status['runs_done']} of {status['runs_planned']} flights")
     if status["holder"]:
         print(f"  flown now by {status['holder']}")
     for name, facts in status["controllers"].items():
-        counts = ", ".join(f"{number} {outcome}" for outcome, number in facts["outcomes"].items())
-        print(f"  {name:<12} {facts['flights_done']} flown: {counts or 'none'}")
+        print(f"  {name:<12} {facts['flights_done']} flown: {describe_outcomes(facts)}")
     for entry in status["requirements"]:
         print(f"  {describe_requirement(entry)}")
     print(f"  digest       {status['digest']}")

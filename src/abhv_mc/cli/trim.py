@@ -105,23 +105,19 @@ def _quantity(option: str, text: str, dimension: "Dimension", low: float, high: 
 
 
 def _print_json(vehicle: Path, altitude: float, speed: float, mass: float, points: list[dict[str, Any]]) -> None:
-    import json
+    from abhv_mc.cli.printing import print_json
 
     head = {"vehicle": str(vehicle), "altitude_m": altitude, "speed_mps": speed, "mass_kg": mass}
-    print(json.dumps({**head, "points": points}, indent=2))
+    print_json({**head, "points": points})
 
 
 def _print_table(vehicle: Path, altitude: float, speed: float, points: list[dict[str, Any]]) -> None:
-    from rich.box import SIMPLE
-    from rich.table import Table
-
-    from abhv_mc.cli.printing import print_table
+    from abhv_mc.cli.printing import new_table, print_table
 
     mach, pressure = points[0]["mach"], points[0]["dynamic_pressure_pa"]
     title = f"{vehicle.stem}: {altitude / 1e3:g} km, {speed:g} m/s, Mach {mach:.3f}, {pressure / 1e3:.2f} kPa"
-    table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0))
-    for _, heading, unit, _, _ in _COLUMNS:
-        table.add_column(f"{heading}\n{unit}", justify="right", no_wrap=True)
+    headings = [f"{heading}\n{unit}" for _, heading, unit, _, _ in _COLUMNS]
+    table = new_table((), headings, title, padding=(0, 1, 0, 0))
     for point in points:
         table.add_row(*(f"{point[name] / divisor:.{digits}f}" for name, _, _, divisor, digits in _COLUMNS))
     print_table(table)

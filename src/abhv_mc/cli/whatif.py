@@ -19,22 +19,15 @@ def command(
     Refused where the flights do not cover what is asked, or where too few of them count.
     """
     from abhv_mc.campaign.analysis.reweight import parse_settings
+    from abhv_mc.cli.printing import print_json
     from abhv_mc.report.whatif import make_whatif
 
     found = make_whatif(folder, parse_settings(settings))
-    if json:
-        import json as writer
-
-        print(writer.dumps(found, indent=1, allow_nan=False))
-    else:
-        _print(found)
+    (print_json if json else _print)(found)
 
 
 def _print(found: dict[str, Any]) -> None:
-    from rich.box import SIMPLE
-    from rich.table import Table
-
-    from abhv_mc.cli.printing import print_table
+    from abhv_mc.cli.printing import new_table, print_table
     from abhv_mc.report.metrics import HEADLINE, USAGE, controller_label, words_of
     from abhv_mc.report.words import bounds, estimate, percent, significant
 
@@ -45,10 +38,7 @@ def _print(found: dict[str, Any]) -> None:
     for name, part in found["controllers"].items():
         worth = significant(part["effective_flights"])
         title = f"{controller_label(name)}: {part['flights']} flights, worth {worth} under the changed dispersions"
-        table = Table(title=title, box=SIMPLE)
-        table.add_column("")
-        for heading in ("quantile", "as flown", "changed"):
-            table.add_column(heading, justify="right")
+        table = new_table(("",), ("quantile", "as flown", "changed"), title)
         for metric in (*HEADLINE, *USAGE):
             for level, pair in part["metrics"].get(metric, {}).items():
                 label = words_of(metric).label if level == "q50" else ""

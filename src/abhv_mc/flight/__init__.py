@@ -1,1 +1,1 @@
-"""The flight: signals, outcomes, metrics and the compiled engine, many flights abreast."""
+"""The flight: signals, outcomes, metrics and the compiled kernel that flies them in batched lanes."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.control.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
-from abhv_mc.control.recorded import RECORDED_GAINS
+from abhv_mc.control.laws.recorded import RECORDED_GAINS
 from abhv_mc.flight.memory import Memory
 from abhv_mc.flight.observe import Observed, make_observed
 from abhv_mc.flight.plan import FlightPlan, Timing
@@ -54,7 +54,7 @@ class KernelPlan(NamedTuple):
     parameters: Floats  # [flight, parameter]
 
 
-class Results(NamedTuple):
+class KernelResults(NamedTuple):
     """What the compiled flight fills."""
 
     metrics: Floats  # [flight, metric]
@@ -64,10 +64,10 @@ class Results(NamedTuple):
     states: Floats  # [flight, sample, state]; no samples where not asked for
 
 
-def make_results(plan: FlightPlan, flights: int, every: int, keep_states: bool) -> Results:
+def make_results(plan: FlightPlan, flights: int, every: int, keep_states: bool) -> KernelResults:
     """Room for the results; ``every`` counts ticks between samples, 0 for none."""
     samples = plan.timing.ticks // every + 1 if every else 0
-    return Results(
+    return KernelResults(
         np.empty((flights, len(METRICS))),
         np.empty(flights, dtype=np.int64),
         np.empty(flights, dtype=np.int64),
@@ -100,17 +100,17 @@ def make_kernel_plan(plan: FlightPlan, parameters: Floats, every: int) -> Kernel
             parameters,
         ),
         KernelPlan,
-        "the plan",
+        "plan",
     )
     columns, settings = _COLUMNS[plan.law]
-    check_shape(made.initial_state, (N_STATES,), "the plan's initial_state")
+    check_shape(made.initial_state, (N_STATES,), "plan.initial_state")
     check_shape(made.parameters, (None, N_PARAMETERS), "parameters")
-    check_shape(made.reference, (None, len(REFERENCE)), "the plan's reference")
-    check_shape(made.gains, (None, columns), "the plan's gains")
-    check_shape(made.settings, (settings,), "the plan's settings")
+    check_shape(made.reference, (None, len(REFERENCE)), "plan.reference")
+    check_shape(made.gains, (None, columns), "plan.gains")
+    check_shape(made.settings, (settings,), "plan.settings")
     rows = min(len(made.reference), len(made.gains))
     if rows <= plan.timing.ticks:
-        raise ValueError(f"the plan's reference or gains have {rows} rows for control ticks 0 to {plan.timing.ticks}")
+        raise ValueError(f"plan.reference or plan.gains has {rows} rows for control ticks 0 to {plan.timing.ticks}")
     return made
 
 
@@ -122,7 +122,7 @@ def conform(value: Any, kind: Any, name: str) -> Any:
     """
     if hasattr(kind, "_fields"):
         members = zip(_hints(kind).items(), value, strict=True)
-        return kind(*(conform(member, hint, f"{name}'s {field}") for (field, hint), member in members))
+        return kind(*(conform(member, hint, f"{name}.{field}") for (field, hint), member in members))
     if kind in (int, float):
         if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
             raise ValueError(f"{name} is {value!r:.60}, not a number")
@@ -146,20 +146,20 @@ def check_shape(array: NDArray[Any], shape: tuple[int | None, ...], name: str) -
         raise ValueError(f"{name} has the shape {array.shape}, not ({words})")
 
 
-def check_written(plan: KernelPlan, memory: Memory, results: Results) -> None:
+def check_written(plan: KernelPlan, memory: Memory, results: KernelResults) -> None:
     """Refuse arrays that the kernel cannot write to, or that share memory with another one of its arguments.
 
     Raises ValueError.
     """
     flights = len(plan.parameters)
-    check_shape(results.metrics, (flights, len(METRICS)), "the results' metrics")
-    check_shape(results.outcome, (flights,), "the results' outcome")
-    check_shape(results.end_tick, (flights,), "the results' end_tick")
+    check_shape(results.metrics, (flights, len(METRICS)), "results.metrics")
+    check_shape(results.outcome, (flights,), "results.outcome")
+    check_shape(results.end_tick, (flights,), "results.end_tick")
     samples = plan.timing.ticks // plan.record_every + 1 if plan.record_every else 0
-    check_shape(results.history, (flights, samples, len(CHANNELS)), "the results' history")
-    check_shape(results.states, (flights, samples if results.states.size else 0, N_STATES), "the results' states")
+    check_shape(results.history, (flights, samples, len(CHANNELS)), "results.history")
+    check_shape(results.states, (flights, samples if results.states.size else 0, N_STATES), "results.states")
     written = []
-    for value, of in ((memory, "the memory"), (results, "the results")):
+    for value, of in ((memory, "memory"), (results, "results")):
         for name, array, kind in _arrays(value, of):
             check_type(array, kind, name)
             if not (array.flags.c_contiguous and array.flags.aligned and array.flags.writeable):
@@ -171,7 +171,7 @@ def check_written(plan: KernelPlan, memory: Memory, results: Results) -> None:
         if start < end:
             raise ValueError(f"{name} and {other} share memory and both are written to")
     starts = [start for start, _, _ in written]
-    for name, array, _ in _arrays(plan, "the plan"):
+    for name, array, _ in _arrays(plan, "plan"):
         start, end = np.lib.array_utils.byte_bounds(array)
         below = bisect_left(starts, end) - 1  # the last written array that begins before this one ends
         if array.size and below >= 0 and written[below][1] > start:
@@ -180,11 +180,12 @@ def check_written(plan: KernelPlan, memory: Memory, results: Results) -> None:
 
 def _arrays(value: Any, name: str) -> Iterator[tuple[str, NDArray[Any], Any]]:
     """The arrays of a named tuple, however deep, with their names and annotations."""
-    for (field, hint), member in zip(_hints(type(value)).items(), value, strict=True):
+    kind: Any = type(value)
+    for (field, hint), member in zip(_hints(kind).items(), value, strict=True):
         if hasattr(hint, "_fields"):
-            yield from _arrays(member, f"{name}'s {field}")
+            yield from _arrays(member, f"{name}.{field}")
         elif hint not in (int, float):
-            yield f"{name}'s {field}", member, hint
+            yield f"{name}.{field}", member, hint
 
 
 @cache

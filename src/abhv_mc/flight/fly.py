@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.flight.arguments import KernelPlan, Results, check_written, make_kernel_plan, make_results
+from abhv_mc.flight.arguments import KernelPlan, KernelResults, check_written, make_kernel_plan, make_results
 from abhv_mc.flight.kernel import make_fly_lanes
 from abhv_mc.flight.memory import Memory, make_memory
 from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan
@@ -29,8 +29,8 @@ def check_parameters(parameters: Floats) -> Floats:
     return given.astype(np.float64, copy=False)
 
 
-def make_block(plan: FlightPlan, results: Results, every: int) -> FlightBlock:
-    """Filled results as what the engine returns."""
+def make_block(plan: FlightPlan, results: KernelResults, every: int) -> FlightBlock:
+    """Filled results as what :func:`fly` returns."""
     tick = plan.timing.tick
     end_time = np.asarray(results.end_tick * tick, dtype=np.float64)
     times = np.asarray(np.arange(results.history.shape[1]) * every * tick, dtype=np.float64)
@@ -59,8 +59,8 @@ def fly(
 
 
 def flight_arguments(
-    plan: FlightPlan, parameters: Floats, results: Results, every: int, lanes: int
-) -> tuple[KernelPlan, Memory, Results]:
+    plan: FlightPlan, parameters: Floats, results: KernelResults, every: int, lanes: int
+) -> tuple[KernelPlan, Memory, KernelResults]:
     """What the compiled flight takes, checked. Raises ValueError, see :mod:`abhv_mc.flight.arguments`."""
     arguments = make_kernel_plan(plan, parameters, every), make_memory(lanes), results
     check_written(*arguments)

@@ -1,7 +1,7 @@
 """The same flight on a graphics processor: one thread a flight, in the thread's own memory.
 
 The kernel calls :func:`abhv_mc.flight.kernel.fly_groups` one lane wide. The hardware interleaves the threads' own
-memory, so what neighbouring flights read at once lies side by side. Without fused multiply-adds every operation
+memory, so what neighbouring flights read at once is contiguous. Without fused multiply-adds every operation
 rounds as on the processor: by construction the same bits.
 """
 
@@ -12,18 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.control.trim_lookup import AXES, TrimCells
-from abhv_mc.flight.arguments import LAWS, Results, make_kernel_plan, make_results
+from abhv_mc.control.laws.trim_lookup import AXES, TrimCells
+from abhv_mc.flight.arguments import LAWS, KernelResults, make_kernel_plan, make_results
 from abhv_mc.flight.fly import check_parameters, make_block
 from abhv_mc.flight.kernel import fly_groups
 from abhv_mc.flight.memory import O_ROWS, Z_ROWS, Memory
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.jit_cuda import cuda, device_kernel, find_device, uncontracted
 from abhv_mc.plant import state as s
-from abhv_mc.plant.aerodynamics import Cells
+from abhv_mc.plant.aerodynamics import TableCells
 from abhv_mc.vehicle.arrays import CHUNK, Floats
 
-THREADS = 32  # of a block: one warp, so that flights that end early free their place soonest
+THREADS = 32  # of a block: one warp, so that flights that end early free their registers soonest
 CAMPAIGN_BATCH = 16_384  # flights of a campaign's block: half of what an H200 flies at once, and a GB of history
 _MEMORY = 4e9  # bytes of results of one launch
 
@@ -42,7 +42,7 @@ def make_flight_kernel(
     def fly_one(plan, results):
         flight = cuda.grid(1)
         if flight < results.outcome.shape[0]:
-            cells = Cells(
+            cells = TableCells(
                 cuda.local.array((axes, 1), np.int64),
                 cuda.local.array((axes, 1), np.float64),
                 cuda.local.array(axes, np.int64),
@@ -134,7 +134,7 @@ def fly_on_gpu(
         for first in range(0, flights, piece):
             own = slice(first, min(first + piece, flights))
             host = [array[own] for array in results]
-            device = Results(*(cuda.device_array(array.shape, array.dtype) for array in host))
+            device: Any = KernelResults(*(cuda.device_array(array.shape, array.dtype) for array in host))
             blocks = -(-len(host[0]) // threads)
             kernel[blocks, threads](fixed._replace(parameters=cuda.to_device(parameters[own])), device)
             for there, here in zip(device, host, strict=True):

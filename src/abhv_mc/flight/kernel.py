@@ -3,14 +3,14 @@
 One kernel serves every vehicle, mission, controller and gain: they are arguments. A lane never looks at another lane,
 so a flight is the same bit for bit whichever flights are in the lanes beside it. A kernel's arguments are three named
 tuples: the plan, which is only read (:class:`abhv_mc.flight.arguments.KernelPlan`), the working memory
-(:class:`abhv_mc.flight.memory.Memory`) and the results (:class:`abhv_mc.flight.arguments.Results`).
+(:class:`abhv_mc.flight.memory.Memory`) and the results (:class:`abhv_mc.flight.arguments.KernelResults`).
 """
 
 from collections.abc import Callable
 
-from abhv_mc.control.lqr import lqr_tick
-from abhv_mc.control.recorded import recorded_tick
-from abhv_mc.control.tlc import tlc_tick
+from abhv_mc.control.laws.lqr import lqr_tick
+from abhv_mc.control.laws.recorded import recorded_tick
+from abhv_mc.control.laws.tlc import tlc_tick
 from abhv_mc.flight import observe
 from abhv_mc.flight.arguments import LQR, RECORDED, TLC
 from abhv_mc.flight.memory import Z_ROWS, has_width, restore_lanes, save_lane

@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abhv_mc.control.trim_lookup import TrimCells, make_trim_cells
+from abhv_mc.control.laws.trim_lookup import TrimCells, make_trim_cells
 from abhv_mc.flight import observe
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.lane_memory import aligned_zeros
 from abhv_mc.plant import state as s
-from abhv_mc.plant.aerodynamics import Cells, make_cells
+from abhv_mc.plant.aerodynamics import TableCells, make_cells
 from abhv_mc.vehicle.arrays import Floats, Ints
 
 TOGETHER = 256  # flights that share a compaction: what is saved of them stays in a near cache
@@ -25,7 +25,7 @@ class Memory(NamedTuple):
     Z: Floats  # [row, lane] state, parameters, air data, ... see abhv_mc.plant.state
     O: Floats  # [row, lane] end of the flight and metrics, see abhv_mc.flight.observe
     T: Floats  # [table row, lane]
-    cells: Cells
+    cells: TableCells
     trim: TrimCells
     high: Floats  # [table row], for slopes
     saved: Floats  # [flight, row] rows of Z and O of waiting flights

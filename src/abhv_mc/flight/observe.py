@@ -46,9 +46,12 @@ def _row_in_memory(source: str) -> int | None:
 
 
 # The sources that are derived, each once, and a row for each.
-DERIVED = tuple(
-    dict.fromkeys(each.source for each in (*LIMITS, *METRICS, *CHANNELS) if _row_in_memory(each.source) is None)
-)
+_SOURCES = [
+    *(limit.source for limit in LIMITS),
+    *(metric.source for metric in METRICS),
+    *(channel.source for channel in CHANNELS),
+]
+DERIVED = tuple(dict.fromkeys(source for source in _SOURCES if _row_in_memory(source) is None))
 VERDICT = FIRST_DERIVED + len(DERIVED)  # outcome of the limits at this tick, 0 within all of them
 END_ROW = VERDICT + 1  # of the lane memory
 
@@ -56,6 +59,8 @@ END_ROW = VERDICT + 1  # of the lane memory
 def find_row(source: str) -> int:
     """Row of the lane memory where a source stands. Raises ValueError for one that there is not."""
     row = _row_in_memory(source)
+    if row is None and source not in DERIVED:
+        raise ValueError(f"'{source}' is no row of the lane memory and no function of abhv_mc.flight.derived")
     return FIRST_DERIVED + DERIVED.index(source) if row is None else row
 
 

@@ -6,11 +6,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.flight.outcome import Limits
+from abhv_mc.flight import outcome
 from abhv_mc.plant.effectiveness import Effectiveness
 from abhv_mc.vehicle.arrays import Floats, Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth
+
+Limits = outcome.Limits
 
 LANES = 32  # flights of a group: batched lanes
 

@@ -6,16 +6,16 @@ import numpy as np
 
 from abhv_mc.control.columns import ANGLE_OF_ATTACK, BANK, TIME
 from abhv_mc.control.controller_file import Controller, TlcController, read_controller
-from abhv_mc.control.design_model import wrench_at
-from abhv_mc.control.design_tables import Numbers, slope
-from abhv_mc.control.guidance_trim import trim_faults
-from abhv_mc.control.lqr_design import make_lqr_gains, make_lqr_settings
+from abhv_mc.control.design.design_model import wrench_at
+from abhv_mc.control.design.design_tables import Numbers, slope
+from abhv_mc.control.design.guidance_trim import trim_faults
+from abhv_mc.control.design.lqr_design import make_lqr_gains, make_lqr_settings
+from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, solve_reference
+from abhv_mc.control.design.surroundings import make_surroundings
+from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.control.reference import make_mission_trim_tables, make_start_trim, solve_reference
-from abhv_mc.control.surroundings import make_surroundings
-from abhv_mc.control.tlc_design import make_tlc_gains, make_tlc_settings
-from abhv_mc.io.documents import InputError
 from abhv_mc.flight.plan import FlightPlan, Limits, Timing
+from abhv_mc.io.documents import InputError
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import make_effectiveness
@@ -23,6 +23,7 @@ from abhv_mc.plant.trim import TrimPoint
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.vehicle.warnings import find_vehicle_warnings
 from abhv_mc.world.earth import Earth, radii
 
 _ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # a small angle inside of most tables' cells
@@ -75,7 +76,7 @@ def make_plan(
     if nominal.status.all():
         wanted = "a mission that this vehicle can fly"
         raise InputError(mission_file or mission.name, None, None, "; ".join(warnings), wanted)
-    warnings += limit_faults(controller, reference)
+    warnings += limit_faults(controller, reference) + find_vehicle_warnings(vehicle)
     start = make_start_trim(mission, vehicle)
     if start.fault:
         warnings.append(f"at the start {start.fault}")

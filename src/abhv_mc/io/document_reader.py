@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ruamel.yaml import YAML
+from ruamel.yaml.composer import Composer
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
@@ -16,7 +17,7 @@ Plain = dict[str, Any] | list[Any] | str | int | float | bool | None
 Places = dict[tuple[str | int, ...], Place]
 
 MAX_BYTES = 2_000_000
-MAX_VALUES = 200_000  # aliases of aliases grow exponentially
+MAX_VALUES = 10_000  # a hundred times the largest file that is shipped; aliases of aliases grow exponentially
 MAX_DEPTH = 40
 
 _TAG = "tag:yaml.org,2002:"
@@ -32,16 +33,18 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
         line, column = _place_of(raw[: error.start].decode("utf-8"))
         raise InputError(path, line, column, f"the byte 0x{raw[error.start]:02x}", "text in UTF-8") from None
     yaml = YAML(typ="safe", pure=True)
+    yaml.Composer = _Bounded
     try:
         root = yaml.compose(text)
     except ReaderError as error:
         line, column = _place_of(text[: error.position])
         raise InputError(path, line, column, f"the character {text[error.position]!r}", "printable text") from None
+    except _TooMuchError as error:
+        raise InputError(path, *error.place, error.found, error.wanted) from None
     except MarkedYAMLError as error:
         _refuse_syntax(path, error)
-    except (YAMLError, ValueError, RecursionError) as error:
-        reason = "too many levels" if isinstance(error, RecursionError) else str(error).splitlines()[0]
-        raise InputError(path, None, None, reason, "YAML 1.2") from None
+    except (YAMLError, ValueError) as error:
+        raise InputError(path, None, None, str(error).splitlines()[0], "YAML 1.2") from None
     if root is None:
         raise InputError(path, 1, 1, "an empty file", "a YAML mapping")
     builder = _Builder(path, yaml.constructor)
@@ -63,6 +66,34 @@ def _refuse_syntax(path: Path, error: MarkedYAMLError) -> NoReturn:
         raise InputError(path, line, column, "a second document", "one document in a file") from None
     wanted = f"YAML 1.2 ({error.context})" if error.context else "YAML 1.2"
     raise InputError(path, line, column, problem.removeprefix("found "), wanted) from None
+
+
+class _TooMuchError(Exception):
+    """More levels or values than a file may have."""
+
+    def __init__(self, place: Place, found: str, wanted: str) -> None:
+        super().__init__(place, found, wanted)
+        self.place, self.found, self.wanted = place, found, wanted
+
+
+class _Bounded(Composer):
+    """Stops at the first level or value too many, before the time and the stack that they would take are spent."""
+
+    _level = 0
+    _count = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        mark = self.parser.peek_event().start_mark
+        place = mark.line + 1, mark.column + 1
+        self._count += 1
+        self._level += 1
+        if self._level > MAX_DEPTH:
+            raise _TooMuchError(place, "too many levels", f"at most {MAX_DEPTH}")
+        if self._count > MAX_VALUES:
+            raise _TooMuchError(place, f"more than {MAX_VALUES} keys and values", "fewer; tables go to a CSV file")
+        node = super().compose_node(parent, index)
+        self._level -= 1
+        return node
 
 
 class _Builder:

@@ -39,6 +39,7 @@ __all__ = [
 ]
 
 M = TypeVar("M", bound=BaseModel)
+_SAID = 50  # mistakes of one file that are said; the next run says others
 Key = str | int
 
 
@@ -160,8 +161,14 @@ def validate(document: Document, model: type[M]) -> M:
     try:
         return model.model_validate(document.data, context={"document": document, "known_keys": known_keys})
     except ValidationError as error:
-        errors = [_explain(document, detail, known_keys) for detail in error.errors()]
+        details = error.errors(include_url=False, include_input=False)
+    found = [(document.position(*_locate(document.data, tuple(detail["loc"]))), detail) for detail in details]
+    found.sort(key=lambda pair: pair[0])
+    errors = [_explain(document, detail, known_keys) for _, detail in found[:_SAID]]
     errors.sort(key=lambda error: (error.line or 0, error.column or 0))
+    if len(found) > _SAID:
+        more = f"{len(found) - _SAID} more mistakes"
+        errors.append(InputError(document.path, None, None, more, "these mended first"))
     raise InputErrors(errors) from None
 
 

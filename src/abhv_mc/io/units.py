@@ -65,6 +65,7 @@ class Dimension:
     unit: str
     example: str
     exponents: Exponents
+    largest: float = math.inf  # SI; no vehicle, mission or controller has more of it
 
     @property
     def wanted(self) -> str:
@@ -72,21 +73,21 @@ class Dimension:
         return f"{self.name} such as '{self.example}'"
 
 
-LENGTH = Dimension("a length", "m", "20 km", (1, 0, 0, 0))
-AREA = Dimension("an area", "m2", "557.42 m2", (2, 0, 0, 0))
-SPEED = Dimension("a speed", "m/s", "1400 m/s", (1, 0, -1, 0))
-ACCELERATION = Dimension("an acceleration", "m/s2", "9.8 m/s2", (1, 0, -2, 0))
-ANGLE = Dimension("an angle", "rad", "-3 deg", (0, 0, 0, 1))
-ANGULAR_RATE = Dimension("an angular rate", "rad/s", "400 deg/s", (0, 0, -1, 1))
-ANGULAR_ACCELERATION = Dimension("an angular acceleration", "rad/s2", "20 deg/s2", (0, 0, -2, 1))
-MASS = Dimension("a mass", "kg", "1372 kg", (0, 1, 0, 0))
-INERTIA = Dimension("a moment of inertia", "kg m2", "1.3e6 kg m2", (2, 1, 0, 0))
-FORCE = Dimension("a force", "N", "500 kN", (1, 1, -2, 0))
-PRESSURE = Dimension("a pressure", "Pa", "95 kPa", (-1, 1, -2, 0))
-DENSITY = Dimension("a density", "kg/m3", "1.225 kg/m3", (-3, 1, 0, 0))
-TIME = Dimension("a time", "s", "60 s", (0, 0, 1, 0))
-FREQUENCY = Dimension("a rate", "1/s", "10 Hz", (0, 0, -1, 0))
-FRACTION = Dimension("a number or a percentage", "-", "10 %", _NONE)
+LENGTH = Dimension("a length", "m", "20 km", (1, 0, 0, 0), 1e8)
+AREA = Dimension("an area", "m2", "557.42 m2", (2, 0, 0, 0), 1e6)
+SPEED = Dimension("a speed", "m/s", "1400 m/s", (1, 0, -1, 0), 12e3)
+ACCELERATION = Dimension("an acceleration", "m/s2", "9.8 m/s2", (1, 0, -2, 0), 1e4)
+ANGLE = Dimension("an angle", "rad", "-3 deg", (0, 0, 0, 1), 100.0)
+ANGULAR_RATE = Dimension("an angular rate", "rad/s", "400 deg/s", (0, 0, -1, 1), 1e4)
+ANGULAR_ACCELERATION = Dimension("an angular acceleration", "rad/s2", "20 deg/s2", (0, 0, -2, 1), 1e6)
+MASS = Dimension("a mass", "kg", "1372 kg", (0, 1, 0, 0), 1e7)
+INERTIA = Dimension("a moment of inertia", "kg m2", "1.3e6 kg m2", (2, 1, 0, 0), 1e12)
+FORCE = Dimension("a force", "N", "500 kN", (1, 1, -2, 0), 1e9)
+PRESSURE = Dimension("a pressure", "Pa", "95 kPa", (-1, 1, -2, 0), 1e9)
+DENSITY = Dimension("a density", "kg/m3", "1.225 kg/m3", (-3, 1, 0, 0), 1e3)
+TIME = Dimension("a time", "s", "60 s", (0, 0, 1, 0), 1e6)
+FREQUENCY = Dimension("a rate", "1/s", "10 Hz", (0, 0, -1, 0), 1e5)
+FRACTION = Dimension("a number or a percentage", "-", "10 %", _NONE, 1e6)
 
 DIMENSIONS = (
     LENGTH, AREA, SPEED, ACCELERATION, ANGLE, ANGULAR_RATE, ANGULAR_ACCELERATION, MASS, INERTIA, FORCE, PRESSURE,
@@ -167,8 +168,22 @@ def format_quantity(value: float, dimension: Dimension) -> str | float:
     return value if dimension is FRACTION else f"{value!r} {dimension.unit}"
 
 
+_SMALLEST = 1e-12  # of the largest; less is a slip, and squares of it are zero
+
+
+def _parse_field(value: str | float, dimension: Dimension) -> float:
+    number = parse_quantity(value, dimension)
+    unit = "" if dimension is FRACTION else f" {dimension.unit}"
+    if abs(number) > dimension.largest:
+        raise Refusal(describe(value), f"{dimension.name} of at most {dimension.largest:g}{unit}")
+    if 0.0 < abs(number) < _SMALLEST * dimension.largest:
+        least = f"{_SMALLEST * dimension.largest:g}{unit}"
+        raise Refusal(describe(value), f"{dimension.name} of at least {least}, or zero")
+    return number
+
+
 def _parser(dimension: Dimension) -> BeforeValidator:
-    return BeforeValidator(lambda value: parse_quantity(value, dimension))
+    return BeforeValidator(lambda value: _parse_field(value, dimension))
 
 
 def _writer(dimension: Dimension) -> PlainSerializer:
@@ -194,14 +209,9 @@ Speed = Annotated[float, _parser(SPEED), _writer(SPEED), _schema(SPEED)]
 Acceleration = Annotated[float, _parser(ACCELERATION), _writer(ACCELERATION), _schema(ACCELERATION)]
 Angle = Annotated[float, _parser(ANGLE), _writer(ANGLE), _schema(ANGLE)]
 AngularRate = Annotated[float, _parser(ANGULAR_RATE), _writer(ANGULAR_RATE), _schema(ANGULAR_RATE)]
-AngularAcceleration = Annotated[
-    float, _parser(ANGULAR_ACCELERATION), _writer(ANGULAR_ACCELERATION), _schema(ANGULAR_ACCELERATION)
-]
 Mass = Annotated[float, _parser(MASS), _writer(MASS), _schema(MASS)]
 Inertia = Annotated[float, _parser(INERTIA), _writer(INERTIA), _schema(INERTIA)]
-Force = Annotated[float, _parser(FORCE), _writer(FORCE), _schema(FORCE)]
 Pressure = Annotated[float, _parser(PRESSURE), _writer(PRESSURE), _schema(PRESSURE)]
-Density = Annotated[float, _parser(DENSITY), _writer(DENSITY), _schema(DENSITY)]
 Time = Annotated[float, _parser(TIME), _writer(TIME), _schema(TIME)]
 Frequency = Annotated[float, _parser(FREQUENCY), _writer(FREQUENCY), _schema(FREQUENCY)]
 Fraction = Annotated[float, _parser(FRACTION), _writer(FRACTION), _schema(FRACTION)]

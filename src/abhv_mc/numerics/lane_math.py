@@ -1,4 +1,4 @@
-"""exp, log, sin, cos, atan2 and their kin without libm, so that a loop over lanes becomes SIMD code.
+"""exp, log, sin, cos, atan2 and related functions without libm, so that a loop over lanes becomes SIMD code.
 
 A call into libm stops the vectoriser; these are arithmetic, selects and one bitcast. Within 2 ulp on the ranges that
 each docstring states. Strict floating point and no fused multiply-add: plain Python gives the same bits.

@@ -1,6 +1,6 @@
 """Compiled multilinear look-up of packed tables: one bracket search per axis serves every table.
 
-Work is done lane by lane, because flights sit in different cells; within a lane all tables of a cell
+Work is done lane by lane, because flights are in different cells; within a lane all tables of a cell
 lie side by side, so the interpolation itself is the vector loop (no gather). Outside its grid an axis is
 clamped and the lane's ``outside`` row is set, never silently extrapolated.
 """

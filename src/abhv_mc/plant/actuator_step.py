@@ -15,7 +15,7 @@ _TERMS = 40  # of the matrix exponential's series
 # Rows of an actuator's block in the lane memory.
 STIFFNESS, FRICTION = range(2)  # wn^2, 2 zeta wn
 END = 2  # position error and rate at the end of a step: [e, r] times four numbers by rows
-MIDDLE = 6  # what the stages between feel: two numbers
+MIDDLE = 6  # position that the stages in between use: two numbers
 SHORT = 8  # as END, of a short step
 REACH = 12  # no rate in a step is above these times |rate| and |error|
 N_ACTUATOR_ROWS = 14
@@ -55,7 +55,7 @@ def short_step(position, rate, command, response, step, low, high, rate_limit):
     stiffness, friction, e11, e12, e21, e22 = response
     error = position - command
     free = e21 * error + e22 * rate
-    # A rate that leaves its limit within the step has gone on rising in ``free`` first: take that out.
+    # ``free`` lets a rate at its limit rise on before it falls: take that rise out.
     push = -(stiffness * error + friction * rate)
     outward = push if rate >= rate_limit else (-push if rate <= -rate_limit else 0.0)
     leaves = outward > 0.0 and abs(free) < rate_limit
@@ -63,11 +63,11 @@ def short_step(position, rate, command, response, step, low, high, rate_limit):
     free -= (rise if rate > 0.0 else -rise) if leaves else 0.0
     end_rate = clamp(free, -rate_limit, rate_limit)
     met = free != end_rate
-    # A rate that meets its limit goes there straight and stays.
+    # A rate that meets its limit changes linearly until then and stays there.
     share = (end_rate - rate) / (free - rate if met else 1.0)
     moved = position + step * (end_rate - 0.5 * share * (end_rate - rate))
     moved = moved if met else command + (e11 * error + e12 * rate)
-    # A surface goes straight into a stop, rests, and where the command is inside comes back for what is left.
+    # A surface moves linearly into a stop, rests there, and where the command is inside returns in the time left.
     stop = clamp(moved, low, high)
     stopped = stop != moved
     path = stop - position

@@ -60,10 +60,10 @@ def prepare_actuators(Z, width, constants, step):
 
 @lanes
 def run_actuator(Z, width, position_row, rate_row, command_row, block, low, high, rate_limit, step, recorded):
-    """One actuator from ``X`` through a step: its end into ``SUM``, what the stages between feel into ``XS``.
+    """One actuator from ``X`` through a step: its end into ``SUM``, the position of the stages in between into ``XS``.
 
     That is not the position half way but the one with which the integrator's sum over the step is the integral of the
-    position: the same to the integrator's order, and right where a limit bends the way. low, high, rate_limit: [lane].
+    position: the same to the integrator's order, and right where a limit bends the path. low, high, rate_limit: [lane].
     A recorded actuator has its rate in the command row.
     """
     slow = 0

@@ -13,8 +13,8 @@ from abhv_mc.vehicle.arrays import FIXED_TABLE_ROWS, Floats, Ints
 N_FIXED = len(FIXED_TABLE_ROWS)
 
 
-class Cells(NamedTuple):
-    """Where the lanes stand in the tables, from look-up to look-up, and room to interpolate in."""
+class TableCells(NamedTuple):
+    """Cells of the lanes in the tables, kept from look-up to look-up, and buffers for interpolation."""
 
     cell: Ints  # [axis, lane], where the next search begins
     fraction: Floats  # [axis, lane] of the cell's length
@@ -24,9 +24,9 @@ class Cells(NamedTuple):
     row: Floats  # [table row]
 
 
-def make_cells(width: int) -> Cells:
-    """The memory of ``width`` lanes that have looked nothing up yet."""
-    return Cells(
+def make_cells(width: int) -> TableCells:
+    """Memory of ``width`` lanes before their first look-up."""
+    return TableCells(
         aligned_zeros((MAX_AXES, width), np.int64),
         aligned_zeros((MAX_AXES, width)),
         aligned_zeros(MAX_AXES, np.int64),
@@ -40,8 +40,8 @@ def make_cells(width: int) -> Cells:
 def find_cells(Z, W, tables, cells):
     """Cell and fraction of every axis and lane. ``OUTSIDE`` counts the axes whose tables are left.
 
-    Flights of one campaign mostly stand in one cell or in two neighbours, and stay there: then there is nothing to
-    search, and lanes are the vector (find_cells four times as fast).
+    Flights of one campaign are mostly in one cell or in two neighbouring ones, and stay there: then no search is needed
+    and the loop over the lanes vectorises (four times as fast).
     """
     for lane in range(W):
         Z[OUTSIDE, lane] = 0.0
@@ -72,7 +72,7 @@ def find_cells(Z, W, tables, cells):
 
 @lanes
 def search_cells(Z, W, cells, a, grid, inverse_step, length, variable):
-    """What :func:`find_cells` does, on an axis where flights stand further apart, have moved far or left the grid."""
+    """:func:`find_cells` for an axis whose lanes are further apart, have moved further or have left the grid."""
     low, high = grid[0], grid[length - 1]
     lowest, highest = length, 0
     for lane in range(W):
@@ -90,9 +90,9 @@ def search_cells(Z, W, cells, a, grid, inverse_step, length, variable):
 def interpolate_groups(T, W, tables, cells):
     """Every table's value, T [row, lane], from the cells and fractions.
 
-    Where the lanes share a cell, or of a 2-D table stand in two neighbours, its corners are plain numbers and lanes
-    the vector. Elsewhere each lane fetches its own corners and the tables side by side are the vector. The arithmetic
-    is the same, bit for bit; one cell takes half the time.
+    Lanes that share a cell (or, of a 2-D table, are in two neighbouring cells) use the same corner values, and the loop
+    over the lanes vectorises. Otherwise each lane loads its own corners, and the loop over the tables that lie side by
+    side vectorises. The arithmetic is the same, bit for bit; a shared cell takes half the time.
     """
     data, fraction, weight = tables.data, cells.fraction, cells.weight
     for g in range(tables.group_start.size):

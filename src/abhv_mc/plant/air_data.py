@@ -96,15 +96,15 @@ def flow_direction(u, v, w):
 def flow_angles(Z, width, alpha_row, beta_row):
     """Angle of attack and sideslip from the sines and cosines of the air data.
 
-    In most flights the air comes from ahead: then there are no octants to tell apart.
+    Usually both are within pi/8: then there are no octants to distinguish.
     """
-    from_the_side = False
+    is_large = False
     for lane in range(width):
         shallow = is_shallow(Z[SIN_ALPHA, lane], Z[COS_ALPHA, lane]) and is_shallow(
             Z[SIN_BETA, lane], Z[COS_BETA, lane]
         )
-        from_the_side |= not shallow
-    if from_the_side:
+        is_large |= not shallow
+    if is_large:
         for lane in range(width):
             Z[alpha_row, lane], Z[beta_row, lane] = two_angles(
                 Z[SIN_ALPHA, lane], Z[COS_ALPHA, lane], Z[SIN_BETA, lane], Z[COS_BETA, lane]
@@ -191,7 +191,7 @@ def air_data(Z, width, vehicle, earth):
 
 @lanes
 def deflections(Z, width, vehicle):
-    """What the aerodynamics feel of the stage's surfaces and engine."""
+    """Effective deflections and equivalence ratio of the stage, as the aerodynamics see them."""
     for lane in range(width):
         Z[_DELTA_A, lane] = Z[_AILERON_EFFECTIVENESS, lane] * Z[XS + AILERON, lane]
         Z[_DELTA_R, lane] = Z[_RUDDER_EFFECTIVENESS, lane] * Z[XS + RUDDER, lane]

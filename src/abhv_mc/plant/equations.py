@@ -121,8 +121,9 @@ def equations_of_motion(Z, width, vehicle, earth, stage):
             Z[s.COS_BETA, lane],
         )
         isp = Z[s.ISP, lane]
-        fuel_left = mass > constants.mass_empty * Z[_K_MASS, lane]
-        t = Z[_K_THRUST, lane] * thrust(
+        # A vehicle without an empty mass keeps its mass and its engine.
+        fuel_left = mass > constants.mass_empty * Z[_K_MASS, lane] or constants.burns_fuel == 0.0
+        nominal_thrust = thrust(
             constants,
             Z[XS + s.ETA, lane],
             Z[s.RHO, lane],
@@ -132,10 +133,12 @@ def equations_of_motion(Z, width, vehicle, earth, stage):
             isp,
             Z[s.THRUST_AREA, lane],
         )
-        t = t if fuel_left else 0.0
+        nominal_thrust = nominal_thrust if fuel_left else 0.0
+        t = Z[_K_THRUST, lane] * nominal_thrust
         fuel_divisor = constants.standard_gravity * isp * Z[_K_ISP, lane]
         per_mass, per_fuel = reciprocals(mass, fuel_divisor if fuel_divisor > 0.0 else 1.0)
-        fuel_flow = t * per_fuel if fuel_divisor > 0.0 else 0.0
+        # The thrust factor is thrust at the same fuel flow.
+        fuel_flow = constants.burns_fuel * nominal_thrust * per_fuel if fuel_divisor > 0.0 else 0.0
         tx = t * constants.thrust_cos
         tz = -t * constants.thrust_sin
         cg_x = Z[s.CG_X, lane] + Z[_CG_X, lane]

@@ -7,6 +7,7 @@ from abhv_mc.report.failures import EARLY
 from abhv_mc.report.metrics import FOLLOWING, HOLDING, controller_label
 from abhv_mc.report.parameters import spoken_name
 from abhv_mc.report.words import count_of, fixed, p_value, percent, significant
+from abhv_mc.statistics.verdict_words import risk_words
 
 _SHORT = {
     "angle_of_attack_error_rms_deg": "the angle-of-attack command",
@@ -37,16 +38,16 @@ def _requirements_sentence(numbers: Mapping[str, Any]) -> str:
     return f"Requirements: {'; '.join(parts)}."
 
 
-def _duel_sentence(duel: Mapping[str, Any]) -> str:
-    a, b = duel["a"], duel["b"]
-    metrics = [m for m in (*FOLLOWING, *HOLDING) if m in duel["metrics"]]
+def _pair_sentence(pair: Mapping[str, Any]) -> str:
+    a, b = pair["a"], pair["b"]
+    metrics = [m for m in (*FOLLOWING, *HOLDING) if m in pair["metrics"]]
     if not metrics:
         return ""
     won: dict[str | None, list[str]] = {a: [], b: [], None: []}
-    mixed = [_SHORT[metric] for metric in metrics if duel["metrics"][metric]["mixed"]]
+    mixed = [_SHORT[metric] for metric in metrics if pair["metrics"][metric]["mixed"]]
     for metric in metrics:
-        if not duel["metrics"][metric]["mixed"]:
-            won[duel["metrics"][metric]["winner"]].append(_SHORT[metric])
+        if _SHORT[metric] not in mixed:
+            won[pair["metrics"][metric]["winner"]].append(_SHORT[metric])
     parts = []
     for name, other in ((a, b), (b, a)):
         if won[name]:
@@ -54,14 +55,16 @@ def _duel_sentence(duel: Mapping[str, Any]) -> str:
     if won[None]:
         parts.append(f"no difference is shown in {joined(won[None])}")
     if mixed:
-        parts.append(f"in {joined(mixed)} the one that is closer on more flights has the larger median")
-    return f"On the same {fixed(duel['pairs'], 0)} flights {'; '.join(parts)}{_usage_words(duel)}."
+        parts.append(
+            f"in {joined(mixed)} the one that is closer in the median is worse in its tails or loses more flights"
+        )
+    return f"On the same {fixed(pair['pairs'], 0)} flights {'; '.join(parts)}{_usage_words(pair)}."
 
 
-def _usage_words(duel: Mapping[str, Any]) -> str:
+def _usage_words(pair: Mapping[str, Any]) -> str:
     """'; it uses 1.2 times the aileron, as much rudder, and 0.3 times the elevator', from the medians of the ratios."""
     parts = []
-    for metric, ratio in duel["surfaces"].items():
+    for metric, ratio in pair["surfaces"].items():
         if ratio is None:
             continue
         surface = metric.split("_", 1)[0]
@@ -72,18 +75,18 @@ def _usage_words(duel: Mapping[str, Any]) -> str:
             parts.append(f"{percent(abs(value - 1.0), 2)} {'more' if value > 1.0 else 'less'} {surface}")
         else:
             parts.append(f"{significant(value, 2)} times the {surface}")
-    return f"; {controller_label(duel['a'])} uses {joined(parts)} (rms)" if parts else ""
+    return f"; {controller_label(pair['a'])} uses {joined(parts)} (rms)" if parts else ""
 
 
 def _early_sentences(numbers: Mapping[str, Any]) -> list[str]:
     """Which controller loses fewer flights, how many each ended early, and where those flights live."""
     sentences = []
-    for duel in numbers["duels"].values():
-        found = duel["ended_early"]
+    for pair in numbers["paired"].values():
+        found = pair["ended_early"]
         if found["only_a"] or found["only_b"]:
             sentences.append(
-                f"{fixed(found['only_b'], 0)} flights ended early under {controller_label(duel['b'])} alone, "
-                f"{fixed(found['only_a'], 0)} under {controller_label(duel['a'])} alone "
+                f"{fixed(found['only_b'], 0)} flights ended early under {controller_label(pair['b'])} alone, "
+                f"{fixed(found['only_a'], 0)} under {controller_label(pair['a'])} alone "
                 f"(the chance of such a split were both as good: {p_value(found['p_value'])})."
             )
     for name, counts in numbers["flights"].items():
@@ -149,7 +152,7 @@ def answer_sentences(numbers: Mapping[str, Any]) -> list[str]:
 
     A Saltelli campaign was flown to learn what moves the errors, and says that before who wins.
     """
-    wins = [_duel_sentence(duel) for duel in numbers["duels"].values()]
+    wins = [_pair_sentence(pair) for pair in numbers["paired"].values()]
     if numbers["requirements"]:
         wins.append(_requirements_sentence(numbers))
     drivers = [_first_drivers_sentence(numbers)]
@@ -189,12 +192,12 @@ def sureness_sentence(numbers: Mapping[str, Any]) -> str:
             text += " The intervals of the Sobol indices are 95 %, from resampled groups of flights."
     elif numbers["requirements"]:
         risks = sorted({entry["consumer_risk"] for entry in numbers["requirements"]})
-        text += f" A PASS is wrong with a probability of at most {joined([percent(risk) for risk in risks])}"
-        text += ", however often it was looked at." if campaign["looks"] else "."
+        rule = risk_words(risks[-1], bool(campaign["looks"]))  # the largest holds for all
+        text += f" {rule[0].upper()}{rule[1:]}."
     if campaign["looks"] and len(flown) == 1:
         text += " " + _stopping_sentence(campaign, flown.pop())
     for warning in numbers["warnings"]:
-        text += f" The reference itself is not flyable everywhere: {warning}."
+        text += f" Note: {warning}."
     if numbers["state"] != "complete":
         text += " The campaign is not complete; all numbers are preliminary."
     return text

@@ -1,32 +1,31 @@
 """From a campaign's folder to its report: numbers, figures and a page."""
 
-import hashlib
 import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal
 
 from abhv_mc.report.results import read_results
+from abhv_mc.store.folder import CampaignFolder, hash_file
+from abhv_mc.store.hashes import data_files
 
 Format = Literal["html", "md"]
 
 
 def hash_files(folder: Path) -> dict[str, str]:
     """SHA-256 of every file that the report is made from, by its path in the folder."""
-    names = ["campaign.yaml", "samples.parquet", "envelopes.parquet", "nominal.parquet", "reference.parquet"]
-    paths = [folder / name for name in names]
-    paths += [*sorted((folder / "flights").glob("*.parquet")), *sorted((folder / "histories").glob("*.parquet"))]
-    return {path.relative_to(folder).as_posix(): _hash_file(path) for path in paths if path.is_file()}
+    paths = CampaignFolder(folder)
+    return {path.relative_to(folder).as_posix(): hash_file(path) for path in (paths.campaign, *data_files(paths, None))}
+
+
+def write_json(numbers: dict[str, Any]) -> str:
+    """The text of `report.json`."""
+    return json.dumps(numbers, indent=1, allow_nan=False) + "\n"
 
 
 def hash_pages(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
     """SHA-256 of written pages; None for one that is gone."""
-    return {name: _hash_file(folder / name) if (folder / name).is_file() else None for name in names}
-
-
-def _hash_file(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return {name: hash_file(folder / name) if (folder / name).is_file() else None for name in names}
 
 
 def _read_pages(path: Path, numbers: dict[str, Any]) -> dict[str, Any]:
@@ -34,6 +33,7 @@ def _read_pages(path: Path, numbers: dict[str, Any]) -> dict[str, Any]:
     try:
         held = json.loads(path.read_text(encoding="utf-8"))
         pages: dict[str, Any] = held.pop("pages", {})
+        held.pop("pictures", None)
     except (OSError, ValueError, AttributeError):
         return {}
     return pages if held == json.loads(json.dumps(numbers)) else {}
@@ -70,6 +70,10 @@ def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
     )
     report = folder / "report.json"
     names = [*_read_pages(report, numbers), page.name]
-    numbers = {**numbers, "pages": hash_pages(folder, dict.fromkeys(names))}
-    write_text(report, json.dumps(numbers, indent=1, allow_nan=False) + "\n")
+    pictures = [path.relative_to(folder).as_posix() for path in sorted(kept)]
+    numbers |= {
+        "pages": hash_pages(folder, dict.fromkeys(names)),
+        "pictures": hash_pages(folder, pictures),
+    }
+    write_text(report, write_json(numbers))
     return page

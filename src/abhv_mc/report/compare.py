@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.duels import pair_numbers
 from abhv_mc.report.failures import requirement_words
+from abhv_mc.report.paired import pair_numbers
 from abhv_mc.report.results import Results, read_results
 from abhv_mc.store.folder import CampaignFolder
 
@@ -41,18 +41,17 @@ def compare_folders(folder_a: Path, folder_b: Path, controllers: Sequence[str] =
     """
     a, b = read_results(folder_a), read_results(folder_b)
     require_same_samples(a, b)
-    pairs = list(_pairs(a, b, controllers))
     metrics = [name for name in a.metrics if name in b.metrics]
     requirements = [item for item in a.campaign.requirements if item.metric in metrics]
-    duels = []
-    for one, other in pairs:
+    pairs = []
+    for one, other in _pairs(a, b, controllers):
         names = (f"{folder_a}: {one}", f"{folder_b}: {other}")
         found = pair_numbers(a.flights[one], b.flights[other], names, metrics, requirements)
         if found is not None:
-            duels.append(found)
-    if not duels:
+            pairs.append(found)
+    if not pairs:
         raise InputError(folder_b, None, None, "no flight that both campaigns flew", f"flights of {folder_a}")
-    return {"requirements": [requirement_words(item) for item in requirements], "duels": duels}
+    return {"requirements": [requirement_words(item) for item in requirements], "paired": pairs}
 
 
 def _pairs(a: Results, b: Results, controllers: Sequence[str]) -> Iterator[tuple[str, str]]:
@@ -62,14 +61,12 @@ def _pairs(a: Results, b: Results, controllers: Sequence[str]) -> Iterator[tuple
             raise InputError("--controllers", None, None, found, "two: the first folder's and the second's")
         for name, results in zip(controllers, (a, b), strict=True):
             if name not in results.flights:
-                raise InputError(
-                    results.folder, None, None, f"no flights of '{name}'", " or ".join(results.controllers)
-                )
+                wanted = " or ".join(results.controllers)
+                raise InputError(results.folder, None, None, f"no flights of '{name}'", wanted)
         yield controllers[0], controllers[1]
         return
     common = [name for name in a.controllers if name in b.flights]
     if not common:
-        raise InputError(
-            b.folder, None, None, f"the controllers {', '.join(b.controllers)}", f"one of {', '.join(a.controllers)}"
-        )
+        found = f"the controllers {', '.join(b.controllers)}"
+        raise InputError(b.folder, None, None, found, f"one of {', '.join(a.controllers)}")
     yield from ((name, name) for name in common)

@@ -3,10 +3,10 @@
 from typing import Any
 
 from abhv_mc.report.failures import requirement_failures
+from abhv_mc.report.flights import severities
 from abhv_mc.report.metrics import words_of
 from abhv_mc.report.plain import level_name, plain
 from abhv_mc.report.results import Results
-from abhv_mc.report.severities import severities
 from abhv_mc.statistics.convergence import Trace, failure_trace, looks, quantile_traces
 from abhv_mc.statistics.estimates import LEVELS
 
@@ -21,10 +21,11 @@ def convergence_numbers(results: Results) -> dict[str, Any]:
     """Quantiles of every metric and failures of every requirement against the number of flights, in flight order."""
     numbers: dict[str, Any] = {}
     for controller in results.controllers:
-        counts = looks(results.flights[controller].flight.size)
+        flights = results.flights[controller]
+        counts = looks(flights.flight.size)
         metrics = {}
         for metric in results.metrics:
-            traces = quantile_traces(severities(results.flights[controller], metric), counts)
+            traces = quantile_traces(severities(flights, metric), counts)
             sense = words_of(metric).sense
             metrics[metric] = {
                 level_name(level): _series(trace, sense) for level, trace in zip(LEVELS, traces, strict=True)
@@ -33,7 +34,7 @@ def convergence_numbers(results: Results) -> dict[str, Any]:
             "flights": counts.tolist(),
             "metrics": metrics,
             "requirements": [
-                _series(failure_trace(requirement_failures(results.flights[controller], item), counts))
+                _series(failure_trace(requirement_failures(flights, item), counts))
                 for item in results.campaign.requirements
             ],
         }

@@ -6,16 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.report.failures import failure_kinds
+from abhv_mc.report.flights import severities
 from abhv_mc.report.parameters import shown_value
-from abhv_mc.report.plain import plain
+from abhv_mc.report.plain import interval_at, plain
 from abhv_mc.report.results import Results
-from abhv_mc.report.severities import severities
 from abhv_mc.report.sobol import independent_rows
 from abhv_mc.report.words import percent
 from abhv_mc.statistics.drivers import FALSE_DISCOVERY_RATE, rank_drivers
 from abhv_mc.statistics.failure_drivers import FALSE_DISCOVERY_RATE as RULES_RATE
-from abhv_mc.statistics.failure_drivers import FEWEST_FAILURES, Rule, bin_inputs, find_rules
+from abhv_mc.statistics.failure_drivers import FEWEST_FAILURES, bin_inputs, find_rules
+from abhv_mc.statistics.failure_rules import Condition, Rule
 
+_COUNTS = ("failures_inside", "failures", "others_inside", "others", "p_value", "q_value")
 _LISTED = 12  # parameters of a metric, largest first
 _MOST_FLIGHTS = 5_000  # the first so many tell correlations of 0.05 from chance
 
@@ -31,6 +33,10 @@ def driver_numbers(results: Results) -> dict[str, Any]:
         rows = np.flatnonzero(independent_rows(results, flights.flight))
         kinds = failure_kinds(results, controller)
         binned = bin_inputs(column[flights.flight[rows]] for column in results.samples.values()) if kinds else None
+
+        def column(index: int, flown: NDArray[np.int64] = flights.flight[rows]) -> NDArray[np.float64]:
+            return np.asarray(results.samples[names[index]][flown], dtype=np.float64)
+
         numbers[controller] = {
             "metrics": _coefficients(results, controller, rows),
             "failures": [
@@ -38,7 +44,9 @@ def driver_numbers(results: Results) -> dict[str, Any]:
                     "kind": kind,
                     "flights": int(failed.size),
                     "failures": int(failed.sum()),
-                    "rules": [_rule(rule, names) for rule in find_rules(binned, failed[rows])] if binned else [],
+                    "rules": [_rule(rule, names) for rule in find_rules(binned, failed[rows], column)]
+                    if binned
+                    else [],
                 }
                 for kind, failed in kinds
             ],
@@ -76,12 +84,7 @@ def _coefficients(results: Results, controller: str, rows: NDArray[np.intp]) -> 
                 {
                     "parameter": names[row % len(names)],
                     "either_way": bool(row >= len(names)),
-                    "srrc": plain(
-                        [drivers.srrc[row, column], drivers.srrc_low[row, column], drivers.srrc_high[row, column]]
-                    ),
-                    "prcc": plain(
-                        [drivers.prcc[row, column], drivers.prcc_low[row, column], drivers.prcc_high[row, column]]
-                    ),
+                    **{kind: interval_at(drivers, kind, row, column) for kind in ("srrc", "prcc")},
                     "p_value": plain(drivers.p_value[row, column]),
                     "driver": bool(drivers.found[row, column]),
                 }
@@ -91,21 +94,27 @@ def _coefficients(results: Results, controller: str, rows: NDArray[np.intp]) -> 
     return table
 
 
+def _condition_words(condition: Condition, names: list[str]) -> str:
+    """'wind.north > 25 m/s'; a difference in standard deviations."""
+    name, sign = names[condition.input], ">" if condition.above else "≤"
+    if condition.minus is None:
+        return f"{name} {sign} {shown_value(name, condition.threshold)}"
+    return f"{name} minus {names[condition.minus]}, each in standard deviations, {sign} {condition.threshold:.2f}"
+
+
 def _rule(rule: Rule, names: list[str]) -> dict[str, Any]:
-    words = " and ".join(
-        f"{names[c.input]} {'>' if c.above else '≤'} {shown_value(names[c.input], c.threshold)}"
-        for c in rule.conditions
-    )
+    words = (" or " if rule.either else " and ").join(_condition_words(c, names) for c in rule.conditions)
     inside, outside = rule.failures_inside / rule.failures, rule.others_inside / rule.others
     return {
         "rule": f"{words}: {percent(inside, 2)} of the failures, {percent(outside, 2)} of the rest",
         "conditions": [
-            {"parameter": names[c.input], "above": c.above, "threshold": c.threshold} for c in rule.conditions
+            {
+                "parameter": names[c.input],
+                "minus": None if c.minus is None else names[c.minus],
+                "above": c.above,
+                "threshold": c.threshold,
+            }
+            for c in rule.conditions
         ],
-        "failures_inside": rule.failures_inside,
-        "failures": rule.failures,
-        "others_inside": rule.others_inside,
-        "others": rule.others,
-        "p_value": rule.p_value,
-        "q_value": rule.q_value,
+        **{key: getattr(rule, key) for key in _COUNTS},
     }

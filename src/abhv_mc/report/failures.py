@@ -4,8 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.report.flights import ControllerFlights
-from abhv_mc.report.metrics import METRIC_WORDS, words_of
+from abhv_mc.report.metrics import words_of
 from abhv_mc.report.results import Requirement, Results
+from abhv_mc.statistics.requirement import requirement_failures as failures
 from abhv_mc.statistics.sequential import (
     at_least_as_bad,
     at_least_as_good,
@@ -23,8 +24,8 @@ def requirement_failures(flights: ControllerFlights, requirement: Requirement) -
 
     A flight that ended early misses it, unless the requirement takes such flights as measured.
     """
-    missed = ~requirement.held(flights.metrics[requirement.metric])
-    return missed | flights.failed if requirement.early_is_failure else missed
+    values, early = flights.metrics[requirement.metric], flights.failed
+    return failures(values, early, requirement.limit, requirement.below, requirement.early_is_failure)
 
 
 def sequential_evidence(flights: ControllerFlights, requirement: Requirement, looks: tuple[int, ...]) -> Verdict:
@@ -52,7 +53,7 @@ def sequential_evidence(flights: ControllerFlights, requirement: Requirement, lo
 
 def requirement_words(requirement: Requirement) -> str:
     """'Altitude error, max < 50 m'."""
-    words = METRIC_WORDS.get(requirement.metric) or words_of(requirement.metric)
+    words = words_of(requirement.metric)
     limit = f"{requirement.limit:g}"
     return f"{words.label} {'<' if requirement.below else '>'} {limit}\N{NO-BREAK SPACE}{words.unit}".strip()
 

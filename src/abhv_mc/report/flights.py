@@ -1,9 +1,10 @@
 """The flights of a campaign by controller, from its blocks."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -11,8 +12,11 @@ from numpy.typing import NDArray
 
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.columns import Floats, SpooledColumns, missing_file, read_table
+from abhv_mc.report.columns import SpooledColumns, missing_file, read_table
+from abhv_mc.report.metrics import words_of
+from abhv_mc.statistics.estimates import severity
 from abhv_mc.store.flights import END_TIME
+from abhv_mc.vehicle.arrays import Floats
 
 _WANTED = "a block of flights"
 _CODES = {outcome.code: int(outcome) for outcome in Outcome}
@@ -36,6 +40,20 @@ class ControllerFlights:
         """How many flights ended in each way that occurred, by its code."""
         counts = np.bincount(self.outcome, minlength=len(Outcome)).tolist()
         return {code: counts[number] for code, number in sorted(_CODES.items()) if counts[number]}
+
+
+def severities(flights: ControllerFlights, metric: str, rows: Any = slice(None)) -> Floats:
+    """A metric [flight] in the sense of `abhv_mc.statistics`: larger is worse, a flight that failed is worst.
+
+    Of all flights, or of those in `rows`.
+    """
+    return severity(flights.metrics[metric][rows], words_of(metric).sense, flights.failed[rows])
+
+
+def common_rows(a: ControllerFlights, b: ControllerFlights) -> tuple[Any, Any]:
+    """Rows of the flights that both flew, so that row i of one is the same flight as row i of the other."""
+    _, rows_a, rows_b = np.intersect1d(a.flight, b.flight, assume_unique=True, return_indices=True)
+    return rows_a, rows_b
 
 
 class _Collected:
@@ -65,12 +83,14 @@ class _Collected:
         return ControllerFlights(flight, outcome, self.metrics, self.not_computed)
 
 
-def read_flights(folder: Path) -> dict[str, ControllerFlights]:
+def read_flights(folder: Path, known: Collection[Path] | None = None) -> dict[str, ControllerFlights]:
     """All blocks of a folder, each read once; controllers without a computed flight are left out.
+
+    With ``known``, only those among them.
 
     Raises InputError where there is no flight, or where a block is unreadable or not like the others.
     """
-    files = sorted(folder.glob("*.parquet"))
+    files = [path for path in sorted(folder.glob("*.parquet")) if known is None or path in known]
     if not files:
         raise missing_file(folder, "at least one flown block (*.parquet)")
     metrics = _find_metrics(read_table(files[0], _WANTED).schema)

@@ -6,26 +6,21 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from abhv_mc.report.columns import Floats
-from abhv_mc.report.duels import total_usage
+from abhv_mc.report.figures.convergence import ConvergencePanel, plot_convergence
 from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributions, plot_error_against_usage
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
-from abhv_mc.report.figures.evidence import ConvergencePanel, DriverPanel, plot_convergence, plot_drivers
+from abhv_mc.report.figures.marks import MarksPanel, plot_marks
 from abhv_mc.report.figures.paper import FigureText, paper_figures
-from abhv_mc.report.figures.sobol import SobolPanel, plot_sobol
 from abhv_mc.report.figures.style import controller_colors
-from abhv_mc.report.metrics import FOLLOWING, HEADLINE, HOLDING, METRIC_WORDS, USAGE, controller_label, words_of
+from abhv_mc.report.metrics import FOLLOWING, HEADLINE, HOLDING, USAGE, controller_label, words_of
+from abhv_mc.report.paired import total_usage
 from abhv_mc.report.parameters import spoken_name
 from abhv_mc.report.results import Results, read_histories
 from abhv_mc.report.worst import rank_worst
+from abhv_mc.vehicle.arrays import Floats
 
-_USAGE_LABEL = "surface usage, rms (deg)"
 _SHOWN_WORST = 3
 _SHOWN_PARAMETERS = 6
-
-
-def _label(metric: str) -> str:
-    return (METRIC_WORDS.get(metric) or words_of(metric)).label_with_unit
 
 
 def _held(results: Results, wanted: tuple[str, ...]) -> list[str]:
@@ -33,33 +28,33 @@ def _held(results: Results, wanted: tuple[str, ...]) -> list[str]:
 
 
 def _spread(results: Results, metric: str) -> Spread:
-    values = {
-        name: np.where(flights.failed, np.inf, flights.metrics[metric])
-        for name, flights in ((name, results.flights[name]) for name in results.controllers)
-    }
+    flown = {name: results.flights[name] for name in results.controllers}
+    values = {name: np.where(flights.failed, np.inf, flights.metrics[metric]) for name, flights in flown.items()}
     limits = [item.limit for item in results.campaign.requirements if item.metric == metric]
-    return Spread(_label(metric), values, limits)
+    return Spread(words_of(metric).label_with_unit, values, limits)
+
+
+_DISTRIBUTIONS = {
+    FigureText(
+        "distribution_tracking",
+        "Tracking errors over the flights",
+        "Share of flights at or below each tracking error; the further left, the better. "
+        "A curve that ends below 100 % had flights that ended early.",
+    ): (*FOLLOWING, *HOLDING, "cross_track_error_max_m"),
+    FigureText(
+        "distribution_usage",
+        "Control usage over the flights",
+        "Share of flights at or below each amount of control: rms deflection from trim, and the way that each "
+        "surface travelled.",
+    ): (*USAGE, "aileron_travel_deg", "rudder_travel_deg", "elevator_travel_deg"),
+}
 
 
 def _distributions(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
-    tracking = _held(results, (*FOLLOWING, *HOLDING, "cross_track_error_max_m"))
-    if tracking:
-        text = FigureText(
-            "distribution_tracking",
-            "Tracking errors over the flights",
-            "Share of flights at or below each tracking error; the further left, the better. "
-            "A curve that ends below 100 % had flights that ended early.",
-        )
-        yield text, plot_distributions([_spread(results, m) for m in tracking], labels, colors)
-    usage = _held(results, (*USAGE, "aileron_travel_deg", "rudder_travel_deg", "elevator_travel_deg"))
-    if usage:
-        text = FigureText(
-            "distribution_usage",
-            "Control usage over the flights",
-            "Share of flights at or below each amount of control: rms deflection from trim, and the way that each "
-            "surface travelled.",
-        )
-        yield text, plot_distributions([_spread(results, m) for m in usage], labels, colors)
+    for text, metrics in _DISTRIBUTIONS.items():
+        held = _held(results, metrics)
+        if held:
+            yield text, plot_distributions([_spread(results, metric) for metric in held], labels, colors)
 
 
 def _trade(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
@@ -69,7 +64,8 @@ def _trade(results: Results, labels: Mapping[str, str], colors: Mapping[str, str
     flown = {name: ~table.failed for name, table in flights.items()}
     usage = {name: total_usage(table.metrics)[flown[name]] for name, table in flights.items()}
     trades = [
-        Trade(_label(m), {name: table.metrics[m][flown[name]] for name, table in flights.items()}) for m in FOLLOWING
+        Trade(words_of(m).label_with_unit, {name: table.metrics[m][flown[name]] for name, table in flights.items()})
+        for m in FOLLOWING
     ]
     text = FigureText(
         "error_against_usage",
@@ -77,7 +73,7 @@ def _trade(results: Results, labels: Mapping[str, str], colors: Mapping[str, str
         "Each small mark is one flight, each large one a controller's median. Usage is the root of the summed squares "
         "of the rms deflections of aileron, rudder and elevator from their trim. Lower is better at equal usage.",
     )
-    yield text, plot_error_against_usage(usage, trades, _USAGE_LABEL, labels, colors)
+    yield text, plot_error_against_usage(usage, trades, "surface usage, rms (deg)", labels, colors)
 
 
 _WORST_CHANNELS = (
@@ -124,6 +120,22 @@ def _worst(results: Results, colors: Mapping[str, str]) -> Iterator[Any]:
         yield text, plot_envelopes(rows, [controller_label(name) for name in names], list(colors.values()))
 
 
+def _marks_panel(
+    metric: str, ranked: list[Any], names: list[str], tables: Mapping[str, Mapping[Any, Any]], kinds: Mapping[str, Any]
+) -> MarksPanel:
+    """Marks of the ranked parameters; ``kinds`` says for each kind of number which entries are filled."""
+    missing = {"driver": False} | dict.fromkeys(kinds, (np.nan,) * 3)
+    entries = {name: [table.get(key, missing) for key in ranked] for name, table in tables.items()}
+    marks = {
+        name: [
+            (np.array([e[kind] for e in listed], float), np.array([filled(e) for e in listed], bool))
+            for kind, filled in kinds.items()
+        ]
+        for name, listed in entries.items()
+    }
+    return MarksPanel(words_of(metric).label, names, marks)
+
+
 def _drivers(
     results: Results, numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> Iterator[Any]:
@@ -141,18 +153,8 @@ def _drivers(
             {parameter for table in tables.values() for parameter in table},
             key=lambda p: -max(abs(table[p]["srrc"][0]) if p in table else 0.0 for table in tables.values()),
         )[:_SHOWN_PARAMETERS]
-        missing = {"srrc": [np.nan, np.nan, np.nan], "driver": False}
-        panels.append(
-            DriverPanel(
-                _label(metric).split(" (")[0],
-                [spoken_name(name) + (", either way" if either else "") for name, either in ranked],
-                {
-                    name: np.array([table.get(p, missing)["srrc"] for p in ranked], float)
-                    for name, table in tables.items()
-                },
-                {name: np.array([table.get(p, missing)["driver"] for p in ranked]) for name, table in tables.items()},
-            )
-        )
+        names = [spoken_name(name) + (", either way" if either else "") for name, either in ranked]
+        panels.append(_marks_panel(metric, ranked, names, tables, {"srrc": lambda e: e["driver"]}))
     if panels:
         text = FigureText(
             "drivers",
@@ -160,13 +162,14 @@ def _drivers(
             "Standardized rank regression coefficients with 95 % intervals: how far an error moves, in its own spread, "
             "when a parameter moves by its spread. Hollow marks can be explained by chance.",
         )
-        yield text, plot_drivers(panels, labels, colors)
+        yield text, plot_marks(panels, labels, colors, "SRRC", (-1.05, 1.05))
 
 
 def _sobol(
     results: Results, numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> Iterator[Any]:
     found = {n: part["metrics"] for n, part in numbers["sobol"].get("controllers", {}).items() if part["metrics"]}
+    kinds = {"total": lambda _: False, "first": lambda _: True}
     panels = []
     for metric in HEADLINE:
         tables = {name: {e["parameter"]: e for e in part[metric]} for name, part in found.items() if metric in part}
@@ -174,11 +177,7 @@ def _sobol(
             continue
         ranked = sorted(results.samples, key=lambda p: -max(table[p]["total"][0] for table in tables.values()))
         ranked = ranked[:_SHOWN_PARAMETERS]
-        first, total = (
-            {name: np.array([table[p][kind] for p in ranked], float) for name, table in tables.items()}
-            for kind in ("first", "total")
-        )
-        panels.append(SobolPanel(_label(metric).split(" (")[0], [spoken_name(p) for p in ranked], first, total))
+        panels.append(_marks_panel(metric, ranked, [spoken_name(p) for p in ranked], tables, kinds))
     if panels:
         text = FigureText(
             "sobol",
@@ -186,7 +185,8 @@ def _sobol(
             "Share of each error's variance that a parameter causes alone (first order, filled) and together with all "
             "others (total, hollow), with 95 % intervals. Where the two differ, the parameter acts through others.",
         )
-        yield text, plot_sobol(panels, labels, colors)
+        meanings = ("alone (first order)", "with others (total)")
+        yield text, plot_marks(panels, labels, colors, "share of the variance", (-0.1, 1.05), meanings)
 
 
 def _convergence(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
@@ -205,7 +205,7 @@ def _convergence(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: 
         if all(np.isnan(table[:, 0]).all() for table in series.values()):
             continue
         flights = {name: np.array(part["flights"], float) for name, part in traces.items()}
-        panels.append(ConvergencePanel(f"{_label(metric)}, {words}", flights, series))
+        panels.append(ConvergencePanel(f"{words_of(metric).label_with_unit}, {words}", flights, series))
     if panels and any(table.shape[0] > 1 for panel in panels for table in panel.series.values()):
         text = FigureText(
             "convergence",

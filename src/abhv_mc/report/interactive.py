@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.flight.signals import CHANNELS, REFERENCE_CHANNELS
-from abhv_mc.report.columns import Floats
 from abhv_mc.report.results import BANDS, Results
+from abhv_mc.vehicle.arrays import Floats
 
 _MOST_TIMES = 301
 _DIGITS = 6  # significant, of a curve's largest value
@@ -36,9 +36,8 @@ def envelope_data(results: Results, labels: Mapping[str, str], colors: Mapping[s
     references = {signal.name for signal in REFERENCE_CHANNELS}
     channels = []
     for signal in held:
-        stem, _, rest = signal.name.rpartition("_")
-        reference = f"{stem}_reference_{rest}" if signal.unit != "-" else f"{signal.name}_reference"
-        command = f"{stem}_command_{rest}" if signal.unit != "-" else f"{signal.name}_command"
+        stem, _, ending = signal.name.rpartition("_") if signal.unit != "-" else (signal.name, "", "")
+        reference, command = (f"{stem}_{kind}_{ending}".rstrip("_") for kind in ("reference", "command"))
         channels.append(
             {
                 "name": signal.name,
@@ -69,7 +68,7 @@ def envelope_data(results: Results, labels: Mapping[str, str], colors: Mapping[s
 
 
 def _reference(results: Results, channels: list[dict[str, Any]]) -> dict[str, Any]:
-    time = results.reference["time"]
-    every = max(1, -(-time.size // _MOST_TIMES))
-    wanted = [channel["reference"] for channel in channels if channel["reference"] in results.reference]
-    return {"time": _rounded(time[::every]), **{name: _rounded(results.reference[name][::every]) for name in wanted}}
+    held = results.reference
+    every = max(1, -(-held["time"].size // _MOST_TIMES))
+    names = ["time", *(channel["reference"] for channel in channels if channel["reference"] in held)]
+    return {name: _rounded(held[name][::every]) for name in names}

@@ -1,5 +1,6 @@
 """How a report speaks of each metric: its words, its group, and the sense in which it is bad."""
 
+import re
 from dataclasses import dataclass
 
 from abhv_mc.flight.signals import METRICS
@@ -38,16 +39,9 @@ class MetricWords:
 
 
 def _label(name: str) -> str:
-    for suffix in _UNIT_SUFFIXES:
-        if name.endswith(suffix):
-            name = name[: -len(suffix)]
-            break
-    words = name.replace("cross_track", "cross-track").replace("_", " ")
-    for ending, plain in ((" settled max", ", settled, max"), (" rms", ", rms"), (" max", ", max"), (" min", ", min")):
-        if words.endswith(ending):
-            words = words[: -len(ending)] + plain
-            break
-    words = words.replace("error final", "error at the end")
+    name = name.removesuffix(next(filter(name.endswith, _UNIT_SUFFIXES), ""))
+    words = name.replace("cross_track", "cross-track").replace("_", " ").replace("error final", "error at the end")
+    words = re.sub(r" (settled )?(rms|max|min)$", lambda found: f", {'settled, ' if found[1] else ''}{found[2]}", words)
     return words[0].upper() + words[1:]
 
 
@@ -57,15 +51,18 @@ def _group(name: str) -> str:
     return "usage" if name.startswith(_USAGE) else "loads"
 
 
-def words_of(name: str, unit: str = "-", doc: str = "") -> MetricWords:
-    """The words for a metric by its name."""
+def _describe(name: str, unit: str = "-", doc: str = "") -> MetricWords:
     sense: Sense = "low" if name in _LOW else "size" if name in _SIGNED else "high"
     return MetricWords(name, _label(name), "" if unit == "-" else unit, doc, _group(name), sense)
 
 
-METRIC_WORDS: dict[str, MetricWords] = {
-    signal.name: words_of(signal.name, signal.unit, signal.doc) for signal in METRICS
-}
+_METRIC_WORDS = {signal.name: _describe(signal.name, signal.unit, signal.doc) for signal in METRICS}
+
+
+def words_of(name: str) -> MetricWords:
+    """The words for a metric; for one that is in no signal table, what its name says."""
+    return _METRIC_WORDS.get(name) or _describe(name)
+
 
 _KNOWN_NAMES = {"tlc": "TLC", "lqr": "LQR", "lqr_retuned": "LQR retuned"}
 

@@ -34,7 +34,7 @@ def write_nominal_report(
         name: {"time": times} | {channel: history[:, i].astype(np.float64) for channel, i in CHANNEL_INDEX.items()}
         for name, history in histories.items()
     }
-    table = pq.read_table(folder / "reference.parquet")
+    table = pq.read_table((folder / "reference.parquet").absolute())
     reference = {name: table[name].to_numpy() for name in table.column_names}
     for name, figure in plot_flown(flights, reference):
         write_png(figure, folder / "figures" / f"{name}.png")

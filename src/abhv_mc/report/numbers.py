@@ -10,11 +10,11 @@ import numpy as np
 
 from abhv_mc.report.convergence import convergence_numbers
 from abhv_mc.report.drivers import driver_numbers
-from abhv_mc.report.duels import duel_numbers
 from abhv_mc.report.failures import requirement_failures, requirement_words, sequential_evidence
 from abhv_mc.report.metrics import words_of
+from abhv_mc.report.paired import paired_numbers
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
-from abhv_mc.report.results import Results
+from abhv_mc.report.results import Requirement, Results
 from abhv_mc.report.sobol import sobol_numbers
 from abhv_mc.report.worst import worst_numbers
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
@@ -27,49 +27,39 @@ def _flight_counts(results: Results) -> dict[str, Any]:
     counts = {}
     for name in results.controllers:
         flights = results.flights[name]
-        failed = int(flights.failed.sum())
+        flown, failed = int(flights.flight.size), int(flights.failed.sum())
+        ends = clopper_pearson(failed, flown) if results.campaign.independent else (np.nan, np.nan)
         counts[name] = {
-            "flown": int(flights.flight.size),
+            "flown": flown,
             "failed": failed,
             "not_computed": flights.not_computed,
             "outcomes": flights.count_outcomes(),
-            "failure_share": plain(
-                Interval(failed / flights.flight.size, *clopper_pearson(failed, flights.flight.size))
-            )
-            if results.campaign.independent
-            else {"value": failed / flights.flight.size, "low": None, "high": None},
+            "failure_share": plain(Interval(failed / flown, *ends)),
         }
     return counts
 
 
 def _requirements(results: Results) -> list[dict[str, Any]]:
-    listed = []
-    for requirement in results.campaign.requirements:
-        entry: dict[str, Any] = {
-            "metric": requirement.metric,
-            "words": requirement_words(requirement),
-            "below": requirement.below,
-            "limit": requirement.limit,
-            "probability": requirement.probability,
-            "consumer_risk": requirement.consumer_risk,
-            "binds": list(requirement.controllers),
-            "controllers": {},
+    return [
+        {
+            **{key: getattr(item, key) for key in ("metric", "below", "limit", "probability", "consumer_risk")},
+            "words": requirement_words(item),
+            "binds": list(item.controllers),
+            "controllers": {name: _verdict(results, item, name) for name in results.controllers},
         }
-        for name in results.controllers:
-            missed = requirement_failures(results.flights[name], requirement)
-            verdict = judge(
-                int(missed.sum()),
-                int(missed.size),
-                requirement.probability,
-                requirement.consumer_risk,
-                results.campaign.independent,
-            )
-            if results.campaign.looks:
-                verdict = sequential_evidence(results.flights[name], requirement, results.campaign.looks)
-            failed = results.flights[name].failed
-            entry["controllers"][name] = {**plain(verdict), "ended_early": int(failed.sum())}
-        listed.append(entry)
-    return listed
+        for item in results.campaign.requirements
+    ]
+
+
+def _verdict(results: Results, item: Requirement, name: str) -> dict[str, Any]:
+    flights, campaign = results.flights[name], results.campaign
+    if campaign.looks:
+        verdict = sequential_evidence(flights, item, campaign.looks)
+    else:
+        missed = requirement_failures(flights, item)
+        counts = int(missed.sum()), int(missed.size)
+        verdict = judge(*counts, item.probability, item.consumer_risk, campaign.independent)
+    return {**plain(verdict), "ended_early": int(flights.failed.sum())}
 
 
 def _metric_table(results: Results) -> dict[str, Any]:
@@ -112,12 +102,8 @@ def make_numbers(results: Results) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "campaign": {
-            "name": campaign.name,
-            "question": campaign.question,
+            **{key: getattr(campaign, key) for key in ("name", "question", "runs", "seed", "sampling")},
             "controllers": list(results.controllers),
-            "runs": campaign.runs,
-            "seed": campaign.seed,
-            "sampling": campaign.sampling,
             "looks": list(campaign.looks),
             "independent_flights": campaign.independent,
             "parameters": list(results.samples),
@@ -130,7 +116,7 @@ def make_numbers(results: Results) -> dict[str, Any]:
         "flights": _flight_counts(results),
         "requirements": _requirements(results),
         "metrics": _metric_table(results),
-        "duels": duel_numbers(results),
+        "paired": paired_numbers(results),
         "worst": worst_numbers(results),
         "ranges": _ranges(results),
         "drivers": driver_numbers(results),

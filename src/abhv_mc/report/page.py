@@ -2,10 +2,13 @@
 
 import base64
 import gzip
+import hashlib
 import json
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +20,7 @@ from abhv_mc.report.answer import answer_sentences, joined, sureness_sentence
 from abhv_mc.report.figures.paper import FigureText
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.interactive import envelope_data
-from abhv_mc.report.metrics import FOLLOWING, HOLDING, controller_label
+from abhv_mc.report.metrics import FOLLOWING, HOLDING, controller_label, words_of
 from abhv_mc.report.parameters import parameter_doc
 from abhv_mc.report.results import Results
 from abhv_mc.report.words import fixed, percent, significant
@@ -73,11 +76,15 @@ def _script_json(data: Any) -> Markup:
     return Markup(text.replace("<", "\\u003c"))  # noqa: S704  no markup is left
 
 
-def _packed_plotly() -> Markup:
-    """The library as installed, compressed to a third; the page's script unpacks it."""
-    from plotly.offline import get_plotlyjs
+def _script_hashes(*scripts: str) -> Markup:
+    """The sources of a content security policy that lets these scripts run and no other."""
+    hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii") for script in scripts)
+    return Markup(" ".join(f"'sha256-{value}'" for value in hashes))  # noqa: S704  letters of base64 only
 
-    packed = gzip.compress(get_plotlyjs().encode(), mtime=0)
+
+def _packed(library: str) -> Markup:
+    """A library, compressed to a third; the page's script unpacks it."""
+    packed = gzip.compress(library.encode(), mtime=0)
     return Markup(base64.b64encode(packed).decode("ascii"))  # noqa: S704  letters of base64 only
 
 
@@ -95,7 +102,7 @@ def _provenance(results: Results) -> list[tuple[str, str]]:
     """What the manifest says, flat, as pairs of words."""
     rows = []
     for key, value in results.manifest.items():
-        if key in ("controllers", "requirements"):  # shown in tables of their own
+        if key in ("controllers", "requirements", "files"):  # in tables of their own, or too many
             continue
         label = key.replace("_", " ")
         if isinstance(value, dict):
@@ -115,10 +122,8 @@ def _plain_words(value: Any) -> str:
 
 def _sample_step(results: Results) -> str:
     """Seconds between the samples of the envelopes, as text; empty where there are none."""
-    for envelope in results.envelopes.values():
-        if envelope.time.size > 1:
-            return f"{envelope.time[1] - envelope.time[0]:.4g}"
-    return ""
+    times = next((envelope.time for envelope in results.envelopes.values() if envelope.time.size > 1), None)
+    return "" if times is None else f"{times[1] - times[0]:.4g}"
 
 
 def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
@@ -136,7 +141,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "verdicts": tables.verdict_rows(numbers),
         "headline": tables.headline_rows(numbers),
         "groups": list(tables.metric_groups(numbers)),
-        "duels": tables.duel_tables(numbers),
+        "pairs": tables.pair_tables(numbers),
         "drivers": tables.driver_rows(numbers),
         "sobol": tables.sobol_rows(numbers),
         "failure_rules": {
@@ -149,14 +154,12 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
             "rules": percent(numbers["drivers"].get("rules_false_discovery_rate"), 1),
         },
         "worst": tables.worst_tables(numbers, folder),
-        "worst_heads": [tables.words(m).label_with_unit for m in (*FOLLOWING, *HOLDING)],
+        "worst_heads": [words_of(m).label_with_unit for m in (*FOLLOWING, *HOLDING)],
         "dispersions": _dispersions(numbers),
         "outcomes": [
             {
+                **counts,
                 "label": controller_label(name),
-                "flown": counts["flown"],
-                "failed": counts["failed"],
-                "not_computed": counts["not_computed"],
                 "outcomes": joined([f"{count} {code.replace('_', ' ')}" for code, count in counts["outcomes"].items()]),
             }
             for name, counts in numbers["flights"].items()
@@ -171,40 +174,56 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
 def _environment(html: bool) -> Environment:
     environment = Environment(
         loader=PackageLoader("abhv_mc.report", "template"),
-        autoescape=select_autoescape(["html", "j2"]) if html else False,  # noqa: S701  Markdown is escaped below
+        autoescape=select_autoescape(["html", "j2"]) if html else False,  # noqa: S701  finalize escapes Markdown
+        finalize=None if html else _escape_markdown,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     environment.filters["group"] = lambda value: fixed(float(value), 0)
-    environment.filters["cell"] = lambda text: str(text).replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")
+    environment.filters["code"] = _code
     return environment
 
 
+def _escape_markdown(value: Any) -> str:
+    """A value as text that no Markdown reader takes for markup: of tables, links, code or HTML."""
+    if isinstance(value, Markup):
+        return value
+    text = re.sub(r"([\\`*\[\]|])", r"\\\1", str(value))
+    return re.sub(r"\s*[\r\n]+\s*", " ", text.replace("<", "&lt;"))
+
+
+def _code(text: str) -> Markup:
+    """A command as code, whatever is in it."""
+    line = " ".join(text.split("\n"))
+    fence = "`" * (1 + max((len(run) for run in re.findall("`+", line)), default=0))
+    pad = " " if len(fence) > 1 else ""
+    return Markup(f"{fence}{pad}{line}{pad}{fence}")  # noqa: S704  nothing in code is markup
+
+
 def make_page(results: Results, numbers: Mapping[str, Any], figures: Sequence[PageFigure]) -> str:
-    """The whole report as one HTML file: no request leaves it."""
+    """The whole report as one HTML file: no request leaves it, and no script runs in it but its own."""
+    from plotly.offline import get_plotlyjs
+
     environment = _environment(html=True)
     labels = {name: controller_label(name) for name in results.controllers}
     colors = controller_colors(results.controllers)
-    source = environment.loader.get_source if environment.loader else None
-    if source is None:
-        raise RuntimeError("the report's templates are not installed")
+    template = files("abhv_mc.report") / "template"
     embedded = [_embedded(figure, numbers) for figure in figures]
+    script, library = (template / "page.js").read_text("utf-8"), get_plotlyjs()
     return environment.get_template("page.html.j2").render(
         **_context(results, numbers),
         figures=embedded,
         figure_of={figure["name"]: figure for figure in embedded},
-        style=Markup(source(environment, "style.css")[0]),  # noqa: S704  our own files
-        script=Markup(source(environment, "page.js")[0]),  # noqa: S704
-        plotly=_packed_plotly(),
+        style=Markup((template / "style.css").read_text("utf-8")),  # noqa: S704  our own files
+        script=Markup(script),  # noqa: S704
+        script_hashes=_script_hashes(script, library),
+        plotly=_packed(library),
         envelopes=_script_json(envelope_data(results, labels, colors)),
     )
 
 
 def make_markdown(results: Results, numbers: Mapping[str, Any], figures: Sequence[PageFigure]) -> str:
     """The report's words, tables and links to its figures as Markdown."""
-    return (
-        _environment(html=False)
-        .get_template("page.md.j2")
-        .render(**_context(results, numbers), figures=[_embedded(figure, numbers) for figure in figures])
-    )
+    template = _environment(html=False).get_template("page.md.j2")
+    return template.render(**_context(results, numbers), figures=[_embedded(figure, numbers) for figure in figures])

@@ -31,6 +31,12 @@ def interval_in_sense(interval: Interval, sense: str) -> dict[str, Any]:
     return turned
 
 
+def interval_at(table: Any, kind: str, row: int, column: int) -> list[float | None]:
+    """Value, low and high end in one place of the arrays ``kind``, ``kind_low`` and ``kind_high`` of a table."""
+    ends: list[float | None] = plain([getattr(table, kind + end)[row, column] for end in ("", "_low", "_high")])
+    return ends
+
+
 def level_name(level: float) -> str:
     """'q95' for 0.95, 'q99.73' for 0.9973."""
     return f"q{100.0 * level:g}"

@@ -11,11 +11,13 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from abhv_mc.flight.signals import METRICS
-from abhv_mc.report.columns import FileColumns, Floats, read_table
+from abhv_mc.report.columns import FileColumns, read_table
 from abhv_mc.report.flights import ControllerFlights, read_flights
 from abhv_mc.store.envelopes import QUANTILE_COLUMNS
 from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.hashes import data_files, read_checked
 from abhv_mc.store.manifest import read_manifest
+from abhv_mc.vehicle.arrays import Floats
 
 BANDS = ("min", *QUANTILE_COLUMNS, "max")
 INDEPENDENT_DESIGNS = ("random",)
@@ -32,10 +34,6 @@ class Requirement:
     consumer_risk: float
     controllers: tuple[str, ...]
     early_is_failure: bool = True  # what a flight that ended early counts as
-
-    def held(self, values: Floats) -> NDArray[np.bool_]:
-        """Which values satisfy it; not-a-number never does."""
-        return values < self.limit if self.below else values > self.limit
 
 
 @dataclass(frozen=True)
@@ -158,14 +156,14 @@ def _read_nominal(path: Path) -> dict[str, dict[str, Floats]]:
 def read_results(root: Path) -> Results:
     """Read a campaign's folder. Raises InputError where a file is missing or unreadable."""
     folder = CampaignFolder(root)
-    manifest = read_manifest(folder.manifest)
+    manifest = read_checked(folder)
     reference = _columns(read_table(folder.reference, "the mission's reference"))
     return Results(
         folder=root,
         campaign=read_facts(folder.campaign),
         manifest=manifest,
         samples=FileColumns(folder.samples, "the samples of a campaign", without="flight"),
-        flights=read_flights(folder.flights),
+        flights=read_flights(folder.flights, data_files(folder, manifest)),
         envelopes=_read_envelopes(folder.envelopes),
         reference={name: value.astype(np.float64) for name, value in reference.items()},
         nominal=_read_nominal(folder.nominal),
@@ -175,7 +173,10 @@ def read_results(root: Path) -> Results:
 def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
     """The kept histories of one controller: flight -> "time" and channels -> [time]; empty where none are kept."""
     kept: dict[int, dict[str, Floats]] = {}
-    for path in sorted(CampaignFolder(root).histories.glob("*.parquet")):
+    folder = CampaignFolder(root)
+    for path in data_files(folder, read_manifest(folder.manifest)):
+        if path.parent != folder.histories:
+            continue
         table = pq.read_table(path, filters=[("controller", "=", controller)], partitioning=None)
         if not table.num_rows:
             continue

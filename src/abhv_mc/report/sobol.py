@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.sampling.designs import SALTELLI, saltelli_group
-from abhv_mc.report.plain import plain
+from abhv_mc.report.plain import interval_at
 from abhv_mc.report.results import Results
 from abhv_mc.report.words import count_of
 from abhv_mc.statistics.sobol import sobol_indices
@@ -42,12 +42,7 @@ def sobol_numbers(results: Results) -> dict[str, Any]:
             metrics[metric] = [
                 {
                     "parameter": names[row],
-                    "first": plain(
-                        [table.first[row, column], table.first_low[row, column], table.first_high[row, column]]
-                    ),
-                    "total": plain(
-                        [table.total[row, column], table.total_low[row, column], table.total_high[row, column]]
-                    ),
+                    **{kind: interval_at(table, kind, row, column) for kind in ("first", "total")},
                 }
                 for row in np.argsort(-table.total[:, column], kind="stable")
             ]

@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.build import hash_files, hash_pages
+from abhv_mc.report.build import hash_files, hash_pages, write_json
 from abhv_mc.report.numbers import make_numbers
 from abhv_mc.report.results import read_results
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.flights import DamagedFileError, read_block
 from abhv_mc.store.folder import CampaignFolder
-from abhv_mc.store.manifest import read_manifest
+from abhv_mc.store.hashes import find_damage
+from abhv_mc.store.manifest import read_manifest, read_whole_manifest
 
 
 def differences(written: Any, remade: Any, place: str = "") -> Iterator[str]:
@@ -57,17 +58,32 @@ def verify_campaign(root: Path) -> Iterator[str]:
     Raises InputError where the report or the data cannot be read at all.
     """
     folder = CampaignFolder(root)
+    manifest = read_whole_manifest(folder.manifest)
+    yield from (f"{path.relative_to(root).as_posix()}: {found}" for path, found in find_damage(folder, manifest))
     path = root / "report.json"
     if not path.is_file():
         raise InputError(path, None, None, "no such file", f"a report: abhv-mc report {root}")
     try:
-        written = json.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        written = json.loads(text)
     except ValueError as error:
         raise InputError(path, None, None, str(error), "JSON") from None
+    told = False
+    for difference in _differences(folder, json.loads(text)):
+        told = True
+        yield difference
+    if not told and text != write_json(written):
+        yield "report.json: not as it was written"
+
+
+def _differences(folder: CampaignFolder, written: dict[str, Any]) -> Iterator[str]:
+    root = folder.root
     # Cheap and sharp first: one flipped byte in any file changes its hash.
     yield from differences(written.pop("files", {}), hash_files(root), "files")
     pages = written.pop("pages", {})
     yield from differences(pages, hash_pages(root, pages), "pages")
+    pictures = written.pop("pictures", {})
+    yield from differences(pictures, hash_pages(root, pictures), "pictures")
     results = read_results(root)
     yield from _blocks(folder, list(results.samples))
     yield from differences(written, json.loads(json.dumps(make_numbers(results))))

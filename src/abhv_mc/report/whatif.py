@@ -9,17 +9,16 @@ import numpy as np
 from abhv_mc.campaign.analysis.reweight import make_change, unseen_probability, weigh_flights
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.columns import Floats
 from abhv_mc.report.failures import requirement_failures, requirement_words
-from abhv_mc.report.flights import ControllerFlights
+from abhv_mc.report.flights import ControllerFlights, severities
 from abhv_mc.report.metrics import words_of
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.results import Results, read_results
-from abhv_mc.report.severities import severities
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
-from abhv_mc.statistics.reweight import effective_size, weighted_quantile, weighted_share
+from abhv_mc.statistics.reweight import Unseen, effective_size, weighted_quantile, weighted_share
 from abhv_mc.statistics.verdicts import clopper_pearson
 from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.vehicle.arrays import Floats
 
 FEWEST_EFFECTIVE = 100.0  # flights
 MOST_UNSEEN = 0.01  # probability of values that no flight had
@@ -45,9 +44,9 @@ def make_whatif(root: Path, settings: Mapping[str, Mapping[str, Any]]) -> dict[s
         controllers[name] = {
             "flights": int(flights.flight.size),
             "effective_flights": effective,
-            "unseen": unseen,
-            "requirements": _requirements(results, flights, weights, unseen),
-            "metrics": _metrics(results, flights, weights, unseen),
+            "unseen": unseen.joint,
+            "requirements": _requirements(results, flights, weights, unseen.joint),
+            "metrics": _metrics(results, flights, weights, unseen.joint),
         }
     return {
         "before": plain(change.before),
@@ -57,10 +56,11 @@ def make_whatif(root: Path, settings: Mapping[str, Mapping[str, Any]]) -> dict[s
     }
 
 
-def _refuse_too_little(root: Path, effective: float, unseen: float, flights: ControllerFlights) -> None:
+def _refuse_too_little(root: Path, effective: float, unseen: Unseen, flights: ControllerFlights) -> None:
     total = flights.flight.size
-    if unseen > MOST_UNSEEN:
-        found = f"{100.0 * unseen:.2g} % of the probability beyond all {total} flights"
+    most = max(unseen.single, unseen.joint)
+    if most > MOST_UNSEEN:
+        found = f"{100.0 * most:.2g} % of the probability beyond all {total} flights"
         raise InputError(root, None, None, found, f"at most {100.0 * MOST_UNSEEN:g} %: fly a fresh campaign")
     if effective < FEWEST_EFFECTIVE:
         found = f"flights worth {effective:.0f}, of {total} flown"

@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.report.columns import Floats
-from abhv_mc.report.flights import ControllerFlights
+from abhv_mc.report.flights import ControllerFlights, severities
 from abhv_mc.report.metrics import HEADLINE, USAGE
 from abhv_mc.report.plain import plain
 from abhv_mc.report.results import Requirement, Results
-from abhv_mc.report.severities import severities
+from abhv_mc.vehicle.arrays import Floats
 
 _LISTED = 10
 

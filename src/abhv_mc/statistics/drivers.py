@@ -1,22 +1,26 @@
 """Which inputs drive an output: standardized rank regression and partial rank correlation.
 
 Both come from the correlation matrix of the ranks (Saltelli et al., "Sensitivity Analysis in Practice", 2004;
-Iman & Conover 1979). Intervals are bootstrap percentiles over flights; which inputs count as drivers is decided by
-the exact test of a partial correlation under a controlled false-discovery rate over all inputs and outputs.
+Iman & Conover 1979). Intervals allow for errors of unequal spread (White 1980). An input is named as a driver only
+where the regression explains most of the output, where its coefficient is large, and where its partial correlation
+passes the exact test under a controlled false-discovery rate over all inputs and outputs.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betainc
+from scipy.special import betainc, ndtri
 from scipy.stats import false_discovery_control, rankdata
 
-from abhv_mc.statistics.bootstrap import SEED
 from abhv_mc.statistics.estimates import Floats
 
 FALSE_DISCOVERY_RATE = 0.005
+LEAST_COEFFICIENT = 0.2  # of a driver
+LEAST_EXPLAINED = 0.5  # R^2 of a regression that names drivers, adjusted for the number of inputs
 _FEWEST_SPARE = 10  # flights beyond the number of inputs
+_PARTNERS = 0.3  # rank correlation from which an input moves with a driver
+_TWINS = 0.9  # rank correlation from which a regression does not tell two inputs apart
 
 
 @dataclass(frozen=True)
@@ -30,13 +34,13 @@ class RankDrivers:
     prcc_low: Floats
     prcc_high: Floats
     p_value: Floats  # of PRCC = 0
-    found: NDArray[np.bool_]  # drivers, at FALSE_DISCOVERY_RATE over all inputs and outputs
+    found: NDArray[np.bool_]  # drivers
+    moves_with: NDArray[np.intp]  # the driver with which an input that is none is correlated; -1 for none
     explained: Floats  # [output] R^2 of the rank regression
+    tells: NDArray[np.bool_]  # [output] whether the regression explains enough to name drivers
 
 
-def rank_drivers(
-    inputs: Floats, outputs: Floats, confidence: float = 0.95, replicates: int = 300
-) -> RankDrivers | None:
+def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> RankDrivers | None:
     """Coefficients of `inputs` [flight, input] on `outputs` [flight, output], infinities allowed in the outputs.
 
     None where the flights are too few for the number of inputs. Constant inputs get zero coefficients.
@@ -45,27 +49,60 @@ def rank_drivers(
     if flights < count + _FEWEST_SPARE or not count or not outputs.shape[1]:
         return None
     ranks = _standard(np.concatenate([inputs, outputs], axis=1))
-    squares = ranks**2
-    moving = np.asarray(squares[:, count:].any(axis=0), dtype=np.bool_)
-    srrc, prcc, explained = _coefficients(ranks[:, :count].T @ ranks / flights, count, moving)
-    draw = np.random.default_rng(SEED)
-    spread = np.empty((replicates, 2, count, outputs.shape[1]))
-    for row in spread:
-        weights = np.bincount(draw.integers(0, flights, flights), minlength=flights).astype(np.float64)
-        mean = weights @ ranks / flights
-        scale = np.sqrt(np.maximum(weights @ squares / flights - mean**2, 1e-12))
-        moment = (ranks[:, :count] * weights[:, None]).T @ ranks / flights - np.outer(mean[:count], mean)
-        row[0], row[1], _ = _coefficients(moment / np.outer(scale[:count], scale), count, moving)
-    tails = (50.0 * (1.0 - confidence), 50.0 * (1.0 + confidence))
-    low, high = np.percentile(spread, tails, axis=0)
-    p_value = _partial_p(prcc, flights - count - 1)
+    x, y = ranks[:, :count], ranks[:, count:]
+    moving = np.asarray(y.any(axis=0), dtype=np.bool_)
+    correlation = x.T @ ranks / flights
+    srrc, prcc, explained, inverse = _coefficients(correlation, count, moving)
+    with np.errstate(invalid="ignore"):
+        residual = y - x @ np.nan_to_num(srrc)
+        spread = np.sqrt(((x @ inverse) ** 2).T @ residual**2 * flights / (flights - count - 1)) / flights
+    half = -float(ndtri((1.0 - confidence) / 2.0)) * np.where(moving, spread, np.nan)
+    low, high = srrc - half, srrc + half
+    freedom = flights - count - 1
+    p_value = _partial_p(prcc, freedom)
     found = np.zeros(p_value.shape, dtype=np.bool_)
     told = np.isfinite(p_value)
     if told.any():
         found[told] = false_discovery_control(p_value[told]) <= FALSE_DISCOVERY_RATE
-    flat = np.isnan(srrc)
-    low, high = np.where(flat, np.nan, low), np.where(flat, np.nan, high)
-    return RankDrivers(srrc, low[0], high[0], prcc, low[1], high[1], p_value, found, explained)
+    with np.errstate(invalid="ignore"):
+        tells = np.asarray(1.0 - (1.0 - explained) * (flights - 1.0) / freedom > LEAST_EXPLAINED, dtype=np.bool_)
+        found &= (np.abs(srrc) > LEAST_COEFFICIENT) & tells
+    moves_with = _split_twins(found, srrc, correlation[:, :count])
+    return RankDrivers(
+        srrc,
+        low,
+        high,
+        prcc,
+        _partial(low, explained, inverse, moving),
+        _partial(high, explained, inverse, moving),
+        p_value,
+        found,
+        moves_with,
+        explained,
+        tells,
+    )
+
+
+def _split_twins(found: NDArray[np.bool_], srrc: Floats, correlation: Floats) -> NDArray[np.intp]:
+    """The driver with which each input that is none moves, -1 for none [input, output].
+
+    Of two inputs that go together so closely that no regression tells them apart the smaller stops being `found`.
+    """
+    together = np.abs(correlation)
+    np.fill_diagonal(together, 0.0)
+    moves_with = np.full(found.shape, -1, dtype=np.intp)
+    for column in range(found.shape[1]):
+        named: list[int] = []
+        for row in np.argsort(-np.abs(np.nan_to_num(srrc[:, column])), kind="stable").tolist():
+            if found[row, column] and (not named or together[row, named].max() < _TWINS):
+                named.append(row)
+        found[:, column] = False
+        found[named, column] = True
+        if named:
+            closest = together[:, named].argmax(axis=1)
+            near = together[np.arange(len(found)), np.array(named)[closest]] >= _PARTNERS
+            moves_with[:, column] = np.where(near & ~found[:, column], np.array(named)[closest], -1)
+    return moves_with
 
 
 def _standard(columns: Floats) -> Floats:
@@ -76,27 +113,28 @@ def _standard(columns: Floats) -> Floats:
     return ranks / np.where(spread > 0.0, spread, 1.0)
 
 
-def _coefficients(correlation: Floats, count: int, moving: NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
-    """SRRC and PRCC [input, output] and R^2 [output] from correlations [input, inputs then outputs].
+def _coefficients(correlation: Floats, count: int, moving: NDArray[np.bool_]) -> tuple[Floats, Floats, Floats, Floats]:
+    """SRRC and PRCC [input, output], R^2 [output] and the inverse correlation of the inputs.
 
-    Outputs that are not `moving` get NaN.
+    From correlations [input, inputs then outputs]. Outputs that are not `moving` get NaN.
     """
-    inside, across = correlation[:, :count], correlation[:, count:]
+    inside, across = correlation[:, :count].copy(), correlation[:, count:]
     steady = np.flatnonzero(np.diag(inside) <= 1e-9)
-    inside = inside.copy()
     inside[steady, steady] = 1.0
-    inverse = np.linalg.pinv(inside, hermitian=True)
+    inverse = np.asarray(np.linalg.pinv(inside, hermitian=True), dtype=np.float64)
     srrc = inverse @ across
     explained = np.clip(np.sum(across * srrc, axis=0), 0.0, 1.0)
-    # Partial correlation from the regression: b_j scaled by what is left of input j and of the output.
-    left = np.sqrt(np.maximum(1.0 - explained, 0.0) + srrc**2 / np.diag(inverse)[:, None])
+    prcc = _partial(srrc, explained, inverse, moving)
+    return np.where(moving, srrc, np.nan), prcc, np.where(moving, explained, np.nan), inverse
+
+
+def _partial(srrc: Floats, explained: Floats, inverse: Floats, moving: NDArray[np.bool_]) -> Floats:
+    """Partial correlation from the regression: b_j scaled by what is left of input j and of the output."""
+    diagonal = np.diag(inverse)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        prcc = np.where(left > 0.0, srrc / np.sqrt(np.diag(inverse))[:, None] / left, 0.0)
-    return (
-        np.where(moving, srrc, np.nan),
-        np.where(moving, np.clip(prcc, -1.0, 1.0), np.nan),
-        np.where(moving, explained, np.nan),
-    )
+        left = np.sqrt(np.maximum(1.0 - explained, 0.0) + srrc**2 / diagonal)
+        prcc = np.where(left > 0.0, srrc / np.sqrt(diagonal) / left, 0.0)
+    return np.where(moving, np.clip(prcc, -1.0, 1.0), np.nan)
 
 
 def _partial_p(partial: Floats, freedom: int) -> Floats:

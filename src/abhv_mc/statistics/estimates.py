@@ -18,6 +18,7 @@ from abhv_mc.statistics.verdicts import quantile_upper_rank
 Floats = NDArray[np.float64]
 Sense = Literal["high", "low", "size"]  # what is bad: large values, small values, large absolute values
 
+SEED = 20140  # of all resampling: the same flights give the same interval
 LEVELS = (0.5, 0.95, 0.9973)  # the quantiles that tables show
 
 

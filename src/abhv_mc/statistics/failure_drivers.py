@@ -1,54 +1,40 @@
-"""Where failures live: half-lines of one input and corners of two that hold more failures than chance allows.
+"""Where failures live: half-lines, both ends, corners and differences of inputs that hold more than chance allows.
 
-Thresholds are deciles of the samples. A half-line is tested by the exact hypergeometric law. A corner counts only if
-each of its two conditions raises the failure rate given the other, so an idle input never rides on a real one. The
-best of each input's (pair's) candidates pays for all of them by Bonferroni, and the inputs and pairs together pass
-the Benjamini-Hochberg procedure.
+Thresholds are deciles of the samples and a few quantiles beyond. A half-line is tested by the exact hypergeometric
+law. A corner, or both ends of an input, counts only if each of its two conditions raises the failure rate given the
+other, so an idle input never rides on a real one; a difference of two inputs only if it says more than each of them
+and than their corner. The best of each input's (pair's) candidates pays for all of them by Bonferroni, and the inputs
+and pairs together pass the Benjamini-Hochberg procedure.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import false_discovery_control, hypergeom
 
 from abhv_mc.statistics.estimates import Floats
+from abhv_mc.statistics.failure_rules import Condition, Rule, sharpen, standardise
 
 FALSE_DISCOVERY_RATE = 0.05
 FEWEST_FAILURES = 5
-_BINS = 10
+_QUANTILES = (0.01, 0.02, 0.05, *(n / 10.0 for n in range(1, 10)), 0.95, 0.98, 0.99)
+_BINS = len(_QUANTILES) + 1
+_DECILES = [row for row, quantile in enumerate(_QUANTILES) if 0.1 <= quantile <= 0.9]  # what corners are cut at
+_COARSE = np.searchsorted(_DECILES, np.arange(_BINS)).astype(np.uint8)  # bin between deciles of each bin
+_CLEAR = 2.0  # standard deviations below which neither end of an input is looked at closer
+_DIFFERED = 6  # inputs, those that failures prefer most, whose differences are tried
 _MOST_RULES = 20
 _CHUNK = 4096
-
-
-@dataclass(frozen=True)
-class Condition:
-    """`input` above (or below) `threshold`."""
-
-    input: int  # column of the inputs
-    above: bool
-    threshold: float
-
-
-@dataclass(frozen=True)
-class Rule:
-    """A region that failures prefer."""
-
-    conditions: tuple[Condition, ...]
-    failures_inside: int
-    failures: int
-    others_inside: int
-    others: int
-    p_value: float  # adjusted for the candidates of this input or pair
-    q_value: float  # false-discovery rate at which it is still found
 
 
 @dataclass(frozen=True)
 class BinnedInputs:
     """Inputs as far as rules see them."""
 
-    edges: Floats  # [threshold, input], the deciles
+    edges: Floats  # [threshold, input]
     bins: NDArray[np.uint8]  # [flight, input], how many thresholds lie below the value
 
 
@@ -56,20 +42,29 @@ def bin_inputs(inputs: Iterable[Floats]) -> BinnedInputs:
     """Bin `inputs`, each [flight]; one is held at a time."""
     edges, bins = [], []
     for values in inputs:
-        edges.append(np.quantile(values, np.arange(1, _BINS) / _BINS))
+        edges.append(np.quantile(values, _QUANTILES))
         bins.append(np.searchsorted(edges[-1], values, side="left").astype(np.uint8))
     return BinnedInputs(np.stack(edges, axis=1), np.stack(bins, axis=1))
 
 
-def find_rules(inputs: BinnedInputs, failed: NDArray[np.bool_]) -> list[Rule]:
-    """Rules for the `failed` flights [flight], best first; empty where chance explains all."""
+def find_rules(
+    inputs: BinnedInputs, failed: NDArray[np.bool_], column: Callable[[int], Floats] | None = None
+) -> list[Rule]:
+    """Rules for the `failed` flights [flight], best first; empty where chance explains all.
+
+    `column` gives the values [flight] of an input, where differences of inputs are to be tried.
+    """
     edges, bins = inputs.edges, inputs.bins
     flights, count = bins.shape
     failures = int(failed.sum())
     if failures < FEWEST_FAILURES or flights - failures < FEWEST_FAILURES:
         return []
-    candidates = [line for j in range(count) for line in _best_half_lines(j, bins[:, j], failed, edges[:, j])]
-    candidates += _best_corners(bins, failed, edges)
+    candidates = []
+    for j in range(count):
+        candidates += _drop_ends(_along((j,), bins[:, j], failed, edges[:, j]))
+    candidates += _best_corners(_COARSE[bins], failed, edges[_DECILES])
+    if column is not None and count > 1:
+        candidates += _differences(candidates, failed, column, count * (count - 1) // 2)
     if not candidates:
         return []
     p_values = _p_values(candidates)
@@ -81,12 +76,50 @@ def find_rules(inputs: BinnedInputs, failed: NDArray[np.bool_]) -> list[Rule]:
     ]
     # A pair is worth its second condition: ties in p go to the simpler rule.
     rules.sort(key=lambda rule: (rule.p_value, len(rule.conditions)))
-    return rules[:_MOST_RULES]
+    rules = rules[:_MOST_RULES]
+    return rules if column is None else [sharpen(rule, failed, column) for rule in rules]
 
 
 def _rule(candidate: "_Candidate", flights: int, failures: int, p_value: float, q_value: float) -> Rule:
     inside, bad = (int(number) for number in candidate.tables[0][:2])  # the same in each of its tables
-    return Rule(candidate.conditions, bad, failures, inside - bad, flights - failures, p_value, q_value)
+    others = flights - failures
+    return Rule(candidate.conditions, bad, failures, inside - bad, others, p_value, q_value, candidate.either)
+
+
+def _drop_ends(candidates: list["_Candidate"]) -> list["_Candidate"]:
+    """Without the half-lines of an input of which both ends say more."""
+    if len(candidates) < 3:
+        return candidates
+    below, above, both = _p_values(candidates)
+    return candidates[2:] if both < min(below, above) else candidates[:2]
+
+
+def _differences(
+    candidates: list["_Candidate"], failed: NDArray[np.bool_], column: Callable[[int], Floats], pairs: int
+) -> list["_Candidate"]:
+    """Half-lines of differences between the inputs that failures prefer most, where these say more than the two."""
+    flights, failures = float(failed.size), float(failed.sum())
+    best: dict[frozenset[int], float] = {}
+    # What a corner says as a whole is what its difference has to better, not what each of its conditions adds.
+    whole = [_Candidate(c.conditions, ((*c.tables[0][:2], flights, failures),), c.tried) for c in candidates]
+    for candidate, p_value in zip(candidates, _p_values(whole).tolist(), strict=True):
+        who = frozenset(condition.input for condition in candidate.conditions)
+        best[who] = min(best.get(who, 1.0), p_value)
+    alone = sorted((p_value, min(who)) for who, p_value in best.items() if len(who) == 1)
+    standard = {}
+    for _, j in alone[:_DIFFERED]:
+        values = column(j)
+        if np.ptp(values) > 0.0:
+            standard[j] = standardise(values)
+    found = []
+    for one, other in combinations(sorted(standard), 2):
+        values = standard[one] - standard[other]
+        edges = np.quantile(values, _QUANTILES)
+        bins = np.searchsorted(edges, values, side="left").astype(np.uint8)
+        tried = _drop_ends(_along((one, other), bins, failed, edges, pairs))
+        told = min(best.get(frozenset(who), 1.0) for who in ((one,), (other,), (one, other)))
+        found += [c for c, p_value in zip(tried, _p_values(tried).tolist(), strict=True) if p_value < told]
+    return found
 
 
 def _sides(histogram: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
@@ -124,17 +157,21 @@ class _Candidate:
     conditions: tuple[Condition, ...]
     tables: tuple[tuple[float, float, float, float], ...]  # inside, failures inside, flights, failures
     tried: int
+    either: bool = False
 
 
-def _condition(column: int, side: int, edges: Floats) -> Condition:
-    lines = _BINS - 1
-    return Condition(column, side >= lines, float(edges[side % lines]))
+def _condition(inputs: tuple[int, ...], side: int, edges: Floats) -> Condition:
+    lines = len(edges)
+    return Condition(inputs[0], side >= lines, float(edges[side % lines]), *inputs[1:])
 
 
-def _best_half_lines(
-    column: int, bins: NDArray[np.uint8], failed: NDArray[np.bool_], edges: Floats
+def _along(
+    inputs: tuple[int, ...], bins: NDArray[np.uint8], failed: NDArray[np.bool_], edges: Floats, others: int = 1
 ) -> list[_Candidate]:
-    """The best half-line below and the best above: failures may live at both ends."""
+    """The best half-line below, the best above, and both ends together where each holds more than chance.
+
+    Of one input, or of the difference of two, of which `others` are tried.
+    """
     inside = _sides(np.bincount(bins, minlength=_BINS), 0)
     bad = _sides(np.bincount(bins[failed], minlength=_BINS), 0)
     flights, failures = float(failed.size), float(failed.sum())
@@ -144,20 +181,35 @@ def _best_half_lines(
     for first in (0, lines):
         side = first + int(np.argmax(score[first : first + lines]))
         table = (float(inside[side]), float(bad[side]), flights, failures)
-        candidates.append(_Candidate((_condition(column, side, edges),), (table,), lines))
+        candidates.append(_Candidate((_condition(inputs, side, edges),), (table,), lines * others))
+    low, high = np.triu_indices(lines, 1)
+    both, bad_both = inside[low] + inside[lines + high], bad[low] + bad[lines + high]
+    best = int(np.argmax(_score(both.astype(float), bad_both.astype(float), np.array(flights), np.array(failures))))
+    ends = int(low[best]), lines + int(high[best])
+    needed = tuple(
+        (float(inside[side]), float(bad[side]), flights - float(inside[other]), failures - float(bad[other]))
+        for side, other in (ends, ends[::-1])
+    )
+    conditions = tuple(_condition(inputs, side, edges) for side in ends)
+    if float(np.min(_score(*np.array(needed).T))) < _CLEAR:
+        return candidates
+    if float(_p_values([_Candidate(conditions, needed, low.size * others)])[0]) <= FALSE_DISCOVERY_RATE:
+        table = (float(both[best]), float(bad_both[best]), flights, failures)
+        candidates.append(_Candidate(conditions, (table,), low.size * others, either=True))
     return candidates
 
 
 def _joint_counts(bins: NDArray[np.uint8]) -> NDArray[np.int64]:
     """How many flights fall into each pair of bins of each pair of inputs: [input, bin, input, bin]."""
     flights, count = bins.shape
-    total = np.zeros((count * _BINS, count * _BINS))
+    cells = len(_DECILES) + 1
+    total = np.zeros((count * cells, count * cells))
     for start in range(0, flights, _CHUNK):
         part = bins[start : start + _CHUNK]
-        marks = np.zeros((part.shape[0], count * _BINS), dtype=np.float32)  # sums to _CHUNK stay exact
-        marks[np.arange(part.shape[0])[:, None], np.arange(count) * _BINS + part] = 1.0
+        marks = np.zeros((part.shape[0], count * cells), dtype=np.float32)  # sums to _CHUNK stay exact
+        marks[np.arange(part.shape[0])[:, None], np.arange(count) * cells + part] = 1.0
         total += marks.T @ marks
-    return total.reshape(count, _BINS, count, _BINS).astype(np.int64)
+    return total.reshape(count, cells, count, cells).astype(np.int64)
 
 
 def _best_corners(bins: NDArray[np.uint8], failed: NDArray[np.bool_], edges: Floats) -> list[_Candidate]:
@@ -185,8 +237,8 @@ def _best_corners(bins: NDArray[np.uint8], failed: NDArray[np.bool_], edges: Flo
             (n, bad_n, in_second[k, 0, b], bad_second[k, 0, b]),
         )
         conditions = (
-            _condition(int(first[k]), a, edges[:, first[k]]),
-            _condition(int(second[k]), b, edges[:, second[k]]),
+            _condition((int(first[k]),), a, edges[:, first[k]]),
+            _condition((int(second[k]),), b, edges[:, second[k]]),
         )
         candidates.append(_Candidate(conditions, tables, tried))
     return candidates

@@ -5,6 +5,9 @@ methods and examples", 2013, chapter 9). Intervals are those of counted flights 
 the effective one: Kish's, or less where the weights of what is estimated vary more than the rest.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
@@ -12,6 +15,7 @@ from scipy.special import betainc, betaincinv
 
 from abhv_mc.statistics.estimates import Floats, Interval
 
+_GAP = 3.0  # parts of 1/flights: 19 in 20 gaps are narrower, their law being exponential
 _UP = 1.0 + 1e-9  # shares that are equal but for rounding
 
 
@@ -19,6 +23,36 @@ def effective_size(weights: Floats) -> float:
     """Number of equally weighted flights that say as much: (sum w)^2 / sum w^2 (Kish 1965)."""
     squares = float(np.sum(weights**2))
     return float(np.sum(weights)) ** 2 / squares if squares > 0.0 else 0.0
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Probability, under changed laws, of values that no flight stands for."""
+
+    single: float  # the largest of any one parameter, beyond its outermost flights or at values that none had
+    joint: float  # of any parameter, but for what the outermost flights stand for themselves
+
+
+def unseen_of_range(beyond: tuple[float, float], weights: tuple[float, float], flights: int) -> tuple[float, float]:
+    """Probability `beyond` the lowest and highest flight of one parameter, and what of it no flight stands for.
+
+    `weights` are the ratios of the laws at those two. Each flight stands for its part of the law that was flown, and
+    chance leaves gaps of a few such parts between flights; what lies beyond the outermost ones is no more unseen than
+    such a gap, as long as it is no wider.
+    """
+    excess = sum(max(part - _GAP * weight / flights, 0.0) for part, weight in zip(beyond, weights, strict=True))
+    return float(sum(beyond)), float(excess)
+
+
+def unseen_of_values(values: Floats, probabilities: Floats, flown: Floats) -> tuple[float, float]:
+    """Probability of discrete `values` that none of the `flown` ones is: all of it is unseen."""
+    missing = float(np.sum(probabilities[~np.isin(values, flown)]))
+    return missing, missing
+
+
+def join_unseen(parts: Sequence[tuple[float, float]]) -> Unseen:
+    """All parameters together."""
+    return Unseen(max((part[0] for part in parts), default=0.0), min(sum(part[1] for part in parts), 1.0))
 
 
 def _effective_at(flags: NDArray[np.bool_], share: float, weights: Floats) -> float:

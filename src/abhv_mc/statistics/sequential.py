@@ -1,26 +1,28 @@
 """Stopping when proven, honestly: verdicts at several looks whose total risk is what one look would have.
 
 Group-sequential exact test: at each look the failures so far are held against an acceptance number and a rejection
-number. Both come from one nominal level (Pocock 1977), the largest with which the exact chance of ever crossing,
-for a system just at the required probability, stays within the allowed risk. Peeking with the numbers of a single
-look would not: the chances of the looks add up.
+number. Each comes from a threshold on a mean likelihood ratio, the smallest with which the exact chance of ever
+settling so, for a system just at the required probability, stays within the allowed risk. Peeking with the numbers
+of a single look would not: the chances of the looks add up.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.stats import binom
 
-from abhv_mc.statistics.verdicts import runs_needed
+from abhv_mc.statistics.boundaries import Boundary, Counts, Mixture, looks_at
+from abhv_mc.statistics.crossing import Crossing, cross
 
 Settled = Literal["PASS", "FAIL", "NOT SHOWN"]
-_RATIO = 1.3  # between looks
-_BISECTIONS = 50
+_TOLERANCE = 1e-4  # on the logarithm of a threshold
+_COARSE = 0.01  # the same where looks are only placed: half a percent of the first
+_LONGEST = 1e12  # step of such a logarithm: then all counts settle
 
 
 @dataclass(frozen=True)
@@ -32,8 +34,12 @@ class SequentialPlan:
     looks: tuple[int, ...]  # flights, ascending
     accept: tuple[int, ...]  # PASS with at most so many failures; -1 where no count is few enough
     reject: tuple[int, ...]  # FAIL with at least so many; more than the flights where no count is enough
-    false_pass: float  # exact chance of ever passing at the required probability
-    false_fail: float  # exact chance of ever failing there
+    false_pass: float  # exact chance to pass at the required probability
+    false_fail: float  # exact chance to fail there
+
+    def crossing(self, probability: float) -> Crossing:
+        """Chances at each look for another success probability."""
+        return cross(self.looks, self.accept, self.reject, 1.0 - probability)
 
 
 @dataclass(frozen=True)
@@ -45,80 +51,66 @@ class SequentialVerdict:
     failures: int
 
 
+@lru_cache(maxsize=256)
 def choose_looks(probability: float, risk: float, most: int) -> tuple[int, ...]:
-    """Looks from the first count that could pass, growing by a fixed ratio, ending at `most` flights."""
-    first = runs_needed(0, probability, risk)
-    looks: list[int] = []
-    count = float(first)
-    while count * (1.0 + _RATIO) / 2.0 < most:  # no look just before the last
-        looks.append(round(count))
-        count *= _RATIO
-    return (*looks, most)
+    """Looks where one more failure still passes, and further apart later on, ending at `most` flights."""
+    mixture = Mixture.good(1.0 - probability)
+
+    def chance(threshold: float) -> float:
+        looks = looks_at(mixture, threshold, most)
+        counts = np.asarray(looks, dtype=np.int64)
+        return _false(looks, Boundary(mixture, counts, low=True).at(threshold), counts + 1, probability)[0]
+
+    low, high = 0.0, -float(np.log(risk))
+    while high - low > _COARSE:
+        middle = (low + high) / 2.0
+        low, high = (low, middle) if chance(middle) <= risk else (middle, high)
+    return looks_at(mixture, high, most)
 
 
 @lru_cache(maxsize=256)
 def make_sequential_plan(looks: tuple[int, ...], probability: float, risk: float) -> SequentialPlan:
-    """Acceptance and rejection numbers for flights looked at after `looks` of them."""
-    if not looks or any(b <= a for a, b in zip((0, *looks), looks, strict=False)):
+    """The most decisive plan for `looks` [ascending flights] with exact risks of at most `risk`. Raises ValueError."""
+    if not looks or looks[0] < 1 or any(b <= a for a, b in pairwise(looks)):
         raise ValueError(f"looks must ascend from 1, found {list(looks)}")
     if not (0.0 < probability < 1.0 and 0.0 < risk < 1.0):
         raise ValueError(f"probability and risk must lie between 0 and 1, found {probability} and {risk}")
     counts = np.asarray(looks, dtype=np.int64)
-    failure = 1.0 - probability
-
-    def accept_at(level: float) -> NDArray[np.int64]:
-        # The largest count with a lower tail of at most `level`; ppf gives the first with more.
-        return np.asarray(binom.ppf(level, counts, failure), dtype=np.int64) - 1
-
-    def reject_at(level: float) -> NDArray[np.int64]:
-        # The smallest count with an upper tail of at most `level`.
-        return np.asarray(binom.isf(level, counts, failure), dtype=np.int64) + 1
-
-    accept, false_pass = _widest(accept_at, lambda bounds: _crossing(counts, bounds, failure, low=True), risk)
-    reject, false_fail = _widest(reject_at, lambda bounds: _crossing(counts, bounds, failure, low=False), risk)
+    passes = Boundary(Mixture.good(1.0 - probability), counts, low=True)
+    fails = Boundary(Mixture.bad(1.0 - probability), counts, low=False)
+    # Who failed cannot pass any more, and the other way round: each side is found beside the other. That only takes
+    # chances away, so what was within the risk stays so.
+    reject = _widest(fails, lambda tried: _false(looks, np.full_like(counts, -1), tried, probability)[1], risk)
+    accept = _widest(passes, lambda tried: _false(looks, tried, reject, probability)[0], risk)
+    reject = _widest(fails, lambda tried: _false(looks, accept, tried, probability)[1], risk)
+    false_pass, false_fail = _false(looks, accept, reject, probability)
     return SequentialPlan(
         probability, risk, tuple(looks), tuple(accept.tolist()), tuple(reject.tolist()), false_pass, false_fail
     )
 
 
-def _widest(
-    bounds_at: Callable[[float], NDArray[np.int64]], chance: Callable[[NDArray[np.int64]], float], risk: float
-) -> tuple[NDArray[np.int64], float]:
-    """Bounds of the largest nominal level whose chance of ever crossing is within the risk, and that chance."""
-    low, high = 1e-300, risk
-    bounds = bounds_at(low)
-    for _ in range(_BISECTIONS):
-        middle = float(np.sqrt(low * high)) if low < 1e-6 else (low + high) / 2.0
-        tried = bounds_at(middle)
+def _widest(boundary: Boundary, chance: Callable[[Counts], float], risk: float) -> Counts:
+    """Numbers of the smallest threshold whose chance to settle falsely is within the risk."""
+    # By Ville's inequality the threshold 1/risk is within the risk; that there is an end lets it come down.
+    high, step = -float(np.log(risk)), 0.25
+    tight = boundary.at(high)
+    while chance(loose := boundary.at(high - step)) <= risk and step < _LONGEST:
+        high, tight, step = high - step, loose, 4.0 * step
+    low = high - step
+    while high - low > _TOLERANCE and np.any(loose != tight):
+        middle = (low + high) / 2.0
+        tried = boundary.at(middle)
         if chance(tried) <= risk:
-            low, bounds = middle, tried
+            high, tight = middle, tried
         else:
-            high = middle
-    return bounds, chance(bounds)
+            low, loose = middle, tried
+    return tight
 
 
-def _crossing(looks: NDArray[np.int64], bounds: NDArray[np.int64], failure: float, low: bool) -> float:
-    """Exact chance that the failures are ever at most (`low`) or at least the bound of a look."""
-    # Counts above the last acceptance number can never pass, counts at the last rejection number have failed before:
-    # the others are all that has to be followed.
-    size = int(max(bounds.max() + 1, 1)) if low else int(bounds.max())
-    inside = np.zeros(size)
-    inside[0] = 1.0
-    crossed, before = 0.0, 0
-    for look, bound in zip(looks.tolist(), bounds.tolist(), strict=True):
-        more = binom.pmf(np.arange(size), look - before, failure)
-        reached = np.convolve(inside, more)[:size]
-        if low:
-            stop = min(bound + 1, size)
-            crossed += float(reached[:stop].sum())
-            reached[:stop] = 0.0
-        else:
-            # What left the followed counts crossed too: they reach no further than the largest bound.
-            stayed = float(reached[: min(bound, size)].sum())
-            crossed += float(inside.sum()) - stayed
-            reached[min(bound, size) :] = 0.0
-        inside, before = reached, look
-    return crossed
+def _false(looks: Sequence[int], accept: Counts, reject: Counts, probability: float) -> tuple[float, float]:
+    """Exact chances of a false PASS and a false FAIL at the required probability."""
+    found = cross(looks, accept.tolist(), reject.tolist(), 1.0 - probability)
+    return float(found.passed.sum()), float(found.failed.sum())
 
 
 def sequential_verdict(failed: NDArray[np.bool_], plan: SequentialPlan) -> SequentialVerdict:
@@ -168,24 +160,10 @@ def _as_good(flights: int, failures: int, plan: SequentialPlan, probability: flo
     """Chance to pass before the look at `flights`, or to reach it with at most so many failures."""
     if flights == 0:
         return 1.0
-    earlier = [i for i, look in enumerate(plan.looks) if look < flights]
-    # More failures than these neither pass nor count; failures only grow.
-    size = 1 + max([failures, *(plan.accept[i] for i in earlier)])
-    if size < 1:
-        return 0.0
-    inside = np.zeros(size)
-    inside[0] = 1.0
-    passed, before = 0.0, 0
-    for i in earlier:
-        more = binom.pmf(np.arange(size), plan.looks[i] - before, 1.0 - probability)
-        inside = np.convolve(inside, more)[:size]
-        stop = max(plan.accept[i] + 1, 0)
-        passed += float(inside[:stop].sum())
-        inside[:stop] = 0.0
-        inside[plan.reject[i] :] = 0.0
-        before = plan.looks[i]
-    more = binom.pmf(np.arange(size), flights - before, 1.0 - probability)
-    return passed + float(np.convolve(inside, more)[: max(failures + 1, 0)].sum())
+    earlier = sum(look < flights for look in plan.looks)
+    looks = (*plan.looks[:earlier], flights)
+    found = cross(looks, (*plan.accept[:earlier], failures), (*plan.reject[:earlier], flights + 1), 1.0 - probability)
+    return float(found.passed.sum())
 
 
 def stopping_look(failed: Sequence[NDArray[np.bool_]], plans: Sequence[SequentialPlan]) -> int | None:
@@ -194,3 +172,8 @@ def stopping_look(failed: Sequence[NDArray[np.bool_]], plans: Sequence[Sequentia
     if any(verdict.status == "NOT SHOWN" for verdict in verdicts):
         return None
     return max((verdict.flights for verdict in verdicts), default=None)
+
+
+def choose_common_looks(demands: Sequence[tuple[float, float]], most: int) -> tuple[int, ...]:
+    """Looks that suit every one of several requirements, each (probability, risk)."""
+    return tuple(sorted({look for demand in demands for look in choose_looks(*demand, most)}))

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from abhv_mc.statistics.bootstrap import SEED
-from abhv_mc.statistics.estimates import Floats
+from abhv_mc.statistics.estimates import SEED, Floats
 
 RESAMPLES = 300
 FEWEST_GROUPS = 16

@@ -93,33 +93,66 @@ def clopper_pearson(failures: int, runs: int, confidence: float = 0.95) -> tuple
     return low, high
 
 
+def posterior_met(failures: int, runs: int, probability: float) -> float:
+    """Probability that the success probability is at least `probability`, from Jeffreys' prior Beta(1/2, 1/2)."""
+    _check(failures, runs, probability=probability)
+    return float(betainc(failures + 0.5, runs - failures + 0.5, 1.0 - probability))
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What `failures` in `runs` flights say about one requirement on one controller."""
 
     status: Status
-    failures: int
+    failures: int  # of all kinds, flights that were not computed among them
     runs: int
     probability: float  # the required success probability
     risk: float  # the consumer's (and producer's) risk that the requirement allows
     lower_bound: float | None  # on the success probability, at `risk`
-    consumer_risk: float | None  # of accepting on this evidence a system that just misses the requirement
-    producer_risk: float | None  # of rejecting on this evidence a system that just meets it
-    flights_needed: int | None  # more flights, none failing, until PASS; 0 when passed, None where it makes no sense
+    consumer_risk: float | None  # chance of so few failures of a system that just misses the requirement
+    producer_risk: float | None  # chance of so many failures of a system that just meets it
+    flights_needed: int | None  # flights of a new campaign that passes with as many failures; 0 when passed, None: FAIL
+    uncomputed: int = 0  # flights that the machine could not compute, counted as failures
+    provisional: bool = False  # whether the status would be another one without those
+    met: float | None = None  # posterior probability that the requirement is met
+    note: str = ""  # why the status is what it is, where the counts do not say it
 
 
-def judge(failures: int, runs: int, probability: float, risk: float = 0.1, independent: bool = True) -> Verdict:
+def judge(
+    failures: int, runs: int, probability: float, risk: float = 0.1, independent: bool = True, uncomputed: int = 0
+) -> Verdict:
     """PASS when the success probability is proven at the consumer's `risk`, FAIL when its lack is proven at the same.
 
-    Anything between is NOT SHOWN. Flights that are not `independent` (stratified or low-discrepancy designs)
-    get an ESTIMATE, because the binomial law does not hold for their failures.
+    Anything between is NOT SHOWN. `uncomputed` of the `runs` flights are not among `failures` and count as such:
+    nothing shows that they held. Flights that are not `independent` (stratified or low-discrepancy designs) get an
+    ESTIMATE, because the binomial law does not hold for their failures.
     """
-    _check(failures, runs, probability=probability, risk=risk)
+    if uncomputed < 0:
+        raise ValueError(f"uncomputed flights cannot be negative, found {uncomputed}")
+    counted = failures + uncomputed
+    _check(counted, runs, probability=probability, risk=risk)
     if not independent:
-        return Verdict("ESTIMATE", failures, runs, probability, risk, None, None, None, None)
-    consumer = consumer_risk(failures, runs, probability)
-    producer = producer_risk(failures, runs, probability)
-    status: Status = "PASS" if consumer <= risk else "FAIL" if producer <= risk else "NOT SHOWN"
-    needed = None if status == "FAIL" else max(0, runs_needed(failures, probability, risk) - runs)
-    bound = success_lower_bound(failures, runs, risk)
-    return Verdict(status, failures, runs, probability, risk, bound, consumer, producer, needed)
+        return Verdict("ESTIMATE", counted, runs, probability, risk, None, None, None, None, uncomputed)
+    status = _status(counted, runs, probability, risk)
+    # Without them: had they all held, or had they not been flown.
+    others = {_status(failures, runs, probability, risk), _status(failures, runs - uncomputed, probability, risk)}
+    return Verdict(
+        status,
+        counted,
+        runs,
+        probability,
+        risk,
+        success_lower_bound(counted, runs, risk),
+        consumer_risk(counted, runs, probability),
+        producer_risk(counted, runs, probability),
+        {"PASS": 0, "FAIL": None}.get(status, runs_needed(counted, probability, risk)),
+        uncomputed,
+        others != {status},
+        posterior_met(counted, runs, probability),
+    )
+
+
+def _status(failures: int, runs: int, probability: float, risk: float) -> Status:
+    if consumer_risk(failures, runs, probability) <= risk:
+        return "PASS"
+    return "FAIL" if producer_risk(failures, runs, probability) <= risk else "NOT SHOWN"

@@ -9,10 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from abhv_mc.store.flights import make_field
-from abhv_mc.store.folder import write_whole
-
-Floats = NDArray[np.float64]
+from abhv_mc.store.flights import make_field, write_parquet
+from abhv_mc.vehicle.arrays import Floats
 
 QUANTILES = (0.00135, 0.05, 0.50, 0.95, 0.99865)
 QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")
@@ -61,10 +59,7 @@ def write_envelopes(path: Path, times: Floats, channels: Sequence[str], tables: 
         *(pa.array(np.concatenate(parts)) for parts in columns.values()),
     ]
     table = pa.Table.from_arrays(arrays, schema=pa.schema(fields))
-    encoding = dict.fromkeys(["time", *columns], "BYTE_STREAM_SPLIT")
-    options = {"compression": "zstd", "compression_level": 1, "use_dictionary": ["controller", "channel"]}
-    options["write_page_checksum"] = True
-    write_whole(path, lambda aside: pq.write_table(table, aside, column_encoding=encoding, **options))
+    write_parquet(path, table, ["time", *columns], ["controller", "channel"])
 
 
 def is_whole(path: Path) -> bool:

@@ -8,14 +8,14 @@ import pyarrow.parquet as pq
 
 from abhv_mc.store.database import table_files
 from abhv_mc.store.folder import CampaignFolder, write_whole
-from abhv_mc.store.manifest import read_manifest
+from abhv_mc.store.hashes import read_checked
 
 
 def export_csv(root: Path, out: Path) -> Iterator[Path]:
     """Write ``<table>.csv`` of every table into ``out`` and yield its path. Raises InputError without a campaign."""
     folder = CampaignFolder(root)
-    read_manifest(folder.manifest)
-    for name, files in table_files(folder).items():
+    manifest = read_checked(folder)
+    for name, files in table_files(folder, manifest).items():
 
         def write(aside: Path, files: list[Path] = files) -> None:
             schema = pq.read_schema(files[0]).remove_metadata()

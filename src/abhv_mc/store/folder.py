@@ -2,8 +2,8 @@
 
 import contextlib
 import errno
+import hashlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from abhv_mc.io.atomic_write import ASIDE, atomic_write
@@ -11,82 +11,56 @@ from abhv_mc.io.input_error import InputError
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the last: a limit on a file's size (ulimit -f)
 _CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
+_UNWRITABLE = (
+    *_CLOSED, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT, errno.ELOOP, errno.ENAMETOOLONG, errno.EINVAL,
+)  # fmt: skip
+_recorders: list[Callable[[Path, str], None]] = []  # told of every file that is put whole
 
 
 class StorageFullError(Exception):
     """The disk is full; what was flown is kept and the same command resumes."""
 
 
-@dataclass(frozen=True)
+class FolderLostError(Exception):
+    """Files of the campaign went while it flew; the same command makes them anew."""
+
+
 class CampaignFolder:
     """Paths of a campaign's folder."""
 
-    root: Path
-
-    @property
-    def campaign(self) -> Path:
-        return self.root / "campaign.yaml"
-
-    @property
-    def manifest(self) -> Path:
-        return self.root / "manifest.json"
-
-    @property
-    def samples(self) -> Path:
-        return self.root / "samples.parquet"
-
-    @property
-    def envelopes(self) -> Path:
-        return self.root / "envelopes.parquet"
-
-    @property
-    def nominal(self) -> Path:
-        return self.root / "nominal.parquet"
-
-    @property
-    def reference(self) -> Path:
-        return self.root / "reference.parquet"
-
-    @property
-    def inputs(self) -> Path:
-        return self.root / "inputs"
-
-    @property
-    def plans(self) -> Path:
-        return self.root / "plans"
-
-    @property
-    def flights(self) -> Path:
-        return self.root / "flights"
-
-    @property
-    def histories(self) -> Path:
-        return self.root / "histories"
-
-    @property
-    def envelope_states(self) -> Path:
-        return self.root / "envelope_states"
-
-    @property
-    def explained(self) -> Path:
-        return self.root / "explained"
-
-    @property
-    def lock(self) -> Path:
-        return self.root / ".lock"
+    def __init__(self, root: Path) -> None:
+        # pyarrow takes a relative path with a colon for an address.
+        self.root = root = root.absolute() if ":" in str(root) else root
+        self.campaign = root / "campaign.yaml"
+        self.manifest = root / "manifest.json"
+        self.samples = root / "samples.parquet"
+        self.envelopes = root / "envelopes.parquet"
+        self.nominal = root / "nominal.parquet"
+        self.reference = root / "reference.parquet"
+        self.inputs = root / "inputs"
+        self.plans = root / "plans"
+        self.flights = root / "flights"
+        self.histories = root / "histories"
+        self.envelope_states = root / "envelope_states"
+        self.explained = root / "explained"
+        self.lock = root / ".lock"
 
     def plan(self, controller: str) -> Path:
         return self.plans / f"{controller}.npz"
 
     @property
+    def report(self) -> tuple[Path, ...]:
+        """What a report writes."""
+        return (self.root / "report.html", self.root / "report.md", self.root / "report.json", self.root / "figures")
+
+    @property
     def parts(self) -> tuple[Path, ...]:
         """Everything that a campaign writes, apart from the lock."""
         files = (self.campaign, self.manifest, self.samples, self.envelopes, self.nominal, self.reference)
-        report = (self.root / "report.html", self.root / "report.md", self.root / "report.json", self.root / "figures")
         folders = (self.inputs, self.plans, self.flights, self.histories, self.envelope_states, self.explained)
-        return (*files, *report, *folders)
+        return (*files, *self.report, *folders)
 
-    def strangers(self) -> list[Path]:
+    def unknown_files(self) -> list[Path]:
         """What lies in the folder that no campaign wrote."""
         if not self.root.is_dir():
             return []
@@ -99,7 +73,7 @@ class CampaignFolder:
 
         self.manifest.unlink(missing_ok=True)
         for path in self.parts:
-            if path.is_dir():
+            if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
             else:
                 path.unlink(missing_ok=True)
@@ -113,8 +87,11 @@ class CampaignFolder:
 
 
 @contextlib.contextmanager
-def told_plainly(path: Path) -> Iterator[None]:
-    """Say what a full disk or a closed folder means instead of a bare OSError."""
+def told_plainly(path: Path, writing: bool = False) -> Iterator[None]:
+    """Say what a full disk or a closed folder means instead of a bare OSError.
+
+    With ``writing``, all that keeps ``path`` from being written, which elsewhere may be a defect (no such file).
+    """
     try:
         yield
     except OSError as error:
@@ -122,10 +99,20 @@ def told_plainly(path: Path) -> Iterator[None]:
             raise StorageFullError(
                 f"{path}: no space left. What was flown is kept: make room and run the same command again."
             ) from error
-        if error.errno in _CLOSED:
+        if error.errno in (_UNWRITABLE if writing else _CLOSED):
             raise InputError(path, None, None, f"a place that cannot be written ({error.strerror})",
                              "a folder that can be written") from error  # fmt: skip
         raise
+
+
+@contextlib.contextmanager
+def recording(note: Callable[[Path, str], None]) -> Iterator[None]:
+    """Let ``note`` know every file that is put whole meanwhile, with the SHA-256 of what was written."""
+    _recorders.append(note)
+    try:
+        yield
+    finally:
+        _recorders.remove(note)
 
 
 def write_whole(path: Path, write: Callable[[Path], None], durable: bool = False) -> None:
@@ -133,8 +120,19 @@ def write_whole(path: Path, write: Callable[[Path], None], durable: bool = False
 
     Raises StorageFullError or InputError where the folder takes nothing.
     """
-    with told_plainly(path), atomic_write(path, durable) as aside:
+    digest = ""
+    with told_plainly(path, writing=True), atomic_write(path, durable) as aside:
         write(aside)
+        if _recorders:
+            digest = hash_file(aside)
+    for note in _recorders:
+        note(path, digest)
+
+
+def hash_file(path: Path) -> str:
+    """SHA-256 of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def write_bytes(path: Path, content: bytes, durable: bool = False) -> None:

@@ -8,13 +8,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from abhv_mc.control.reference import COLUMN_INDEX
+from abhv_mc.control.design.reference import COLUMN_INDEX
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.signals import CHANNEL_INDEX, CHANNELS, REFERENCE_CHANNELS
-from abhv_mc.store.flights import make_field
-from abhv_mc.store.folder import write_whole
+from abhv_mc.store.flights import make_field, write_parquet
+from abhv_mc.vehicle.arrays import Floats
 
-Floats = NDArray[np.float64]
 _TIME = make_field("time", pa.float64(), "s", "time since the start")
 _CONTROLLER = make_field("controller", pa.string(), "-", "name of the controller")
 _FLIGHT = make_field("flight", pa.int64(), "-", "number of the flight")
@@ -46,7 +45,7 @@ def write_histories(
         pa.array(times[time]),
         *(pa.array(history[:, :, CHANNEL_INDEX[name]][rows]) for name in channels),
     ]
-    _write(path, pa.Table.from_arrays(columns, schema=schema), ["time", *channels], ["flight", "controller"])
+    write_parquet(path, pa.Table.from_arrays(columns, schema=schema), ["time", *channels], ["flight", "controller"])
 
 
 def history_metadata(path: Path) -> dict[str, str]:
@@ -68,7 +67,7 @@ def write_nominal(path: Path, times: Floats, nominal: dict[str, NDArray[np.float
         columns = [pa.repeat(controller, int(rows.sum())), pa.array(times[rows])]
         columns += [pa.array(np.ascontiguousarray(column)) for column in history[rows].T]
         tables.append(pa.Table.from_arrays(columns, schema=pa.schema(fields)))
-    _write(path, pa.concat_tables(tables), ["time", *CHANNEL_INDEX], ["controller"])
+    write_parquet(path, pa.concat_tables(tables), ["time", *CHANNEL_INDEX], ["controller"])
 
 
 def write_reference(path: Path, plan: FlightPlan, stride: int) -> None:
@@ -80,21 +79,4 @@ def write_reference(path: Path, plan: FlightPlan, stride: int) -> None:
         columns.append(pa.array(np.degrees(column) if signal.unit == "deg" else np.ascontiguousarray(column)))
         fields.append(make_field(signal.name, pa.float64(), signal.unit, signal.doc))
     table = pa.Table.from_arrays(columns, schema=pa.schema(fields))
-    _write(path, table, table.column_names, [])
-
-
-def _write(path: Path, table: pa.Table, floats: Sequence[str], words: list[str]) -> None:
-    """Floats byte by byte, no dictionary, light compression: half the size of Parquet's defaults."""
-    encoding = dict.fromkeys(floats, "BYTE_STREAM_SPLIT")
-    write_whole(
-        path,
-        lambda aside: pq.write_table(
-            table,
-            aside,
-            compression="zstd",
-            compression_level=1,
-            use_dictionary=words,
-            column_encoding=encoding,
-            write_page_checksum=True,
-        ),
-    )
+    write_parquet(path, table, table.column_names, [])

@@ -1,6 +1,7 @@
 """Flight plans as .npz without pickle: nested named tuples and dataclasses as a flat set of named arrays."""
 
 import dataclasses
+import io
 import typing
 from pathlib import Path
 from typing import Any, TypeVar
@@ -9,11 +10,13 @@ import numpy as np
 
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
-from abhv_mc.store.folder import write_whole
+from abhv_mc.store.folder import write_bytes
+from abhv_mc.store.plan_check import find_fault
 
 T = TypeVar("T")
 _WISH = "a plan as it was written: restore it, or run with --fresh to delete what was flown and fly it anew"
-_SCALARS = (bool, int, float, str)
+_KINDS = {bool: "b", int: "i", float: "f", str: "U"}  # numpy's kind of each scalar
+_MAX_BYTES = 2**30
 
 
 def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
@@ -27,32 +30,51 @@ def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
 
 
 def rebuild(kind: type[T], flat: dict[str, np.ndarray], prefix: str = "") -> T:
-    """The record of type ``kind`` from what :func:`flatten` gave. Raises KeyError for a missing part."""
+    """The record of type ``kind`` from what :func:`flatten` gave, with contiguous arrays and finite numbers.
+
+    Raises KeyError for a missing part and ValueError for one of another type.
+    """
     if _is_record(kind):
         hints = typing.get_type_hints(kind)
         parts = {name: rebuild(hints[name], flat, f"{prefix}.{name}" if prefix else name) for name in _fields(kind)}
         return kind(**parts)
     value = flat[prefix]
-    if kind in _SCALARS:
+    if kind in _KINDS:
+        if value.dtype.kind != _KINDS[kind] or value.ndim or (kind is float and not np.isfinite(value)):
+            raise ValueError(f"{prefix}: {value.dtype} {value.shape} instead of one finite {kind.__name__}")
         return kind(value.item())  # type: ignore[call-arg]
-    return value  # type: ignore[return-value]
+    wanted = np.dtype(typing.get_args(typing.get_args(kind)[1])[0])
+    if value.dtype != wanted and not (wanted.kind == "U" == value.dtype.kind):
+        raise ValueError(f"{prefix}: {value.dtype} instead of {wanted}")
+    if wanted.kind == "f" and not np.isfinite(value).all():
+        raise ValueError(f"{prefix}: a number that is not finite")
+    return np.require(value, requirements=["C", "A"])  # type: ignore[return-value]
 
 
 def write_plan(path: Path, plan: FlightPlan) -> None:
     """Store a plan."""
 
-    def write(aside: Path) -> None:
-        with aside.open("wb") as file:
-            np.savez_compressed(file, **flatten(plan))  # type: ignore[arg-type]
+    write_bytes(path, pack_plan(plan), durable=True)
 
-    write_whole(path, write, durable=True)
+
+def pack_plan(plan: FlightPlan) -> bytes:
+    """A plan as the content of its file; equal plans have equal content."""
+    content = io.BytesIO()
+    np.savez_compressed(content, **flatten(plan))  # type: ignore[arg-type]
+    return content.getvalue()
 
 
 def read_plan(path: Path) -> FlightPlan:
     """A stored plan, equal to the bit. Raises InputError."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            return rebuild(FlightPlan, dict(stored))
+            if sum(member.file_size for member in stored.zip.infolist()) > _MAX_BYTES:
+                raise ValueError(f"more than {_MAX_BYTES} bytes")
+            plan = rebuild(FlightPlan, dict(stored))
+            fault = find_fault(plan)
+            if fault is not None:
+                raise ValueError(fault)
+            return plan
     except FileNotFoundError:
         raise InputError(path, None, None, "no such file", _WISH) from None
     except Exception as error:  # numpy's and zipfile's on damaged files are of many kinds, SyntaxError among them

@@ -22,6 +22,13 @@ def find_versions() -> dict[str, str]:
     }
 
 
+def find_compiler() -> str:
+    """Which interface of numba compiled the flight: ``private`` or ``public``."""
+    from abhv_mc.jit import compiler  # which loads numba
+
+    return compiler()
+
+
 def find_commit() -> str | None:
     """Commit of the checkout that the program runs from, with ``+`` when files differ from it; None outside one."""
     root = Path(abhv_mc.__file__).parents[2]

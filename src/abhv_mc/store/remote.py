@@ -60,12 +60,12 @@ class Remote:
         self._held: dict[str, tuple[int, int] | None] = {}  # what the address holds -> size and time of ours
         self._token = uuid.uuid4().hex
 
-    def pull(self, endings: tuple[str, ...] = ("",)) -> None:
-        """Copy what the address holds, as far as its name ends so, into the local folder."""
+    def pull(self) -> None:
+        """Copy what the address holds into the local folder."""
         selector = pyarrow_fs.FileSelector(self._base, allow_not_found=True, recursive=True)
         for info in self._system.get_file_info(selector):
             name = info.path[len(self._base) + 1 :]
-            if info.type != pyarrow_fs.FileType.File or name == _LOCK or not name.endswith(endings):
+            if info.type != pyarrow_fs.FileType.File or name.startswith(_LOCK):
                 continue
             path = self.local / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -111,15 +111,18 @@ class Remote:
 
     def take_lock(self) -> None:
         """Raises InputError, which names the holder, where another process has renewed it lately."""
-        self._check_holder()
-        self.renew_lock()
+        self._check_holder(abandoned=self._is_abandoned())
+        self._write_lock()
         time.sleep(_SETTLE)
         self._check_holder()
 
     def renew_lock(self) -> None:
         """Say that this process still flies here. Raises InputError where another one has taken over."""
         self._check_holder()
-        who = {"pid": os.getpid(), "host": platform.node(), "token": self._token, "time": time.time()}
+        self._write_lock()
+
+    def _write_lock(self) -> None:
+        who = {"pid": os.getpid(), "host": platform.node(), "token": self._token}
         self._write(_LOCK, json.dumps(who).encode())
 
     def drop_lock(self) -> None:
@@ -127,11 +130,21 @@ class Remote:
         self._check_holder()
         self._delete(_LOCK)
 
-    def _check_holder(self) -> None:
+    def _is_abandoned(self) -> bool:
+        """Whether nobody has renewed the lock for long, by the store's clock alone: two hosts' may differ by hours."""
+        probe = f"{_LOCK}.{self._token}"
+        self._write(probe, b"")
+        try:
+            held, now = self._system.get_file_info([f"{self._base}/{_LOCK}", f"{self._base}/{probe}"])
+        finally:
+            self._delete(probe)
+        return held.mtime is not None and now.mtime is not None and (now.mtime - held.mtime).total_seconds() > LEASE
+
+    def _check_holder(self, abandoned: bool = False) -> None:
         try:
             with self._system.open_input_stream(f"{self._base}/{_LOCK}") as stream:
                 held = json.loads(stream.read())
-            if held["token"] == self._token or time.time() - held["time"] > LEASE:
+            if held["token"] == self._token or abandoned:
                 return
             holder = f"process {held['pid']} on {held['host']}"
         except FileNotFoundError:
@@ -157,8 +170,8 @@ def local_path(path: Path) -> Path | None:
 
 
 @contextlib.contextmanager
-def fetched(path: Path, endings: tuple[str, ...] = ("",)) -> Iterator[Path]:
-    """A campaign's folder to read: ``path``, or a copy for a while of the files at an address that end so."""
+def fetched(path: Path) -> Iterator[Path]:
+    """A campaign's folder to read: ``path``, or a copy for a while of what is at an address."""
     local = local_path(path)
     if local is not None:
         yield local
@@ -166,7 +179,7 @@ def fetched(path: Path, endings: tuple[str, ...] = ("",)) -> Iterator[Path]:
     address = str(parse_address(path))
     with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder:
         with _told_plainly(address):
-            Remote(address, *_open(address), Path(folder)).pull((*endings, _MANIFEST))
+            Remote(address, *_open(address), Path(folder)).pull()
         yield Path(folder)
 
 

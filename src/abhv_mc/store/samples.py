@@ -7,13 +7,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.store.flights import make_field
 from abhv_mc.store.folder import write_whole
+from abhv_mc.vehicle.arrays import Floats
 
-Floats = NDArray[np.float64]
 ROW_GROUP = 65536  # flights drawn, written and read at once
 
 

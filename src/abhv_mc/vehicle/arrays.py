@@ -7,11 +7,10 @@ serves every vehicle, and a changed table can never meet a stale cache.
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
+from abhv_mc import array_types
 
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
+Floats = array_types.Floats
+Ints = array_types.Ints
 
 # What a table axis or a build-up term may depend on, SI and radians.
 # The effectors are the vehicle's own surfaces, mixed from the three axis deflections.

@@ -219,6 +219,7 @@ def _make_constants(content: VehicleDocument) -> Constants:
         thrust_offset_z=engine.thrust_line.offset if engine else 0.0,
         mass_start=content.mass.start,
         mass_empty=content.mass.start if content.mass.empty is None else content.mass.empty,
+        burns_fuel=0.0 if content.mass.empty is None else 1.0,
         surface_bandwidth=surfaces.bandwidth if surfaces else 1.0,
         surface_damping=surfaces.damping if surfaces else 1.0,
         surface_limit=surfaces.limit if surfaces else 0.0,

@@ -18,6 +18,7 @@ class Constants(NamedTuple):
     thrust_offset_z: float  # thrust line below the moment reference, m
     mass_start: float  # kg
     mass_empty: float  # kg: no fuel below it
+    burns_fuel: float  # 1, or 0 for a vehicle whose file gives no empty mass: its mass stays and its engine runs
     surface_bandwidth: float  # rad/s, the three axis deflections alike
     surface_damping: float
     surface_limit: float  # rad

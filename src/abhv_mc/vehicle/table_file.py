@@ -80,13 +80,18 @@ class Rows:
 
 
 def read_rows(path: Path) -> Rows:
-    """Split a CSV file into cells of equal count. Raises :class:`InputError`."""
+    """Read a CSV file of cells of equal count. Raises :class:`InputError`."""
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except OSError as error:
         raise InputError(path, None, None, f"a file that cannot be read ({error.strerror})", "a CSV file") from None
     except UnicodeDecodeError:
         raise InputError(path, None, None, "bytes that are not UTF-8 text", "a CSV file") from None
+    return split_rows(path, text)
+
+
+def split_rows(path: Path, text: str) -> Rows:
+    """Cells of equal count from a CSV file's text. Raises :class:`InputError`."""
     numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if len(numbered) < 2:
         raise InputError(path, 1, None, "no rows", "a header and rows of numbers")

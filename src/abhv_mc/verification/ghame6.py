@@ -15,8 +15,8 @@ from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.vehicle.model import Vehicle
-from abhv_mc.verification.recording import check_times, read_columns
-from abhv_mc.verification.replay import make_motion, make_replay_plan, replay
+from abhv_mc.verification.recording import check_times, read_columns, stack_columns
+from abhv_mc.verification.replay import make_motion, make_replay_plan, replay, wrap_degrees
 from abhv_mc.verification.rows import Row
 from abhv_mc.world.atmosphere import atmosphere
 from abhv_mc.world.earth import Earth
@@ -69,11 +69,9 @@ def read_recording(path: Path) -> Recording:
     times = given["time"]
     check_times(path, times, uniform=True)
 
-    def stack(names: list[str]) -> Floats:
-        return np.stack([given[name] for name in names], axis=-1)
-
-    body_from_inertial = stack(ATTITUDE).reshape(-1, 3, 3)
-    position, velocity = earth_fixed_from_inertial(CADAC_EARTH, times, stack(POSITION), stack(VELOCITY))
+    body_from_inertial = stack_columns(given, ATTITUDE).reshape(-1, 3, 3)
+    inertial = [stack_columns(given, names) for names in (POSITION, VELOCITY)]
+    position, velocity = earth_fixed_from_inertial(CADAC_EARTH, times, *inertial)
     latitude, longitude, altitude = geodetic_from_ecef(CADAC_EARTH, position)
     ned_from_earth = ned_from_ecef_matrix(latitude, longitude)
     ned_from_body = ned_from_earth @ _earth_from_inertial(times) @ np.swapaxes(body_from_inertial, -1, -2)
@@ -83,9 +81,9 @@ def read_recording(path: Path) -> Recording:
     states[:, s.ALTITUDE], states[:, s.LONGITUDE], states[:, s.LATITUDE] = altitude, longitude, latitude
     states[:, s.U : s.W + 1] = np.einsum("tji,tj->ti", ned_from_body, velocity_ned)
     states[:, s.Q0 : s.Q3 + 1] = from_matrix(ned_from_body)
-    states[:, s.ROLL_RATE : s.YAW_RATE + 1] = stack(RATES)
+    states[:, s.ROLL_RATE : s.YAW_RATE + 1] = stack_columns(given, RATES)
     states[:, s.MASS] = given["vmass"]
-    controls = stack(CONTROLS)
+    controls = stack_columns(given, CONTROLS)
     controls[:, :3] = np.radians(controls[:, :3])
     return Recording(times, states, controls, {name: given[name] for name in COMPARED})
 
@@ -102,10 +100,9 @@ def _read_mass(path: Path) -> dict[str, Floats]:
 
 
 def _earth_from_inertial(times: Floats) -> Floats:
-    angle = CADAC_EARTH.rotation_rate * times
-    sine, cosine, zero, one = np.sin(angle), np.cos(angle), np.zeros_like(angle), np.ones_like(angle)
-    rows = [[cosine, sine, zero], [-sine, cosine, zero], [zero, zero, one]]
-    return np.moveaxis(np.array(rows), -1, 0)
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_euler("z", -CADAC_EARTH.rotation_rate * times[:, np.newaxis]).as_matrix()
 
 
 def verify_ghame6(path: Path, scale: float = 1.0) -> list[Row]:
@@ -125,7 +122,7 @@ def verify_ghame6(path: Path, scale: float = 1.0) -> list[Row]:
     for name, (unit, difference) in _REPLAYED.items():
         apart = ours[name] - theirs[name]
         if unit == "deg":
-            apart = np.remainder(apart + 180.0, 360.0) - 180.0
+            apart = wrap_degrees(apart)
         rows.append(Row(path.name, "CADAC++", name, unit, float(np.abs(apart).max()), 3.0 * scale * difference))
     return rows
 

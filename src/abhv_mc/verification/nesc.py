@@ -14,8 +14,8 @@ from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.verification.nesc_cases import CASES, FOOT, CheckCase, tolerances
-from abhv_mc.verification.recording import check_times, read_columns
-from abhv_mc.verification.replay import at_times, make_motion, make_replay_plan, make_start, replay
+from abhv_mc.verification.recording import check_times, read_columns, stack_columns
+from abhv_mc.verification.replay import at_times, make_motion, make_replay_plan, make_start, replay, wrap_degrees
 from abhv_mc.verification.rows import Row
 
 STEP = 0.01  # s, the product's default
@@ -84,24 +84,16 @@ def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
 def _compare(number: int, simulator: str, given: dict[str, Floats], states: Floats, scale: float) -> list[Row]:
     motion = make_motion(at_times(STEP, states, given["time"]))
 
-    def stack(names: list[str]) -> Floats:
-        return np.stack([given[name] for name in names], axis=-1)
-
     allowed = tolerances(number)
     quantities = (
         ("altitude", "ft", motion.altitude / FOOT - given["altitudeMsl_ft"], allowed.altitude),
-        ("velocity", "ft/s", motion.velocity_ned / FOOT - stack(VELOCITY), allowed.velocity),
-        ("longitude", "deg", _turns(np.degrees(motion.longitude) - given["longitude_deg"]), allowed.position),
+        ("velocity", "ft/s", motion.velocity_ned / FOOT - stack_columns(given, VELOCITY), allowed.velocity),
+        ("longitude", "deg", wrap_degrees(np.degrees(motion.longitude) - given["longitude_deg"]), allowed.position),
         ("latitude", "deg", np.degrees(motion.latitude) - given["latitude_deg"], allowed.position),
-        ("euler_angles", "deg", _turns(np.degrees(motion.euler) - stack(EULER)), allowed.euler),
-        ("body_rates", "deg/s", np.degrees(motion.rates) - stack(RATES), allowed.rates),
+        ("euler_angles", "deg", wrap_degrees(np.degrees(motion.euler) - stack_columns(given, EULER)), allowed.euler),
+        ("body_rates", "deg/s", np.degrees(motion.rates) - stack_columns(given, RATES), allowed.rates),
     )
     return [
         Row(f"nesc {number:02d}", f"sim {simulator}", name, unit, float(np.abs(difference).max()), scale * tolerance)
         for name, unit, difference, tolerance in quantities
     ]
-
-
-def _turns(degrees: Floats) -> Floats:
-    """Differences of angles modulo 360 deg, within 180."""
-    return np.remainder(degrees + 180.0, 360.0) - 180.0

@@ -1,9 +1,6 @@
 """Other people's time histories: CSV files, plain or compressed, read column by column."""
 
-import csv
 import gzip
-import io
-import math
 import zlib
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,6 +9,7 @@ import numpy as np
 
 from abhv_mc.io.input_error import InputError
 from abhv_mc.vehicle.arrays import Floats
+from abhv_mc.vehicle.table_file import split_rows
 
 _MOST_BYTES = 200_000_000
 _EVEN = 0.02  # of the spacing: printed times are rounded
@@ -22,37 +20,18 @@ def read_columns(path: Path, names: Iterable[str]) -> dict[str, Floats]:
 
     Raises :class:`InputError` for a missing column, a cell that is no finite number, or fewer than two rows.
     """
-    names = list(names)
-    reader = csv.reader(io.StringIO(_read_text(path)))
-    try:
-        header = [name.strip() for name in next(reader, [])]
-        lines = [(reader.line_num, cells) for cells in reader if cells]
-    except csv.Error as error:
-        raise InputError(path, reader.line_num, None, str(error), "a CSV file") from None
-    missing = [name for name in names if name not in header]
-    if missing:
-        raise InputError(path, 1, None, f"no column {', '.join(missing)}", "it: the comparison needs it")
+    rows = split_rows(path, _read_text(path))
+    columns: dict[str, Floats] = {}
     for name in names:
-        if header.count(name) > 1:
-            raise InputError(path, 1, None, f"{header.count(name)} columns {name}", "one")
-    if len(lines) < 2:
-        raise InputError(path, None, None, f"{len(lines)} rows of numbers", "at least 2")
-    for line, cells in lines:
-        if len(cells) != len(header):
-            raise InputError(path, line, None, f"{len(cells)} cells", f"{len(header)}, as in the header")
-    return {name: _numbers(path, name, header.index(name), lines) for name in names}
-
-
-def _numbers(path: Path, name: str, place: int, lines: list[tuple[int, list[str]]]) -> Floats:
-    values = np.empty(len(lines))
-    for row, (line, cells) in enumerate(lines):
-        try:
-            values[row] = float(cells[place])
-        except ValueError:
-            values[row] = math.nan
-        if not math.isfinite(values[row]):
-            raise InputError(path, line, place + 1, f"'{cells[place]}' in column {name}", "a finite number")
-    return values
+        places = [i for i, column in enumerate(rows.header) if column == name]
+        if not places:
+            raise rows.error(None, None, f"no column {name}", "it: the comparison needs it")
+        if len(places) > 1:
+            raise rows.error(None, None, f"{len(places)} columns {name}", "one")
+        columns[name] = rows.numbers(places[0])
+    if len(rows.cells) < 2:
+        raise InputError(path, None, None, f"{len(rows.cells)} rows of numbers", "at least 2")
+    return columns
 
 
 def _read_text(path: Path) -> str:
@@ -71,6 +50,11 @@ def _read_text(path: Path) -> str:
         raise InputError(path, None, None, f"a file that cannot be read ({reason})", "a CSV file") from None
     except UnicodeDecodeError:
         raise InputError(path, None, None, "bytes that are not UTF-8 text", "a CSV file") from None
+
+
+def stack_columns(columns: dict[str, Floats], names: list[str]) -> Floats:
+    """Columns side by side, ``[row, name]``."""
+    return np.stack([columns[name] for name in names], axis=-1)
 
 
 def check_times(path: Path, times: Floats, uniform: bool = False) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.control.columns import REFERENCE
-from abhv_mc.control.recorded import RECORDED_GAINS
+from abhv_mc.control.laws.recorded import RECORDED_GAINS
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.plan import FlightPlan, Limits, Timing
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
@@ -104,3 +104,8 @@ def at_times(tick: float, states: Floats, times: Floats) -> Floats:
 
     spline = CubicSpline(tick * np.arange(len(states)), states, axis=0)
     return np.asarray(spline(times), dtype=np.float64)
+
+
+def wrap_degrees(differences: Floats) -> Floats:
+    """Differences of angles modulo 360 deg, within 180."""
+    return np.remainder(differences + 180.0, 360.0) - 180.0

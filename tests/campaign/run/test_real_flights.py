@@ -10,7 +10,7 @@ import pytest
 
 from abhv_mc.campaign.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.run.executor import hire_crew
+from abhv_mc.campaign.run.executor import open_executor
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request, make_engine
 from abhv_mc.flight.fly import fly, nominal_parameters
@@ -68,8 +68,8 @@ def fly_and_tell(plan, parameters, every=None):
 def test_workers_need_no_numba_for_kept_code(flown, engine):
     plan = read_plan(flown.folder / "plans/tlc.npz")
     execution = read_campaign(CAMPAIGN).model.execution
-    with hire_crew(replace(engine, fly=fly_and_tell), execution, 1, None) as crew:
-        assert crew.fly(plan, nominal_parameters(3)).outcome.tolist() == [Outcome.OK] * 3
+    with open_executor(replace(engine, fly=fly_and_tell), execution, 1, None) as executor:
+        assert executor.fly(plan, nominal_parameters(3)).outcome.tolist() == [Outcome.OK] * 3
 
 
 @pytest.mark.parametrize("controller", ["tlc", "lqr"])
@@ -126,7 +126,7 @@ LIMITS = {
 }
 
 
-def test_every_parameter_bites(flown, engine):
+def test_every_parameter_changes_a_flight(flown, engine):
     """In a gusty, turbulent, noisy flight, where each of them has something to change."""
     listed = PARAMETERS[1:]  # the first is no parameter of a vehicle
     base = nominal_parameters()[0]

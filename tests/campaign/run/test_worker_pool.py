@@ -13,52 +13,52 @@ from campaign.fake_flight import fly, make_plan
 
 from abhv_mc.campaign.run import worker_pool as module
 from abhv_mc.campaign.run.retry import UnusableError
-from abhv_mc.campaign.run.worker_pool import Guard
+from abhv_mc.campaign.run.worker_pool import WorkerPool
 from abhv_mc.flight.fly import nominal_parameters
 
 
 @pytest.fixture
-def guard():
+def pool():
     """One worker process that has flown."""
-    with contextlib.closing(Guard(fly, 1, 60.0)) as guard:
-        check_flight(guard)
-        yield guard
+    with contextlib.closing(WorkerPool(fly, 1, 60.0)) as pool:
+        check_flight(pool)
+        yield pool
 
 
 PLAN = make_plan("one")
 
 
-def check_flight(guard):
+def check_flight(pool):
     """A block as this process flies it."""
     parameters = nominal_parameters(3)
-    np.testing.assert_array_equal(guard.fly(PLAN, parameters).metrics, fly(PLAN, parameters).metrics)
+    np.testing.assert_array_equal(pool.fly(PLAN, parameters).metrics, fly(PLAN, parameters).metrics)
 
 
-def find_worker(guard):
-    (worker,) = guard._workers
+def find_worker(pool):
+    (worker,) = pool._workers
     return worker.process.pid
 
 
-def test_a_worker_that_stands_still_is_replaced(guard, monkeypatch):
-    monkeypatch.setattr(module, "_STARTING", 0.2)
-    guard._limit = 0.2
-    before = find_worker(guard)
+def test_a_worker_that_stands_still_is_replaced(pool, monkeypatch):
+    monkeypatch.setattr(module, "_RESPONSE_LIMIT", 0.2)
+    pool._limit = 0.2
+    before = find_worker(pool)
     os.kill(before, signal.SIGSTOP)
-    monkeypatch.setattr(module, "time_limit", lambda flights, one: one if find_worker(guard) == before else 60.0)
-    check_flight(guard)
-    assert find_worker(guard) != before and not psutil.pid_exists(before)
+    monkeypatch.setattr(module, "time_limit", lambda flights, one: one if find_worker(pool) == before else 60.0)
+    check_flight(pool)
+    assert find_worker(pool) != before and not psutil.pid_exists(before)
 
 
-def test_without_the_server_that_workers_are_forked_from(guard):
-    before = find_worker(guard)
+def test_without_the_server_that_workers_are_forked_from(pool):
+    before = find_worker(pool)
     server = psutil.Process(forkserver._forkserver._forkserver_pid)
     server.kill()
     os.kill(before, signal.SIGKILL)
-    check_flight(guard)
-    assert find_worker(guard) != before
+    check_flight(pool)
+    assert find_worker(pool) != before
 
 
-def test_while_the_server_is_dying(guard, monkeypatch):
+def test_while_the_server_is_dying(pool, monkeypatch):
     """Nobody hears it at its address any more, and it does not count as ended yet: the next starts are refused."""
     asked, revive = [], forkserver._forkserver.ensure_running
 
@@ -72,12 +72,12 @@ def test_while_the_server_is_dying(guard, monkeypatch):
     server.kill()
     while server.status() != psutil.STATUS_ZOMBIE:
         pass
-    os.kill(find_worker(guard), signal.SIGKILL)
-    check_flight(guard)
-    assert len(asked) == 4 and guard._failed_starts == 0
+    os.kill(find_worker(pool), signal.SIGKILL)
+    check_flight(pool)
+    assert len(asked) == 4 and pool._failed_starts == 0
 
 
-def test_no_process_can_be_started(guard, monkeypatch):
+def test_no_process_can_be_started(pool, monkeypatch):
     """The message says why, and nothing stays open."""
     monkeypatch.setattr(module, "_PAUSE", 0.0)
 
@@ -85,23 +85,23 @@ def test_no_process_can_be_started(guard, monkeypatch):
         raise OSError(24, "Too many open files")
 
     monkeypatch.setattr(forkserver._forkserver, "ensure_running", refuse)
-    os.kill(find_worker(guard), signal.SIGKILL)
+    os.kill(find_worker(pool), signal.SIGKILL)
     descriptors = psutil.Process().num_fds()
     with pytest.raises(UnusableError, match=r"Too many open files.*isolation: threads"):
-        check_flight(guard)
+        check_flight(pool)
     assert psutil.Process().num_fds() <= descriptors
 
 
-def test_a_closed_guard_starts_nobody(guard):
-    guard.close()
+def test_a_closed_pool_starts_no_process(pool):
+    pool.close()
     with pytest.raises(UnusableError, match="stopped"):
-        check_flight(guard)
+        check_flight(pool)
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="asks Linux")
-def test_workers_hear_no_interrupt(guard):
+def test_workers_hear_no_interrupt(pool):
     """Ctrl-C goes to everyone in a terminal; the parent decides what it means."""
-    status = Path(f"/proc/{find_worker(guard)}/status").read_text(encoding="ascii")
+    status = Path(f"/proc/{find_worker(pool)}/status").read_text(encoding="ascii")
     masks = [int(line.split()[1], 16) for line in status.splitlines() if line.startswith(("SigBlk:", "SigIgn:"))]
     assert (masks[0] | masks[1]) & 1 << (signal.SIGINT - 1)
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, set())

@@ -1,4 +1,4 @@
-"""The Gaussian copula: the correlation asked for, the laws kept, no flight moved."""
+"""The Gaussian copula: the correlation asked for, the marginals kept, no flight moved."""
 
 import numpy as np
 import pytest

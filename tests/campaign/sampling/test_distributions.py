@@ -15,8 +15,8 @@ ALTITUDE = PARAMETERS[PARAMETER_INDEX["initial.altitude"]]
 HEADING = PARAMETERS[PARAMETER_INDEX["initial.heading"]]
 
 
-def make_law(parameter, **entry):
-    return TypeAdapter(Distribution).validate_python(entry).make_law(parameter)
+def make_marginal(parameter, **entry):
+    return TypeAdapter(Distribution).validate_python(entry).make_marginal(parameter)
 
 
 TRUNCATED = stats.truncnorm(-1.2, 1.2, scale=50.0)
@@ -42,21 +42,21 @@ CASES = [
 
 @pytest.mark.parametrize("parameter, entry, expected", CASES, ids=lambda case: getattr(case, "name", None))
 def test_samples_follow_the_declared_law(parameter, entry, expected):
-    law = make_law(parameter, **entry)
+    law = make_marginal(parameter, **entry)
     values = law.ppf(Design("random", 3, (parameter.name,), 4000).draw(0, 4000)[:, 0])
     assert stats.kstest(values, expected.cdf).pvalue > 1e-3
     np.testing.assert_allclose(law.cdf(values), expected.cdf(values), atol=1e-12)
 
 
 def test_truncation_is_not_clipping():
-    law = make_law(DENSITY, distribution="truncated_normal", sigma=0.1, half_width=0.1)
+    law = make_marginal(DENSITY, distribution="truncated_normal", sigma=0.1, half_width=0.1)
     values = law.ppf(Design("random", 3, ("aero.lift",), 4000).draw(0, 4000)[:, 0])
     assert values.min() > 0.9 and values.max() < 1.1
     assert len(np.unique(values)) == 4000  # clipping would pile flights up at the ends
 
 
 def test_discrete_choice_has_its_weights():
-    law = make_law(ALTITUDE, distribution="discrete", values=["5 m", "-1 m", "3 m"], weights=[1.0, 2.0, 5.0])
+    law = make_marginal(ALTITUDE, distribution="discrete", values=["5 m", "-1 m", "3 m"], weights=[1.0, 2.0, 5.0])
     values = law.ppf(Design("random", 3, ("aero.lift",), 8000).draw(0, 8000)[:, 0])
     found, counts = np.unique(values, return_counts=True)
     np.testing.assert_array_equal(found, [-1.0, 3.0, 5.0])
@@ -66,9 +66,11 @@ def test_discrete_choice_has_its_weights():
 
 def test_extent_of_bounded_and_unbounded_laws():
     ends = np.array([0.0, 1.0])
-    np.testing.assert_allclose(make_law(DENSITY, distribution="uniform", half_width=0.1).at_fraction(ends), [0.9, 1.1])
-    np.testing.assert_allclose(make_law(DENSITY, distribution="normal", sigma=0.1).at_fraction(ends), [0.7, 1.3])
-    discrete = make_law(DENSITY, distribution="discrete", values=[0.8, 1.0, 1.1])
+    np.testing.assert_allclose(
+        make_marginal(DENSITY, distribution="uniform", half_width=0.1).at_fraction(ends), [0.9, 1.1]
+    )
+    np.testing.assert_allclose(make_marginal(DENSITY, distribution="normal", sigma=0.1).at_fraction(ends), [0.7, 1.3])
+    discrete = make_marginal(DENSITY, distribution="discrete", values=[0.8, 1.0, 1.1])
     np.testing.assert_array_equal(discrete.at_fraction(np.array([0.0, 0.5, 1.0])), [0.8, 1.0, 1.1])
 
 
@@ -95,5 +97,5 @@ def test_extent_of_bounded_and_unbounded_laws():
 )
 def test_what_makes_no_sense_is_refused_where_it_stands(parameter, entry, keys):
     with pytest.raises(Refusal) as caught:
-        make_law(parameter, **entry)
+        make_marginal(parameter, **entry)
     assert caught.value.keys == keys

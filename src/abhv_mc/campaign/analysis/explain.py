@@ -17,8 +17,10 @@ from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.statistics.requirement import requirement_failures
 from abhv_mc.store.flights import FlightRows
 from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.hashes import read_checked
 from abhv_mc.store.plans import read_plan
 from abhv_mc.store.samples import SampleReader
 
@@ -47,11 +49,9 @@ class Failure:
         if self.requirement is None:
             return np.where(early, -end_time, -np.inf)
         value = metrics[:, METRIC_INDEX[self.requirement.metric]]
-        worse = value if self.requirement.below is not None else -value
-        limit = self.limit if self.requirement.below is not None else -self.limit
-        failed = ~(worse < limit)
-        if self.requirement.ended_early == "failure":
-            failed |= early
+        below = self.requirement.below is not None
+        worse = value if below else -value
+        failed = requirement_failures(value, early, self.limit, below, self.requirement.early_is_failure)
         return np.where(failed, np.nan_to_num(worse, nan=np.inf), -np.inf)
 
 
@@ -81,6 +81,8 @@ def explain_flight(
     else the first requirement that it missed. Raises InputError for a flight that is not there or did not fail.
     """
     folder = CampaignFolder(root)
+    inputs = [path for path in folder.inputs.rglob("*") if path.is_file()]
+    read_checked(folder, [folder.campaign, folder.plan(controller), folder.samples, *inputs])
     campaign = read_campaign(folder.campaign)
     if controller not in campaign.model.controllers:
         raise InputError(root, None, None, f"no controller '{controller}'", one_of(campaign.model.controllers))

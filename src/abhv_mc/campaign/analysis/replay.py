@@ -12,6 +12,7 @@ from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.store.flights import VALUES, DamagedFileError, FlightRows, parse_block_name, read_block
 from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.hashes import read_checked
 from abhv_mc.store.manifest import read_manifest
 from abhv_mc.store.plans import read_plan
 from abhv_mc.store.samples import SampleReader
@@ -47,6 +48,7 @@ def replay_flight(root: Path, controller: str, flight: int, fly: Fly, every: int
     if controller not in names:
         raise InputError(root, None, None, f"no controller '{controller}'", one_of(names, controller))
     row = find_row(folder, controller, flight)
+    read_checked(folder, [folder.plan(controller)])
     plan = read_plan(folder.plan(controller))
     reader = SampleReader(folder.samples)
     block = fly(plan, spread_parameters(reader.names, row.samples), every)
@@ -65,11 +67,13 @@ def replay_flight(root: Path, controller: str, flight: int, fly: Fly, every: int
 
 def find_row(folder: CampaignFolder, controller: str, flight: int) -> FlightRows:
     """The stored row of one flight. Raises InputError where there is none."""
+    read_checked(folder, [folder.samples])
     names = SampleReader(folder.samples).names
     for path in folder.flights.glob("*.parquet"):
         try:
             name, first, stop = parse_block_name(path)
             if name == controller and first <= flight < stop:
+                read_checked(folder, [path])
                 rows = read_block(path, names)
                 at = slice(flight - first, flight - first + 1)
                 return FlightRows(name, flight, names, rows.samples[at], rows.outcome[at], rows.values[at])

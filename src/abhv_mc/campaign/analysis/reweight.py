@@ -1,4 +1,4 @@
-"""Other laws for the dispersions of flown flights: the ratio of densities by which each flight counts then."""
+"""Other distributions for the dispersions of flown flights: the ratio of densities by which each flight counts then."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,24 +12,25 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
-from abhv_mc.campaign.sampling.marginals import ContinuousLaw, DiscreteLaw, Law
+from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, DiscreteMarginal, Marginal
 from abhv_mc.io.document_reader import compose
 from abhv_mc.io.documents import InputError, Refusal, one_of, validate
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.statistics.reweight import Unseen, join_unseen, unseen_of_range, unseen_of_values
 
 Floats = NDArray[np.float64]
 
 _SET = "--set"
-_SLACK = 1e-9  # of a law's width, for ends that are the same but for rounding
+_SLACK = 1e-9  # of a distribution's width, for ends that are the same but for rounding
 
 
 @dataclass(frozen=True)
 class Change:
-    """Other laws for some parameters of a campaign."""
+    """Other distributions for some parameters of a campaign."""
 
     before: dict[str, dict[str, Any]]  # entries of the campaign file, by parameter
     after: dict[str, dict[str, Any]]
-    laws: dict[str, Law]  # the new ones
+    marginals: dict[str, Marginal]  # the new ones
 
 
 def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -62,69 +63,73 @@ def make_change(campaign: CheckedCampaign, settings: Mapping[str, Mapping[str, A
     document = replace(campaign.document, data={**data, "dispersions": {**entries, **after}})
     try:
         model = validate(document, Campaign)
-        laws = {name: model.dispersions[name].make_law(PARAMETERS[PARAMETER_INDEX[name]]) for name in after}
+        marginals = {name: model.dispersions[name].make_marginal(PARAMETERS[PARAMETER_INDEX[name]]) for name in after}
     except (InputError, Refusal) as error:
         raise InputError(_SET, None, None, error.found, error.wanted) from None
     mixed = [campaign.names[column] for column in campaign.copula.columns]
-    for name, law in laws.items():
-        _check_support(name, campaign.laws[name], law)
-        if name in mixed and any(isinstance(campaign.laws[other], DiscreteLaw) for other in mixed):
+    for name, marginal in marginals.items():
+        _check_support(name, campaign.marginals[name], marginal)
+        if name in mixed and any(isinstance(campaign.marginals[other], DiscreteMarginal) for other in mixed):
             found = f"'{name}', correlated with a discrete choice"
             raise InputError(_SET, None, None, found, "a parameter without such a correlation")
-    return Change({name: dict(entries[name]) for name in after}, after, laws)
+    return Change({name: dict(entries[name]) for name in after}, after, marginals)
 
 
-def _check_support(name: str, old: Law, new: Law) -> None:
-    """Flights exist wherever the new law has weight. Raises InputError."""
-    if isinstance(old, DiscreteLaw) and isinstance(new, DiscreteLaw):
+def _check_support(name: str, old: Marginal, new: Marginal) -> None:
+    """Flights exist wherever the new distribution has weight. Raises InputError."""
+    if isinstance(old, DiscreteMarginal) and isinstance(new, DiscreteMarginal):
         missing = np.setdiff1d(new.values, old.values)
         if missing.size:
             wanted = f"some of {', '.join(f'{value:g}' for value in old.values)}"
             raise InputError(_SET, None, None, f"{name} at {missing[0]:g}, where nothing was flown", wanted)
         return
-    if not (isinstance(old, ContinuousLaw) and isinstance(new, ContinuousLaw)):
-        found = f"a change of {name} between a discrete choice and a continuous law"
-        raise InputError(_SET, None, None, found, "a law of the same kind")
+    if not (isinstance(old, ContinuousMarginal) and isinstance(new, ContinuousMarginal)):
+        found = f"a change of {name} between a discrete choice and a continuous distribution"
+        raise InputError(_SET, None, None, found, "a distribution of the same kind")
     (low, high), (first, last) = old.frozen.support(), new.frozen.support()
     slack = _SLACK * (high - low) if np.isfinite(high - low) else 0.0
     if first < low - slack or last > high + slack:
         found = f"{name} from {first:g} to {last:g}, beyond what was flown"
-        raise InputError(_SET, None, None, found, f"a law within {low:g} .. {high:g}, or a fresh campaign")
+        raise InputError(_SET, None, None, found, f"a distribution within {low:g} .. {high:g}, or a fresh campaign")
 
 
 def weigh_flights(campaign: CheckedCampaign, change: Change, samples: Floats) -> Floats:
-    """By how much each flight ``[flight, parameter]`` counts under the changed laws, mean about 1."""
+    """By how much each flight ``[flight, parameter]`` counts under the changed distributions, mean about 1."""
     weights = np.ones(len(samples))
     with np.errstate(divide="ignore", invalid="ignore"):
-        for name, law in change.laws.items():
+        for name, marginal in change.marginals.items():
             values = samples[:, campaign.names.index(name)]
-            weights *= law.density(values) / campaign.laws[name].density(values)
+            weights *= marginal.density(values) / campaign.marginals[name].density(values)
     mixed = [campaign.names[column] for column in campaign.copula.columns]
-    if any(name in change.laws for name in mixed):
+    if any(name in change.marginals for name in mixed):
         columns = samples[:, list(campaign.copula.columns)]
-        old = [campaign.laws[name] for name in mixed]
-        new = [change.laws.get(name, law) for name, law in zip(mixed, old, strict=True)]
+        old = [campaign.marginals[name] for name in mixed]
+        new = [change.marginals.get(name, marginal) for name, marginal in zip(mixed, old, strict=True)]
         weights *= np.exp(_log_copula(campaign.copula, new, columns) - _log_copula(campaign.copula, old, columns))
     return np.nan_to_num(weights, nan=0.0, posinf=0.0)
 
 
-def _log_copula(copula: Copula, laws: Sequence[Law], columns: Floats) -> Floats:
+def _log_copula(copula: Copula, marginals: Sequence[Marginal], columns: Floats) -> Floats:
     """Logarithm of the Gaussian copula's density ``[flight]``, but for a constant."""
     from scipy.linalg import solve_triangular
     from scipy.special import ndtri
 
-    uniform = np.column_stack([law.cdf(column) for law, column in zip(laws, columns.T, strict=True)])
+    uniform = np.column_stack([marginal.cdf(column) for marginal, column in zip(marginals, columns.T, strict=True)])
     normal = ndtri(np.clip(uniform, 2.0**-53, 1.0 - 2.0**-53))
     mixed = solve_triangular(copula.factor, normal.T, lower=True)
     return np.asarray(0.5 * (np.sum(normal**2, axis=1) - np.sum(mixed**2, axis=0)))
 
 
-def unseen_probability(campaign: CheckedCampaign, change: Change, samples: Floats) -> float:
-    """Probability, under the changed laws, of a value outside the range that the flights cover."""
-    unseen = 0.0
-    for name, law in change.laws.items():
-        if isinstance(law, ContinuousLaw):
-            values = samples[:, campaign.names.index(name)]
-            low, high = law.cdf(np.array([values.min(), values.max()]))
-            unseen += float(low + 1.0 - high)
-    return min(unseen, 1.0)
+def unseen_probability(campaign: CheckedCampaign, change: Change, samples: Floats) -> Unseen:
+    """Probability, under the changed distributions, of values that no flight ``[flight, parameter]`` stands for."""
+    parts = []
+    for name, marginal in change.marginals.items():
+        values = samples[:, campaign.names.index(name)]
+        if isinstance(marginal, DiscreteMarginal):
+            parts.append(unseen_of_values(marginal.values, marginal.density(marginal.values), values))
+        else:
+            ends = np.array([values.min(), values.max()])
+            low, high = marginal.cdf(ends).tolist()
+            weights = np.nan_to_num(marginal.density(ends) / campaign.marginals[name].density(ends), posinf=0.0)
+            parts.append(unseen_of_range((low, 1.0 - high), (weights[0], weights[1]), values.size))
+    return join_unseen(parts)

@@ -18,7 +18,7 @@ from abhv_mc.campaign.sampling.designs import (
     count_flights,
     saltelli_group,
 )
-from abhv_mc.campaign.sampling.marginals import Law
+from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
 from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, SampleSource
 from abhv_mc.flight.signals import METRIC_INDEX, METRICS
@@ -37,7 +37,7 @@ class CheckedCampaign:
     document: Document
     model: Campaign
     runs: int
-    laws: dict[str, Law]  # by parameter, in the file's order; empty where the samples come from a file
+    marginals: dict[str, Marginal]  # by parameter, in the file's order; empty where the samples come from a file
     copula: Copula
     sample_file: SampleFile | None
     limits: tuple[float, ...]  # of the requirements, in their metrics' units
@@ -46,7 +46,7 @@ class CheckedCampaign:
     @property
     def names(self) -> tuple[str, ...]:
         """The dispersed parameters."""
-        return self.sample_file.names if self.sample_file else tuple(self.laws)
+        return self.sample_file.names if self.sample_file else tuple(self.marginals)
 
     @property
     def extensible(self) -> bool:
@@ -59,7 +59,7 @@ class CheckedCampaign:
             return GivenSamples(self.sample_file, self.runs)
         sampling = self.model.sampling
         design = Design(sampling.design, self.model.seed, self.names, self.runs, sampling.levels)
-        return DrawnSamples(design, tuple(self.laws.values()), self.copula)
+        return DrawnSamples(design, tuple(self.marginals.values()), self.copula)
 
 
 def read_campaign(
@@ -74,11 +74,15 @@ def read_campaign(
     """
     document = read_document(path)
     if controllers is not None:  # what is left out must be right, too; said with the places of the whole file
-        read_campaign(path)
-    document = _override(document, runs, seed, controllers)
+        check_campaign(document)
+    return check_campaign(_override(document, runs, seed, controllers))
+
+
+def check_campaign(document: Document) -> CheckedCampaign:
+    """Check a campaign that was read already. Raises :class:`InputError` as :func:`read_campaign` does."""
     model = validate(document, Campaign)
     errors: list[InputError] = []
-    laws = _make_laws(document, model, errors)
+    marginals = _make_marginals(document, model, errors)
     sample_file = read_sample_file(model.sampling.path, DISPERSIBLE) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)
     copula = _make_copula(document, model, names, errors)
@@ -94,7 +98,7 @@ def read_campaign(
     _check_stop(document, model, number, errors)
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
-    return CheckedCampaign(document, model, number, laws, copula, sample_file, limits, _find_looks(model, number))
+    return CheckedCampaign(document, model, number, marginals, copula, sample_file, limits, _find_looks(model, number))
 
 
 def _override(document: Document, runs: int | None, seed: int | None, controllers: Sequence[str] | None) -> Document:
@@ -127,21 +131,21 @@ def select_requirements(entries: Any, controllers: Sequence[str]) -> Iterator[An
             yield {**entry, "controllers": chosen}
 
 
-def _make_laws(document: Document, model: Campaign, errors: list[InputError]) -> dict[str, Law]:
-    laws: dict[str, Law] = {}
+def _make_marginals(document: Document, model: Campaign, errors: list[InputError]) -> dict[str, Marginal]:
+    marginals: dict[str, Marginal] = {}
     for name, distribution in model.dispersions.items():
         where = ("dispersions", name)
         if name not in DISPERSIBLE:
             errors.append(document.key_error(where, f"parameter '{name}'", one_of(DISPERSIBLE, name)))
             continue
         try:
-            laws[name] = distribution.make_law(PARAMETERS[PARAMETER_INDEX[name]])
+            marginals[name] = distribution.make_marginal(PARAMETERS[PARAMETER_INDEX[name]])
         except Refusal as refusal:
             errors.append(document.error((*where, *refusal.keys), refusal.found, refusal.wanted))
     if model.sampling.design == "file" and model.dispersions:
         found = "dispersions beside samples from a file"
         errors.append(document.key_error(("dispersions",), found, "one of them: the file's columns say it all"))
-    return laws
+    return marginals
 
 
 def _make_copula(document: Document, model: Campaign, names: Sequence[str], errors: list[InputError]) -> Copula:

@@ -16,19 +16,26 @@ _ALL_CHANNELS = tuple(CHANNEL_INDEX)
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
 
 
-def _auto(value: Any) -> int | None:
+_MOST_WORKERS = 1024
+_LARGEST_BATCH = 2**20
+
+
+def _auto(value: Any, most: int) -> int | None:
     if value == "auto":
         return None
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise Refusal(describe(value), "'auto' or a whole number from 1")
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
+        raise Refusal(describe(value), f"'auto' or a whole number from 1 to {most}")
     return value
 
 
-Auto = Annotated[
-    int | None,
-    BeforeValidator(_auto, json_schema_input_type=Literal["auto"] | Annotated[int, Field(ge=1)]),
-]
-"""A positive whole number, or None for "auto"."""
+def _auto_up_to(most: int) -> Any:
+    """A field of a whole number up to ``most``, or None for "auto"."""
+    written = Literal["auto"] | Annotated[int, Field(ge=1, le=most)]
+    return BeforeValidator(lambda value: _auto(value, most), json_schema_input_type=written)
+
+
+Workers = Annotated[int | None, _auto_up_to(_MOST_WORKERS)]
+Batch = Annotated[int | None, _auto_up_to(_LARGEST_BATCH)]
 
 
 DesignName = Literal["random", "lhs", "sobol", "halton", "saltelli", "corners", "grid", "one_at_a_time", "file"]
@@ -100,6 +107,11 @@ class Requirement(StrictModel):
     ended_early: Literal["failure", "as_measured"] = Field(
         "failure", description="what a flight that ended early counts as"
     )
+
+    @property
+    def early_is_failure(self) -> bool:
+        """Whether a flight that ended early fails, whatever its metric was until then."""
+        return self.ended_early == "failure"
 
     @model_validator(mode="after")
     def _one_limit(self) -> "Requirement":
@@ -207,8 +219,8 @@ def _stop(value: Any) -> Any:
 class Execution(StrictModel):
     """How it is flown; no result depends on it."""
 
-    workers: Auto = Field(None, description="blocks of flights flown at once; auto: one for each core")
-    batch: Auto = Field(None, description="flights of a block")
+    workers: Workers = Field(None, description="blocks of flights flown at once; auto: one for each core")
+    batch: Batch = Field(None, description="flights of a block")
     isolation: Literal["auto", "processes", "threads"] = Field(
         "auto", description="where flights fly: in processes, one that hangs or crashes harms no other"
     )

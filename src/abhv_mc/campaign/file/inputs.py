@@ -13,6 +13,7 @@ from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.io.documents import InputError, InputErrors, describe, one_of, read_document
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.document import VehicleDocument
+from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
 MODELS: dict[str, type[BaseModel]] = {
     "campaign": Campaign,
@@ -80,7 +81,7 @@ def _check(file: Path, kind: str, pending: list[tuple[Path, str | None]]) -> Ite
         pending += [(campaign.vehicle, "vehicle"), (campaign.mission, "mission")]
         pending += [(controller, "controller") for controller in campaign.controllers.values()]
     elif kind == "vehicle":
-        load_vehicle(file)
+        yield from find_vehicle_warnings(load_vehicle(file))
     elif kind == "mission":
         read_mission(file)
     else:

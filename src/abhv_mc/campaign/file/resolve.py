@@ -7,13 +7,14 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from abhv_mc.campaign.file.check import CheckedCampaign, select_requirements
-from abhv_mc.io.documents import InputError, read_document, write_document
-from abhv_mc.store.folder import CampaignFolder, write_bytes, write_whole
+from abhv_mc.io.documents import Document, InputError, read_document, write_document
+from abhv_mc.store.folder import CampaignFolder, hash_file, write_bytes, write_whole
+from abhv_mc.store.hashes import FileHashes
 
 _YAML = (".yaml", ".yml")
 _DATA = (".csv", ".parquet", ".pq", ".json", ".gz")
@@ -25,9 +26,13 @@ Flying it again gives the same results: abhv-mc run campaign.yaml -o ANOTHER_FOL
 class ResolvedCampaign:
     """A campaign's plain data with references into its own folder, and the files to copy there."""
 
-    data: dict[str, Any]
+    document: Document
     copies: dict[str, bytes]  # place in the folder -> content; read before anything there may be deleted
     hashes: dict[str, str]  # place in the folder -> SHA-256
+
+    @property
+    def data(self) -> dict[str, Any]:
+        return self.document.data  # type: ignore[return-value]
 
     @property
     def identity(self) -> str:
@@ -61,7 +66,7 @@ def resolve_campaign(campaign: CheckedCampaign) -> ResolvedCampaign:
         place = _take(model.sampling.path, "inputs/samples", copies)
         data["sampling"] = {**data["sampling"], "path": place}
     hashes = {place: hashlib.sha256(content).hexdigest() for place, content in copies.items()}
-    return ResolvedCampaign(data, copies, hashes)
+    return ResolvedCampaign(replace(campaign.document, data=data), copies, hashes)
 
 
 def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
@@ -77,7 +82,7 @@ def _references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Pat
     """Files that a YAML file names by relative paths, and those that they name."""
     if path.suffix.lower() not in _YAML or path in seen:
         return
-    for text in _texts(read_document(path).data):
+    for text in _named_files(read_document(path).data):
         if Path(text).suffix.lower() in (*_YAML, *_DATA) and not Path(text).is_absolute():
             file = (path.parent / text).resolve()
             if file.is_file():
@@ -85,15 +90,13 @@ def _references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Pat
                 yield from _references(file, seen | {path})
 
 
-def _texts(value: Any) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict):
-        for inner in value.values():
-            yield from _texts(inner)
-    elif isinstance(value, list):
-        for inner in value:
-            yield from _texts(inner)
+def _named_files(value: Any) -> Iterator[str]:
+    """What stands at the one key that names a file in the files that a campaign refers to; text elsewhere is text."""
+    for key, inner in value.items() if isinstance(value, dict) else ():
+        if key == "file" and isinstance(inner, str):
+            yield inner
+    for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from _named_files(inner)
 
 
 def describe_changes(held: ResolvedCampaign, wanted: ResolvedCampaign, extensible: bool) -> list[str]:
@@ -122,7 +125,7 @@ def merge_campaigns(held: ResolvedCampaign, wanted: ResolvedCampaign) -> Resolve
     requirements = list(wanted.data.get("requirements") or [])
     requirements += [entry for entry in held.data.get("requirements") or [] if entry not in requirements]
     data = {**wanted.data, "controllers": wanted.data["controllers"] | others, "requirements": requirements}
-    return ResolvedCampaign(data, wanted.copies, held.hashes | wanted.hashes)
+    return ResolvedCampaign(replace(held.document, data=data), wanted.copies, held.hashes | wanted.hashes)
 
 
 def _for_controllers(data: dict[str, Any], names: list[str]) -> dict[str, Any]:
@@ -152,24 +155,31 @@ def read_held(folder: CampaignFolder, manifest: dict[str, Any]) -> ResolvedCampa
     wish = "the campaign as it was flown: restore it, or --fresh to delete what was flown and fly it anew"
     hashes = manifest.get("inputs")
     try:
-        data = read_document(folder.campaign).data
+        document = read_document(folder.campaign)
     except InputError as error:
         raise InputError(error.file, error.line, error.column, error.found, wish) from None
-    if not isinstance(data, dict) or not isinstance(hashes, dict):
+    if not isinstance(document.data, dict) or not isinstance(hashes, dict):
         raise InputError(folder.campaign, None, None, "a damaged campaign file or manifest", wish)
-    return ResolvedCampaign(data, {}, hashes)
+    return ResolvedCampaign(document, {}, hashes)
 
 
-def mend_folder(folder: CampaignFolder, manifest: dict[str, Any], wanted: ResolvedCampaign) -> None:
+def mend_folder(folder: CampaignFolder, manifest: dict[str, Any], wanted: ResolvedCampaign, files: FileHashes) -> None:
     """Write the campaign's file and inputs anew where they are damaged and the manifest says that they were these."""
     if wanted.identity != manifest.get("campaign_hash"):
         return
     try:
-        held = read_held(folder, manifest).identity == wanted.identity and all(
-            hashlib.sha256((folder.root / place).read_bytes()).hexdigest() == known
-            for place, known in wanted.hashes.items()
-        )
-    except (InputError, OSError):
+        held = files.holds(folder.campaign) and read_held(folder, manifest).identity == wanted.identity
+        check_inputs(folder, manifest)
+    except InputError:
         held = False
     if not held:
         wanted.write(folder)
+
+
+def check_inputs(folder: CampaignFolder, manifest: dict[str, Any]) -> None:
+    """Raises InputError for a copy of an input file that is not as the manifest says."""
+    for place, known in manifest["inputs"].items():
+        path = folder.root / place
+        if not path.is_file() or hash_file(path) != known:
+            wish = "the file as it was flown: the same campaign with all its controllers puts it there again"
+            raise InputError(path, None, None, "a damaged copy of an input file", wish)

@@ -71,10 +71,10 @@ def fly_block(fly: Fly, plan: FlightPlan, block: Block, parameters: Floats, ever
     return block, fly(plan, parameters, every if block.envelope else None)
 
 
-class Slots:
-    """Room for so many blocks between their take-off and their place on disk.
+class Backpressure:
+    """Limits the blocks that are being flown or wait to be written.
 
-    Without it, workers that are faster than the disk would fill the memory with blocks that have landed.
+    Without it, workers that are faster than the disk would fill the memory with finished blocks.
     """
 
     def __init__(self, number: int) -> None:
@@ -85,16 +85,16 @@ class Slots:
         """What ``work`` gives once there is room. Raises RuntimeError after :meth:`close`, when nobody listens."""
         self._free.acquire()
         if self._closed:
-            self.free()  # the next one may go home, too
+            self.free()  # so that the next one ends, too
             raise RuntimeError("nobody waits for this block")
         return work(*arguments)
 
     def free(self) -> None:
-        """Make room: a block is on disk."""
+        """Make room: a block was written."""
         self._free.release()
 
     def close(self) -> None:
-        """Let every waiting worker go home."""
+        """Let every waiting worker end."""
         self._closed = True
         self.free()
 

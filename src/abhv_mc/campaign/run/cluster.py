@@ -1,7 +1,7 @@
 """Flights on a Dask cluster: each block is a task, and the plan travels with the work as plain arrays.
 
 Dask flies a block whose worker died on another one; a block that ends several workers comes back as lost and is
-flown in parts (see :mod:`abhv_mc.campaign.run.retry`). Workers may come and go while a campaign flies.
+flown in pieces (see :mod:`abhv_mc.campaign.run.retry`). Workers may come and go while a campaign flies.
 """
 
 import math
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.run.batches import Fly
-from abhv_mc.campaign.run.retry import FlightLostError, UnusableError, fly_rescued, time_limit
+from abhv_mc.campaign.run.retry import FlightLostError, UnusableError, fly_with_retries, time_limit
 from abhv_mc.campaign.run.setup import Engine
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
@@ -73,7 +73,7 @@ class Cluster:
 
     def __init__(self, client: "Client", engine: Engine) -> None:
         self._client, self._engine = client, engine
-        self.limit = math.inf  # s that one flight, or 16 abreast, may take
+        self.limit = math.inf  # s that one flight, or 16 in a batch, may take
         self._plans: dict[int, tuple[Future, FlightPlan]] = {}  # held, so that no id comes twice
         self._lock = threading.Lock()
 
@@ -88,7 +88,7 @@ class Cluster:
             if id(plan) not in self._plans:
                 self._plans[id(plan)] = self._client.submit(hold_plan, flatten(plan)), plan
         future, _ = self._plans[id(plan)]
-        return fly_rescued(lambda rows: self._attempt(future, rows, every), plan, parameters, every)
+        return fly_with_retries(lambda rows: self._attempt(future, rows, every), plan, parameters, every)
 
     def _attempt(self, plan: "Future", parameters: Floats, every: int | None) -> FlightBlock:
         from distributed import CancelledError, KilledWorker

@@ -1,4 +1,4 @@
-"""When Ctrl-C and SIGTERM may come: at any moment, but not between a block's file and its count."""
+"""Ctrl-C and SIGTERM: both interrupt, at any moment but between a block's file and its count."""
 
 import contextlib
 import signal
@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 
 @contextlib.contextmanager
-def terminate_as_interrupt() -> Iterator[None]:
-    """Let SIGTERM end a campaign as Ctrl-C does."""
+def sigterm_as_interrupt() -> Iterator[None]:
+    """Let SIGTERM interrupt as Ctrl-C does, where this is the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -24,8 +24,8 @@ def terminate_as_interrupt() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def no_interrupt() -> Iterator[None]:
-    """Put off Ctrl-C and SIGTERM until a block is written and counted: both or neither."""
+def interrupts_deferred() -> Iterator[None]:
+    """Hold back Ctrl-C and SIGTERM until a block is written and counted: both or neither."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,5 +1,6 @@
 """The shards of a campaign as one campaign, once they are proven to be its parts."""
 
+import contextlib
 import shutil
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -15,8 +16,9 @@ from abhv_mc.campaign.run.setup import Engine, Request
 from abhv_mc.io.documents import InputError
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.folder import CampaignFolder, write_whole
+from abhv_mc.store.hashes import find_damage, read_checked
 from abhv_mc.store.lock import hold_lock
-from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, read_manifest, write_manifest
+from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, read_manifest, read_whole_manifest, write_manifest
 from abhv_mc.store.plans import flatten, read_plan
 from abhv_mc.store.samples import ROW_GROUP, SampleReader
 
@@ -33,8 +35,11 @@ def merge_campaign(parts: Sequence[Path], out: Path, engine: Engine | None = Non
     manifests = [read_manifest(folder.manifest) for folder in folders]
     order = _check_parts(folders, manifests)
     first, target = folders[order[0]], CampaignFolder(out)
+    damaged: set[Path] = set()
     for folder in folders:
-        _check_content(first, folder, list(manifests[0]["controllers"]))
+        with contextlib.suppress(OSError, ValueError):  # damaged, which is told next
+            _check_content(first, folder, list(manifests[0]["controllers"]))
+        damaged |= _find_damaged_flights(folder)
     if out.exists() and any(out.iterdir()):
         raise InputError(out, None, None, "a folder that is not empty", "a new or an empty one")
     with ExitStack() as stack:
@@ -43,14 +48,18 @@ def merge_campaign(parts: Sequence[Path], out: Path, engine: Engine | None = Non
         stack.enter_context(hold_lock(target.lock))
         _copy(first, target)
         for folder in folders:
-            for path in sorted(folder.flights.glob("*.parquet")):
+            for path in sorted(set(folder.flights.glob("*.parquet")) - damaged):
                 write_whole(target.flights / path.name, partial(shutil.copyfile, path))
         try:
             merge_states([folder.envelope_states for folder in folders], target.envelope_states)
         except ValueError as error:
             raise InputError(out, None, None, str(error), "shards of one campaign") from None
-        merged = {key: value for key, value in manifests[order[0]].items() if key != "shard"}
+        merged = {key: value for key, value in manifests[order[0]].items() if key not in ("shard", "files")}
         merged |= {"state": INTERRUPTED, "merged_from": [manifests[i]["digest"] for i in order]}
+        files = manifests[order[0]].get("files") or {}
+        copied = {name: known for name, known in files.items() if not name.startswith(target.envelope_states.name)}
+        if copied:
+            merged["files"] = copied  # the others' flights are proven as they are read
         merged["wall_time_s"] = sum(manifest["wall_time_s"] for manifest in manifests)
         write_manifest(target.manifest, merged)
     result = run_campaign(Request(target.campaign, out), engine)
@@ -102,6 +111,19 @@ def _check_content(first: CampaignFolder, other: CampaignFolder, controllers: li
         same = same and np.array_equal(ours_read.rows(start, stop), theirs_read.rows(start, stop))
     if not same:
         raise InputError(other.root, None, None, f"other samples than in {first.root}", "shards of one campaign")
+
+
+def _find_damaged_flights(folder: CampaignFolder) -> set[Path]:
+    """Blocks to be flown again. Raises InputError for other files that are not as they were written."""
+    manifest = read_whole_manifest(folder.manifest)
+    damaged = {path for path, _ in find_damage(folder, manifest) if path.parent == folder.flights}
+    apart = [folder.root / name for name in manifest.get("files", {})]
+    read_checked(folder, [path for path in apart if not _is_proven_by_itself(folder, path)])
+    return damaged
+
+
+def _is_proven_by_itself(folder: CampaignFolder, path: Path) -> bool:
+    return path.is_relative_to(folder.flights) or path.is_relative_to(folder.envelope_states)
 
 
 def _copy(source: CampaignFolder, target: CampaignFolder) -> None:

@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign
-from abhv_mc.campaign.run.batches import Fly, Slots, closing_quietly
+from abhv_mc.campaign.run.batches import Backpressure, Fly, closing_quietly
 from abhv_mc.campaign.run.progress import Progress
 from abhv_mc.campaign.run.tally import Tally
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.hashes import FileHashes
 from abhv_mc.store.histories import history_metadata, write_histories
 from abhv_mc.store.samples import SampleReader
 
@@ -53,14 +54,15 @@ class HistoryFile:
     controller: str
     flights: list[int]
     mark: str  # of what it holds
+    files: FileHashes
 
     @property
     def whole(self) -> bool:
-        return history_metadata(self.path).get("kept") == self.mark
+        return self.files.holds(self.path) and history_metadata(self.path).get("kept") == self.mark
 
 
 def list_histories(
-    folder: CampaignFolder, campaign: CheckedCampaign, tallies: Mapping[str, Tally]
+    folder: CampaignFolder, campaign: CheckedCampaign, tallies: Mapping[str, Tally], hashes: FileHashes
 ) -> list[HistoryFile]:
     """The files that the histories of all flights, which have flown, are kept in."""
     keep = campaign.model.keep.histories
@@ -70,7 +72,7 @@ def list_histories(
         for part, first in enumerate(range(0, len(kept), _FLIGHTS_PER_FILE)):
             flights = kept[first : first + _FLIGHTS_PER_FILE]
             mark = hashlib.sha256(repr((flights, keep.channels, keep.rate)).encode()).hexdigest()
-            files.append(HistoryFile(folder.histories / f"{name}-{part:06d}.parquet", name, flights, mark))
+            files.append(HistoryFile(folder.histories / f"{name}-{part:06d}.parquet", name, flights, mark, hashes))
     return files
 
 
@@ -81,13 +83,14 @@ def write_kept_histories(
     tallies: Mapping[str, Tally],
     samples: SampleReader,
     fly: Fly,
-    workers: int = 1,
+    workers: int,
+    hashes: FileHashes,
 ) -> None:
     """Fly and write the histories that the campaign keeps; files that are there already stay."""
     from joblib import Parallel, delayed
 
     keep = campaign.model.keep.histories
-    wanted = list_histories(folder, campaign, tallies)
+    wanted = list_histories(folder, campaign, tallies, hashes)
     missing = [file for file in wanted if not file.whole]
 
     def fly_again(part: int) -> tuple[int, FlightBlock]:
@@ -96,10 +99,10 @@ def write_kept_histories(
         return part, fly(plan, _parameters(samples, missing[part].flights), every)
 
     pool = Parallel(n_jobs=workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs")
-    slots = Slots(2 * workers)
-    results = pool(delayed(slots.call)(fly_again, part) for part in range(len(missing)))
+    backpressure = Backpressure(2 * workers)
+    results = pool(delayed(backpressure.call)(fly_again, part) for part in range(len(missing)))
     total = sum(len(file.flights) for file in missing)
-    with Progress("histories", total) as progress, closing_quietly(results), contextlib.closing(slots):
+    with Progress("histories", total) as progress, closing_quietly(results), contextlib.closing(backpressure):
         for part, block in results:
             file = missing[part]
             lost = block.outcome == Outcome.FAILED_TO_RUN  # it flew the first time
@@ -109,10 +112,11 @@ def write_kept_histories(
             write_histories(
                 file.path, file.controller, file.flights, block.times, block.history, keep.channels, metadata
             )
-            slots.free()
+            backpressure.free()
             progress.add(len(file.flights))
     for path in set(folder.histories.glob("*.parquet")) - {file.path for file in wanted}:
         path.unlink()
+        hashes.forget(path)
 
 
 def _parameters(samples: SampleReader, flights: list[int]) -> NDArray[np.float64]:

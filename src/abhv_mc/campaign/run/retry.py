@@ -1,6 +1,6 @@
-"""One bad flight is one bad row: a block that is lost is flown again in parts, down to single flights.
+"""Retries: a block that is lost is flown again in smaller pieces, down to the single flight that cannot be computed.
 
-A flight that is lost alone, too, has the outcome ``failed_to_run``: it says nothing about the vehicle.
+That flight has the outcome ``failed_to_run``, which says nothing about the vehicle.
 """
 
 import math
@@ -18,9 +18,8 @@ from abhv_mc.flight.signals import CHANNELS, METRICS
 Floats = NDArray[np.float64]
 Attempt = Callable[[Floats], FlightBlock]
 
-ABREAST = 16  # flights of the first smaller parts, and those that one time limit holds for
-_PARTS = (ABREAST, 1, 1)  # a flight that is lost alone is tried once more: its process may have been killed for another
-_NO_ROWS = "times"  # the field of a FlightBlock that is not per flight
+PIECE = 16  # flights of the first smaller pieces, and those that one time limit holds for
+_PIECES = (PIECE, 1, 1)  # a single flight is tried twice: its process may have been killed from outside
 
 
 class FlightLostError(Exception):
@@ -32,19 +31,19 @@ class UnusableError(Exception):
 
 
 def time_limit(flights: int, one: float) -> float:
-    """Seconds that so many flights may take where ``one`` flight, or some abreast, may take ``one``."""
-    return one * math.ceil(flights / ABREAST)
+    """Seconds that so many flights may take where one flight, or up to PIECE of them, may take ``one``."""
+    return one * math.ceil(flights / PIECE)
 
 
-def fly_rescued(attempt: Attempt, plan: FlightPlan, parameters: Floats, every: int | None) -> FlightBlock:
+def fly_with_retries(attempt: Attempt, plan: FlightPlan, parameters: Floats, every: int | None) -> FlightBlock:
     """What ``attempt`` makes of the rows, with ``failed_to_run`` for those that are lost alone, too.
 
-    Raises UnusableError where not one of ABREAST or more flights could be computed.
+    Raises UnusableError where not one of PIECE or more flights could be computed.
     """
     reasons: list[str] = []
-    block = _fly(attempt, plan, parameters, every, _PARTS, reasons)
+    block = _fly(attempt, plan, parameters, every, _PIECES, reasons)
     if reasons:
-        if len(parameters) >= ABREAST and (block.outcome == Outcome.FAILED_TO_RUN).all():
+        if len(parameters) >= PIECE and (block.outcome == Outcome.FAILED_TO_RUN).all():
             raise UnusableError(f"none of {len(parameters)} flights could be computed here: {reasons[-1]}")
         for reason in reasons:
             print(f"{plan.controller}: a flight could not be computed: {reason}", file=sys.stderr, flush=True)
@@ -65,8 +64,8 @@ def _fly(
         if not sizes:
             reasons.append(str(error))
             return make_failed(plan, every)
-        parts = np.split(parameters, range(sizes[0], len(parameters), sizes[0]))
-        return join_blocks([_fly(attempt, plan, part, every, sizes[1:], reasons) for part in parts])
+        pieces = np.split(parameters, range(sizes[0], len(parameters), sizes[0]))
+        return join_blocks([_fly(attempt, plan, piece, every, sizes[1:], reasons) for piece in pieces])
 
 
 def make_failed(plan: FlightPlan, every: int | None) -> FlightBlock:
@@ -86,16 +85,6 @@ def join_blocks(blocks: list[FlightBlock]) -> FlightBlock:
     parts = {
         field.name: np.concatenate([getattr(block, field.name) for block in blocks])
         for field in fields(FlightBlock)
-        if field.name not in (_NO_ROWS, "states")
+        if field.name not in ("times", "states")
     }
     return FlightBlock(**parts, times=blocks[0].times)
-
-
-def call_attempt(
-    fly: Callable[..., FlightBlock], plan: FlightPlan, parameters: Floats, every: int | None
-) -> FlightBlock:
-    """Fly in this thread; what the flight raises makes it lost."""
-    try:
-        return fly(plan, parameters, every)
-    except Exception as error:
-        raise FlightLostError(f"{type(error).__name__}: {error}") from error

@@ -1,4 +1,4 @@
-"""Fly a campaign: what is missing in its folder, in parallel, kept as it lands; then envelopes and histories."""
+"""Fly a campaign: what is missing in its folder, in parallel, kept block by block; then envelopes and histories."""
 
 import contextlib
 import sys
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.envelopes.collector import Cells, Collector, make_collector
 from abhv_mc.campaign.file.config import PROCESSES
-from abhv_mc.campaign.run.batches import Block, Mask, Slots, choose_batch, closing_quietly, cut_blocks, fly_block
+from abhv_mc.campaign.run.batches import Backpressure, Block, Mask, choose_batch, closing_quietly, cut_blocks, fly_block
 from abhv_mc.campaign.run.cluster import connect_cluster
-from abhv_mc.campaign.run.executor import Crew, hire_crew
-from abhv_mc.campaign.run.interrupts import no_interrupt, terminate_as_interrupt
+from abhv_mc.campaign.run.executor import Executor, open_executor
+from abhv_mc.campaign.run.interrupts import interrupts_deferred, sigterm_as_interrupt
 from abhv_mc.campaign.run.progress import Progress
 from abhv_mc.campaign.run.retention import HistoryFile, list_histories, write_kept_histories
 from abhv_mc.campaign.run.setup import (
@@ -30,7 +30,7 @@ from abhv_mc.campaign.run.setup import (
 )
 from abhv_mc.campaign.run.stopping import find_goal
 from abhv_mc.campaign.run.tally import Tally, judge_requirements, make_tallies
-from abhv_mc.campaign.run.worker_pool import start_server
+from abhv_mc.campaign.run.worker_pool import start_fork_server
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
@@ -45,6 +45,7 @@ from abhv_mc.store.flights import (
     read_block,
     write_block,
 )
+from abhv_mc.store.folder import hash_file
 from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
 from abhv_mc.store.samples import SampleReader
 
@@ -71,26 +72,27 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
     """
     engine = engine or make_engine()
     with ExitStack() as stack:
-        stack.enter_context(terminate_as_interrupt())
+        stack.enter_context(sigterm_as_interrupt())
         cluster = None
         if request.scheduler is not None:
             cluster = stack.enter_context(connect_cluster(request.scheduler, engine))
         elif engine.isolation == PROCESSES:
-            start_server(engine.fly)  # while the campaign is made ready
+            start_fork_server(engine.fly)  # while the campaign is made ready
         opened = open_campaign(request, engine, stack)
         execution = opened.campaign.model.execution
-        crew = stack.enter_context(hire_crew(engine, execution, request.workers, cluster))
-        return _Run(opened, engine, crew).run()
+        executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))
+        return _Run(opened, engine, executor).run()
 
 
 class _Run:
-    def __init__(self, opened: OpenCampaign, engine: Engine, crew: Crew) -> None:
+    def __init__(self, opened: OpenCampaign, engine: Engine, executor: Executor) -> None:
         self.folder, self.campaign, self.plans = opened.folder, opened.campaign, opened.plans
         self.manifest, self.asked, self.engine = opened.manifest, opened.asked, engine
+        self.files = opened.files
         model = self.campaign.model
         self.first, self.stop = opened.part
         self.sharded = "shard" in self.manifest
-        self.fly, self.workers = crew.fly, crew.workers
+        self.fly, self.workers = executor.fly, executor.workers
         self.batch = model.execution.batch or engine.batch or choose_batch(self.campaign.runs, self.workers)
         self.samples = SampleReader(self.folder.samples)
         self.tallies: dict[str, Tally] = make_tallies(self.campaign)
@@ -103,9 +105,7 @@ class _Run:
     def run(self) -> RunResult:
         """Fly and finish."""
         self._take_stock()
-        flown = (
-            self.manifest["state"] == COMPLETE and self._whole() and (self.sharded or is_whole(self.folder.envelopes))
-        )
+        flown = self.manifest["state"] == COMPLETE and self._whole() and (self.sharded or self._has_envelopes())
         if not (flown and (self.sharded or all(file.whole for file in self._list_histories()))):
             check_source(self.folder, self.manifest, self.engine)
             try:
@@ -116,14 +116,19 @@ class _Run:
                     self._finish()
                 self._write_manifest(COMPLETE if whole else INTERRUPTED)
             except KeyboardInterrupt:
-                with no_interrupt():
+                with interrupts_deferred():
                     self._save()
                     self._write_manifest(INTERRUPTED)
             except BaseException:
                 with contextlib.suppress(Exception):  # the error counts, not that the full disk takes no manifest
                     self._write_manifest(INTERRUPTED)
                 raise
+        elif self.manifest.get("files", self.files.listed()) != self.files.listed():
+            self._write_manifest(COMPLETE)  # what was mended may have other bytes, written by another library
         return RunResult(self.folder.root, self.manifest)
+
+    def _has_envelopes(self) -> bool:
+        return self.files.holds(self.folder.envelopes) and is_whole(self.folder.envelopes)
 
     def _goal(self) -> int:
         """Number of flights to have: all, or up to the look at which a campaign that stops when proven stops."""
@@ -146,12 +151,17 @@ class _Run:
                 mask = self.done.get(controller)
                 if mask is None or stop > self.campaign.runs or mask[first:stop].any():
                     raise DamagedFileError(f"{path.name} belongs to no part of this campaign")
+                if self.files.knows(path) and not self.files.holds(path):
+                    raise DamagedFileError(f"{path.name} is not as it was written")
                 rows = read_block(path, self.samples.names)
                 if not np.array_equal(rows.samples, self.samples.rows(first, stop)):
                     raise DamagedFileError(f"{path.name} was flown on other samples")
             except DamagedFileError:
                 path.rename(path.with_name(f"_{path.name}.damaged"))  # kept, but hidden from readers of the folder
+                self.files.forget(path)
                 continue
+            if not self.files.knows(path):  # it landed after the last manifest, and holds what it says
+                self.files.note(path, hash_file(path))
             mask[first:stop] = True
             self.tallies[controller].add(rows, rows.digest())
 
@@ -198,9 +208,9 @@ class _Run:
         pool = Parallel(
             n_jobs=self.workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs"
         )
-        slots = Slots(2 * self.workers)
+        backpressure = Backpressure(2 * self.workers)
         tasks = (
-            delayed(slots.call)(
+            delayed(backpressure.call)(
                 fly_block,
                 self.fly,
                 self.plans[block.controller],
@@ -212,11 +222,11 @@ class _Run:
         )
         saved = time.monotonic()
         results = pool(tasks)
-        with Progress("flights", total) as progress, closing_quietly(results), contextlib.closing(slots):
+        with Progress("flights", total) as progress, closing_quietly(results), contextlib.closing(backpressure):
             for block, flown in results:
-                with no_interrupt():
+                with interrupts_deferred():
                     self._keep(block, flown)
-                slots.free()
+                backpressure.free()
                 progress.add(block.flights)
                 if time.monotonic() - saved > _SAVE_INTERVAL:
                     self._save()
@@ -224,7 +234,7 @@ class _Run:
                     saved = time.monotonic()
 
     def _keep(self, block: Block, flown: FlightBlock) -> None:
-        """Write a block that has landed and count it."""
+        """Write a finished block and count it."""
         if block.envelope:
             self.collectors[block.controller].add(block.first, self.cells.cut(flown.history))
         if block.rows:
@@ -255,12 +265,17 @@ class _Run:
             tables = {name: self.collectors[name].table() for name in self.plans}
             write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables)
         flown = replace(self.campaign, runs=self._goal())
-        write_kept_histories(self.folder, flown, self.plans, self.tallies, self.samples, self.fly, self.workers)
+        write_kept_histories(
+            self.folder, flown, self.plans, self.tallies, self.samples, self.fly, self.workers, self.files
+        )
         for collector in self.collectors.values():
             collector.finish()
+        if not self.folder.envelope_states.is_dir():
+            self.files.forget(self.folder.envelope_states)
+        self.files.check_presence()
 
     def _list_histories(self) -> list[HistoryFile]:
-        return list_histories(self.folder, replace(self.campaign, runs=self._goal()), self.tallies)
+        return list_histories(self.folder, replace(self.campaign, runs=self._goal()), self.tallies, self.files)
 
     def _write_manifest(self, state: str) -> None:
         failed_code = Outcome.FAILED_TO_RUN.code
@@ -282,6 +297,7 @@ class _Run:
             },
             "requirements": [] if self.sharded else judge_requirements(self.tallies, self.campaign, gapless),
         }
+        self.manifest["files"] = self.files.listed()
         if self.campaign.looks:
             self.manifest["stopped_at"] = gapless if state == COMPLETE else None
         write_manifest(self.folder.manifest, self.manifest)

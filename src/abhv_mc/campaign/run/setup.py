@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
 from abhv_mc.campaign.file.resolve import (
     ResolvedCampaign,
+    check_inputs,
     describe_changes,
     mend_folder,
     merge_campaigns,
@@ -25,11 +26,12 @@ from abhv_mc.campaign.run.trial_flights import fly_trials
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import Document, InputError
 from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.hashes import FileHashes, read_checked, record_hashes, refuse_links
 from abhv_mc.store.histories import write_nominal, write_reference
 from abhv_mc.store.lock import hold_lock
-from abhv_mc.store.manifest import COMPLETE, RUNNING, read_manifest, write_manifest
-from abhv_mc.store.plans import read_plan, write_plan
-from abhv_mc.store.provenance import find_commit, find_machine, find_versions
+from abhv_mc.store.manifest import COMPLETE, RUNNING, read_manifest, read_whole_manifest, write_manifest
+from abhv_mc.store.plans import pack_plan, read_plan, write_plan
+from abhv_mc.store.provenance import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.store.samples import ROW_GROUP, SampleReader, write_samples
 
 Prepare = Callable[[Path, Path, Path, str], FlightPlan]
@@ -74,6 +76,7 @@ class OpenCampaign:
     plans: dict[str, FlightPlan]
     manifest: dict[str, Any]
     asked: tuple[str, ...]  # controllers to fly now
+    files: FileHashes
 
     @property
     def part(self) -> tuple[int, int]:
@@ -110,18 +113,23 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     folder = CampaignFolder(request.out or Path("reports") / wanted.model.name)
     _check_shard(request, wanted)
     started = folder.manifest.exists()
-    strangers = [] if started else folder.strangers()
-    if strangers:
-        found = f"a folder with '{strangers[0].name}', which no campaign wrote"
+    unknown = [] if started else folder.unknown_files()
+    if unknown:
+        found = f"a folder with '{unknown[0].name}', which no campaign wrote"
         raise InputError(folder.root, None, None, found, "an empty folder or a campaign's")
     if not started and not request.fresh and any(folder.flights.glob("*.parquet")):
         found = "flights without the manifest that says what they are"
         raise InputError(folder.root, None, None, found, "another folder (-o DIR), or --fresh to delete them")
     if started:
         stack.enter_context(hold_lock(folder.lock))
+    refuse_links(folder.root)
     asked = tuple(wanted.model.controllers)
     if started and not request.fresh:
-        return replace(_resume(folder, wanted, engine, request.shard), asked=asked)
+        held = read_whole_manifest(folder.manifest).get("files")
+        files = stack.enter_context(record_hashes(folder.root, held or {}))
+        if held is None:
+            files.adopt()
+        return replace(_resume(folder, wanted, engine, request.shard, files), asked=asked)
     resolved = resolve_campaign(wanted)
     plans = _take_plans(request.plans_from, resolved, asked, engine) or _make_plans(wanted, asked, engine)
     nominal = _try_out(wanted, plans, engine)
@@ -131,16 +139,18 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
             found = "a campaign that another process has started meanwhile"
             raise InputError(folder.root, None, None, found, "the same command once more")
     folder.clear()
+    files = stack.enter_context(record_hashes(folder.root, {}))
     resolved.write(folder)
     for name, plan in plans.items():
         write_plan(folder.plan(name), plan)
-    _write_samples(folder, wanted)
+    _write_samples(folder, wanted, files)
     _write_nominal(folder, wanted, plans, nominal)
     manifest = _new_manifest(wanted, resolved, engine) | {"warnings": find_warnings(plans)}
     if request.shard is not None:
         manifest["shard"] = list(request.shard)
+    manifest["files"] = files.listed()
     write_manifest(folder.manifest, manifest)
-    return OpenCampaign(folder, read_campaign(folder.campaign), plans, manifest, asked)
+    return OpenCampaign(folder, wanted, plans, manifest, asked, files)
 
 
 def _check_shard(request: Request, campaign: CheckedCampaign) -> None:
@@ -156,7 +166,11 @@ def _check_shard(request: Request, campaign: CheckedCampaign) -> None:
 
 
 def _resume(
-    folder: CampaignFolder, wanted: CheckedCampaign, engine: Engine, shard: tuple[int, int] | None
+    folder: CampaignFolder,
+    wanted: CheckedCampaign,
+    engine: Engine,
+    shard: tuple[int, int] | None,
+    files: FileHashes,
 ) -> OpenCampaign:
     """Go on with a folder that holds the same campaign, perhaps with fewer flights or controllers."""
     manifest = read_manifest(folder.manifest)
@@ -165,7 +179,7 @@ def _resume(
         words = "the whole campaign" if held_shard is None else f"shard {held_shard[0]}/{held_shard[1]}"
         raise InputError(folder.root, None, None, f"a folder that holds {words}", "that, or another folder (-o DIR)")
     resolved = resolve_campaign(wanted)
-    mend_folder(folder, manifest, resolved)
+    mend_folder(folder, manifest, resolved, files)
     held = read_held(folder, manifest)
     changes = describe_changes(held, resolved, wanted.extensible)
     if changes:
@@ -179,6 +193,11 @@ def _resume(
         raise InputError(
             folder.root, None, None, "a shard of fewer flights", "another folder (-o DIR): shards do not grow"
         )
+    intact = files.holds(folder.campaign)
+    if not intact and wanted.runs < held.data["runs"]:
+        wish = f"the same campaign with {held.data['runs']} runs, which mends it"
+        raise InputError(folder.campaign, None, None, "a damaged file", wish)
+    longer = longer or not intact  # or killed while it grew
     if added or longer or manifest.get("state") != COMPLETE:
         check_source(folder, manifest, engine)
     if added:
@@ -187,20 +206,22 @@ def _resume(
         for name, plan in new.items():
             write_plan(folder.plan(name), plan)
     if added or longer:
-        merged = merge_campaigns(held, resolved)
-        merged.write(folder)
-        manifest |= {"state": RUNNING, "runs_planned": wanted.runs, "inputs": merged.hashes}
-        manifest["campaign_hash"] = merged.identity
-    campaign = read_campaign(folder.campaign)
+        held = merge_campaigns(held, resolved)
+        held.write(folder)
+        manifest |= {"state": RUNNING, "runs_planned": wanted.runs, "inputs": held.hashes}
+        manifest["campaign_hash"] = held.identity
+    check_inputs(folder, manifest)
+    campaign = check_campaign(held.document)
     campaign = replace(campaign, model=campaign.model.model_copy(update={"execution": wanted.model.execution}))
-    _write_samples(folder, campaign)
+    _write_samples(folder, campaign, files)
     if added or longer:
+        manifest["files"] = files.listed()
         write_manifest(folder.manifest, manifest)
-    plans = {name: read_plan(folder.plan(name)) for name in campaign.model.controllers}
+    plans = {name: _mend_plan(folder, campaign, name, engine, files) for name in campaign.model.controllers}
     manifest["warnings"] = find_warnings(plans)
-    if added or not (folder.nominal.exists() and folder.reference.exists()):
+    if added or not (files.holds(folder.nominal) and files.holds(folder.reference)):
         _write_nominal(folder, campaign, plans, _try_out(campaign, plans, engine))
-    return OpenCampaign(folder, campaign, plans, manifest, ())
+    return OpenCampaign(folder, campaign, plans, manifest, (), files)
 
 
 def check_source(folder: CampaignFolder, manifest: dict[str, Any], engine: Engine) -> None:
@@ -225,13 +246,28 @@ def _take_plans(
     if root is None:
         return {}
     source = CampaignFolder(root)
-    manifest = read_manifest(source.manifest)
+    manifest = read_checked(source, [source.plan(name) for name in names])
     check_source(source, manifest, engine)
     held = manifest.get("inputs") or {}
     for place, content in resolved.hashes.items():
         if held.get(place) != content and not place.startswith("inputs/samples/"):
             raise InputError(root, None, None, f"plans made from another {place}", "plans of this campaign's files")
     return {name: read_plan(source.plan(name)) for name in names}
+
+
+def _mend_plan(
+    folder: CampaignFolder, campaign: CheckedCampaign, name: str, engine: Engine, files: FileHashes
+) -> FlightPlan:
+    """The stored plan; where it is damaged, a new one that is the same to the bit. Raises InputError without one."""
+    path = folder.plan(name)
+    if not files.holds(path) and files.knows(path):
+        again = _make_plans(campaign, [name], engine)[name]
+        if not files.is_content(path, pack_plan(again)):
+            found = "a damaged plan, and here it comes out otherwise"
+            wish = "the plan as it was written: restore it, or --fresh to delete what was flown and fly it anew"
+            raise InputError(path, None, None, found, wish)
+        write_plan(path, again)
+    return read_plan(path)
 
 
 def find_warnings(plans: dict[str, FlightPlan]) -> list[str]:
@@ -264,11 +300,13 @@ def _write_nominal(
     write_reference(folder.reference, first, every)
 
 
-def _write_samples(folder: CampaignFolder, campaign: CheckedCampaign) -> None:
+def _write_samples(folder: CampaignFolder, campaign: CheckedCampaign, files: FileHashes) -> None:
     """Draw the samples where the folder does not hold them; those that it holds must stay."""
     source = campaign.make_samples()
     held = None
     try:
+        if not files.holds(folder.samples):
+            raise OSError("not as it was written")
         held = SampleReader(folder.samples)
         held.verify()
         if held.names == tuple(source.names) and held.flights == campaign.runs:
@@ -305,6 +343,7 @@ def _new_manifest(campaign: CheckedCampaign, resolved: ResolvedCampaign, engine:
         "controllers": {},
         "requirements": [],
         "versions": find_versions(),
+        "compiler": find_compiler(),
         "commit": find_commit(),
         "machine": find_machine() | {"device": engine.device},
         "command": sys.argv[1:],

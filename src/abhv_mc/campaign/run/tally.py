@@ -1,4 +1,4 @@
-"""What is counted as blocks land, in any order: outcomes, the digest, failures of requirements, the worst flights."""
+"""What is counted of finished blocks, in any order: outcomes, the digest, failures, the worst flights."""
 
 from array import array
 from collections import Counter
@@ -12,6 +12,7 @@ from abhv_mc.campaign.file.config import Requirement
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.signals import METRIC_INDEX
+from abhv_mc.statistics.requirement import measured_failures, requirement_failures
 from abhv_mc.statistics.sequential import SequentialVerdict, make_sequential_plan, sequential_verdict
 from abhv_mc.statistics.verdicts import Verdict, judge
 from abhv_mc.store.digest import Digest
@@ -34,12 +35,11 @@ class RequirementCount:
 
     def add(self, values: np.ndarray, early: np.ndarray, flights: np.ndarray) -> None:
         """Count flights by their metric; not-a-number fails."""
-        held = values < self.limit if self.requirement.below is not None else values > self.limit
-        failed = ~held
-        self.failures_measured += int(failed.sum())
-        if self.requirement.ended_early == "failure":
-            self.failures_ended_early += int((early & held).sum())
-            failed |= early
+        side = self.limit, self.requirement.below is not None
+        measured = measured_failures(values, *side)
+        failed = requirement_failures(values, early, *side, self.requirement.early_is_failure)
+        self.failures_measured += int(measured.sum())
+        self.failures_ended_early += int((failed & ~measured).sum())
         if self.missed is not None:
             self.missed[flights] = failed
         self.flights += len(values)

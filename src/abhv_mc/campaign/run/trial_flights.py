@@ -1,4 +1,4 @@
-"""Trial flights before a campaign: the nominal one, and proof that every dispersion changes something.
+"""Trial flights before a campaign: the nominal one, and a sensitivity check of every dispersion.
 
 A dispersion that reaches no equation gives the same flight to the last bit; it is refused before anything is flown,
 so that no campaign silently varies nothing.
@@ -21,7 +21,7 @@ _ROWS = 3  # trials of each dispersion
 
 
 def make_trials(campaign: CheckedCampaign) -> Floats:
-    """Parameter rows: the nominal flight, then for each dispersion its nominal value and the two ends of its law.
+    """Parameter rows: the nominal flight, then for each dispersion its nominal value and both ends of its range.
 
     The other dispersions stand at their medians meanwhile: a gust's start matters only where there is a gust.
     """
@@ -39,7 +39,7 @@ def _quantiles(campaign: CheckedCampaign, i: int) -> Floats:
     """Low end, median and high end of one dispersion."""
     if campaign.sample_file is not None:
         return np.quantile(campaign.sample_file.values[: campaign.runs, i], [0.0, 0.5, 1.0])
-    return np.asarray(campaign.laws[campaign.names[i]].at_fraction(np.array([0.0, 0.5, 1.0])))
+    return np.asarray(campaign.marginals[campaign.names[i]].at_fraction(np.array([0.0, 0.5, 1.0])))
 
 
 def fly_trials(campaign: CheckedCampaign, plans: dict[str, FlightPlan], fly: Fly, every: int) -> dict[str, FlightBlock]:
@@ -51,8 +51,8 @@ def fly_trials(campaign: CheckedCampaign, plans: dict[str, FlightPlan], fly: Fly
     flown = {name: fly(plan, trials, every) for name, plan in plans.items()}
     errors: list[InputError] = []
     for i, name in enumerate(campaign.names):
-        still, *rows = range(1 + _ROWS * i, 1 + _ROWS * (i + 1))
-        if not any(_differs(block, row, still) for block in flown.values() for row in rows):
+        unchanged, *rows = range(1 + _ROWS * i, 1 + _ROWS * (i + 1))
+        if not any(_differs(block, row, unchanged) for block in flown.values() for row in rows):
             low, high = trials[rows, PARAMETER_INDEX[name]]
             where = ("sampling",) if campaign.sample_file is not None else ("dispersions", name)
             found = f"'{name}' from {low:g} to {high:g}, which changes no controller's flight"
@@ -62,7 +62,7 @@ def fly_trials(campaign: CheckedCampaign, plans: dict[str, FlightPlan], fly: Fly
     return flown
 
 
-def _differs(block: FlightBlock, row: int, still: int) -> bool:
-    """Whether a trial differs from the one with the nominal value in any bit of what it measured."""
-    same = np.array_equal(block.metrics[row], block.metrics[still], equal_nan=True)
-    return not (same and block.outcome[row] == block.outcome[still] and block.end_time[row] == block.end_time[still])
+def _differs(block: FlightBlock, a: int, b: int) -> bool:
+    """Whether two flights of a block differ in any bit of what was measured."""
+    same = np.array_equal(block.metrics[a], block.metrics[b], equal_nan=True)
+    return not (same and block.outcome[a] == block.outcome[b] and block.end_time[a] == block.end_time[b])

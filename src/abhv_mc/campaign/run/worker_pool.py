@@ -1,6 +1,7 @@
-"""Worker processes that a flight may hang or kill: the parent watches, replaces them and flies the rest.
+"""Worker processes that a flight may hang or kill: the parent watches them, replaces them and flies the rest.
 
-Threads end here: the parent has a thread for each block in the air, each of which waits for a process of its own.
+A thread of the parent waits for each process, and each process has a pipe of its own: one that is killed while it sends
+its result disturbs no other.
 """
 
 import contextlib
@@ -20,63 +21,63 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.run.batches import Fly
-from abhv_mc.campaign.run.retry import FlightLostError, UnusableError, fly_rescued, time_limit
+from abhv_mc.campaign.run.retry import FlightLostError, UnusableError, fly_with_retries, time_limit
 from abhv_mc.campaign.run.worker import serve
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 
 Floats = NDArray[np.float64]
 
-_PATIENCE = 20  # and one a worker, with starts that fail in a row: one refused or killed from outside counts 1
-_OWN_END = 4  # and one that ended by itself this much
-_PAUSE = 0.05  # s, before a start, for each of these
-_COMPILING = 600.0  # s that a process may take to start and to load or compile a flight
-_STARTING = 30.0  # s, at least, that one which has done so may take to say that it starts the next
-_swap = threading.Lock()
+# Give up after 20 + workers consecutive failed starts (refused or SIGKILL counts 1, a crash 4).
+_FAILED_STARTS = 20
+_CRASH = 4
+_PAUSE = 0.05  # s of waiting before a start, times the failed starts so far
+_COMPILE_LIMIT = 600.0  # s for a process to start and to load or compile a flight
+_RESPONSE_LIMIT = 30.0  # s at least for one that has done so to say that it begins the next block
+_main_lock = threading.Lock()
 
 
-class _EarlyEndError(Exception):
-    """A worker's process did not start, or ended before it flew what it was sent: no flight's fault."""
+class _NotBegunError(Exception):
+    """A worker process did not start, or ended before it began the flights it was sent: no flight's fault."""
 
 
-def start_server(fly: Fly) -> None:
+def start_fork_server(fly: Fly) -> None:
     """Start the process that workers are forked from, which imports in the background what ``fly`` needs."""
     from multiprocessing import forkserver
 
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([serve.__module__, fly.__module__, "llvmlite.binding"])
-    with _deaf_to_interrupts():
+    with _sigint_blocked():
         forkserver.ensure_running()
 
 
 class _Worker:
-    """One process and the pipe to it."""
+    """One process and the pipe to it. Raises OSError or EOFError where the process cannot be started."""
 
     def __init__(self, fly: Fly) -> None:
-        """Raises _EarlyEndError where the process could not be started."""
         context = multiprocessing.get_context("forkserver")
         self._connection, theirs = context.Pipe()
         self.process: BaseProcess = context.Process(target=serve, args=(theirs, fly), daemon=True)
         with theirs:
             try:
-                with _without_main(), _deaf_to_interrupts():
+                with _empty_main(), _sigint_blocked():
                     self.process.start()
-            except (OSError, EOFError) as error:  # the server is dying and not known to be dead, or cannot fork
+            except (OSError, EOFError):
                 self._connection.close()
-                raise _EarlyEndError(f"not started: {error or 'the server they are forked from ended'}") from None
-        self.plans: set[int] = set()
-        self.proven = False  # whether it has come to fly anything
+                raise
+        self._plans: set[int] = set()  # keys of those it has
+        self.has_flown = False
 
     def fly(self, key: int, plan: FlightPlan, parameters: Floats, every: int | None, limit: float) -> FlightBlock:
-        """Raises FlightLostError, and _EarlyEndError where the process ended before these flights started."""
-        known = key in self.plans
+        """Raises FlightLostError, and _NotBegunError where the process ended before these flights began."""
+        known = key in self._plans
         try:
             self._connection.send((key, None if known else plan, parameters, every))
-            self.plans.add(key)
-            answer = self._receive(max(limit, _STARTING) if known else _COMPILING)
+            self._plans.add(key)
+            answer = self._receive(max(limit, _RESPONSE_LIMIT) if known else _COMPILE_LIMIT)
         except (ConnectionError, FlightLostError):
             self.kill()
-            raise _EarlyEndError(_describe_exit(self.process.exitcode)) from None
-        self.proven = True
+            raise _NotBegunError(_describe_exit(self.process.exitcode)) from None
+        self.has_flown = True
         if answer is None:
             answer = self._receive(limit)
         if isinstance(answer, str):
@@ -94,10 +95,6 @@ class _Worker:
             self.kill()
             raise FlightLostError(f"its process ended: {_describe_exit(self.process.exitcode)}") from None
 
-    @property
-    def alive(self) -> bool:
-        return self.process.is_alive()
-
     def kill(self) -> None:
         """End the process, whatever it does."""
         self.process.kill()
@@ -105,20 +102,20 @@ class _Worker:
         self._connection.close()
 
 
-class Guard:
+class WorkerPool:
     """Flies in worker processes, each started when first needed; threads may call :meth:`fly` side by side."""
 
     def __init__(self, fly: Fly, workers: int, limit: float) -> None:
-        """``limit`` is what one flight, or 16 abreast, may take, s."""
+        """``limit``: time for one flight, or for 16 in a batch, s."""
         self._fly, self._limit = fly, limit
         self._idle: queue.LifoQueue[_Worker | None] = queue.LifoQueue()
         for _ in range(workers):
             self._idle.put(None)
         self._workers: set[_Worker] = set()
-        self._plans: dict[int, tuple[int, FlightPlan]] = {}  # held, so that no id comes twice
+        self._plans: dict[int, tuple[int, FlightPlan]] = {}  # by id; held, so that no id comes twice
         self._lock = threading.Lock()
-        self._patience = _PATIENCE + workers
-        self._failed_starts = 0  # weighed
+        self._most_failed_starts = _FAILED_STARTS + workers
+        self._failed_starts = 0  # consecutive, weighed
         self._last_end = ""
         self._closed = False
 
@@ -126,28 +123,24 @@ class Guard:
         """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
         with self._lock:
             key, _ = self._plans.setdefault(id(plan), (len(self._plans), plan))
-        return fly_rescued(lambda rows: self._attempt(key, plan, rows, every), plan, parameters, every)
+        return fly_with_retries(lambda rows: self._attempt(key, plan, rows, every), plan, parameters, every)
 
     def _attempt(self, key: int, plan: FlightPlan, parameters: Floats, every: int | None) -> FlightBlock:
         worker = self._idle.get()
         try:
             while True:
+                worker = worker or self._start()
                 try:
-                    worker = worker or self._start()
                     block = worker.fly(key, plan, parameters, every, time_limit(len(parameters), self._limit))
-                except _EarlyEndError as end:
-                    self._last_end = str(end)
-                    if worker is None:
-                        self._count_failed_start(1)
-                    else:
-                        self._discard(worker)
+                except _NotBegunError as end:
+                    self._remove(worker, str(end))
                     worker = None
                 else:
                     self._failed_starts = 0
                     return block
-        except FlightLostError:
-            if worker is not None and not worker.alive:
-                self._discard(worker)
+        except FlightLostError as lost:
+            if worker is not None and not worker.process.is_alive():
+                self._remove(worker, str(lost))
                 worker = None
             if self._closed:
                 raise UnusableError("the campaign was stopped") from None
@@ -156,34 +149,37 @@ class Guard:
             self._idle.put(worker)
 
     def _start(self) -> _Worker:
-        if self._failed_starts >= self._patience:
-            raise UnusableError(
-                f"worker processes end before they fly ({self._last_end}); 'isolation: threads' does without them"
-            )
-        time.sleep(_PAUSE * self._failed_starts)
-        if not self._closed:
-            worker = _Worker(self._fly)
+        while not self._closed:
+            if self._failed_starts >= self._most_failed_starts:
+                words = f"worker processes end before they fly ({self._last_end})"
+                raise UnusableError(f"{words}; 'isolation: threads' does without them")
+            time.sleep(_PAUSE * self._failed_starts)
+            try:
+                worker = _Worker(self._fly)
+            except (OSError, EOFError) as error:  # the server is dying and not known to be dead, or cannot fork
+                self._count_failed_start(1, f"not started: {error or 'the server they are forked from ended'}")
+                continue
             with self._lock:
                 self._workers.add(worker)
-                closed = self._closed
-            if not closed:
+            if not self._closed:
                 return worker
             worker.kill()
         raise UnusableError("the campaign was stopped")
 
-    def _discard(self, worker: _Worker) -> None:
+    def _remove(self, worker: _Worker, end: str) -> None:
         worker.kill()
         with self._lock:
             self._workers.discard(worker)
-        if not worker.proven:
-            self._count_failed_start(1 if worker.process.exitcode == -signal.SIGKILL else _OWN_END)
+        if not worker.has_flown:
+            self._count_failed_start(1 if worker.process.exitcode == -signal.SIGKILL else _CRASH, end)
 
-    def _count_failed_start(self, weight: int) -> None:
+    def _count_failed_start(self, weight: int, end: str) -> None:
         with self._lock:
             self._failed_starts += weight
+            self._last_end = end
 
     def close(self) -> None:
-        """End every worker at once; flights in the air are lost."""
+        """End every worker at once; flights under way are lost."""
         with self._lock:
             self._closed = True
             workers = list(self._workers)
@@ -193,11 +189,11 @@ class Guard:
 
 
 @contextlib.contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Start processes that no Ctrl-C reaches, which goes to everyone in the terminal: the parent decides."""
+def _sigint_blocked() -> Iterator[None]:
+    """Start processes that ignore Ctrl-C, which reaches every process of the terminal: the parent decides."""
     from multiprocessing import resource_tracker
 
-    resource_tracker.ensure_running()  # which lets signals in again when it starts
+    resource_tracker.ensure_running()  # which unblocks signals when it starts
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -206,9 +202,9 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _without_main() -> Iterator[None]:
+def _empty_main() -> Iterator[None]:
     """Start a process that does not run the caller's script again, as multiprocessing otherwise would."""
-    with _swap:
+    with _main_lock:
         main = sys.modules["__main__"]
         sys.modules["__main__"] = types.ModuleType("__main__")
         try:

@@ -1,4 +1,4 @@
-"""Correlated samples by a Gaussian copula: the laws stay what they are, flight k stays a function of k alone.
+"""Correlated samples by a Gaussian copula: the marginals stay what they are, flight k stays a function of k alone.
 
 Probabilities become standard normal numbers, which the Cholesky factor of their correlation matrix mixes.
 A rank correlation (Spearman's rho) belongs to the normal correlation 2 sin(pi rho / 6): Kruskal, JASA 53 (1958).

@@ -1,8 +1,8 @@
 """Designs of experiments: how the uniform numbers of a campaign's flights are chosen.
 
-A design gives for each flight and parameter a number in [0, 1], the probability at which the parameter's law is
-read. ``random``, ``sobol``, ``halton`` and ``saltelli`` give flight k the same numbers however many flights there are;
-the others depend on the number of flights, which for ``corners``, ``grid`` and ``one_at_a_time`` follows from the
+A design gives for each flight and parameter a number in [0, 1], the probability at which the parameter's distribution
+is read. ``random``, ``sobol``, ``halton`` and ``saltelli`` give flight k the same numbers however many flights there
+are; the others depend on the number of flights, which for ``corners``, ``grid`` and ``one_at_a_time`` follows from the
 parameters.
 """
 
@@ -137,7 +137,7 @@ def _saltelli_rows(design: Design, first: int, stop: int) -> Floats:
 
 
 def _open(values: Floats) -> Floats:
-    """Keep clear of 0 and 1, where an unbounded law is infinite."""
+    """Keep clear of 0 and 1, where an unbounded distribution is infinite."""
     return np.clip(values, 2.0**-53, 1.0 - 2.0**-53)
 
 
@@ -146,7 +146,7 @@ def _corner_rows(flights: NDArray[np.int64], parameters: int, levels: int) -> Fl
 
 
 def _grid_rows(flights: NDArray[np.int64], parameters: int, levels: int) -> Floats:
-    """Full factorial, the last parameter changing fastest; entries are fractions of the law's extent."""
+    """Full factorial, the last parameter changing fastest; entries are fractions of the distribution's extent."""
     powers = levels ** np.arange(parameters - 1, -1, -1)
     digits = flights[:, None] // powers[None, :] % levels
     return digits / (levels - 1)

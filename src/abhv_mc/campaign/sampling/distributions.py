@@ -1,4 +1,4 @@
-"""The distributions that a campaign file may name, and how each becomes a law of its parameter.
+"""The distributions that a campaign file may name, and how each becomes the distribution of its parameter.
 
 Values carry the parameter's unit; those of a factor are numbers or percentages. ``half_width`` and ``sigma`` of a
 factor are relative to its nominal value 1, those of an error are in its unit about its nominal value 0.
@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from abhv_mc.campaign.sampling.marginals import ContinuousLaw, DiscreteLaw, Law
+from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, DiscreteMarginal, Marginal
 from abhv_mc.io.documents import Refusal, StrictModel, one_of
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.plant.parameters import Parameter
@@ -23,8 +23,8 @@ _LOW, _HIGH = "lower end", "upper end"
 
 class _Distribution(StrictModel):
     @abstractmethod
-    def make_law(self, parameter: Parameter) -> Law:
-        """The law of ``parameter`` in SI. Raises Refusal."""
+    def make_marginal(self, parameter: Parameter) -> Marginal:
+        """The distribution of ``parameter`` in SI. Raises Refusal."""
 
     def _read(self, key: str, parameter: Parameter) -> float | None:
         value = getattr(self, key)
@@ -59,11 +59,11 @@ class Uniform(_Distribution):
     low: Value | None = Field(None, description=_LOW)
     high: Value | None = Field(None, description=_HIGH)
 
-    def make_law(self, parameter: Parameter) -> Law:
+    def make_marginal(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
         low, high = self._range(parameter, parameter.nominal)
-        return ContinuousLaw(stats.uniform(low, high - low))
+        return ContinuousMarginal(stats.uniform(low, high - low))
 
 
 class Normal(_Distribution):
@@ -73,10 +73,10 @@ class Normal(_Distribution):
     sigma: Value = Field(description="standard deviation")
     mean: Value | None = Field(None, description="left out: the nominal value")
 
-    def make_law(self, parameter: Parameter) -> Law:
+    def make_marginal(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
-        return ContinuousLaw(
+        return ContinuousMarginal(
             stats.norm(_or(self._read("mean", parameter), parameter), self._positive("sigma", parameter))
         )
 
@@ -91,15 +91,15 @@ class TruncatedNormal(_Distribution):
     low: Value | None = Field(None, description=_LOW)
     high: Value | None = Field(None, description=_HIGH)
 
-    def make_law(self, parameter: Parameter) -> Law:
+    def make_marginal(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
         mean, sigma = _or(self._read("mean", parameter), parameter), self._positive("sigma", parameter)
         low, high = self._range(parameter, mean)
         law = stats.truncnorm((low - mean) / sigma, (high - mean) / sigma, mean, sigma)
         if not stats.norm(mean, sigma).cdf(high) - stats.norm(mean, sigma).cdf(low) > 1e-9:
-            raise Refusal("a range that the normal law never meets", "a range nearer to the mean", ("sigma",))
-        return ContinuousLaw(law)
+            raise Refusal("a range that the normal distribution never meets", "a range nearer to the mean", ("sigma",))
+        return ContinuousMarginal(law)
 
 
 class Triangular(_Distribution):
@@ -111,14 +111,14 @@ class Triangular(_Distribution):
     mode: Value | None = Field(None, description="the most likely value; left out: the nominal value")
     high: Value | None = Field(None, description=_HIGH)
 
-    def make_law(self, parameter: Parameter) -> Law:
+    def make_marginal(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
         mode = _or(self._read("mode", parameter), parameter)
         low, high = self._range(parameter, mode)
         if not low <= mode <= high:
             raise Refusal(f"a mode of {mode:g} outside {low:g} .. {high:g}", "a mode in the range")
-        return ContinuousLaw(stats.triang((mode - low) / (high - low), low, high - low))
+        return ContinuousMarginal(stats.triang((mode - low) / (high - low), low, high - low))
 
 
 class Lognormal(_Distribution):
@@ -128,7 +128,7 @@ class Lognormal(_Distribution):
     sigma: Value = Field(description="standard deviation of the natural logarithm: a number or a percentage")
     median: Value | None = Field(None, description="left out: the nominal value")
 
-    def make_law(self, parameter: Parameter) -> Law:
+    def make_marginal(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
         sigma = _parse(self.sigma, "-", "sigma")
@@ -138,11 +138,11 @@ class Lognormal(_Distribution):
         if median <= 0.0:
             where = ("median",) if self.median is not None else ()
             raise Refusal(f"a median of {median:g}", "a median above zero", where)
-        return ContinuousLaw(stats.lognorm(sigma, scale=median))
+        return ContinuousMarginal(stats.lognorm(sigma, scale=median))
 
 
 class Beta(_Distribution):
-    """Beta law with exponents a and b stretched over a range."""
+    """Beta distribution with exponents a and b stretched over a range."""
 
     distribution: Literal["beta"] = Field(description=_KIND)
     a: Annotated[float, Field(gt=0.0)] = Field(description="first shape parameter")
@@ -151,11 +151,11 @@ class Beta(_Distribution):
     low: Value | None = Field(None, description=_LOW)
     high: Value | None = Field(None, description=_HIGH)
 
-    def make_law(self, parameter: Parameter) -> Law:
+    def make_marginal(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
         low, high = self._range(parameter, parameter.nominal)
-        return ContinuousLaw(stats.beta(self.a, self.b, low, high - low))
+        return ContinuousMarginal(stats.beta(self.a, self.b, low, high - low))
 
 
 class Discrete(_Distribution):
@@ -167,7 +167,7 @@ class Discrete(_Distribution):
         None, description="one for each value; left out: all alike"
     )
 
-    def make_law(self, parameter: Parameter) -> Law:
+    def make_marginal(self, parameter: Parameter) -> Marginal:
         import numpy as np
 
         values = np.array([_parse(value, parameter.unit, "values", i) for i, value in enumerate(self.values)])
@@ -179,11 +179,11 @@ class Discrete(_Distribution):
         order = np.argsort(values)
         cumulative = np.cumsum(weights[order] / weights.sum())
         cumulative[-1] = 1.0
-        return DiscreteLaw(values[order], cumulative)
+        return DiscreteMarginal(values[order], cumulative)
 
 
 class Scipy(_Distribution):
-    """Any continuous law of scipy.stats by its name, with its shape parameters, place and scale."""
+    """Any continuous distribution of scipy.stats by its name, with its shape parameters, place and scale."""
 
     distribution: Literal["scipy"] = Field(description=_KIND)
     law: str = Field(description="a continuous distribution of scipy.stats, such as weibull_min")
@@ -191,7 +191,7 @@ class Scipy(_Distribution):
     loc: Value | None = Field(None, description="location; left out: 0")
     scale: Value | None = Field(None, description="left out: 1, in SI")
 
-    def make_law(self, parameter: Parameter) -> Law:
+    def make_marginal(self, parameter: Parameter) -> Marginal:
         import numpy as np
         from scipy import stats
 
@@ -206,8 +206,8 @@ class Scipy(_Distribution):
         scale = 1.0 if self.scale is None else self._positive("scale", parameter)
         frozen = law(**self.shapes, loc=self._read("loc", parameter) or 0.0, scale=scale)
         if not np.all(np.isfinite(frozen.ppf([1e-6, 0.5, 1.0 - 1e-6]))):
-            raise Refusal(f"shapes that '{self.law}' does not take", "shape parameters in the law's domain")
-        return ContinuousLaw(frozen)
+            raise Refusal(f"shapes that '{self.law}' does not take", "shape parameters in the distribution's domain")
+        return ContinuousMarginal(frozen)
 
 
 Distribution = Annotated[

@@ -1,4 +1,4 @@
-"""Laws of one random quantity in SI: what a design's probabilities are turned into values by."""
+"""Marginal distributions in SI: what a design's probabilities are turned into values by."""
 
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-# An unbounded law is explored (corners, grid, trial flights) between these probabilities: +-3 sigma of a normal.
+# Corners, grid and trial flights take an unbounded distribution between these probabilities: +-3 sigma of a normal.
 TAIL_PROBABILITY = 0.0013498980316301
 
 
-class Law(Protocol):
+class Marginal(Protocol):
     """A distribution of a scalar."""
 
     def ppf(self, probability: Floats) -> Floats:
@@ -25,11 +25,11 @@ class Law(Protocol):
         """Probability density, or the probability of a discrete value."""
 
     def at_fraction(self, fraction: Floats) -> Floats:
-        """Values at fractions 0..1 of the law's extent, for designs that step through values."""
+        """Values at fractions 0..1 of the distribution's extent, for designs that step through values."""
 
 
 @dataclass(frozen=True)
-class ContinuousLaw:
+class ContinuousMarginal:
     """A frozen continuous distribution of scipy.stats."""
 
     frozen: Any = field(repr=False)
@@ -53,7 +53,7 @@ class ContinuousLaw:
 
 
 @dataclass(frozen=True)
-class DiscreteLaw:
+class DiscreteMarginal:
     """A choice among values, in increasing order, with the probabilities that each or a smaller one is drawn."""
 
     values: Floats

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.designs import FACTORIAL, NOMINAL, Design
-from abhv_mc.campaign.sampling.marginals import Law
+from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 
@@ -33,10 +33,10 @@ class SampleSource(Protocol):
 
 @dataclass(frozen=True)
 class DrawnSamples:
-    """Samples of a design: its probabilities, correlated by the copula, through each parameter's law."""
+    """Samples of a design: its probabilities, correlated by the copula, through each parameter's distribution."""
 
     design: Design
-    laws: tuple[Law, ...]
+    marginals: tuple[Marginal, ...]
     copula: Copula
 
     @property
@@ -51,12 +51,12 @@ class DrawnSamples:
         rows = self.design.draw(first, stop)
         if self.design.kind in FACTORIAL:
             nominal = np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in self.names])
-            values = np.column_stack([law.at_fraction(rows[:, i]) for i, law in enumerate(self.laws)])
+            values = np.column_stack([marginal.at_fraction(rows[:, i]) for i, marginal in enumerate(self.marginals)])
             return np.where(rows == NOMINAL, nominal, values)
         probabilities = self.copula.apply(rows)
         values = np.empty_like(probabilities)
-        for i, law in enumerate(self.laws):
-            values[:, i] = law.ppf(probabilities[:, i])
+        for i, marginal in enumerate(self.marginals):
+            values[:, i] = marginal.ppf(probabilities[:, i])
         return values
 
 

@@ -8,11 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
-from numpy.typing import NDArray
 
-from abhv_mc.report.figures.style import INK, MARKERS, new_figure, styled
+from abhv_mc.report.figures.style import INK, MARKERS, legend_below, new_panels, styled
+from abhv_mc.vehicle.arrays import Floats
 
-Floats = NDArray[np.float64]
 _MOST_POINTS = 1000  # of a controller in a scatter plot
 _MOST_STEPS = 2000  # of a distribution curve
 
@@ -47,9 +46,7 @@ def _log_if_wide(axes: Axes, way: Literal["x", "y"], values: Sequence[Floats]) -
 def plot_distributions(spreads: Sequence[Spread], labels: Mapping[str, str], colors: Mapping[str, str]) -> Figure:
     """Share of flights at or below each value, one panel a metric, one line a controller."""
     columns = 3 if len(spreads) > 4 else 2
-    rows = -(-len(spreads) // columns)
-    figure = new_figure(0.4 + 1.75 * rows)
-    grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
+    figure, grid = new_panels(len(spreads), columns, 0.4, 1.75, sharey=True)
     dashes = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1, 1, 1)))
     for axes, spread in zip(grid.flat, spreads, strict=False):
         for i, (name, values) in enumerate(spread.values.items()):
@@ -78,14 +75,9 @@ def plot_distributions(spreads: Sequence[Spread], labels: Mapping[str, str], col
         axes.set_xlabel("\n".join([spread.label, *far]))
         axes.set_ylim(-0.02, 1.02)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0))
-    for axes in grid.flat[len(spreads) :]:
-        axes.set_visible(False)
     for row in grid:
         row[0].set_ylabel("share of flights")
-    entries = {
-        label: handle for axes in grid.flat for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-    }
-    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=len(entries))
+    legend_below(figure, *grid.flat)
     return figure
 
 
@@ -106,9 +98,8 @@ def plot_error_against_usage(
     colors: Mapping[str, str],
 ) -> Figure:
     """Each flight as a point: how far it strayed against how much it moved its surfaces; medians marked large."""
-    figure = new_figure(2.75)
-    grid = figure.subplots(1, len(trades), squeeze=False, sharex=True)[0]
-    for axes, trade in zip(grid, trades, strict=True):
+    figure, grid = new_panels(len(trades), len(trades), 0.0, 2.75, sharex=True)
+    for axes, trade in zip(grid[0], trades, strict=True):
         for i, (name, errors) in enumerate(trade.errors.items()):
             x, y = usage[name], errors
             keep = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
@@ -131,6 +122,5 @@ def plot_error_against_usage(
             axes.set_ylim(bottom=0.0)
         axes.set_xlabel(usage_label)
         axes.set_ylabel(trade.label)
-    handles, words = grid[0].get_legend_handles_labels()
-    figure.legend(handles, words, loc="outside lower center", ncols=len(words))
+    legend_below(figure, grid[0, 0])
     return figure

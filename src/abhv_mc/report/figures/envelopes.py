@@ -8,11 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from abhv_mc.report.figures.style import INK, new_figure, styled
-
-Floats = NDArray[np.float64]
+from abhv_mc.vehicle.arrays import Floats
 
 # Widest first; (lower, upper, opacity, words)
 BANDS = (

@@ -2,14 +2,23 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from abhv_mc.report.figures.style import BLUE, INK, VERMILION, new_figure, pad_if_flat, styled
-
-Floats = NDArray[np.float64]
+from abhv_mc.report.figures.style import (
+    BLUE,
+    INK,
+    VERMILION,
+    label_lowest,
+    legend_below,
+    new_panels,
+    pad_if_flat,
+    styled,
+)
+from abhv_mc.vehicle.arrays import Floats
 
 _LOOKS = (
     {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2))},
@@ -34,25 +43,19 @@ def plot_explained(
     shown = time <= until
     panels = [ExplainedPanel(panel.label, [curve[shown] for curve in panel.curves]) for panel in panels]
     time = time[shown]
-    rows = -(-len(panels) // 2)
-    figure = new_figure(0.7 + 1.5 * rows)
+    figure, grid = new_panels(len(panels), 2, 0.7, 1.5, sharex=True)
     figure.suptitle(title, fontsize=8.5)
-    grid = figure.subplots(rows, 2, squeeze=False, sharex=True)
     for axes, panel in zip(grid.flat, panels, strict=False):
         for curve, label, look in zip(panel.curves, labels, _LOOKS, strict=True):
             _draw(axes, time, curve, label, look)
         axes.set_ylabel(panel.label)
         pad_if_flat(axes)
-    for axes in grid.flat[len(panels) :]:
-        axes.set_visible(False)
-    for axes in grid[-1]:
-        axes.set_xlabel("time (s)")
-    handles, words = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, words, loc="outside lower center", ncols=len(words))
+    label_lowest(grid, len(panels), "time (s)")
+    legend_below(figure, grid[0, 0])
     return figure
 
 
-def _draw(axes, time: Floats, curve: Floats, label: str, look: Mapping[str, object]) -> None:  # type: ignore[no-untyped-def]
+def _draw(axes: Axes, time: Floats, curve: Floats, label: str, look: Mapping[str, Any]) -> None:
     axes.plot(time, curve, label=label, **look)
     flown = np.flatnonzero(np.isfinite(curve))
     if flown.size and flown[-1] < time.size - 1:

@@ -3,15 +3,13 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from abhv_mc.report.figures.paper import GROUND_TRACK, PAPER_FIGURES, Curve
-from abhv_mc.report.figures.style import INK, controller_colors, new_figure, pad_if_flat, styled
+from abhv_mc.report.figures.style import INK, controller_colors, legend_below, new_figure, pad_if_flat, styled
 from abhv_mc.report.metrics import controller_label
+from abhv_mc.vehicle.arrays import Floats
 
-Floats = NDArray[np.float64]
 Columns = Mapping[str, Floats]  # time and channels of one flight, or of the reference
 
 
@@ -59,6 +57,5 @@ def _plot(rows: list[_Row], flights: Mapping[str, Columns], reference: Columns) 
         if curve.x_range:
             axes.set_xlim(*curve.x_range)
         pad_if_flat(axes)
-    handles, labels = grid[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(handles))
+    legend_below(figure, grid[0])
     return figure

@@ -1,16 +1,16 @@
 """Figures 2 to 11 of Zhu & Shen 2014 from a campaign: which channels each shows, and what it says."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from abhv_mc.report.columns import Floats
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.metrics import controller_label
 from abhv_mc.report.results import Results
+from abhv_mc.vehicle.arrays import Floats
 
 _BANDS = "Bands over the flights that still fly: all, 0.135 to 99.865 %, 5 to 95 %; line: median."
 _SIGN = "The paper plots the mirrored sign (its first bank is positive); its time is ours plus 180 s."
@@ -49,14 +49,24 @@ class PaperFigure:
     curves: tuple[Curve, ...]
 
 
-_START = (0.0, 8.0)
+def _angle_figure(number: str, title: str, caption: str, paper: str, curves: tuple[Curve, ...]) -> PaperFigure:
+    """A figure of one angle, named after its channel."""
+    channel = curves[0].channel
+    name = f"{number}_{channel.removesuffix('_deg')}"
+    return PaperFigure(FigureText(name, title, caption, paper, channel, "deg"), curves)
+
+
+def _begun(curve: Curve) -> tuple[Curve, Curve]:
+    """A curve, and below it its first seconds."""
+    return curve, replace(curve, x_range=(0.0, 8.0), note="first 8 s")
+
 
 PAPER_FIGURES: tuple[PaperFigure, ...] = (
     PaperFigure(
         FigureText(
             "fig03_altitude_speed",
             "Altitude and speed (Fig. 3)",
-            "Altitude and speed against their reference. " + _BANDS,
+            f"Altitude and speed against their reference. {_BANDS}",
             "altitude 20 ± 0.05 km, speed 1400 ± 5 m/s",
             "speed_mps",
             "m/s",
@@ -66,109 +76,62 @@ PAPER_FIGURES: tuple[PaperFigure, ...] = (
             Curve("speed_mps", "speed (m/s)", "speed_reference_mps"),
         ),
     ),
-    PaperFigure(
-        FigureText(
-            "fig04_heading",
-            "Heading (Fig. 4)",
-            "Heading of the velocity against its reference, clockwise from north. " + _BANDS,
-            "84 to 91 deg",
-            "heading_deg",
-            "deg",
-        ),
+    _angle_figure(
+        "fig04",
+        "Heading (Fig. 4)",
+        f"Heading of the velocity against its reference, clockwise from north. {_BANDS}",
+        "84 to 91 deg",
         (Curve("heading_deg", "heading (deg)", "heading_reference_deg"),),
     ),
-    PaperFigure(
-        FigureText(
-            "fig05_angle_of_attack",
-            "Angle of attack (Fig. 5)",
-            "Angle of attack beside the command of its own guidance; below, the first seconds. " + _BANDS,
-            "2 to 6 deg",
-            "angle_of_attack_deg",
-            "deg",
-        ),
-        (
-            Curve("angle_of_attack_deg", "angle of attack (deg)", command="angle_of_attack_command_deg"),
-            Curve(
-                "angle_of_attack_deg",
-                "angle of attack (deg)",
-                command="angle_of_attack_command_deg",
-                x_range=_START,
-                note="first 8 s",
-            ),
-        ),
+    _angle_figure(
+        "fig05",
+        "Angle of attack (Fig. 5)",
+        f"Angle of attack beside the command of its own guidance; below, the first seconds. {_BANDS}",
+        "2 to 6 deg",
+        _begun(Curve("angle_of_attack_deg", "angle of attack (deg)", command="angle_of_attack_command_deg")),
     ),
-    PaperFigure(
-        FigureText(
-            "fig06_sideslip",
-            "Sideslip (Fig. 6)",
-            f"Sideslip, which every controller holds at zero; below, the first seconds. {_BANDS} {_SIGN}",
-            "−0.2 to 0.7 deg",
-            "sideslip_deg",
-            "deg",
-        ),
-        (
-            Curve("sideslip_deg", "sideslip (deg)"),
-            Curve("sideslip_deg", "sideslip (deg)", x_range=_START, note="first 8 s"),
-        ),
+    _angle_figure(
+        "fig06",
+        "Sideslip (Fig. 6)",
+        f"Sideslip, which every controller holds at zero; below, the first seconds. {_BANDS} {_SIGN}",
+        "−0.2 to 0.7 deg",
+        _begun(Curve("sideslip_deg", "sideslip (deg)")),
     ),
-    PaperFigure(
-        FigureText(
-            "fig07_bank",
-            "Bank angle (Fig. 7)",
-            f"Bank beside the command of its own guidance; below, the first seconds. {_BANDS} {_SIGN}",
-            "−55 to 55 deg",
-            "bank_deg",
-            "deg",
-        ),
-        (
-            Curve("bank_deg", "bank (deg)", command="bank_command_deg"),
-            Curve("bank_deg", "bank (deg)", command="bank_command_deg", x_range=_START, note="first 8 s"),
-        ),
+    _angle_figure(
+        "fig07",
+        "Bank angle (Fig. 7)",
+        f"Bank beside the command of its own guidance; below, the first seconds. {_BANDS} {_SIGN}",
+        "−55 to 55 deg",
+        _begun(Curve("bank_deg", "bank (deg)", command="bank_command_deg")),
     ),
-    PaperFigure(
-        FigureText(
-            "fig08_aileron",
-            "Aileron (Fig. 8)",
-            f"Aileron deflection; below, the first seconds. {_BANDS} {_SIGN}",
-            "−1.2 to 0.8 deg",
-            "aileron_deg",
-            "deg",
-        ),
-        (
-            Curve("aileron_deg", "aileron (deg)"),
-            Curve("aileron_deg", "aileron (deg)", x_range=_START, note="first 8 s"),
-        ),
+    _angle_figure(
+        "fig08",
+        "Aileron (Fig. 8)",
+        f"Aileron deflection; below, the first seconds. {_BANDS} {_SIGN}",
+        "−1.2 to 0.8 deg",
+        _begun(Curve("aileron_deg", "aileron (deg)")),
     ),
-    PaperFigure(
-        FigureText(
-            "fig09_rudder",
-            "Rudder (Fig. 9)",
-            f"Rudder deflection; below, the first seconds. {_BANDS} {_SIGN}",
-            "−0.4 to 0.3 deg",
-            "rudder_deg",
-            "deg",
-        ),
-        (Curve("rudder_deg", "rudder (deg)"), Curve("rudder_deg", "rudder (deg)", x_range=_START, note="first 8 s")),
+    _angle_figure(
+        "fig09",
+        "Rudder (Fig. 9)",
+        f"Rudder deflection; below, the first seconds. {_BANDS} {_SIGN}",
+        "−0.4 to 0.3 deg",
+        _begun(Curve("rudder_deg", "rudder (deg)")),
     ),
-    PaperFigure(
-        FigureText(
-            "fig10_elevator",
-            "Elevator (Fig. 10)",
-            "Elevator deflection. " + _BANDS,
-            "−0.5 to 2.5 deg",
-            "elevator_deg",
-            "deg",
-        ),
+    _angle_figure(
+        "fig10",
+        "Elevator (Fig. 10)",
+        f"Elevator deflection. {_BANDS}",
+        "−0.5 to 2.5 deg",
         (Curve("elevator_deg", "elevator (deg)"),),
     ),
     PaperFigure(
         FigureText(
             "fig11_equivalence_ratio",
             "Fuel equivalence ratio command (Fig. 11)",
-            "Commanded fuel equivalence ratio. " + _BANDS,
+            f"Commanded fuel equivalence ratio. {_BANDS}",
             "0.8 to 1.25",
             "equivalence_ratio_command",
-            "",
         ),
         (Curve("equivalence_ratio_command", "equivalence ratio (–)", "equivalence_ratio_reference"),),
     ),
@@ -209,16 +172,16 @@ def _ground_track(results: Results, controller: str) -> tuple[EnvelopePanel, Env
         return None
     flown, reference = results.nominal.get(controller), results.reference
     x = east.bands["q50"] / 1e3
+
+    def off(time: Floats, metres: Floats) -> Floats:
+        return metres - np.interp(time, reference["time"], reference["north_reference_m"])
+
     track = EnvelopePanel(
         x=x,
         bands={name: band / 1e3 for name, band in north.bands.items()},
         nominal=(flown["east_m"] / 1e3, flown["north_m"] / 1e3) if flown else None,
         reference=(reference["east_reference_m"] / 1e3, reference["north_reference_m"] / 1e3),
     )
-
-    def off(time: Floats, metres: Floats) -> Floats:
-        return metres - np.interp(time, reference["time"], reference["north_reference_m"])
-
     deviation = EnvelopePanel(
         x=x,
         bands={name: off(north.time, band) for name, band in north.bands.items()},

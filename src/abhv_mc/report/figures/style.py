@@ -76,6 +76,34 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
     return figure
 
 
+def new_panels(count: int, columns: int, frame: float, row_height: float, **shared: Any) -> tuple[Figure, Any]:
+    """A figure and its grid [row, column] of axes for ``count`` panels; places left over are hidden. Heights in inches.
+
+    ``shared`` goes to :meth:`Figure.subplots`.
+    """
+    rows = -(-count // columns)
+    figure = new_figure(frame + rows * row_height)
+    grid = figure.subplots(rows, columns, squeeze=False, **shared)
+    for axes in grid.flat[count:]:
+        axes.set_visible(False)
+    return figure, grid
+
+
+def label_lowest(grid: Any, count: int, label: str) -> None:
+    """Name the x axis under the lowest panel of each column."""
+    for axes in grid.flat[max(0, count - grid.shape[1]) : count]:
+        axes.tick_params(labelbottom=True)
+        axes.set_xlabel(label)
+
+
+def legend_below(figure: Figure, *panels: Axes) -> None:
+    """One legend under all panels, each label once."""
+    entries = {
+        label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=len(entries))
+
+
 def controller_colors(names: Sequence[str]) -> dict[str, str]:
     """Each controller's colour, by its place in the campaign."""
     return {name: CYCLE[i % len(CYCLE)] for i, name in enumerate(names)}

@@ -1,0 +1,93 @@
+"""How long 10,000 linearisations with their margins take: ``python benchmarks/margins.py [--flights N] [--cores C]``.
+
+Dispersed flights of ghame_x on the level mission at their trims, 200 frequencies, all four loops, the structured
+singular value of all inputs included; processes side by side, each with the compiled code loaded before the clock runs.
+"""
+
+import argparse
+import json
+import multiprocessing
+import os
+import time
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[_name] = "1"  # small matrices: the processes are the parallel part
+
+import numpy as np  # noqa: E402
+
+SPREADS = {
+    "atmosphere.density": 0.1,
+    "aero.lift": 0.1,
+    "aero.drag": 0.15,
+    "aero.pitching_moment": 0.1,
+    "mass.inertia_yy": 0.1,
+}
+
+
+def _prepare(controller):
+    from abhv_mc.control.controller_file import read_controller
+    from abhv_mc.control.mission import read_mission
+    from abhv_mc.plant.vehicles import load_vehicle
+    from abhv_mc.shipped import shipped_configs
+    from abhv_mc.stability.points import make_steady_plan
+
+    configs = shipped_configs()
+    law = read_controller(configs / "control" / f"{controller}.yaml")
+    mission = read_mission(configs / "mission" / "level.yaml")
+    return make_steady_plan(load_vehicle(configs / "vehicle" / "ghame_x.yaml"), mission, law, controller)
+
+
+def _work(controller, flights, seed, ready, go, results):
+    from abhv_mc.flight.fly import nominal_parameters
+    from abhv_mc.plant.parameters import PARAMETER_INDEX
+    from abhv_mc.stability.analysis import margins_of_flights
+
+    plan = _prepare(controller)
+    parameters = nominal_parameters(flights)
+    draws = np.random.default_rng(seed)
+    for name, half_width in SPREADS.items():
+        parameters[:, PARAMETER_INDEX[name]] = draws.uniform(1.0 - half_width, 1.0 + half_width, flights)
+    margins_of_flights(plan, plan, parameters[:2], ["trim"])
+    ready.release()
+    go.wait()
+    start = time.process_time()
+    found = margins_of_flights(plan, plan, parameters, ["trim"])
+    results.put(
+        {
+            "flights": flights,
+            "processor_seconds": time.process_time() - start,
+            "without_margins": sum(map(bool, found.faults[0])),
+            "gain_margin_median_db": float(np.median(found.gain_db)),
+            "disk_margin_median": float(np.median(found.disk)),
+        }
+    )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--flights", type=int, default=10_000)
+    parser.add_argument("--cores", type=int, default=2)
+    parser.add_argument("--controller", default="tlc")
+    options = parser.parse_args()
+    context = multiprocessing.get_context("spawn")
+    ready, go, results = context.Semaphore(0), context.Event(), context.Queue()
+    share = options.flights // options.cores
+    workers = [
+        context.Process(target=_work, args=(options.controller, share, i, ready, go, results))
+        for i in range(options.cores)
+    ]
+    for worker in workers:
+        worker.start()
+    for _ in workers:
+        ready.acquire()
+    start = time.perf_counter()
+    go.set()
+    found = [results.get() for _ in workers]
+    seconds = time.perf_counter() - start
+    for worker in workers:
+        worker.join()
+    print(json.dumps({"seconds": seconds, "cores": options.cores, "controller": options.controller, "parts": found}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,34 @@
+"""``abhv-mc linearize``: the linear model of a flight under control, in a file."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def command(
+    mission: Annotated[str, typer.Argument(metavar="MISSION", help="Mission file, or the name of a shipped one.")],
+    out: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="Ends in .npz, .mat or .json.")],
+    vehicle: Annotated[str, typer.Option(metavar="V", help="Vehicle file, or the name of a shipped one.")] = "ghame_x",
+    controller: Annotated[str, typer.Option(metavar="C", help="Controller file or shipped name.")] = "tlc",
+    at: Annotated[
+        str, typer.Option(metavar="POINT", help="trim, or a time of the nominal flight such as 30s.")
+    ] = "trim",
+    bank: Annotated[str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")] = "0",
+) -> None:
+    """Write plant, law, open and closed loop about the trim or a time of the nominal flight.
+
+    Path coordinates, second-order actuators, exact zero-order hold; names and units are in the file.
+    """
+    from abhv_mc.cli.margins import find_point, read_points, read_setup
+    from abhv_mc.flight.fly import nominal_parameters
+    from abhv_mc.stability.linearize import linearise
+    from abhv_mc.stability.model_file import check_format, make_model, write_model
+
+    check_format(out)
+    (time, angle) = read_points(at, bank, one=True)
+    ((name, setup),) = read_setup(vehicle, mission, controller, one=True).items()
+    plan, points = find_point(setup, name, time[0], angle)
+    linear = linearise(plan, nominal_parameters(), points)
+    write_model(out, make_model(plan, nominal_parameters(), points, linear))
+    print(out)

@@ -1,0 +1,230 @@
+"""``abhv-mc margins``: stability margins of each loop, at the trim or along the nominal flight."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import typer
+
+if TYPE_CHECKING:
+    from abhv_mc.control.controller_file import Controller
+    from abhv_mc.control.mission import Mission
+    from abhv_mc.flight.plan import FlightPlan
+    from abhv_mc.stability.analysis import Stability, Time
+    from abhv_mc.stability.linearize import Points
+    from abhv_mc.vehicle.model import Vehicle
+
+_FREQUENCIES = 1000
+_COLUMNS = (
+    ("gain_margin_low_db", "gain down\ndB", 2),
+    ("gain_margin_high_db", "gain up\ndB", 2),
+    ("phase_margin_deg", "phase\ndeg", 1),
+    ("delay_margin_ms", "delay\nms", 1),
+    ("sensitivity_peak", "sensitivity\npeak", 2),
+    ("crossover_rad_s", "crossover\nrad/s", 2),
+)
+
+
+class Setup(NamedTuple):
+    """One controller with what it flies."""
+
+    files: tuple[Path, Path, Path]  # vehicle, mission, controller
+    vehicle: "Vehicle"
+    mission: "Mission"
+    controller: "Controller"
+
+
+def command(
+    mission: Annotated[
+        str, typer.Argument(metavar="MISSION", help="Mission file, the name of a shipped one, or a campaign file.")
+    ],
+    vehicle: Annotated[
+        str | None,
+        typer.Option(metavar="V", help="Vehicle file or shipped name.", show_default="ghame_x, or the campaign's"),
+    ] = None,
+    controller: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B",
+            help="Controller files or shipped names, separated by commas.",
+            show_default="tlc,lqr, or the campaign's",
+        ),
+    ] = None,
+    at: Annotated[
+        str, typer.Option(metavar="POINTS", help="trim, or times of the nominal flight such as 0s,30s,48s.")
+    ] = "trim",
+    bank: Annotated[str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")] = "0",
+    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the rows here.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write Bode and Nichols figures here.")
+    ] = None,
+) -> None:
+    """Print gain, phase and delay margins of each loop (broken at its actuator, the others closed) and of all at once.
+
+    At a time of the flight the reference is frozen: such margins are indicative.
+    """
+    from abhv_mc.flight.fly import nominal_parameters
+    from abhv_mc.io.input_error import InputError
+    from abhv_mc.stability.analysis import analyse
+    from abhv_mc.stability.linearize import linearise
+    from abhv_mc.stability.rows import make_rows
+
+    if out is not None and out.exists() and not out.is_dir():
+        raise InputError(out, None, None, "a file", "a folder, or the name of a new one")
+    times, angle = read_points(at, bank)
+    setups = read_setup(vehicle, mission, controller)
+    rows: list[dict[str, Any]] = []
+    for name, setup in setups.items():
+        for time in times:
+            plan, points = find_point(setup, name, time, angle)
+            linear = linearise(plan, nominal_parameters(), points)
+            stability = analyse(linear, _FREQUENCIES)
+            here = make_rows(name, None if time == "trim" else time, stability)
+            words = "at the trim" if time == "trim" else f"at {time:g} s, reference frozen"
+            _print_rows(f"{name}, {setup.files[0].stem}, {setup.files[1].stem}, {words}", here, stability)
+            rows += here
+            if out is not None:
+                from abhv_mc.report.figures.loops import write_loop_figures
+
+                out.mkdir(parents=True, exist_ok=True)
+                stem = f"{name}_{time if time == 'trim' else f'{time:g}s'}"
+                for path in write_loop_figures(out, stem, linear):
+                    print(path)
+    if json is not None:
+        from json import dumps
+
+        files = next(iter(setups.values())).files
+        head = {"vehicle": files[0].stem, "mission": files[1].stem}
+        json.write_text(dumps({**head, "rows": rows}, indent=2) + "\n", encoding="utf-8")
+
+
+def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], float]":
+    """Times (s, or the trim) and the bank (rad) of the options. Raises InputError."""
+    from abhv_mc.io.documents import InputError, Refusal
+    from abhv_mc.io.units import ANGLE, TIME, parse_quantity
+
+    def read(option: str, text: str, dimension: Any, bare: str) -> float:
+        try:
+            return parse_quantity(text.strip(), dimension, bare)
+        except Refusal as refusal:
+            raise InputError(option, None, None, refusal.found, refusal.wanted) from None
+
+    times: list[Time] = ["trim" if each.strip() == "trim" else read("--at", each, TIME, "s") for each in at.split(",")]
+    if one and len(times) > 1:
+        raise InputError("--at", None, None, f"'{at}'", "one point")
+    for time in times:
+        if time != "trim" and time < 0.0:
+            raise InputError("--at", None, None, f"{time:g} s", "trim, or a time from 0 s")
+    angle = read("--bank", bank, ANGLE, "deg")
+    if angle and "trim" not in times:
+        raise InputError("--bank", None, None, f"'{bank}'", "--at trim, to which alone it belongs")
+    if abs(angle) > 1.4:
+        raise InputError("--bank", None, None, f"'{bank}'", "-80 to 80 deg")
+    return times, angle
+
+
+def read_setup(vehicle: str | None, mission: str, controllers: str | None, one: bool = False) -> dict[str, Setup]:
+    """What is to be linearised, by the controllers' names; ``mission`` may be a campaign file. Raises InputError."""
+    from abhv_mc.cli.announce import announce_compiling
+    from abhv_mc.control.controller_file import read_controller
+    from abhv_mc.control.mission import read_mission
+    from abhv_mc.io.documents import InputError
+    from abhv_mc.plant.vehicles import load_vehicle
+
+    paths, files = _find_files(vehicle, mission, controllers)
+    if one and len(files) > 1:
+        raise InputError("--controller", None, None, ", ".join(files), "one controller")
+    packed, asked = load_vehicle(paths[0]), read_mission(paths[1])
+    if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
+        found = "a vehicle without control surfaces or engine"
+        raise InputError(paths[0], None, None, found, "one with both, to fly it with a controller")
+    laws = {name: read_controller(file) for name, file in files.items()}
+    announce_compiling()
+    return {name: Setup((*paths, files[name]), packed, asked, law) for name, law in laws.items()}
+
+
+def _find_files(
+    vehicle: str | None, mission: str, controllers: str | None
+) -> tuple[tuple[Path, Path], dict[str, Path]]:
+    """Files of the vehicle and the mission, and those of the controllers by name."""
+    from abhv_mc.campaign.file.inputs import find_kind
+    from abhv_mc.cli.fly import find_file
+    from abhv_mc.io.input_error import InputError, one_of
+
+    names = [name.strip() for name in controllers.split(",")] if controllers else []
+    if Path(mission).is_file() and find_kind(Path(mission)) == "campaign":
+        from abhv_mc.campaign.file.check import read_campaign
+
+        model = read_campaign(mission).model
+        known = {name: Path(file) for name, file in model.controllers.items()}
+        for name in names:
+            if name not in known:
+                raise InputError("--controller", None, None, f"'{name}'", one_of(known, name))
+        paths = Path(model.vehicle) if vehicle is None else find_file("vehicle", vehicle), Path(model.mission)
+        return paths, {name: known[name] for name in names or known}
+    files = [find_file("control", name) for name in names or ("tlc", "lqr")]
+    if len({file.stem for file in files}) < len(files):
+        raise InputError("--controller", None, None, str(controllers), "files of different names")
+    paths = find_file("vehicle", vehicle or "ghame_x"), find_file("mission", mission)
+    return paths, {file.stem: file for file in files}
+
+
+def find_point(setup: Setup, name: str, time: "Time", bank: float) -> "tuple[FlightPlan, Points]":
+    """The plan and the point of the nominal flight; a warning where it is doubtful. Raises InputError without one."""
+    from abhv_mc.cli.announce import announce_warnings
+    from abhv_mc.flight.fly import nominal_parameters
+    from abhv_mc.flight.prepare import prepare
+    from abhv_mc.io.documents import InputError
+    from abhv_mc.stability.nodes import near_nodes
+    from abhv_mc.stability.points import flown_points, make_steady_plan, trim_points
+
+    parameters = nominal_parameters()
+    if time == "trim":
+        plan = make_steady_plan(setup.vehicle, setup.mission, setup.controller, name, bank)
+        found = trim_points(plan, parameters)
+        if found.faults[0]:
+            wanted = "a start that this vehicle can be trimmed at"
+            raise InputError(setup.files[1], None, None, found.faults[0], wanted)
+    else:
+        if time > setup.mission.duration:
+            wanted = f"a time of the mission, 0 to {setup.mission.duration:g} s"
+            raise InputError("--at", None, None, f"{time:g} s", wanted)
+        plan = prepare(*setup.files, name)
+        found = flown_points(plan, parameters, time)
+        if found.faults[0].startswith("the flight"):
+            wanted = f"a time at which {name} still flies"
+            raise InputError("--at", None, None, f"{time:g} s: {found.faults[0]}", wanted)
+        if found.faults[0]:
+            announce_warnings([f"{name} at {time:g} s: {found.faults[0]}; what is linearised knows no limits"])
+    announce_warnings(f"{name}: {words}" for words in near_nodes(plan, parameters, found.points))
+    return plan, found.points
+
+
+def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") -> None:
+    from rich.box import SIMPLE
+    from rich.table import Table
+
+    from abhv_mc.cli.printing import print_table
+
+    poles = [pole for pole in stability.poles[0] if pole.imag >= 0.0]
+    if not rows[0]["stable"]:
+        growing = ", ".join(f"{p.real:+.3f}{f' +- {p.imag:.2f}j' if p.imag else ''}" for p in poles if p.real >= 0.0)
+        print(f"{title}: unstable, no margins; poles {growing} per second")
+        return
+    table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0))
+    table.add_column("loop", no_wrap=True)
+    for _, heading, _ in _COLUMNS:
+        table.add_column(heading, justify="right")
+    for row in rows[:-1]:
+        values = (f"{row[key]:.{digits}f}" if row[key] is not None else "none" for key, _, digits in _COLUMNS)
+        table.add_row(row["loop"], *values)
+    print_table(table)
+    everything = rows[-1]
+    gain = "any" if everything["disk_gain_db"] is None else f"{everything['disk_gain_db']:.2f} dB"
+    delay = "any" if everything["delay_margin_ms"] is None else f"{everything['delay_margin_ms']:.1f} ms"
+    print(
+        f"all loops at once: disk margin {everything['disk_margin']:.4f} (gain {gain} up and down or phase "
+        f"{everything['disk_phase_deg']:.1f} deg in each at the same time), the same delay in all {delay}"
+    )
+    damped = min((p for p in poles if p.imag > 0.0), key=lambda p: abs(p.real) / abs(p), default=None)
+    if damped is not None:
+        print(f"least damped pole {damped.real:.3f} +- {damped.imag:.2f}j per second")

@@ -1,0 +1,148 @@
+"""The model that the controllers are designed on: right-hand sides (1), (13) and (3) on a non-rotating sphere.
+
+Plain numpy; every argument may be complex and have points as its last axes, so that Jacobians come from complex steps
+of these functions and not from the gain formulas that they check. FRD axes, SI and radians. Zhu and Shen 2014,
+equations (1), (3), (13), with sideslip and thrust inclination kept.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from abhv_mc.control.design.design_tables import (
+    Numbers,
+    coefficients_at,
+    fixed_values,
+    table_rows,
+    thrust_at,
+    variables_at,
+)
+from abhv_mc.vehicle.arrays import Tables
+from abhv_mc.vehicle.model import Vehicle
+
+
+class Surroundings(NamedTuple):
+    """Air and Earth at a nominal, with their slopes over altitude."""
+
+    altitude: float  # m
+    density: float  # kg/m3
+    sound_speed: float  # m/s
+    gravity: float  # m/s2
+    radius: float  # r of V / r, m
+    latitude: float  # rad
+    density_slope: float = 0.0  # per metre of altitude
+    sound_speed_slope: float = 0.0
+    gravity_slope: float = 0.0
+
+
+class Wrench(NamedTuple):
+    """Aerodynamics and thrust, body axes, about the centre of gravity."""
+
+    force: Numbers  # [3, ...], N
+    moment: Numbers  # [3, ...], N m
+    inertia: Numbers  # [3, 3, ...], kg m2
+
+
+def guidance_rates(
+    vehicle: Vehicle, trim_tables: Tables, around: Surroundings, mass: float, state: Any, controls: Any
+) -> Numbers:
+    """(1): rates of (altitude, gamma, chi, V) for (alpha, bank, eta), with the data at trim."""
+    altitude, gamma, chi, speed = state
+    alpha, bank, eta = controls
+    rise = altitude - around.altitude
+    density = around.density + around.density_slope * rise
+    sound_speed = around.sound_speed + around.sound_speed_slope * rise
+    gravity = around.gravity + around.gravity_slope * rise
+    radius = around.radius + rise
+    variables = variables_at(vehicle, mach=speed / sound_speed, angle_of_attack=alpha, equivalence_ratio=eta)
+    _, lift, drag, thrust = (0.5 * density * speed**2 * vehicle.constants.area) * table_rows(trim_tables, variables)[:4]
+    cos_line, sin_line = vehicle.constants.thrust_cos, vehicle.constants.thrust_sin
+    normal = lift + thrust * (np.sin(alpha) * cos_line + np.cos(alpha) * sin_line)
+    axial = thrust * (np.cos(alpha) * cos_line - np.sin(alpha) * sin_line) - drag
+    gamma_rate = normal * np.cos(bank) / (mass * speed) + (speed / radius - gravity / speed) * np.cos(gamma)
+    chi_rate = normal * np.sin(bank) / (mass * speed * np.cos(gamma)) + speed / radius * np.cos(gamma) * np.sin(
+        chi
+    ) * np.tan(around.latitude)
+    return np.stack([speed * np.sin(gamma), gamma_rate, chi_rate, axial / mass - gravity * np.sin(gamma)])
+
+
+def wrench_at(
+    vehicle: Vehicle,
+    around: Surroundings,
+    mass: Any,
+    speed: Any,
+    alpha: Any,
+    beta: Any,
+    rates: Any,
+    deflections: Any,
+    eta: Any,
+) -> Wrench:
+    """Forces and moments of the full tables; ``rates`` (p, q, r), ``deflections`` (aileron, rudder, elevator)."""
+    constants = vehicle.constants
+    half_span, half_chord = constants.span / (2.0 * speed), constants.chord / (2.0 * speed)
+    variables = variables_at(
+        vehicle,
+        mach=speed / around.sound_speed,
+        angle_of_attack=alpha,
+        sideslip=beta,
+        roll_rate_hat=rates[0] * half_span,
+        pitch_rate_hat=rates[1] * half_chord,
+        yaw_rate_hat=rates[2] * half_span,
+        aileron=deflections[0],
+        rudder=deflections[1],
+        elevator=deflections[2],
+        equivalence_ratio=eta,
+        altitude=around.altitude,
+        mass=mass,
+    )
+    rows = table_rows(vehicle.tables, variables)
+    fixed = fixed_values(vehicle.tables, rows)
+    c = coefficients_at(vehicle, rows, variables)
+    sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
+    forward = np.stack([ca * cb, sb, sa * cb]) if constants.drag_in_wind_axes else np.stack([ca, 0.0 * ca, sa])
+    up = np.stack([sa, 0.0 * sa, -ca])
+    right = np.stack([0.0 * ca, 1.0 + 0.0 * ca, 0.0 * ca])
+    pressure_area = 0.5 * around.density * speed**2 * constants.area
+    aero = pressure_area * (c["lift"] * up - c["drag"] * forward + c["side_force"] * right)
+    size = thrust_at(vehicle, fixed, eta, around.density, speed)
+    thrust = np.stack([size * constants.thrust_cos, 0.0 * size, -size * constants.thrust_sin])
+    moment = pressure_area * np.stack(
+        [
+            constants.span * c["rolling_moment"],
+            constants.chord * c["pitching_moment"],
+            constants.span * c["yawing_moment"],
+        ]
+    )
+    # Lever arms from the centre of gravity to the moment reference and to the thrust line.
+    nothing = 0.0 * fixed["center_of_gravity_x"]
+    reference = np.stack([-fixed["center_of_gravity_x"], nothing, -fixed["center_of_gravity_z"]])
+    line = np.stack([-fixed["center_of_gravity_x"], nothing, constants.thrust_offset_z - fixed["center_of_gravity_z"]])
+    moment = moment + np.cross(reference, aero, axis=0) + np.cross(line, thrust, axis=0)
+    jx, jy, jz, j13 = (fixed[f"inertia_{name}"] for name in ("xx", "yy", "zz", "13"))
+    inertia = np.array([[jx, nothing, j13], [nothing, jy, nothing], [j13, nothing, jz]])
+    return Wrench(aero + thrust, moment, inertia)
+
+
+def attitude_rates(force: Any, mass: Any, speed: Any, gravity: float, gamma: float, angles: Any, rates: Any) -> Numbers:
+    """(13): rates of (alpha, beta, bank) under a body-axis force and the body rates (p, q, r)."""
+    alpha, beta, bank = angles
+    p, q, r = rates
+    sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
+    side = (force[1] * cb - (force[0] * ca + force[2] * sa) * sb) / (mass * speed)
+    normal = (force[0] * sa - force[2] * ca) / (mass * speed)
+    weight = gravity / speed * np.cos(gamma)
+    turning = normal - weight * np.cos(bank)
+    roll = p * ca + r * sa
+    alpha_rate = q - np.tan(beta) * roll - turning / cb
+    beta_rate = p * sa - r * ca + side + weight * np.sin(bank)
+    bank_rate = roll / cb + np.tan(beta) * turning + np.tan(gamma) * (normal * np.sin(bank) + side * np.cos(bank))
+    return np.stack([alpha_rate, beta_rate, bank_rate])
+
+
+def body_rate_rates(inertia: Any, moment: Any, rates: Any) -> Numbers:
+    """(3): ``J^-1 (M - w x J w)``."""
+    inertia, rates = np.asarray(inertia), np.asarray(rates)
+    momentum = np.einsum("ij...,j...->i...", inertia, rates)
+    torque = np.asarray(moment) - np.cross(rates, momentum, axis=0)
+    matrices, columns = np.moveaxis(inertia, (0, 1), (-2, -1)), np.moveaxis(torque, 0, -1)[..., None]
+    return np.moveaxis(np.linalg.solve(matrices, columns)[..., 0], -1, 0)

@@ -1,0 +1,213 @@
+"""Gains of the LQR baseline along the reference: guidance (22), longitudinal and lateral attitude (23).
+
+Zhu and Shen 2014, section 7. Guidance is linearised with the data at trim, attitude with the full tables, damping and
+thrust included, both by complex steps of :mod:`abhv_mc.control.design.design_model`; the Riccati equations are scipy's.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.control.columns import LQR_GAINS, REFERENCE
+from abhv_mc.control.controller_file import (
+    GuidanceWeights,
+    LateralWeights,
+    LongitudinalWeights,
+    LqrController,
+)
+from abhv_mc.control.design.design_model import (
+    Surroundings,
+    attitude_rates,
+    body_rate_rates,
+    guidance_rates,
+    wrench_at,
+)
+from abhv_mc.control.design.design_tables import Numbers, slope
+from abhv_mc.control.design.profile import step_times
+from abhv_mc.control.design.surroundings import make_surroundings
+from abhv_mc.control.mission import Mission
+from abhv_mc.vehicle.arrays import Floats, Tables
+from abhv_mc.vehicle.model import Vehicle
+
+_DEGREE = np.pi / 180.0
+
+
+class Nominal(NamedTuple):
+    """One point of the reference, SI and radians."""
+
+    around: Surroundings
+    mass: float
+    speed: float
+    flight_path_angle: float
+    heading: float
+    angle_of_attack: float
+    bank: float
+    equivalence_ratio: float
+    elevator: float
+
+    def turn_rates(self) -> tuple[float, float, float]:
+        """Body rates of the coordinated turn: ``q = (g/V) sin s tan s``, ``r = (g/V) sin s`` in stability axes."""
+        turn = self.around.gravity / self.speed * np.sin(self.bank)
+        alpha = self.angle_of_attack
+        return -turn * np.sin(alpha), turn * np.tan(self.bank), turn * np.cos(alpha)
+
+
+class LinearModels(NamedTuple):
+    """A and B of each regulator at one point, SI and radians."""
+
+    guidance: tuple[Floats, Floats]
+    longitudinal: tuple[Floats, Floats]
+    lateral: tuple[Floats, Floats]
+
+
+class Piece(NamedTuple):
+    """Linear models along a stretch of the reference without a step."""
+
+    first: int  # tick
+    end: int  # tick after the last
+    knots: NDArray[np.int64]  # ticks
+    models: list[LinearModels]  # at each knot
+
+
+def make_lqr_settings(controller: LqrController) -> Floats:
+    """The law's constants in the order of LQR_SETTINGS."""
+    return np.array([*controller.limits.angle_of_attack, controller.limits.bank])
+
+
+def make_lqr_gains(
+    controller: LqrController, mission: Mission, reference: Floats, vehicle: Vehicle, trim_tables: Tables
+) -> Floats:
+    """``[tick, gain]`` in the order of LQR_GAINS: ``u = nominal - K (x - nominal)``, SI and radians.
+
+    Gains are computed every ``controller.spacing`` and on both sides of each step of the reference, and interpolated
+    in time between, never across a step. Raises numpy.linalg.LinAlgError where a Riccati equation has no stabilising
+    solution.
+    """
+    pieces = make_lqr_models(controller.spacing, mission, reference, vehicle, trim_tables)
+    return gains_of_models(controller, pieces, reference[:, REFERENCE.index("time")])
+
+
+def make_lqr_models(
+    spacing: float, mission: Mission, reference: Floats, vehicle: Vehicle, trim_tables: Tables
+) -> list[Piece]:
+    """The linear models along the reference, a piece for each stretch between its steps."""
+    tick = reference[1, 0] - reference[0, 0]
+    stride = max(1, round(spacing / tick))
+    starts = sorted({0, *(int(np.ceil(step / tick - 1e-6)) for step in step_times(mission))})
+    pieces = []
+    for first, end in zip(starts, [*starts[1:], len(reference)], strict=True):
+        knots = np.unique([*range(first, end, stride), end - 1])
+        models = [make_models(vehicle, trim_tables, make_nominal(mission, reference[knot])) for knot in knots]
+        pieces.append(Piece(first, end, knots, models))
+    return pieces
+
+
+def gains_of_models(controller: LqrController, pieces: list[Piece], times: Floats) -> Floats:
+    """``[tick, gain]`` from the models; see :func:`make_lqr_gains`."""
+    gains = np.empty((times.size, len(LQR_GAINS)))
+    for first, end, knots, models in pieces:
+        at_knots = np.array([gains_at(controller, model) for model in models])
+        for gain in range(len(LQR_GAINS)):
+            gains[first:end, gain] = np.interp(times[first:end], times[knots], at_knots[:, gain])
+    return gains
+
+
+def make_nominal(mission: Mission, row: Floats) -> Nominal:
+    """The nominal of one row of the reference."""
+    value = dict(zip(REFERENCE, row.tolist(), strict=True))
+    still = mission.make_earth()._replace(rotation_rate=0.0)
+    return Nominal(
+        make_surroundings(still, value["altitude"], value["latitude"]),
+        *(value[name] for name in Nominal._fields[1:]),
+    )
+
+
+def make_models(vehicle: Vehicle, trim_tables: Tables, nominal: Nominal) -> LinearModels:
+    """The three linear models at one point."""
+    slopes = attitude_slopes(vehicle, nominal)
+    return LinearModels(
+        guidance_model(vehicle, trim_tables, nominal), longitudinal_model(slopes), lateral_model(slopes)
+    )
+
+
+def gains_at(controller: LqrController, models: LinearModels) -> Floats:
+    """All gains at one point, in the order of LQR_GAINS."""
+    guide = _gain(controller.guidance, models.guidance, 1.0)
+    pitch = _gain(controller.longitudinal, models.longitudinal, _DEGREE)
+    roll_yaw = _gain(controller.lateral, models.lateral, _DEGREE)
+    return np.concatenate([guide.ravel(), pitch.ravel(), roll_yaw.ravel()])
+
+
+def _gain(
+    weights: GuidanceWeights | LongitudinalWeights | LateralWeights, model: tuple[Floats, Floats], unit: float
+) -> Floats:
+    """A regulator's gain in SI; ``unit``: the input's unit that the weights are meant for."""
+    A, B = model
+    Q, R = (np.diag(np.array([w for _, w in part], dtype=np.float64)) for part in (weights.states, weights.inputs))
+    return unit * regulator(A, B * unit, Q, R)
+
+
+def regulator(A: Floats, B: Floats, Q: Floats, R: Floats) -> Floats:
+    """The gain K of ``u = -K x`` that minimises the integral of ``x'Qx + u'Ru``."""
+    from scipy.linalg import solve_continuous_are
+
+    return np.asarray(np.linalg.solve(R, B.T @ solve_continuous_are(A, B, Q, R)))
+
+
+def guidance_model(vehicle: Vehicle, trim_tables: Tables, nominal: Nominal) -> tuple[Floats, Floats]:
+    """A [4, 4] and B [4, 3]: altitude, gamma, chi, V from alpha, bank, eta."""
+    at = [
+        nominal.around.altitude,
+        nominal.flight_path_angle,
+        nominal.heading,
+        nominal.speed,
+        nominal.angle_of_attack,
+        nominal.bank,
+        nominal.equivalence_ratio,
+    ]
+    J = slope(lambda x: guidance_rates(vehicle, trim_tables, nominal.around, nominal.mass, x[:4], x[4:]), at)
+    return J[:, :4], J[:, 4:]
+
+
+def longitudinal_model(slopes: Floats) -> tuple[Floats, Floats]:
+    """A [2, 2] and B [2, 1]: alpha, q from the elevator (rad)."""
+    rates = slopes[[0, 4]]
+    return rates[:, [0, 4]], rates[:, [8]]
+
+
+def lateral_model(slopes: Floats) -> tuple[Floats, Floats]:
+    """A [4, 4] and B [4, 2]: bank, beta, p, r from aileron and rudder (rad)."""
+    rates = slopes[[2, 1, 3, 5]]
+    return rates[:, [2, 1, 3, 5]], rates[:, [6, 7]]
+
+
+def attitude_slopes(vehicle: Vehicle, nominal: Nominal) -> Floats:
+    """Jacobian [6, 9] of :func:`attitude_model_rates` at the nominal in its coordinated turn."""
+    at = [nominal.angle_of_attack, 0.0, nominal.bank, *nominal.turn_rates(), 0.0, 0.0, nominal.elevator]
+    return slope(lambda x: attitude_model_rates(vehicle, nominal, x), at)
+
+
+def attitude_model_rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
+    """Rates of (alpha, beta, bank, p, q, r) for these and (aileron, rudder, elevator), on the full tables."""
+    wrench = wrench_at(
+        vehicle,
+        nominal.around,
+        nominal.mass,
+        nominal.speed,
+        x[0],
+        x[1],
+        x[3:6],
+        x[6:9],
+        nominal.equivalence_ratio,
+    )
+    angles = attitude_rates(
+        wrench.force,
+        nominal.mass,
+        nominal.speed,
+        nominal.around.gravity,
+        nominal.flight_path_angle,
+        x[:3],
+        x[3:6],
+    )
+    return np.concatenate([angles, body_rate_rates(wrench.inertia, wrench.moment, x[3:6])])

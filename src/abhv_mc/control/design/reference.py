@@ -1,0 +1,114 @@
+"""The mission's reference per control tick: the wanted motion and the nominal controls that fly it."""
+
+import numpy as np
+
+from abhv_mc.control.columns import REFERENCE
+from abhv_mc.control.design.guidance_trim import GuidancePoints, GuidanceTrim, trim_along
+from abhv_mc.control.design.profile import Profile, make_profile, step_times
+from abhv_mc.control.design.surroundings import make_places
+from abhv_mc.control.design.trim_tables import make_trim_tables
+from abhv_mc.control.mission import Mission
+from abhv_mc.plant.trim import FlightPoint, TrimPoint, trim
+from abhv_mc.vehicle.arrays import Floats, Tables
+from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.world.earth import Earth, radii
+
+COLUMNS = REFERENCE
+COLUMN_INDEX = {name: i for i, name in enumerate(COLUMNS)}
+
+SETTLING = 5.0  # s after a step of the reference that "settled" metrics leave out
+
+
+def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
+    """Trim tables for the mission's speeds at the middle of its altitudes."""
+    profile = make_profile(mission, np.linspace(0.0, mission.duration, 201))
+    speeds = (float(profile.speed.min()), float(profile.speed.max()))
+    return make_trim_tables(vehicle, float(profile.altitude.min() + profile.altitude.max()) / 2.0, speeds)
+
+
+def solve_reference(
+    mission: Mission, vehicle: Vehicle, trim_tables: Tables, tick: float, ticks: int
+) -> tuple[Floats, GuidanceTrim]:
+    """The reference, ``[tick, column]`` in the order of COLUMNS for ticks 0..ticks of ``tick`` seconds, SI and radians.
+
+    At a step of the reference a tick takes the value right of it. The nominal controls are those of an Earth that
+    does not turn, as in (1): its attraction at the reference's place, no centrifugal and no Coriolis acceleration.
+    The trim behind them comes with it: its status says where no nominal control flies the mission.
+    """
+    still = mission.make_earth()._replace(rotation_rate=0.0)
+    half_ticks = make_profile(mission, np.arange(2 * ticks + 1, dtype=np.float64) * (0.5 * tick))
+    profile = Profile(*(x[::2] for x in half_ticks))
+    north, east, latitude = make_track(mission, still, half_ticks, tick)
+    places = make_places(still, profile.altitude, latitude)
+    points = GuidancePoints(
+        profile.speed,
+        places.density,
+        places.sound_speed,
+        places.gravity,
+        places.radius,
+        latitude,
+        profile.flight_path_angle,
+        profile.heading,
+        profile.speed_rate,
+        profile.speed * profile.flight_path_angle_rate,
+        profile.speed * profile.heading_rate,
+    )
+    nominal = trim_along(vehicle, trim_tables, points, vehicle.constants.mass_start, tick)
+    times = np.arange(ticks + 1) * tick
+    settled = np.ones(ticks + 1)
+    for step in step_times(mission):
+        since = times - step
+        settled[(since > -0.5 * tick) & (since < SETTLING - 0.5 * tick)] = 0.0
+    heading = mission.start.heading
+    column = {
+        "time": times,
+        "altitude": profile.altitude,
+        "altitude_rate": profile.altitude_rate,
+        "speed": profile.speed,
+        "speed_rate": profile.speed_rate,
+        "flight_path_angle": profile.flight_path_angle,
+        "heading": profile.heading,
+        "heading_rate": profile.heading_rate,
+        "angle_of_attack": nominal.angle_of_attack,
+        "bank": nominal.bank,
+        "equivalence_ratio": nominal.equivalence_ratio,
+        "elevator": nominal.elevator,
+        "mass": nominal.mass,
+        "north": north,
+        "east": east,
+        "latitude": latitude,
+        "settled": settled,
+        "track_north": np.full(ticks + 1, np.sin(heading)),
+        "track_east": np.full(ticks + 1, -np.cos(heading)),
+        **places._asdict(),
+        "density": places.density,
+        "sound_speed": places.sound_speed,
+        "gravity": places.gravity,
+        "radius": places.radius,
+    }
+    return np.ascontiguousarray(np.stack([column[name] for name in COLUMNS], axis=1)), nominal
+
+
+def make_track(mission: Mission, earth: Earth, half_ticks: Profile, tick: float) -> tuple[Floats, Floats, Floats]:
+    """North and east (integrals of the ground speed at altitude, m) and latitude (rad) at the ticks, by Simpson."""
+    forward = half_ticks.speed * np.cos(half_ticks.flight_path_angle)
+    north_speed, east_speed = forward * np.cos(half_ticks.heading), forward * np.sin(half_ticks.heading)
+    latitude = np.full(north_speed.size, mission.start.latitude)
+    for _ in range(2):  # the meridian's radius hardly changes on the way: each pass gains five digits
+        meridian = np.array([radii(earth, sine)[0] for sine in np.sin(latitude)])
+        on_ticks = mission.start.latitude + _simpson(north_speed / (meridian + half_ticks.altitude), tick)
+        latitude = np.interp(np.arange(latitude.size), np.arange(0, latitude.size, 2), on_ticks)
+    return _simpson(north_speed, tick), _simpson(east_speed, tick), on_ticks
+
+
+def _simpson(rate: Floats, tick: float) -> Floats:
+    """Integral at the ticks of a rate given at half ticks."""
+    return np.concatenate([[0.0], np.cumsum(tick / 6.0 * (rate[:-2:2] + 4.0 * rate[1:-1:2] + rate[2::2]))])
+
+
+def make_start_trim(mission: Mission, vehicle: Vehicle) -> TrimPoint:
+    """Controls at the start: level, 1 g, bank zero, on the full tables, the Earth still as in the reference."""
+    start = mission.start
+    still = mission.make_earth()._replace(rotation_rate=0.0)
+    point = FlightPoint(start.altitude, start.speed, latitude=start.latitude, heading=start.heading)
+    return trim(vehicle, still, point)

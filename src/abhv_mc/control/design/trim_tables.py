@@ -1,0 +1,132 @@
+"""Trim tables: the data that guidance flies on, computed from a vehicle's full tables.
+
+At every node the elevator makes the pitching moment about the centre of gravity zero, thrust line included, without
+sideslip, rates, aileron or rudder. Lift and drag are those of the trimmed vehicle, elevator part included.
+"""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.control.design.design_model import Surroundings, wrench_at
+from abhv_mc.control.design.design_tables import coefficients_at, fixed_values, table_rows, thrust_at, variables_at
+from abhv_mc.vehicle.arrays import FIXED_TABLE_ROWS, VARIABLES, Floats, Tables
+from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.vehicle.pack import Axis, Table, pack_tables
+from abhv_mc.world.atmosphere import atmosphere
+
+# Rows of the trim tables: rad, -, -, T / (q_bar S), s; and 1 at the nodes that have no trim, else 0.
+TRIM_ROWS = ("elevator", "lift", "drag", "thrust", "specific_impulse", "untrimmed")
+
+# Longest cells, in Mach, radians and equivalence ratio. With them interpolation errs on the shipped vehicles by less
+# than 0.0005 deg of angle of attack, 0.01 deg of elevator and, above a ratio of 0.25, 0.001 of equivalence ratio.
+LONGEST = {"mach": 0.25, "angle_of_attack": np.deg2rad(1.0), "equivalence_ratio": 0.0625}
+
+
+def make_trim_tables(
+    vehicle: Vehicle,
+    altitude: float,
+    speed_range: tuple[float, float],
+    angle_of_attack_range: tuple[float, float] = (np.deg2rad(-10.0), np.deg2rad(30.0)),
+) -> Tables:
+    """Pack TRIM_ROWS over Mach, angle of attack and equivalence ratio.
+
+    altitude (m): where the mission flies. A breathing engine's T / (q_bar S) goes with 1 / V, here with
+    ``V = Mach * speed of sound`` of this altitude: 10 km away the speed of sound, and with it the thrust at the same
+    Mach number, differs by 2 %. speed_range (m/s) is widened by a tenth on each side. The mass is the vehicle's at
+    the start. A node where no deflection balances the moment has the deflection limit that comes nearest and a 1 in
+    the row ``untrimmed``. What a table of the vehicle does not reach is held at its edge, as in flight.
+    """
+    constants = vehicle.constants
+    density, _, _, sound_speed = atmosphere(altitude)
+    low, high = 0.9 * speed_range[0] / sound_speed, 1.1 * speed_range[1] / sound_speed
+    alpha_low = max(angle_of_attack_range[0], constants.angle_of_attack_min)
+    alpha_high = min(angle_of_attack_range[1], constants.angle_of_attack_max)
+    axes = (
+        _axis(vehicle.tables, "mach", low, high),
+        _axis(vehicle.tables, "angle_of_attack", alpha_low, alpha_high),
+        _axis(
+            vehicle.tables,
+            "equivalence_ratio",
+            constants.equivalence_ratio_min,
+            constants.equivalence_ratio_max,
+        ),
+    )
+    mach, alpha, eta = (x.ravel() for x in np.meshgrid(*(axis.grid for axis in axes), indexing="ij"))
+    around = Surroundings(altitude, density, sound_speed, 0.0, 0.0, 0.0)
+    elevator, trimmed = trim_elevator(vehicle, around, mach * sound_speed, alpha, eta)
+
+    variables = variables_at(
+        vehicle,
+        mach=mach,
+        angle_of_attack=alpha,
+        equivalence_ratio=eta,
+        elevator=elevator,
+        altitude=altitude,
+        mass=constants.mass_start,
+    )
+    rows = table_rows(vehicle.tables, variables)
+    fixed = fixed_values(vehicle.tables, rows)
+    c = coefficients_at(vehicle, rows, variables)
+    speed = mach * sound_speed
+    thrust = thrust_at(vehicle, fixed, eta, density, speed) / (0.5 * density * speed**2 * constants.area)
+    shape = tuple(axis.grid.size for axis in axes)
+    nothing = np.zeros(mach.size)
+    values = (elevator, c["lift"], c["drag"], thrust, fixed["specific_impulse"], np.where(trimmed, 0.0, 1.0), nothing)
+    entries = [Table(axes, np.ascontiguousarray(value).reshape(shape)) for value in values]
+    impulse, zero = TRIM_ROWS.index("specific_impulse"), len(TRIM_ROWS)
+    fixed_entries = {name: impulse if name == "specific_impulse" else zero for name in FIXED_TABLE_ROWS}
+    packed, packed_rows = pack_tables(entries, fixed_entries)
+    if not np.array_equal(packed_rows, np.arange(len(values))):
+        raise RuntimeError("trim rows are not packed in order")
+    return packed
+
+
+def trim_elevator(
+    vehicle: Vehicle, around: Surroundings, speed: Floats, alpha: Floats, eta: Floats
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Elevator (rad) of zero pitching moment at each point, and whether there is one within the limits.
+
+    Chandrupatla's bracketing method, the vector form of Brent's; nothing about the moment is taken to be linear.
+    """
+    from scipy.optimize import elementwise
+
+    mass = vehicle.constants.mass_start
+    limit = vehicle.constants.surface_limit
+
+    def pitching_moment(elevator: Any, speed: Any, alpha: Any, eta: Any) -> Any:
+        nothing = np.zeros_like(speed)
+        rates, deflections = (nothing, nothing, nothing), (nothing, nothing, elevator)
+        wrench = wrench_at(vehicle, around, mass, speed, alpha, nothing, rates, deflections, eta)
+        return wrench.moment[1] / (around.density * speed**2 * vehicle.constants.area * vehicle.constants.chord)
+
+    ends = [pitching_moment(np.full_like(speed, end), speed, alpha, eta) for end in (-limit, limit)]
+    bracketed = np.sign(ends[0]) * np.sign(ends[1]) <= 0.0
+    elevator = np.where(np.abs(ends[0]) < np.abs(ends[1]), -limit, limit)
+    if bracketed.any():
+        found = elementwise.find_root(
+            pitching_moment,
+            (-limit, limit),
+            args=(speed[bracketed], alpha[bracketed], eta[bracketed]),
+            tolerances={"xatol": 1e-13},
+        )
+        elevator[bracketed] = found.x
+    return elevator, bracketed
+
+
+def _axis(tables: Tables, name: str, low: float, high: float) -> Axis:
+    """The vehicle's own nodes of a variable between two ends, cells no longer than LONGEST."""
+    variable = VARIABLES.index(name)
+    nodes = [low, high]
+    for axis in np.flatnonzero(tables.axis_variable == variable):
+        start = tables.axis_start[axis]
+        grid = tables.grid[start : start + tables.axis_length[axis]]
+        nodes.extend(grid[(grid > low) & (grid < high)])
+    ends = np.unique(np.round(nodes, 12))
+    cells_of = [ends[:1]]
+    for left, right in pairwise(ends):
+        cells = max(1, int(np.ceil((right - left) / LONGEST[name] - 1e-9)))
+        cells_of.append(np.linspace(left, right, cells + 1)[1:])
+    return Axis(variable, np.concatenate(cells_of))

@@ -1,0 +1,69 @@
+"""Bode and Nichols figures of single loops, each broken at its actuator with the others closed."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from abhv_mc.report.figures.style import CYCLE, INK, new_figure, styled, write_png
+from abhv_mc.stability.linearize import INPUTS, Linear
+from abhv_mc.stability.margins import close
+from abhv_mc.stability.responses import loop_gains, make_loops
+from abhv_mc.vehicle.arrays import Floats
+
+_POINTS = 1500
+
+
+def write_loop_figures(folder: Path, stem: str, linear: Linear) -> Iterator[Path]:
+    """Write ``bode_STEM.png`` and ``nichols_STEM.png`` of the first system; name what was written."""
+    omega = np.geomspace(1e-2, np.pi / linear.period, _POINTS)
+    _, closed = close(loop_gains(make_loops(linear), np.zeros(_POINTS, np.int64), omega))
+    for name, figure in (("bode", plot_bode(omega, closed.L)), ("nichols", plot_nichols(closed.L))):
+        path = folder / f"{name}_{stem}.png"
+        write_png(figure, path)
+        yield path
+
+
+@styled
+def plot_bode(omega: Floats, gains: NDArray[np.complex128]) -> Figure:
+    """Gain and phase of loops [frequency, loop] over frequency (rad/s)."""
+    figure = new_figure(4.6)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    for i, name in enumerate(INPUTS):
+        upper.semilogx(omega, 20.0 * np.log10(np.abs(gains[:, i])), color=CYCLE[i], label=name.replace("_", " "))
+        lower.semilogx(omega, _phase(gains[:, i]), color=CYCLE[i])
+    upper.axhline(0.0, color=INK, linewidth=0.6)
+    lower.axhline(-180.0, color=INK, linewidth=0.6)
+    upper.set_ylabel("loop gain, dB")
+    lower.set_ylabel("phase, deg")
+    lower.set_xlabel("frequency, rad/s")
+    upper.legend()
+    return figure
+
+
+@styled
+def plot_nichols(gains: NDArray[np.complex128]) -> Figure:
+    """Gain over phase of loops [frequency, loop]; the crosses are the points where a loop would be neutral."""
+    figure = new_figure(4.2)
+    axes = figure.subplots()
+    turns: set[int] = set()
+    for i, name in enumerate(INPUTS):
+        phase, gain = _phase(gains[:, i]), 20.0 * np.log10(np.abs(gains[:, i]))
+        axes.plot(phase, gain, color=CYCLE[i], label=name.replace("_", " "))
+        near = np.abs(gain) < 40.0
+        turns |= set(np.round((phase[near] + 180.0) / 360.0).astype(int).tolist())
+    for turn in sorted(turns):
+        axes.plot(-180.0 + 360.0 * turn, 0.0, "+", color=INK, markersize=8.0)
+    axes.set_ylim(-50.0, 70.0)
+    axes.set_xlabel("phase, deg")
+    axes.set_ylabel("loop gain, dB")
+    axes.legend()
+    return figure
+
+
+def _phase(gains: NDArray[np.complex128]) -> Floats:
+    """Continuous phase, deg, that starts between -360 and 0 deg."""
+    phase = np.rad2deg(np.unwrap(np.angle(gains)))
+    return np.asarray(phase - 360.0 * np.ceil(phase[0] / 360.0))

@@ -1,0 +1,1 @@
+"""Linear models of the flight under control and their stability margins."""

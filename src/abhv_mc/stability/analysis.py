@@ -1,0 +1,119 @@
+"""Stability and margins of linear models, and of the flights of a campaign at given times."""
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.stability.linearize import Linear, closed_loop, linearise
+from abhv_mc.stability.margins import Margins, find_margins
+from abhv_mc.stability.points import Found, flown_points, trim_points
+from abhv_mc.stability.responses import loop_gains, make_loops
+from abhv_mc.stability.search import frequency_grid
+from abhv_mc.vehicle.arrays import Floats
+
+FREQUENCIES = 200
+GROWTH = 1e-5  # 1/s: a pole that grows slower is taken for neutral, as rounding cannot tell
+_TOGETHER = 64  # flights at a time: their states at every tick are 1 MB each
+
+# What a campaign's metrics hold where nothing makes a loop unstable.
+NO_GAIN_MARGIN_DB, NO_PHASE_MARGIN_DEG, NO_DELAY_MARGIN_MS = 60.0, 180.0, 1000.0
+
+Time = Literal["trim"] | float  # s
+
+
+class Stability(NamedTuple):
+    """What is known of each linear model."""
+
+    stable: NDArray[np.bool_]  # [system]
+    poles: list[NDArray[np.complex128]]  # of the closed loop, as of a continuous one, 1/s, fastest growing first
+    margins: Margins  # nan for systems that are not stable
+
+
+class FlightMargins(NamedTuple):
+    """The least margins of each flight over loops and times; 0 where a flight has none."""
+
+    gain_db: Floats  # [flight] the smaller of both sides
+    phase_deg: Floats
+    delay_ms: Floats
+    disk: Floats  # all loops at once
+    faults: list[list[str]]  # [time][flight] why there is no margin; empty where there is one
+
+
+def analyse(linear: Linear, frequencies: int = FREQUENCIES) -> Stability:
+    """Poles of the closed loops and margins of those that are stable."""
+    discrete = _closed_poles(linear)
+    with np.errstate(divide="ignore"):
+        poles = [np.log(z[z != 0.0].astype(np.complex128)) / linear.period for z in discrete]
+    poles = [each[np.argsort(-each.real)] for each in poles]
+    stable = np.array([each[0].real < GROWTH for each in poles])
+    margins = Margins(*(np.full(shape, np.nan) for shape in _shapes(len(poles), linear.law_D.shape[1])))
+    chosen = np.flatnonzero(stable)
+    if chosen.size:
+        loops = make_loops(linear)
+        grid = frequency_grid([discrete[i] for i in chosen], linear.period, frequencies)
+        found = find_margins(lambda i, w: loop_gains(loops, chosen[i], w), grid, linear.period)
+        for into, value in zip(margins, found, strict=True):
+            into[chosen] = value
+    return Stability(stable, poles, margins)
+
+
+def _shapes(systems: int, inputs: int) -> list[tuple[int, ...]]:
+    return [(systems, inputs)] * 9 + [(systems,)] * 3
+
+
+def _closed_poles(linear: Linear) -> list[NDArray[np.complex128]]:
+    """Eigenvalues of the sampled closed loops; those of one delay together."""
+    poles: list[NDArray[np.complex128]] = [np.empty(0, np.complex128)] * len(linear.A)
+    for delay in np.unique(linear.delay):
+        systems = np.flatnonzero(linear.delay == delay)
+        values = np.linalg.eigvals(np.stack([closed_loop(linear, int(i)) for i in systems]))
+        for i, each in zip(systems, values, strict=True):
+            poles[i] = each
+    return poles
+
+
+def points_at(plan: FlightPlan, steady: FlightPlan, parameters: Floats, time: Time) -> tuple[FlightPlan, Found]:
+    """The points of flights at a time, or their trims, with the plan whose reference belongs to them."""
+    if time == "trim":
+        return steady, trim_points(steady, parameters)
+    return plan, flown_points(plan, parameters, time)
+
+
+def margins_of_flights(
+    plan: FlightPlan, steady: FlightPlan, parameters: Floats, times: Sequence[Time], frequencies: int = FREQUENCIES
+) -> FlightMargins:
+    """Least margins of flights with ``parameters`` [flight, parameter] over ``times``.
+
+    ``steady`` is the plan of :func:`abhv_mc.stability.points.make_steady_plan` for the same files. Unstable, ended
+    before or behind a limit at any of the times: 0. Without a crossing: 60 dB, 180 deg, 1000 ms.
+    """
+    count = len(parameters)
+    least = np.tile([[NO_GAIN_MARGIN_DB], [NO_PHASE_MARGIN_DEG], [NO_DELAY_MARGIN_MS], [np.inf]], (1, count))
+    faults: list[list[str]] = [[] for _ in times]
+    for first in range(0, count, _TOGETHER):
+        some = parameters[first : first + _TOGETHER]
+        for time, words in zip(times, faults, strict=True):
+            of, found = points_at(plan, steady, some, time)
+            stability = analyse(linearise(of, some, found.points), frequencies)
+            for i, (fault, stable) in enumerate(zip(found.faults, stability.stable, strict=True)):
+                words.append(fault or ("" if stable else "unstable"))
+                values = np.zeros(4) if words[-1] else _least(stability.margins, i)
+                least[:, first + i] = np.minimum(least[:, first + i], values)
+    gain, phase, delay, disk = least
+    return FlightMargins(gain, phase, delay, disk, faults)
+
+
+def _least(margins: Margins, system: int) -> Floats:
+    with np.errstate(divide="ignore"):
+        gain = 20.0 * np.log10(np.minimum(margins.gain_high[system], 1.0 / margins.gain_low[system])).min()
+    return np.array(
+        [
+            min(gain, NO_GAIN_MARGIN_DB),
+            min(float(np.rad2deg(margins.phase[system].min())), NO_PHASE_MARGIN_DEG),
+            min(1e3 * float(margins.delay[system].min()), NO_DELAY_MARGIN_MS),
+            margins.all_disk[system],
+        ]
+    )

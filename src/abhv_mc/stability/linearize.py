@@ -1,0 +1,186 @@
+"""The flight under control as a linear sampled system, about points of it: the plant and the law, apart and closed.
+
+Continuous plant in path coordinates; surfaces and engine of second order without limits; exact zero-order hold over
+the control period; the law as the slopes of its own compiled tick with its memory. Arrays have the point first.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.sensors import MAX_DELAY_TICKS
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.stability import path_coordinates as path
+from abhv_mc.stability.differences import Slopes, cells_of, differentiate
+from abhv_mc.stability.probe import law_memory_rows, law_tick, plant_rates
+from abhv_mc.vehicle.arrays import VARIABLES, Floats, Ints
+
+INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
+ACTUATOR_STATES = tuple(f"{name}{part}" for name in INPUTS for part in ("", "_rate"))
+PLANT_STATES = (*path.COORDINATES, *ACTUATOR_STATES)
+_STEPS = np.array([0.5, 0.02, *[2e-5] * 8, *[2e-5] * 4])  # of the path coordinates and the actuators' positions
+_CHANGE = 2e-5  # rad: what a step in the law's memory is to change in a command
+
+
+class Points(NamedTuple):
+    """Where the flights are linearised, one row each, SI and radians."""
+
+    path: Floats  # [point, 10] path coordinates of the truth
+    controls: Floats  # [point, 4] positions of surfaces and engine
+    latitude: Floats  # [point]
+    mass: Floats  # [point]
+    measured: Floats  # [point, 10] what the law sees
+    memory: Floats  # [point, memory] of the law before its tick
+    tick: int  # row of the reference and of the gains
+
+
+class Linear(NamedTuple):
+    """Linear models, one for each point; discrete ones are x+ = A x + B u, y = C x + D u at the control rate."""
+
+    period: float  # s, of the control
+    plant_A: Floats  # [point, 10, 10] continuous, path coordinates
+    plant_B: Floats  # [point, 10, 4] continuous, positions of surfaces and engine
+    A: Floats  # [point, 18, 18] discrete, path coordinates and actuators
+    B: Floats  # [point, 18, 4] commands
+    law_A: Floats  # [point, memory, memory]
+    law_B: Floats  # [point, memory, 10] measurement
+    law_C: Floats  # [point, 4, memory] commands
+    law_D: Floats  # [point, 4, 10]
+    delay: Ints  # [point] age of the measurement, control periods
+
+
+def linearise(plan: FlightPlan, parameters: Floats, points: Points) -> Linear:
+    """Linear models at points of flights with ``parameters`` [point, parameter]."""
+    dt = plan.timing.tick
+    plant = plant_slopes(plan, parameters, points.path, points.controls, points)
+    plant_A, plant_B = plant.slope[:, :, :10], plant.slope[:, :, 10:]
+    A, B = hold(plan, parameters, plant_A, plant_B)
+    law = law_slopes(plan, points)
+    m = points.memory.shape[1]
+    age = (parameters[:, PARAMETER_INDEX["sensor.delay"]] / dt + 0.5).astype(np.int64)
+    return Linear(
+        dt,
+        plant_A,
+        plant_B,
+        A,
+        B,
+        law.slope[:, :m, 10:],
+        law.slope[:, :m, :10],
+        law.slope[:, m:, 10:],
+        law.slope[:, m:, :10],
+        np.minimum(age, MAX_DELAY_TICKS),
+    )
+
+
+def plant_slopes(plan: FlightPlan, parameters: Floats, at: Floats, controls: Floats, fixed: Points) -> Slopes:
+    """Rates of the path coordinates [point, 10] and their slopes [point, 10, 14] over these and the controls."""
+
+    def rates(x: Floats, point: Ints) -> tuple[Floats, Ints]:
+        states = path.make_states(x[:, :10], x[:, 10:], fixed.latitude[point], fixed.mass[point])
+        found, variables = plant_rates(plan, parameters, point, states)
+        return path.path_rates(states, found), cells_of(plan.vehicle.tables, variables)
+
+    points = np.hstack([at, controls])
+    return differentiate(rates, points, np.broadcast_to(_STEPS, points.shape))
+
+
+def law_slopes(plan: FlightPlan, points: Points) -> Slopes:
+    """The law's memory after its tick and its commands, and their slopes over the measurement and the memory."""
+
+    def tick(x: Floats, point: Ints) -> tuple[Floats, Ints]:
+        answer = law_tick(plan, points.tick, x[:, :10], x[:, 10:])
+        trimmed = answer.variables.copy()  # guidance looks the trim up where it sends the vehicle to
+        trimmed[:, VARIABLES.index("angle_of_attack")] = answer.guidance[:, 1]
+        trimmed[:, VARIABLES.index("equivalence_ratio")] = answer.command[:, 3]
+        cells = [cells_of(plan.vehicle.tables, answer.variables), cells_of(plan.trim_tables, trimmed)]
+        return np.hstack([answer.memory, answer.command]), np.hstack(cells)
+
+    at = np.hstack([points.measured, points.memory])
+    steps = np.broadcast_to(_STEPS[:10], points.measured.shape)
+    return differentiate(tick, at, np.hstack([steps, memory_steps(plan, points)]))
+
+
+def memory_steps(plan: FlightPlan, points: Points) -> Floats:
+    """Steps [point, memory] of the law's memory with about the same effect on its commands, whatever its units."""
+    count = points.memory.shape[1]
+    steps = 1e-6 * np.maximum(1.0, np.abs(points.memory))
+    if count == 0:
+        return steps
+    base = law_tick(plan, points.tick, points.measured, points.memory)
+    moved = points.memory[:, None, :] + steps[:, None, :] * np.eye(count)
+    measured = np.repeat(points.measured, count, axis=0)
+    answer = law_tick(plan, points.tick, measured, moved.reshape(-1, count))
+    before, after = (np.hstack([each.guidance, each.command]) for each in (base, answer))
+    change = np.abs(after.reshape(len(before), count, -1) - before[:, None, :]).max(axis=-1)
+    return np.asarray(steps * np.clip(_CHANGE / np.maximum(change, 1e-14), 1e-3, 1e6))
+
+
+def actuator_matrices(plan: FlightPlan, parameters: Floats) -> tuple[Floats, Floats]:
+    """A [point, 8, 8] and B [point, 8, 4] of surfaces and engine: position and rate of each towards its command."""
+    c = plan.vehicle.constants
+
+    def factor(name: str) -> Floats:
+        return parameters[:, PARAMETER_INDEX[name]]
+
+    surface = c.surface_bandwidth * factor("actuator.bandwidth"), c.surface_damping * factor("actuator.damping")
+    engine = c.engine_bandwidth * factor("engine.bandwidth"), c.engine_damping * factor("engine.damping")
+    A, B = np.zeros((len(parameters), 8, 8)), np.zeros((len(parameters), 8, 4))
+    for i, (bandwidth, damping) in enumerate((surface, surface, surface, engine)):
+        A[:, 2 * i, 2 * i + 1] = 1.0
+        A[:, 2 * i + 1, 2 * i], A[:, 2 * i + 1, 2 * i + 1] = -(bandwidth**2), -2.0 * damping * bandwidth
+        B[:, 2 * i + 1, i] = bandwidth**2
+    return A, B
+
+
+def hold(plan: FlightPlan, parameters: Floats, plant_A: Floats, plant_B: Floats) -> tuple[Floats, Floats]:
+    """Plant and actuators under held commands: discrete A [point, 18, 18] and B [point, 18, 4]."""
+    from scipy.linalg import expm
+
+    actuator_A, actuator_B = actuator_matrices(plan, parameters)
+    together = np.zeros((len(plant_A), 22, 22))
+    together[:, :10, :10] = plant_A
+    together[:, :10, 10:18:2] = plant_B
+    together[:, 10:18, 10:18] = actuator_A
+    together[:, 10:18, 18:] = actuator_B
+    # Rates in units of the position times their bandwidth: the exponential's argument is then small.
+    scale = np.ones((len(plant_A), 22))
+    scale[:, 11:18:2] = np.sqrt(actuator_B[:, 1::2].sum(axis=-1))
+    balanced = together * scale[:, None, :] / scale[:, :, None]
+    end = expm(plan.timing.tick * balanced) * scale[:, :, None] / scale[:, None, :]
+    return np.ascontiguousarray(end[:, :18, :18]), np.ascontiguousarray(end[:, :18, 18:])
+
+
+def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
+    """A, B, C of all loops cut at the plant's inputs: from what goes in there to minus what the law commands.
+
+    States are the plant's 18, the law's memory and, newest first, the old measurements that a delay keeps.
+    """
+    m, d = linear.law_A.shape[1], int(linear.delay[point])
+    n = 18 + m + 10 * d
+    seen = np.zeros((10, n))  # the measurement that the law sees, of the whole state
+    if d:
+        seen[:, n - 10 :] = np.eye(10)
+    else:
+        seen[:, :10] = np.eye(10)
+    A, B = np.zeros((n, n)), np.zeros((n, 4))
+    A[:18, :18], B[:18] = linear.A[point], linear.B[point]
+    A[18 : 18 + m] = linear.law_B[point] @ seen
+    A[18 : 18 + m, 18 : 18 + m] += linear.law_A[point]
+    if d:
+        A[18 + m : 28 + m, :10] = np.eye(10)
+        A[28 + m :, 18 + m : n - 10] = np.eye(10 * (d - 1))
+    C = -linear.law_D[point] @ seen
+    C[:, 18 : 18 + m] -= linear.law_C[point]
+    return A, B, C
+
+
+def closed_loop(linear: Linear, point: int) -> Floats:
+    """The sampled map of one control period with the law in command, on the states of :func:`open_loop`."""
+    A, B, C = open_loop(linear, point)
+    return A - B @ C
+
+
+def memory_count(plan: FlightPlan) -> int:
+    """How many numbers the plan's law remembers."""
+    return int(law_memory_rows(plan).size)

@@ -1,0 +1,113 @@
+"""A linear model in a file: for numpy (.npz), MATLAB (.mat) or anything else (.json)."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.io.input_error import InputError
+from abhv_mc.stability import path_coordinates as path
+from abhv_mc.stability.linearize import INPUTS, PLANT_STATES, Linear, Points, actuator_matrices, closed_loop, open_loop
+from abhv_mc.stability.probe import LAW_MEMORY
+from abhv_mc.vehicle.arrays import Floats
+
+FORMATS = (".npz", ".mat", ".json")
+_INPUT_UNITS = ("rad", "rad", "rad", "-")
+_ACTUATOR_UNITS = [unit for each in _INPUT_UNITS for unit in (each, "rad/s" if each == "rad" else "1/s")]
+
+
+def make_model(plan: FlightPlan, parameters: Floats, points: Points, linear: Linear) -> dict[str, Any]:
+    """Matrices and names of the first point: arrays, and lists of text.
+
+    ``plant``: measurement from commands; ``loop``: minus the law's commands from what goes into the actuators, all
+    loops cut there; ``closed``: truth and commands from disturbances of the commands. ``plant_continuous`` has the
+    actuators' commands as inputs. All but that one are sampled with ``period``.
+    """
+    m, d = linear.law_A.shape[1], int(linear.delay[0])
+    memory = [f"law_{name}" for name in LAW_MEMORY[plan.law]]
+    old = [f"{name}_{age}_ago" for age in range(1, d + 1) for name in path.COORDINATES]
+    actuator_A, actuator_B = actuator_matrices(plan, parameters[:1])
+    A, B = np.zeros((18, 18)), np.zeros((18, 4))
+    A[:10, :10], A[:10, 10::2] = linear.plant_A[0], linear.plant_B[0]
+    A[10:, 10:], B[10:] = actuator_A[0], actuator_B[0]
+    C, no_feedthrough = np.eye(10, 18), np.zeros((10, 4))
+    loop_A, loop_B, loop_C = open_loop(linear, 0)
+    n = len(loop_A)
+    states = [*PLANT_STATES, *memory, *old]
+    units = [*path.UNITS, *_ACTUATOR_UNITS, *[""] * m, *path.UNITS * d]
+    return {
+        "period_s": linear.period,
+        "measurement_delay_periods": d,
+        "plant_continuous": {
+            "A": A, "B": B, "C": C, "D": no_feedthrough,
+            **_names(PLANT_STATES, units[:18], INPUTS, _INPUT_UNITS, path.COORDINATES, path.UNITS),
+        },
+        "plant": {
+            "A": linear.A[0], "B": linear.B[0], "C": C, "D": no_feedthrough,
+            **_names(PLANT_STATES, units[:18], INPUTS, _INPUT_UNITS, path.COORDINATES, path.UNITS),
+        },
+        "law": {
+            "A": linear.law_A[0], "B": linear.law_B[0], "C": linear.law_C[0], "D": linear.law_D[0],
+            **_names(memory, [""] * m, path.COORDINATES, path.UNITS, INPUTS, _INPUT_UNITS),
+        },
+        "loop": {
+            "A": loop_A, "B": loop_B, "C": loop_C, "D": np.zeros((4, 4)),
+            **_names(states, units, INPUTS, _INPUT_UNITS, INPUTS, _INPUT_UNITS),
+        },
+        "closed": {
+            "A": closed_loop(linear, 0),
+            "B": loop_B,
+            "C": np.vstack([np.eye(10, n), -loop_C]),
+            "D": np.zeros((14, 4)),
+            **_names(states, units, INPUTS, _INPUT_UNITS, [*path.COORDINATES, *INPUTS], [*path.UNITS, *_INPUT_UNITS]),
+        },
+        "point": {
+            "states": np.concatenate([points.path[0], np.column_stack([points.controls[0], np.zeros(4)]).ravel()]),
+            "measured": points.measured[0],
+            "law_memory": points.memory[0],
+            "mass_kg": float(points.mass[0]),
+            "latitude_rad": float(points.latitude[0]),
+        },
+    }  # fmt: skip
+
+
+def _names(states: Any, state_units: Any, inputs: Any, input_units: Any, outputs: Any, output_units: Any) -> Any:
+    named = {"states": states, "inputs": inputs, "outputs": outputs}
+    units = {"state_units": state_units, "input_units": input_units, "output_units": output_units}
+    return {key: list(values) for key, values in (named | units).items()}
+
+
+def write_model(file: Path, model: dict[str, Any]) -> None:
+    """Write a model of :func:`make_model` as the file's ending says. Raises InputError for another ending.
+
+    In ``.npz`` a part's entry is called ``plant_A``, its names ``plant_states`` and so on.
+    """
+    check_format(file)
+    if file.suffix == ".json":
+        file.write_text(json.dumps(model, default=np.ndarray.tolist, indent=1) + "\n", encoding="utf-8")
+        return
+    if file.suffix == ".npz":
+        flat: dict[str, Any] = {}
+        for key, value in model.items():
+            parts = value.items() if isinstance(value, dict) else [("", value)]
+            flat.update({f"{key}_{name}".rstrip("_"): np.array(each) for name, each in parts})
+        with file.open("wb") as stream:
+            np.savez_compressed(stream, **flat)
+        return
+    from scipy.io import savemat
+
+    def cells(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: cells(each) for name, each in value.items()}
+        return np.array(value, dtype=object) if isinstance(value, list) else value
+
+    savemat(file, cells(model), oned_as="column")
+
+
+def check_format(file: Path) -> None:
+    """Raise InputError for a file name with an ending that is none of FORMATS."""
+    if file.suffix not in FORMATS:
+        found = f"the ending '{file.suffix}'"
+        raise InputError(file, None, None, found, "a file name that ends in .npz, .mat or .json")

@@ -1,0 +1,103 @@
+"""Crossings and peaks over frequency of many loops at once: bracketed on a grid, then refined together."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.vehicle.arrays import Floats, Ints
+
+_CROSSING_STEPS = 40
+_PEAK_STEPS = 9
+_SECTION = 0.5 * (3.0 - np.sqrt(5.0))  # golden
+_CLOSE = 1e-12  # of a quantity that crosses zero, and of the frequency's logarithm
+
+# A quantity [point] of loops [point] at frequencies [point], rad/s.
+Quantity = Callable[[Ints, Floats], Floats]
+
+
+def changes_of_sign(values: Floats) -> tuple[Ints, Ints]:
+    """Loop and interval [crossing] in which ``values`` [loop, frequency] change their sign."""
+    positive = values > 0.0
+    loop, interval = np.nonzero(positive[:, 1:] != positive[:, :-1])
+    return loop, interval
+
+
+def refine_crossings(quantity: Quantity, values: Floats, omega: Floats, loop: Ints, interval: Ints) -> Floats:
+    """Frequencies [crossing] of the zeros in the intervals of the grid ``omega`` [loop, frequency].
+
+    Anderson and Bjorck's false position in the logarithm of the frequency, halving where that is slow.
+    """
+    a, b = np.log(omega[loop, interval]), np.log(omega[loop, interval + 1])
+    fa, fb = values[loop, interval].copy(), values[loop, interval + 1].copy()
+    end = b.copy()
+    busy = np.arange(loop.size)
+    for step in range(_CROSSING_STEPS):
+        if busy.size == 0:
+            break
+        c = b[busy] - fb[busy] * (b[busy] - a[busy]) / (fb[busy] - fa[busy])
+        if step % 3 == 2:
+            c = 0.5 * (a[busy] + b[busy])
+        fc = quantity(loop[busy], np.exp(c))
+        same = (fc > 0.0) == (fb[busy] > 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = 1.0 - fc / fb[busy]
+        share = np.where(share > 0.0, share, 0.5)
+        fa[busy] = np.where(same, fa[busy] * share, fb[busy])
+        a[busy] = np.where(same, a[busy], b[busy])
+        moved = np.abs(c - end[busy])
+        b[busy], fb[busy], end[busy] = c, fc, c
+        busy = busy[(np.minimum(moved, np.abs(c - a[busy])) > _CLOSE) & (np.abs(fc) > _CLOSE)]
+    return np.asarray(np.exp(end))
+
+
+def refine_peaks(quantity: Quantity, omega: Floats, at: Ints, value: Floats) -> tuple[Floats, Floats]:
+    """Largest value [loop] near the grid's ``at`` [loop], where it is ``value``, and its frequency.
+
+    Between the neighbours in the grid ``omega`` [loop, frequency], in its logarithm: the vertex of a parabola through
+    three points, every third time a golden section, which also gets on where the peak is a kink.
+    """
+    loops = np.arange(len(omega))
+    x = np.log(omega)
+    low, here, high = (x[loops, np.clip(at + step, 0, omega.shape[1] - 1)] for step in (-1, 0, 1))
+    f_here = value.copy()
+    f_low, f_high = (quantity(loops, np.exp(end)) for end in (low, high))
+    for step in range(_PEAK_STEPS):
+        left, right = here - low, high - here
+        longer = np.where(right > left, here + _SECTION * right, here - _SECTION * left)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            p, q = right * (f_here - f_low), left * (f_here - f_high)
+            vertex = here + 0.5 * (right * p - left * q) / (p + q)
+        far = np.minimum(np.abs(vertex - low), np.abs(vertex - high)) > 0.0
+        useful = np.isfinite(vertex) & (vertex > low) & (vertex < high) & (vertex != here) & far
+        new = np.where(useful & (step % 3 != 2), vertex, longer)
+        f_new = quantity(loops, np.exp(new))
+        better, after = f_new > f_here, new > here
+        low, f_low = _choose(better & after, here, f_here, ~better & ~after, new, f_new, low, f_low)
+        high, f_high = _choose(better & ~after, here, f_here, ~better & after, new, f_new, high, f_high)
+        here, f_here = np.where(better, new, here), np.where(better, f_new, f_here)
+    return np.asarray(f_here), np.asarray(np.exp(here))
+
+
+def _choose(  # the first that is so
+    a: NDArray[np.bool_], xa: Floats, fa: Floats, b: NDArray[np.bool_], xb: Floats, fb: Floats, x: Floats, f: Floats
+) -> tuple[Floats, Floats]:
+    return np.where(a, xa, np.where(b, xb, x)), np.where(a, fa, np.where(b, fb, f))
+
+
+def frequency_grid(poles: list[NDArray[np.complex128]], period: float, count: int) -> Floats:
+    """Frequencies [system, frequency], rad/s: evenly in the logarithm up to half the sampling rate.
+
+    The systems' own oscillating ``poles`` (discrete) are among them, where their responses may have narrow peaks.
+    """
+    own = count // 10
+    top = np.pi / period
+    base = np.geomspace(1e-4, top, count - own)
+    grid = np.empty((len(poles), count))
+    for i, each in enumerate(poles):
+        s = np.log(each[each != 0.0].astype(np.complex128)) / period
+        slow = s[(s.imag > 1e-3) & (s.imag < 0.999 * top)]
+        chosen = slow[np.argsort(np.abs(slow.real) / slow.imag)][:own].imag
+        spare = np.geomspace(0.1, 100.0, own - chosen.size)  # where the margins of flying vehicles mostly are
+        grid[i] = np.sort(np.concatenate([base, chosen, np.minimum(spare, top)]))
+    return grid

@@ -1,0 +1,128 @@
+"""Sobol indices from flights that were drawn for another purpose, in place of a design of their own.
+
+First order by ranks (Gamboa, Gremaud, Klein & Lagnoux, "Global sensitivity analysis: a novel generation of mighty
+estimators based on rank statistics", Bernoulli 28, 2022): flights that are neighbours in one input have similar
+outputs as far as that input decides. What two inputs decide together and neither alone shows as the variance between
+cells of a grid of both, beside what its rows and columns explain; the total index counts an input's own share and that
+of every pair of it which is more than chance. Outputs are taken by rank, so that lost flights and heavy tails count.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, ndtr
+from scipy.stats import false_discovery_control, rankdata
+
+from abhv_mc.statistics.estimates import Floats
+
+FALSE_DISCOVERY_RATE = 0.005
+LEAST_SHARE = 0.1  # of the variance, of an input that is named
+FEWEST_FLIGHTS = 200
+_CELL = 12  # flights, about, in each cell of a pair's grid
+_MOST_CELLS = 8  # along each input
+_PARTNERS = 0.3  # rank correlation from which inputs are no longer told apart
+
+
+@dataclass(frozen=True)
+class GivenDataIndices:
+    """Shares of the variance of the ranks of each output; arrays are [input, output], a constant output has NaN."""
+
+    first: Floats  # that the input causes alone
+    total: Floats  # with what it causes in pairs
+    p_value: Floats  # of neither being there
+    found: NDArray[np.bool_]  # inputs that drive the output, at FALSE_DISCOVERY_RATE over all inputs and outputs
+    moves_with: NDArray[np.intp]  # the found input with which one that is not found is correlated; -1 for none
+    partner: NDArray[np.intp]  # the other input of the strongest pair, -1 where pairs add nothing
+
+
+def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | None:
+    """Indices of `inputs` [flight, input] on `outputs` [flight, output]; infinities are allowed in the outputs.
+
+    None with fewer than FEWEST_FLIGHTS flights. Constant inputs have no share.
+    """
+    flights, count = inputs.shape
+    if flights < FEWEST_FLIGHTS or not count or not outputs.shape[1]:
+        return None
+    ranks = np.asarray(rankdata(outputs, axis=0), dtype=np.float64)
+    ranks -= ranks.mean(axis=0)
+    spread = ranks.std(axis=0)
+    moving = spread > 0.0
+    y = ranks / np.where(moving, spread, 1.0)
+    places = np.asarray(rankdata(inputs, axis=0, method="ordinal"), dtype=np.intp) - 1
+    varying = np.ptp(inputs, axis=0) > 0.0
+    first = np.zeros((count, y.shape[1]))
+    for j in np.flatnonzero(varying).tolist():
+        along = y[np.argsort(inputs[:, j], kind="stable")]
+        first[j] = np.mean(along * np.roll(along, -1, axis=0), axis=0)
+    # Ranks in an order that has nothing to do with them: mean -1/(n-1), variance 1/n (Wald & Wolfowitz 1943).
+    p_alone = 1.0 - ndtr((first + 1.0 / (flights - 1)) * np.sqrt(flights))
+    together = np.abs(np.corrcoef(places.T)) if count > 1 else np.ones((1, 1))
+    np.fill_diagonal(together, 0.0)
+    added, partner, p_pair = _pairs(places, y, varying, together)
+    p_value = np.where(moving & varying[:, None], np.minimum(2.0 * np.minimum(p_alone, p_pair), 1.0), np.nan)
+    first = np.where(moving, np.maximum(first, 0.0), np.nan)
+    total = np.minimum(first + added, 1.0)
+    found = np.zeros(first.shape, dtype=np.bool_)
+    told = np.isfinite(p_value)
+    if told.any():
+        found[told] = false_discovery_control(p_value[told]) <= FALSE_DISCOVERY_RATE
+    with np.errstate(invalid="ignore"):
+        found &= total > LEAST_SHARE
+    moves_with = _strip_partners(found, total, together)
+    return GivenDataIndices(first, total, p_value, found, moves_with, np.where(moving, partner, -1))
+
+
+def _strip_partners(found: NDArray[np.bool_], total: Floats, together: Floats) -> NDArray[np.intp]:
+    """Keep of inputs that are correlated the one with the largest index; which one each other moves with."""
+    moves_with = np.full(found.shape, -1, dtype=np.intp)
+    for column in range(found.shape[1]):
+        named: list[int] = []
+        for row in np.argsort(-np.nan_to_num(total[:, column]), kind="stable").tolist():
+            near = [other for other in named if together[row, other] >= _PARTNERS]
+            if near:
+                moves_with[row, column] = near[0]
+            elif found[row, column]:
+                named.append(row)
+        found[:, column] = False
+        found[named, column] = True
+    return moves_with
+
+
+def _pairs(
+    places: NDArray[np.intp], y: Floats, varying: NDArray[np.bool_], together: Floats
+) -> tuple[Floats, NDArray[np.intp], Floats]:
+    """What pairs add to each input [input, output], with which other one most, and the p-value of that."""
+    flights, count = places.shape
+    added, p_value = np.zeros((count, y.shape[1])), np.ones((count, y.shape[1]))
+    partner, strongest = np.full(added.shape, -1, dtype=np.intp), np.zeros(added.shape)
+    cells = int(np.clip(np.sqrt(flights / _CELL), 2, _MOST_CELLS))
+    bins = places * cells // flights
+    # A grid tells rows from columns only where the two inputs are nearly independent.
+    usable = np.flatnonzero(varying)
+    pairs = [(i, j) for n, i in enumerate(usable) for j in usable[n + 1 :] if together[i, j] < _PARTNERS]
+    if not pairs:
+        return added, partner, p_value
+    marks = np.zeros((flights, count * cells))
+    np.put_along_axis(marks, np.arange(count) * cells + bins, 1.0, axis=1)
+    numbers = (marks.T @ marks).reshape(count, cells, count, cells)
+    first, second = np.array(pairs).T
+    size = np.maximum(numbers[first, :, second, :], 1e-9)  # [pair, cell, cell]
+    freedom = (cells - 1) ** 2
+    for column in range(y.shape[1]):
+        sums = (marks.T @ (marks * y[:, [column]])).reshape(count, cells, count, cells)[first, :, second, :]
+        by_row, by_column = sums.sum(axis=2) / size.sum(axis=2), sums.sum(axis=1) / size.sum(axis=1)
+        rest = sums / size - by_row[:, :, None] - by_column[:, None, :]
+        square = np.sum(size * rest**2, axis=(1, 2))
+        left = np.maximum(flights - np.sum(sums**2 / size, axis=(1, 2)), 1e-9 * flights)
+        variance = left / (flights - cells**2)
+        share = np.maximum(square - freedom * variance, 0.0) / flights
+        p_values = np.minimum(chdtrc(freedom, square / variance) * (count - 1), 1.0)  # each input has so many pairs
+        real = p_values <= FALSE_DISCOVERY_RATE
+        for one, other in ((first, second), (second, first)):
+            np.add.at(added[:, column], one[real], share[real])
+            np.minimum.at(p_value[:, column], one, p_values)
+            for k in np.flatnonzero(real).tolist():
+                if share[k] > strongest[one[k], column]:
+                    strongest[one[k], column], partner[one[k], column] = share[k], other[k]
+    return added, partner, p_value

@@ -1,0 +1,161 @@
+"""Paired comparison of two controllers on the same flights: by how much, in which part, and what pairing saved."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.statistics.estimates import (
+    LEVELS,
+    Floats,
+    Interval,
+    pair_differences,
+    paired_median_difference,
+    quantile,
+)
+from abhv_mc.statistics.quantile_pairs import quantile_differences
+from abhv_mc.statistics.verdicts import clopper_pearson, mcnemar_exact
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class PairedMetric:
+    """One metric of `a` against `b`, larger being worse; differences are `a - b`."""
+
+    pairs: int
+    a_better: int
+    b_better: int
+    ties: int
+    a_share: Interval  # share of the flights on which `a` is better, ties as half
+    median_difference: Interval  # of the pairs, exact
+    quantile_differences: list[Interval]  # at `levels`, open where the flights do not bound them
+    levels: tuple[float, ...]
+    pairing_gain: float | None  # how many times the flights an unpaired comparison of means would need
+
+
+def compare_metric(a: Floats, b: Floats, levels: tuple[float, ...] = LEVELS, confidence: float = 0.95) -> PairedMetric:
+    """Compare severities [pair] of the same flights; +infinity marks a lost flight."""
+    difference = pair_differences(a, b)
+    a_better, b_better = int(np.sum(difference < 0.0)), int(np.sum(difference > 0.0))
+    return PairedMetric(
+        pairs=a.size,
+        a_better=a_better,
+        b_better=b_better,
+        ties=a.size - a_better - b_better,
+        a_share=better_share(a_better, b_better, a.size, confidence),
+        median_difference=paired_median_difference(a, b, confidence),
+        quantile_differences=quantile_differences(a, b, levels, confidence),
+        levels=levels,
+        pairing_gain=pairing_gain(a, b),
+    )
+
+
+def better_share(a_better: int, b_better: int, pairs: int, confidence: float = 0.95) -> Interval:
+    """Share of the `pairs` on which `a` is better, a tie counting as half, with the exact interval of the sign test.
+
+    Half a pair that is left over widens the interval at both ends.
+    """
+    twice = pairs + a_better - b_better
+    low = clopper_pearson(twice // 2, pairs, confidence)[0]
+    high = clopper_pearson((twice + 1) // 2, pairs, confidence)[1]
+    return Interval(twice / (2 * pairs), low, high)
+
+
+def pairing_gain(a: Floats, b: Floats) -> float | None:
+    """Variance of the mean difference without pairing over that with it; None where it cannot be told."""
+    finite = np.isfinite(a) & np.isfinite(b)
+    if finite.sum() < 3:
+        return None
+    apart = float(np.var(a[finite]) + np.var(b[finite]))
+    together = float(np.var(a[finite] - b[finite]))
+    return apart / together if together > 1e-24 * max(apart, 1e-300) else None
+
+
+@dataclass(frozen=True)
+class PairedFailures:
+    """Failures of `a` and `b` on the same flights, with McNemar's exact test."""
+
+    both: int
+    only_a: int
+    only_b: int
+    neither: int
+    p_value: float
+
+
+def compare_failures(a: Flags, b: Flags) -> PairedFailures:
+    """Cross-count the failures [pair] of two controllers."""
+    only_a, only_b = int(np.sum(a & ~b)), int(np.sum(b & ~a))
+    return PairedFailures(int(np.sum(a & b)), only_a, only_b, int(np.sum(~a & ~b)), mcnemar_exact(only_a, only_b))
+
+
+@dataclass(frozen=True)
+class PairedUsage:
+    """Tracking error against control usage, flight by flight, of `a` beside `b`."""
+
+    pairs: int  # with finite, positive values
+    error_ratio: Interval  # median of a/b, exact interval
+    usage_ratio: Interval
+    less_error_less_usage: int  # a has the smaller error and no more usage
+    less_error_more_usage: int
+    more_error_less_usage: int
+    more_error_more_usage: int
+
+
+def median_ratio(a: Floats, b: Floats) -> Interval | None:
+    """Median of `a / b` over the pairs with its exact interval; None where too few can be divided."""
+    kept = np.isfinite(a) & np.isfinite(b) & (a > 0.0) & (b > 0.0)
+    return quantile(a[kept] / b[kept], 0.5) if kept.sum() >= 3 else None
+
+
+def compare_usage(error_a: Floats, error_b: Floats, usage_a: Floats, usage_b: Floats) -> PairedUsage | None:
+    """Whether the smaller error is bought with more control; None where too few pairs can be divided."""
+    values = np.stack([error_a, error_b, usage_a, usage_b])
+    kept = np.all(np.isfinite(values) & (values > 0.0), axis=0)
+    if kept.sum() < 3:
+        return None
+    error_a, error_b, usage_a, usage_b = values[:, kept]
+    less_error, less_usage = error_a < error_b, usage_a <= usage_b
+    return PairedUsage(
+        pairs=int(kept.sum()),
+        error_ratio=quantile(error_a / error_b, 0.5),
+        usage_ratio=quantile(usage_a / usage_b, 0.5),
+        less_error_less_usage=int(np.sum(less_error & less_usage)),
+        less_error_more_usage=int(np.sum(less_error & ~less_usage)),
+        more_error_less_usage=int(np.sum(~less_error & less_usage)),
+        more_error_more_usage=int(np.sum(~less_error & ~less_usage)),
+    )
+
+
+@dataclass(frozen=True)
+class NotWorse:
+    """Whether `b` is at most so much worse than `a`: in the median of the pairs, and in the flights that it loses."""
+
+    margin: float  # share of the value of `a`
+    pairs: int
+    within: int  # pairs in which b <= a + margin |a|
+    within_low: float  # one-sided bound on the share of such pairs
+    ratio: Interval | None  # median of b/a over pairs that can be divided, for the reader
+    loses_more: bool  # whether b loses more flights, by McNemar's test
+
+    @property
+    def shown(self) -> bool:
+        """Whether it is shown that `b` is at most so much worse on most flights, and loses no more of them."""
+        return self.within_low > 0.5 and not self.loses_more
+
+
+def not_worse(a: Floats, b: Floats, lost_a: Flags, lost_b: Flags, margin: float, confidence: float = 0.95) -> NotWorse:
+    """Paired non-inferiority of severities [pair], +infinity for a lost flight: the sign test on b - a - margin |a|.
+
+    That the median of that excess is not above zero says, for positive metrics, that the median ratio of the pairs is
+    at most 1 + margin. A flight that both lost is no worse under `b`.
+    """
+    if margin < 0.0:
+        raise ValueError(f"a margin cannot be negative, found {margin}")
+    with np.errstate(invalid="ignore"):
+        held = np.where(np.isinf(a), True, b <= a + margin * np.abs(a))
+    within = int(np.sum(held))
+    lost = compare_failures(lost_a, lost_b)
+    low = clopper_pearson(within, a.size, 2.0 * confidence - 1.0)[0]
+    more = lost.only_b > lost.only_a and lost.p_value <= 1.0 - confidence
+    return NotWorse(margin, a.size, within, low, median_ratio(b, a), more)

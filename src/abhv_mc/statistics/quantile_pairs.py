@@ -1,0 +1,98 @@
+"""Differences of quantiles of two controllers on the same flights, with intervals that are open where nothing bounds.
+
+How many of `n` flights lie below a quantile is binomial, whatever the law of the values; so, as for one quantile, the
+values that follow such counts bound it, and where a count leaves no value the bound is infinite. The counts of two
+controllers go together as far as the same flights are beyond both quantiles: they are drawn together, by normal
+scores with the correlation of 'beyond or not', and the interval holds the middle of the differences.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+from scipy.stats import binom
+
+from abhv_mc.statistics.estimates import SEED, Floats, Interval, sorted_quantile
+
+_FEWEST_DRAWS, _MOST_DRAWS = 2_000, 60_000
+_PER_TAIL = 50  # draws beyond an end of an interval, at least
+_CAUTION = 1.0  # flights by which the overlap of two tails is taken to be smaller than it was seen
+
+
+@lru_cache(maxsize=16)
+def _scores(draws: int) -> tuple[Floats, Floats]:
+    """Two independent sets of standard normal scores; the same ones every time."""
+    draw = np.random.default_rng(SEED)
+    return draw.standard_normal(draws), draw.standard_normal(draws)
+
+
+@lru_cache(maxsize=64)
+def _places(flights: int, probability: float) -> tuple[int, Floats]:
+    """First count of flights below the quantile that matters, and normal scores up to which there are no more."""
+    low, high = (int(binom.ppf(tail, flights, probability)) for tail in (1e-9, 1.0 - 1e-9))
+    return low, np.asarray(ndtri(binom.cdf(np.arange(low, high + 1), flights, probability)), dtype=np.float64)
+
+
+def _counts(scores: Floats, flights: int, probability: float) -> NDArray[np.intp]:
+    """Counts of flights below the quantile that belong to normal scores."""
+    first, places = _places(flights, probability)
+    return np.minimum(first + np.searchsorted(places, scores), flights)
+
+
+@lru_cache(maxsize=16)
+def _first_counts(flights: int, probability: float, draws: int) -> NDArray[np.intp]:
+    return _counts(_scores(draws)[0], flights, probability)
+
+
+def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: float) -> float:
+    """Correlation, over flights, of lying beyond the one's quantile and beyond the other's; rather too small."""
+    beyond_a, beyond_b = a > high_a, b > high_b
+    if probability < 0.5:
+        beyond_a, beyond_b = a < high_a, b < high_b
+    share = min(probability, 1.0 - probability)
+    both = max(float(np.sum(beyond_a & beyond_b)) - _CAUTION, 0.0) / a.size
+    return float(np.clip((both - share**2) / (share * (1.0 - share)), 0.0, 0.999))
+
+
+def quantile_difference(a: Floats, b: Floats, probability: float, confidence: float = 0.95) -> Interval:
+    """The `probability` quantile of `a` [pair] minus that of `b`, with its two-sided interval.
+
+    +infinity marks a lost flight, worse than all; where both quantiles are lost flights the value is NaN.
+    """
+    return quantile_differences(a, b, (probability,), confidence)[0]
+
+
+def quantile_differences(
+    a: Floats, b: Floats, probabilities: tuple[float, ...], confidence: float = 0.95
+) -> list[Interval]:
+    """The same at several probabilities."""
+    if a.size == 0 or a.shape != b.shape:
+        raise ValueError(f"pairs need as many flights of each, and at least one, found {a.size} and {b.size}")
+    sorted_a, sorted_b = np.sort(a), np.sort(b)
+    # What no flight bounds lies anywhere: the places before the first value and after the last.
+    padded_a, padded_b = (np.concatenate([[-np.inf], one, [np.inf]]) for one in (sorted_a, sorted_b))
+    tail = (1.0 - confidence) / 2.0
+    draws = int(np.clip(_PER_TAIL / tail, _FEWEST_DRAWS, _MOST_DRAWS))
+    one, other = _scores(draws)
+    intervals = []
+    for probability in probabilities:
+        high_a, high_b = sorted_quantile(sorted_a, probability), sorted_quantile(sorted_b, probability)
+        if np.isinf(high_a) and np.isinf(high_b):
+            intervals.append(Interval(np.nan, np.nan, np.nan))
+            continue
+        shared = _together(a, b, high_a, high_b, probability)
+        below_a = _first_counts(a.size, probability, draws)
+        below_b = _counts(shared * one + np.sqrt(1.0 - shared**2) * other, a.size, probability)
+        low = _minus(padded_a[below_a], padded_b[below_b + 1])
+        high = _minus(padded_a[below_a + 1], padded_b[below_b])
+        rank = int(tail * draws)
+        ends = float(np.partition(low, rank)[rank]), float(np.partition(high, draws - 1 - rank)[draws - 1 - rank])
+        intervals.append(Interval(high_a - high_b, *ends))
+    return intervals
+
+
+def _minus(a: Floats, b: Floats) -> Floats:
+    """`a - b`; two lost flights are as bad as each other."""
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isinf(a) & (a == b), 0.0, a - b)

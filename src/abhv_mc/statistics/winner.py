@@ -1,0 +1,87 @@
+"""Who is better in a metric: closer in the median, not worse in the tails, and losing no more flights.
+
+A campaign that compares several metrics with several rivals names some winner by chance more often than each of its
+intervals says; so each holds at a risk divided by the comparisons (Bonferroni).
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.statistics.estimates import Floats, Interval, pair_differences
+from abhv_mc.statistics.paired import better_share, compare_failures
+from abhv_mc.statistics.quantile_pairs import quantile_difference
+
+Side = Literal["a", "b", ""]
+Flags = NDArray[np.bool_]
+
+RISK = 0.05  # of naming any winner in a campaign without differences
+TAILS = (0.95, 0.9973)  # quantiles in which a winner is not worse
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One metric of `a` against `b` on the same flights."""
+
+    closer: Side  # in the median, '' where that is not shown
+    share: Interval  # of the flights on which `a` is better, ties as half, at the family's confidence
+    worse: tuple[float, ...]  # quantiles in which the closer one is worse
+    uncompared: tuple[float, ...]  # quantiles that so few flights do not compare
+    loses_more: bool  # whether the closer one loses more flights
+
+    @property
+    def winner(self) -> Side:
+        """The closer one, unless its tails or its lost flights say otherwise."""
+        return "" if self.worse or self.loses_more else self.closer
+
+
+def decide(a: Floats, b: Floats, lost_a: Flags, lost_b: Flags, comparisons: int, risk: float = RISK) -> Decision:
+    """Decide on severities [pair], larger being worse and +infinity a lost flight.
+
+    `lost_a` and `lost_b` [pair] are the flights that each lost, whatever the metric says of them; `comparisons` are
+    all metrics times rivals that are decided together.
+    """
+    if comparisons < 1:
+        raise ValueError(f"comparisons must be at least 1, found {comparisons}")
+    confidence = 1.0 - risk / comparisons
+    difference = pair_differences(a, b)
+    share = better_share(int(np.sum(difference < 0.0)), int(np.sum(difference > 0.0)), a.size, confidence)
+    closer: Side = "a" if share.low > 0.5 else "b" if share.high < 0.5 else ""
+    if not closer:
+        return Decision("", share, (), (), False)
+    if closer == "b":
+        a, b, lost_a, lost_b = b, a, lost_b, lost_a
+    # From here on `a` is the one that is better on more flights.
+    if _worse(quantile_difference(a, b, 0.5, confidence)) or _medians(a, b) > 0.0:
+        return Decision("", share, (), (), False)
+    worse, uncompared = _tails(a, b, confidence)
+    lost = compare_failures(lost_a, lost_b)
+    return Decision(closer, share, worse, uncompared, lost.only_a > lost.only_b and lost.p_value <= risk)
+
+
+def _medians(a: Floats, b: Floats) -> float:
+    """Sign of the difference of the medians."""
+    high_a, high_b = float(np.median(a)), float(np.median(b))
+    return float(high_a > high_b) - float(high_a < high_b)
+
+
+def _worse(difference: Interval) -> bool:
+    return difference.low > 0.0
+
+
+def _tails(a: Floats, b: Floats, confidence: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Quantiles in which `a` is worse, and those that the flights do not compare."""
+    worse, uncompared = [], []
+    # Beyond this one the flights bound nothing: where a tail is not compared, this one still is.
+    outermost = float(((1.0 - confidence) / 4.0) ** (1.0 / a.size))
+    for level in TAILS:
+        found = quantile_difference(a, b, level, confidence)
+        if _worse(found):
+            worse.append(level)
+        elif np.isneginf(found.low) and not found.high < 0.0:
+            uncompared.append(level)
+            if outermost > 0.5 and _worse(quantile_difference(a, b, outermost, confidence)):
+                worse.append(outermost)
+    return tuple(dict.fromkeys(worse)), tuple(uncompared)

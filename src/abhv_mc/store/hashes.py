@@ -1,0 +1,159 @@
+"""SHA-256 of a campaign's files: taken as each is put whole, held by the manifest, checked before a file is read."""
+
+import contextlib
+import hashlib
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from abhv_mc.io.input_error import InputError
+from abhv_mc.store.folder import CampaignFolder, FolderLostError, hash_file, recording
+from abhv_mc.store.manifest import COMPLETE, read_whole_manifest
+
+_DAMAGED = "a file that is not as the campaign wrote it: damaged, or changed since"
+_GONE = "no such file, but the manifest names it"
+_STRANGE = "a file that the manifest does not name"
+_LINK = "a link that leads out of the folder"
+
+
+class FileHashes:
+    """What a run knows of its folder's files: the manifest's hashes, and those of the files that it writes."""
+
+    def __init__(self, root: Path, held: Mapping[str, str]) -> None:
+        self._root = root
+        self._held = dict(held)
+
+    def note(self, path: Path, digest: str) -> None:
+        """A file was written, or proven to be what was written."""
+        if path.is_relative_to(self._root) and path != CampaignFolder(self._root).manifest:
+            self._held[self._name(path)] = digest
+
+    def knows(self, path: Path) -> bool:
+        """Whether the file's hash is known."""
+        return self._name(path) in self._held
+
+    def holds(self, path: Path) -> bool:
+        """Whether the file is there and known to be as it was written."""
+        try:
+            return self.knows(path) and hash_file(path) == self._held[self._name(path)]
+        except OSError:
+            return False
+
+    def adopt(self) -> None:
+        """Take the files of a folder whose version kept no hashes as they are."""
+        folder = CampaignFolder(self._root)
+        for part in folder.parts:
+            if part != folder.manifest and part not in folder.report and part != folder.explained:
+                for path in [part] if part.is_file() else part.rglob("*"):
+                    if path.is_file():
+                        self.note(path, hash_file(path))
+
+    def is_content(self, path: Path, content: bytes) -> bool:
+        """Whether ``content`` is what was written there."""
+        return hashlib.sha256(content).hexdigest() == self._held.get(self._name(path))
+
+    def listed(self) -> dict[str, str]:
+        """Hashes of all files, for the manifest."""
+        return dict(sorted(self._held.items()))
+
+    def forget(self, path: Path) -> None:
+        """A file, or all in a folder, that the run has removed."""
+        gone = self._name(path)
+        for name in [name for name in self._held if name == gone or name.startswith(f"{gone}/")]:
+            del self._held[name]
+
+    def check_presence(self) -> None:
+        """Raises FolderLostError where files have gone that nobody here has removed."""
+        lost = [name for name in self._held if not (self._root / name).is_file()]
+        if lost:
+            words = f"{len(lost)} files of the campaign, {lost[0]} among them, are gone: deleted meanwhile"
+            raise FolderLostError(f"{self._root}: {words}. The same command makes them anew.")
+
+    def _name(self, path: Path) -> str:
+        return path.relative_to(self._root).as_posix()
+
+
+@contextlib.contextmanager
+def record_hashes(root: Path, held: Mapping[str, str]) -> Iterator[FileHashes]:
+    """The hashes that are known, and those of all files that are put whole below ``root`` meanwhile."""
+    hashes = FileHashes(root, held)
+    with recording(hashes.note):
+        yield hashes
+
+
+def refuse_links(root: Path) -> None:
+    """Raises InputError for a link in the folder that leads out of it: what it leads to is not the campaign's."""
+    base = root.resolve()
+    for path in sorted(root.rglob("*")) if root.is_dir() else ():
+        if path.is_symlink() and not path.resolve().is_relative_to(base):
+            raise InputError(path, None, None, _LINK, "files of the campaign's own, as it wrote them")
+
+
+def find_damage(
+    folder: CampaignFolder, manifest: Mapping[str, Any], paths: Iterable[Path] | None = None
+) -> Iterator[tuple[Path, str]]:
+    """What of the folder (or of ``paths`` in it) is not as the campaign wrote it, each file with what is wrong."""
+    files = _files_of(folder, manifest)
+    if files is None:
+        return
+    complete = manifest.get("state") == COMPLETE
+    asked = None if paths is None else {path.relative_to(folder.root).as_posix() for path in paths}
+    for name, known in files.items():
+        path = folder.root / name
+        if asked is not None and name not in asked:
+            continue
+        if not complete and path.is_relative_to(folder.envelope_states):  # rewritten as the flights land
+            continue
+        if not path.is_file():
+            yield path, _GONE
+        elif hash_file(path) != known:
+            yield path, _DAMAGED
+    written = set(data_files(folder, None)) if complete else set()
+    for path in sorted(written if paths is None else written & set(paths)):
+        if path.relative_to(folder.root).as_posix() not in files:
+            yield path, _STRANGE
+
+
+def data_files(folder: CampaignFolder, manifest: Mapping[str, Any] | None) -> list[Path]:
+    """The Parquet files of the folder, as far as its manifest names them; all of them without a manifest."""
+    paths = [folder.samples, folder.envelopes, folder.nominal, folder.reference]
+    paths += [*sorted(folder.flights.glob("*.parquet")), *sorted(folder.histories.glob("*.parquet"))]
+    files = None if manifest is None else _files_of(folder, manifest)
+    return [
+        path
+        for path in paths
+        if path.is_file() and (files is None or path.relative_to(folder.root).as_posix() in files)
+    ]
+
+
+def read_checked(folder: CampaignFolder, paths: Iterable[Path] | None = None) -> dict[str, Any]:
+    """The manifest of a folder whose files (all, or ``paths``) are as the campaign wrote them.
+
+    Raises InputError, which names the first file that is not, and a link that leads out of the folder. A folder of an
+    older version, which kept no hashes, is read; standard error says so.
+    """
+    manifest = read_whole_manifest(folder.manifest)
+    refuse_links(folder.root)
+    for path, found in find_damage(folder, manifest, paths):
+        wish = f"the file as it was written: restore it, or make it anew (abhv-mc run CAMPAIGN.yaml -o {folder.root})"
+        raise InputError(path, None, None, found, wish)
+    if "files" not in manifest and "campaign_hash" in manifest:
+        note = "written by an older version, without hashes of its files: damage to them cannot be seen"
+        print(f"{folder.root}: {note}", file=sys.stderr)
+    return manifest
+
+
+def _files_of(folder: CampaignFolder, manifest: Mapping[str, Any]) -> dict[str, str] | None:
+    """The manifest's hashes; None where it holds none."""
+    files = manifest.get("files")
+    if files is None:
+        return None
+    if not isinstance(files, dict) or any(not _is_inside(name) for name in files):
+        raise InputError(folder.manifest, None, None, "a list of files that no campaign wrote", "paths in the folder")
+    return files
+
+
+def _is_inside(name: str) -> bool:
+    path = Path(name)
+    return not path.is_absolute() and ".." not in path.parts

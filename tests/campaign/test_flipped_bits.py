@@ -1,0 +1,134 @@
+"""One flipped bit anywhere in a campaign's folder: no reader takes it, and the same command mends it."""
+
+import random
+import shutil
+
+import pyarrow.parquet as pq
+import pytest
+from campaign.fake_flight import ENGINE, write_campaign
+
+from abhv_mc.campaign.analysis.replay import replay_flight
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
+from abhv_mc.io.input_error import InputError
+from abhv_mc.notebook import open_results
+from abhv_mc.report.build import build_report
+from abhv_mc.report.compare import compare_folders
+from abhv_mc.report.results import read_results
+from abhv_mc.report.verify import verify_campaign
+from abhv_mc.report.whatif import make_whatif
+from abhv_mc.store.database import open_database
+from abhv_mc.store.export import export_csv
+
+KEEP = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: [altitude_m, bank_deg]}}"
+READERS = {
+    "report": build_report,
+    "query": open_database,
+    "notebook": open_results,
+    "export": lambda folder: list(export_csv(folder, folder / "csv")),
+    "compare": lambda folder: compare_folders(folder, folder),
+    "whatif": lambda folder: make_whatif(folder, {}),
+}
+SEED = 2026
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    root = tmp_path_factory.mktemp("flown")
+    campaign = write_campaign(root / "f", runs="60", keep=KEEP, execution="{batch: 20}")
+    run_campaign(Request(campaign, root / "out"), ENGINE)
+    return campaign, root / "out"
+
+
+def files_of(folder):
+    return sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path.name != ".lock")
+
+
+def flip(path, place, bit):
+    content = bytearray(path.read_bytes())
+    content[place] ^= 1 << bit
+    path.write_bytes(bytes(content))
+
+
+def flips(folder):
+    """Bits of every file: the first and the last bytes, which no page's checksum covers, and some between."""
+    chance = random.Random(SEED)
+    for file in files_of(folder):
+        size = (folder / file).stat().st_size
+        places = {0, 3, size // 2, size - 1, size - 5, size - 9, *(chance.randrange(size) for _ in range(6))}
+        yield from ((file, place, chance.randrange(8)) for place in sorted(places) if 0 <= place < size)
+
+
+def test_the_manifest_names_every_file(flown):
+    _, folder = flown
+    listed = open_results(folder).manifest["files"]
+    assert sorted(listed) == [file.as_posix() for file in files_of(folder) if file.name != "manifest.json"]
+
+
+def test_readers_refuse_any_flipped_bit_and_name_the_file(flown):
+    _, folder = flown
+    for file, place, bit in flips(folder):
+        flip(folder / file, place, bit)
+        for name, read in READERS.items():
+            with pytest.raises(InputError) as refused:
+                read(folder)
+            assert file.name in str(refused.value), (name, file, place, bit)
+        if file.name != "manifest.json":
+            assert next(verify_campaign(folder)).startswith(file.as_posix())
+        flip(folder / file, place, bit)
+    read_results(folder)
+
+
+def test_run_mends_any_flipped_bit(flown, tmp_path, capfd):
+    campaign, folder = flown
+    whole = {file: (folder / file).read_bytes() for file in files_of(folder) if file.name != "manifest.json"}
+    digest = open_results(folder).manifest["digest"]
+    chance = random.Random(SEED)
+    for file, content in whole.items():
+        for place in {1, chance.randrange(len(content))}:
+            out = tmp_path / "out"
+            shutil.copytree(folder, out)
+            flip(out / file, place, chance.randrange(8))
+            result = run_campaign(Request(campaign, out), ENGINE)
+            assert result.complete and result.manifest["digest"] == digest, (file, place)
+            assert {name: (out / name).read_bytes() for name in whole} == whole, (file, place)
+            open_results(out)
+            shutil.rmtree(out)
+
+
+def test_replay_looks_at_what_it_reads(flown):
+    _, folder = flown
+    for part in ("plans/one.npz", "samples.parquet", "flights/one-000000000-000000020.parquet"):
+        flip(folder / part, 40, 3)
+        with pytest.raises(InputError, match=part.rpartition("/")[2]):
+            replay_flight(folder, "one", 3, ENGINE.fly)
+        flip(folder / part, 40, 3)
+    assert not replay_flight(folder, "one", 3, ENGINE.fly).differences
+
+
+def test_a_file_that_the_campaign_did_not_write_is_refused(flown):
+    _, folder = flown
+    foreign = folder / "flights" / "one-000000060-000000080.parquet"
+    shutil.copyfile(folder / "flights/one-000000000-000000020.parquet", foreign)
+    try:
+        with pytest.raises(InputError, match="does not name"):
+            open_database(folder)
+    finally:
+        foreign.unlink()
+
+
+def test_folders_of_older_versions_are_read_with_a_note(flown, tmp_path, capfd):
+    import json
+
+    campaign, folder = flown
+    out = tmp_path / "old"
+    shutil.copytree(folder, out)
+    manifest = json.loads((out / "manifest.json").read_text())
+    del manifest["files"], manifest["manifest_hash"]
+    (out / "manifest.json").write_text(json.dumps(manifest))
+    assert open_results(out).complete
+    assert "older version" in capfd.readouterr().err
+    assert run_campaign(Request(campaign, out), ENGINE).complete  # nothing to fly
+    result = run_campaign(Request(campaign, out, runs=80), ENGINE)
+    assert sorted(result.manifest["files"]) == [f.as_posix() for f in files_of(out) if f.name != "manifest.json"]
+    assert open_results(out).samples.shape[0] == pq.read_table(out / "samples.parquet").num_rows == 80

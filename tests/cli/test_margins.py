@@ -1,0 +1,142 @@
+"""``margins`` and ``linearize``."""
+
+import json
+from itertools import pairwise
+
+import control
+import numpy as np
+import pytest
+import scipy.io
+
+from abhv_mc.cli import linearize, margins
+from abhv_mc.io.documents import InputError
+
+KEYS = [
+    "controller",
+    "time_s",
+    "loop",
+    "gain_margin_low_db",
+    "gain_margin_high_db",
+    "phase_margin_deg",
+    "delay_margin_ms",
+    "sensitivity_peak",
+    "crossover_rad_s",
+    "stable",
+]
+
+
+def _run(tmp_path, at="trim", controller="tlc", **more):
+    options = {"vehicle": "ghame_x", "bank": "0", "out": None, **more}
+    margins.command("level", controller=controller, at=at, json=tmp_path / "rows.json", **options)
+    return json.loads((tmp_path / "rows.json").read_text())["rows"]
+
+
+def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path, capsys):
+    rows = _run(tmp_path, at="trim,2s", controller="tlc,lqr_retuned")
+    loops = ["aileron", "rudder", "elevator", "equivalence_ratio", "all"]
+    assert [row["loop"] for row in rows] == loops * 4
+    assert [row["time_s"] for row in rows[::5]] == [None, 2.0, None, 2.0]
+    assert [row["controller"] for row in rows[::5]] == ["tlc", "tlc", "lqr_retuned", "lqr_retuned"]
+    assert all(list(row) == KEYS for row in rows if row["loop"] != "all")
+    rudder = next(row for row in rows if row["controller"] == "lqr_retuned" and row["loop"] == "rudder")
+    assert rudder["gain_margin_low_db"] is None and rudder["gain_margin_high_db"] == pytest.approx(5.55, abs=0.01)
+    assert rows[4]["disk_margin"] == pytest.approx(0.0579, abs=1e-4)
+    assert rows[4]["disk_gain_db"] == pytest.approx(0.503, abs=1e-3)
+    captured = capsys.readouterr()
+    assert "-1.31" in captured.out and "none" in captured.out
+    assert "near the node 1.0000" in captured.err
+
+
+def test_an_unstable_loop_has_no_margins_but_poles(tmp_path, capsys):
+    rows = _run(tmp_path, controller="lqr")
+    assert not any(row["stable"] for row in rows)
+    assert all(rows[0][key] is None for key in KEYS[3:9])
+    np.testing.assert_allclose(rows[4]["poles"], [[0.120, 2.783]], atol=1e-3)
+    assert "unstable, no margins; poles +0.120 +- 2.78j per second" in capsys.readouterr().out
+
+
+def test_margins_draws_bode_and_nichols(tmp_path):
+    _run(tmp_path, out=tmp_path / "figures")
+    found = sorted(path.name for path in (tmp_path / "figures").iterdir())
+    assert found == ["bode_tlc_trim.png", "nichols_tlc_trim.png"]
+
+
+def test_a_turn_has_margins_of_its_own(tmp_path):
+    straight, turning = (_run(tmp_path, bank=bank)[1] for bank in ("0", "46deg"))
+    assert turning["stable"] and turning["gain_margin_high_db"] != straight["gain_margin_high_db"]
+
+
+def test_margins_of_a_campaign_are_those_of_its_vehicle_mission_and_controllers(repository, tmp_path, capsys):
+    file = tmp_path / "rows.json"
+    campaign = str(repository / "campaigns" / "winged_cone.yaml")
+    margins.command(campaign, vehicle=None, controller="tlc", at="trim", bank="0", json=file, out=None)
+    found = json.loads(file.read_text())
+    assert found["vehicle"] == "winged_cone" and {row["controller"] for row in found["rows"]} == {"tlc"}
+    with pytest.raises(InputError, match="tlc"):
+        margins.command(campaign, vehicle=None, controller="pid", at="trim", bank="0", json=None, out=None)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"at": "soon"}, "--at"),
+        ({"at": "-1s"}, "--at"),
+        ({"at": "61s"}, "a time of the mission, 0 to 60 s"),
+        ({"at": "5s", "bank": "46deg"}, "--bank"),
+        ({"bank": "89deg"}, "--bank"),
+        ({"controller": "tlc,tlc"}, "different names"),
+        ({"controller": "pid"}, "lqr_retuned"),
+    ],
+)
+def test_margins_refuses_bad_options(tmp_path, options, said):
+    with pytest.raises(InputError, match=said):
+        _run(tmp_path, **options)
+    assert not (tmp_path / "rows.json").exists()
+
+
+def _linearize(file, controller="tlc", at="trim"):
+    linearize.command("level", file, vehicle="ghame_x", controller=controller, at=at, bank="0")
+
+
+def test_linearize_writes_a_model_that_python_control_opens(tmp_path):
+    _linearize(tmp_path / "model.npz")
+    with np.load(tmp_path / "model.npz", allow_pickle=False) as found:
+        period = float(found["period_s"])
+        systems = {
+            part: control.ss(*(found[f"{part}_{each}"] for each in "ABCD"), period, name=part)
+            for part in ("plant", "law", "loop", "closed")
+        }
+        continuous = control.ss(*(found[f"plant_continuous_{each}"] for each in "ABCD"))
+        states, units = found["closed_states"].tolist(), found["closed_state_units"].tolist()
+    assert len(states) == len(units) == 36 and states[0] == "altitude" and states[-1] == "law_last_elevator"
+    held = control.sample_system(continuous, period, "zoh")
+    np.testing.assert_allclose(held.A, systems["plant"].A, atol=1e-9)
+    np.testing.assert_allclose(held.B, systems["plant"].B, atol=1e-9)
+    # The closed loop is the plant under the law, whichever way it is put together.
+    together = control.feedback(systems["plant"], systems["law"], sign=1)
+    poles = np.sort(np.abs(together.poles()))
+    np.testing.assert_allclose(poles, np.sort(np.abs(systems["closed"].poles())), atol=1e-6)
+    assert np.abs(systems["closed"].poles()).max() < 1.0
+
+
+def test_linearize_says_the_same_in_each_format(tmp_path):
+    for suffix in (".npz", ".mat", ".json"):
+        _linearize(tmp_path / f"model{suffix}", "lqr_retuned", "1s")
+    text = json.loads((tmp_path / "model.json").read_text())
+    matlab = scipy.io.loadmat(tmp_path / "model.mat", simplify_cells=True)
+    packed = np.load(tmp_path / "model.npz", allow_pickle=False)
+    models = [text["loop"], matlab["loop"], {key: packed[f"loop_{key}"] for key in ("A", "B", "states")}]
+    for one, other in pairwise(models):
+        for key in ("A", "B"):
+            np.testing.assert_array_equal(np.array(one[key]), np.array(other[key]))
+        assert list(one["states"]) == list(other["states"])
+
+
+def test_linearize_refuses_what_it_cannot_write(tmp_path):
+    with pytest.raises(InputError, match="npz"):
+        _linearize(tmp_path / "model.txt")
+    with pytest.raises(InputError, match="one controller"):
+        _linearize(tmp_path / "model.npz", "tlc,lqr")
+    with pytest.raises(InputError, match="one point"):
+        _linearize(tmp_path / "model.npz", at="1s,2s")
+    assert list(tmp_path.iterdir()) == []

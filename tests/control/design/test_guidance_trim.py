@@ -1,0 +1,206 @@
+"""Guidance trim: the equations hold over the envelope, as scipy finds them, and limits are said."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import brentq, root
+
+from abhv_mc.control.design.design_model import Surroundings, guidance_rates
+from abhv_mc.control.design.guidance_trim import (
+    NO_ANGLE_OF_ATTACK,
+    NO_BANK,
+    NO_EQUIVALENCE_RATIO,
+    GuidancePoints,
+    GuidanceTrim,
+    trim_along,
+    trim_faults,
+)
+from abhv_mc.plant.trim import FlightPoint, trim
+from abhv_mc.vehicle.arrays import Tables
+from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.world.earth import WGS84
+
+Floats = NDArray[np.float64]
+AROUND = Surroundings(20e3, 0.08891, 295.07, 9.757, 6.376e6, 0.511)
+MASS = 1372.0
+SPEED = 1400.0
+
+
+def literal_pass(normal_slope: float, vertical: float, lateral: float, alpha: float, passes: int) -> list[float]:
+    """Section 4.3 as the paper words it: errors of the angle of attack, pass by pass, thrust fixed.
+
+    ``N(alpha) = normal_slope alpha``, which must satisfy ``N cos s = vertical`` and ``N sin s = lateral``. A pass
+    solves the third equation for the bank s with alpha fixed, then the second for alpha with that bank.
+    """
+    root = np.hypot(vertical, lateral) / normal_slope
+    errors = []
+    for _ in range(passes):
+        bank = np.arcsin(np.clip(lateral / (normal_slope * alpha), -1.0, 1.0))
+        alpha = vertical / (np.cos(bank) * normal_slope)
+        errors.append(float(alpha - root))
+    return errors
+
+
+def points(
+    axial: Floats | float = 0.0,
+    vertical: Floats | float = 0.0,
+    lateral: Floats | float = 0.0,
+    speed: Floats | float = SPEED,
+    gamma: Floats | float = 0.0,
+    heading: float = 1.5,
+) -> GuidancePoints:
+    a = AROUND
+    return GuidancePoints(
+        *np.broadcast_arrays(
+            np.atleast_1d(speed),
+            a.density,
+            a.sound_speed,
+            a.gravity,
+            a.radius,
+            a.latitude,
+            gamma,
+            heading,
+            axial,
+            vertical,
+            lateral,
+        )
+    )
+
+
+def rates(vehicle: Vehicle, tables: Tables, where: GuidancePoints, found: GuidanceTrim) -> Floats:
+    """V', V gamma' and V chi' of the design model under the controls found, [3, point]."""
+    controls = np.stack([found.angle_of_attack, found.bank, found.equivalence_ratio])
+    state = np.stack([np.full_like(where.speed, AROUND.altitude), where.flight_path_angle, where.heading, where.speed])
+    _, gamma_rate, chi_rate, speed_rate = guidance_rates(vehicle, tables, AROUND, MASS, state, controls)
+    return np.real(np.stack([speed_rate, where.speed * gamma_rate, where.speed * chi_rate]))
+
+
+def envelope(count: int) -> GuidancePoints:
+    """Random accelerations up to 75 deg of bank, climbing and sinking, Mach 4.4 to 5."""
+    generator = np.random.default_rng(3)
+    bank = generator.uniform(np.deg2rad(-75.0), np.deg2rad(75.0), count)
+    up = generator.uniform(4.0, 8.5, count)  # m/s2 of N cos(bank) / m
+    gamma = generator.uniform(-0.1, 0.1, count)
+    vertical = up + (SPEED**2 / AROUND.radius - AROUND.gravity) * np.cos(gamma)
+    speed = generator.uniform(1300.0, 1480.0, count)
+    axial = generator.uniform(-0.6, 0.1, count) - AROUND.gravity * np.sin(gamma)
+    return points(axial, vertical, up * np.tan(bank) / np.cos(gamma), speed, gamma)
+
+
+def test_equations_hold_over_the_envelope(vehicle: Vehicle, trim_tables: Tables) -> None:
+    where = envelope(2000)
+    found = trim_along(vehicle, trim_tables, where, MASS, warm_start=False)
+    good = found.status == 0
+    assert good.mean() > 0.9  # the others ask for more lift or thrust than there is
+    assert np.rad2deg(np.abs(found.bank[good])).max() > 70.0
+    wanted = np.stack([where.axial, where.longitudinal, where.lateral])
+    error = np.abs(rates(vehicle, trim_tables, where, found) - wanted)[:, good]
+    assert error.max() < 1e-7  # m/s2
+    # Where the status says that an equation fails, it does; no point is lost silently.
+    assert (np.abs(rates(vehicle, trim_tables, where, found) - wanted).max(axis=0)[~good] > 1e-6).all()
+
+
+def test_agrees_with_scipy(vehicle: Vehicle, trim_tables: Tables) -> None:
+    """The same root as Powell's hybrid method on all three equations, and as brentq on each alone."""
+    where = envelope(60)
+    found = trim_along(vehicle, trim_tables, where, MASS)
+    compared = 0
+    for k in np.flatnonzero(found.status == 0):
+        here = GuidancePoints(*(x[k : k + 1] for x in where))
+        wanted = np.array([here.axial[0], here.longitudinal[0], here.lateral[0]])
+
+        def residual(controls: Floats, here: GuidancePoints = here, wanted: Floats = wanted) -> Floats:
+            alpha, bank, eta = (np.atleast_1d(x) for x in controls)
+            trim = GuidanceTrim(alpha, bank, eta, alpha, alpha, np.zeros(1, int), np.zeros(1, int))
+            return rates(vehicle, trim_tables, here, trim)[:, 0] - wanted
+
+        ours = np.array([found.angle_of_attack[k], found.bank[k], found.equivalence_ratio[k]])
+        hybrid = root(residual, ours + np.array([0.003, 0.02, -0.02]), tol=1e-13)
+        if hybrid.success and np.abs(hybrid.fun).max() < 1e-9:  # kinks of the tables stop it now and then
+            np.testing.assert_allclose(ours, hybrid.x, atol=1e-8)
+            compared += 1
+        for i, width in ((0, 0.01), (1, 0.05), (2, 0.05)):
+            alone = brentq(
+                lambda x, i=i, ours=ours, residual=residual: residual(np.where(np.arange(3) == i, x, ours))[
+                    (1, 2, 0)[i]
+                ],
+                ours[i] - width,
+                ours[i] + width,
+                xtol=1e-13,
+            )
+            assert alone == pytest.approx(ours[i], abs=1e-8)
+    assert compared > 30
+
+
+def test_warm_start_saves_iterations_and_changes_nothing(vehicle: Vehicle, trim_tables: Tables) -> None:
+    lateral = 9.8 * np.cos(np.linspace(0.0, np.pi, 1001))  # the S
+    warm = trim_along(vehicle, trim_tables, points(lateral=lateral), MASS)
+    cold = trim_along(vehicle, trim_tables, points(lateral=lateral), MASS, warm_start=False)
+    for a, b in zip(warm[:4], cold[:4], strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+    assert warm.iterations[1:].mean() < 0.75 * cold.iterations[1:].mean()
+    assert cold.iterations.max() <= 12
+
+
+def test_warm_start_survives_a_step_of_the_reference(vehicle: Vehicle, trim_tables: Tables) -> None:
+    lateral = np.array([0.0, 0.0, 9.8, -9.8, 0.0])
+    found = trim_along(vehicle, trim_tables, points(lateral=lateral), MASS)
+    assert not found.status.any()
+    np.testing.assert_allclose(np.sign(found.bank[2:4]), [1.0, -1.0])
+    assert found.angle_of_attack[4] == pytest.approx(found.angle_of_attack[0], abs=1e-9)
+
+
+def test_an_interval_without_a_root_gives_its_nearest_end(vehicle: Vehicle, trim_tables: Tables) -> None:
+    high = vehicle.constants.equivalence_ratio_max
+    too_fast = trim_along(vehicle, trim_tables, points(axial=20.0), MASS)
+    assert too_fast.status[0] == NO_EQUIVALENCE_RATIO
+    assert too_fast.equivalence_ratio[0] == high
+    (sentence,) = trim_faults(too_fast, np.array([2.5]))
+    assert "no equivalence ratio" in sentence
+    assert "at 1 of 1 points, first at 2.50 s" in sentence
+    chosen = trim_along(vehicle, trim_tables, points(axial=-5.0), MASS, equivalence_ratio_range=(0.9, 1.1))
+    assert chosen.status[0] == NO_EQUIVALENCE_RATIO
+    assert chosen.equivalence_ratio[0] == 0.9
+    too_much_lift = trim_along(vehicle, trim_tables, points(vertical=300.0), MASS)
+    assert too_much_lift.status[0] & NO_ANGLE_OF_ATTACK
+    assert too_much_lift.angle_of_attack[0] == pytest.approx(vehicle.constants.angle_of_attack_max)
+    down = trim_along(vehicle, trim_tables, points(vertical=-12.0, lateral=30.0), MASS)
+    assert down.status[0] & (NO_BANK | NO_ANGLE_OF_ATTACK)
+
+
+def test_with_speed_held_the_axial_equation_can_be_skipped(vehicle: Vehicle, trim_tables: Tables) -> None:
+    where = points(lateral=np.array([0.0, 5.0]))
+    full = trim_along(vehicle, trim_tables, where, MASS)
+    held = trim_along(vehicle, trim_tables, where, MASS, held_equivalence_ratio=float(full.equivalence_ratio[0]))
+    assert held.angle_of_attack[0] == pytest.approx(full.angle_of_attack[0], abs=1e-10)
+    assert held.equivalence_ratio[1] == full.equivalence_ratio[0]
+    error = rates(vehicle, trim_tables, where, held) - np.stack([where.axial, where.longitudinal, where.lateral])
+    assert np.abs(error[1:]).max() < 1e-8
+    assert not held.iterations.any()
+
+
+def test_fuel_leaves_the_vehicle_on_the_way(vehicle: Vehicle, trim_tables: Tables) -> None:
+    where = points(axial=np.zeros(101))
+    found = trim_along(vehicle, trim_tables, where, MASS, tick=0.5)
+    start = trim(vehicle, WGS84._replace(rotation_rate=0.0), FlightPoint(20e3, SPEED, latitude=0.511), MASS)
+    assert found.mass[0] == MASS
+    assert (found.mass[0] - found.mass[1]) / 0.5 == pytest.approx(start.fuel_flow, rel=0.01)
+    assert (np.diff(found.angle_of_attack) < 0.0).all()  # lighter needs less
+
+
+@pytest.mark.parametrize(("bank_deg", "converges"), [(30.0, True), (44.0, True), (46.0, False), (60.0, False)])
+def test_the_papers_pass_stops_converging_at_45_deg(
+    vehicle: Vehicle, trim_tables: Tables, bank_deg: float, converges: bool
+) -> None:
+    """Each pass multiplies the error by ``-tan^2 bank``; the nested search does not care."""
+    vertical = 9.0
+    lateral = vertical * np.tan(np.deg2rad(bank_deg))
+    exact = np.hypot(vertical, lateral) / 130.0
+    errors = literal_pass(130.0, vertical, lateral, exact * (1.0 + 1e-6), 6)
+    factor = errors[1] / errors[0]
+    assert factor == pytest.approx(-(np.tan(np.deg2rad(bank_deg)) ** 2), rel=1e-3)
+    assert (abs(errors[-1]) < abs(errors[0])) == converges
+    carried = vertical + SPEED**2 / AROUND.radius - AROUND.gravity
+    found = trim_along(vehicle, trim_tables, points(vertical=carried, lateral=lateral, heading=0.0), MASS)
+    assert found.status[0] == 0
+    assert np.rad2deg(found.bank[0]) == pytest.approx(bank_deg, abs=1e-6)

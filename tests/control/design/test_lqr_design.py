@@ -1,0 +1,160 @@
+"""LQR: Riccati equations, stable loops, python-control's gains, and no interpolation across a step."""
+
+from pathlib import Path
+
+import control
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from abhv_mc.control.columns import LQR_ELEVATOR, LQR_GAINS, LQR_GUIDANCE, LQR_LATERAL
+from abhv_mc.control.controller_file import LqrController, read_controller
+from abhv_mc.control.design.lqr_design import (
+    attitude_slopes,
+    gains_at,
+    guidance_model,
+    lateral_model,
+    longitudinal_model,
+    make_lqr_gains,
+    make_models,
+    make_nominal,
+)
+from abhv_mc.control.mission import Mission
+from abhv_mc.plant.trim import FlightPoint, trim
+from abhv_mc.vehicle.arrays import Tables
+from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
+from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.world.earth import WGS84
+
+Floats = NDArray[np.float64]
+CONFIGS = Path(__file__).parents[3] / "configs"
+KNOTS = [0, 700, 2500, 4999, 5000, 6000]
+
+
+@pytest.fixture(scope="module")
+def controller() -> LqrController:
+    found = read_controller(CONFIGS / "control" / "lqr.yaml")
+    assert isinstance(found, LqrController)
+    return found
+
+
+@pytest.fixture(scope="module")
+def gains(
+    controller: LqrController, mission: Mission, reference: Floats, vehicle: Vehicle, trim_tables: Tables
+) -> Floats:
+    return make_lqr_gains(controller, mission, reference, vehicle, trim_tables)
+
+
+def models(
+    mission: Mission, reference: Floats, vehicle: Vehicle, trim_tables: Tables, knot: int
+) -> list[tuple[Floats, Floats]]:
+    """A and B of guidance, longitudinal and lateral; deflections in degrees as the paper's weights want them."""
+    nominal = make_nominal(mission, reference[knot])
+    slopes = attitude_slopes(vehicle, nominal)
+    attitude = [(A, B * np.pi / 180.0) for A, B in (longitudinal_model(slopes), lateral_model(slopes))]
+    return [guidance_model(vehicle, trim_tables, nominal), *attitude]
+
+
+def weights(controller: LqrController) -> list[tuple[Floats, Floats]]:
+    parts = (controller.guidance, controller.longitudinal, controller.lateral)
+    return [tuple(np.diag([v for _, v in part]) for part in (p.states, p.inputs)) for p in parts]  # type: ignore[misc]
+
+
+def split(row: Floats) -> list[Floats]:
+    """The three gain matrices, deflections in degrees."""
+    degrees = 180.0 / np.pi
+    return [
+        row[LQR_GUIDANCE:LQR_ELEVATOR].reshape(3, 4),
+        degrees * row[LQR_ELEVATOR:LQR_LATERAL].reshape(1, 2),
+        degrees * row[LQR_LATERAL:].reshape(2, 4),
+    ]
+
+
+@pytest.mark.parametrize("knot", KNOTS)
+def test_gains_satisfy_their_riccati_equations(
+    knot: int,
+    controller: LqrController,
+    mission: Mission,
+    reference: Floats,
+    vehicle: Vehicle,
+    trim_tables: Tables,
+    gains: Floats,
+) -> None:
+    systems = models(mission, reference, vehicle, trim_tables, knot)
+    for (A, B), (Q, R), K in zip(systems, weights(controller), split(gains[knot]), strict=True):
+        poles = np.linalg.eigvals(A - B @ K)
+        assert poles.real.max() < 0.0
+        # The cost matrix of the closed loop (Lyapunov) must give the gain back: K = R^-1 B'P.
+        cost = Q + K.T @ R @ K
+        P = control.lyap((A - B @ K).T, (cost + cost.T) / 2.0)
+        residual = A.T @ P + P @ A - P @ B @ np.linalg.solve(R, B.T @ P) + Q
+        assert np.abs(residual).max() < 1e-8 * np.abs(Q).max()
+        np.testing.assert_allclose(np.linalg.solve(R, B.T @ P), K, rtol=1e-6, atol=1e-9 * np.abs(K).max())
+        theirs, _, _ = control.lqr(A, B, Q, R, method="scipy")
+        np.testing.assert_allclose(theirs, K, rtol=1e-8, atol=1e-10 * np.abs(K).max())
+
+
+def test_gains_are_not_interpolated_across_a_step(
+    controller: LqrController,
+    mission: Mission,
+    reference: Floats,
+    vehicle: Vehicle,
+    trim_tables: Tables,
+    gains: Floats,
+) -> None:
+    """At 50 s the bank steps by 46 deg, and the bank's share of the path error with it."""
+    assert gains.shape == (len(reference), len(LQR_GAINS))
+    for knot in (0, 4999, 5000, 6000):
+        exact = gains_at(controller, make_models(vehicle, trim_tables, make_nominal(mission, reference[knot])))
+        np.testing.assert_allclose(gains[knot], exact, rtol=1e-12)
+    between = gains_at(controller, make_models(vehicle, trim_tables, make_nominal(mission, reference[2350])))
+    np.testing.assert_allclose(gains[2350], between, rtol=0.02, atol=0.02 * np.abs(between).max())
+    jump = np.abs(gains[5000] - gains[4999])
+    usual = np.abs(np.diff(gains[:5000], axis=0)).max(axis=0)
+    moved = LQR_GAINS.index("bank_by_path")
+    assert jump[moved] > 100.0 * usual[moved]
+
+
+def test_attitude_slopes_by_hand(mission: Mission, reference: Floats, vehicle: Vehicle) -> None:
+    """Entries that textbooks give: damping and effectiveness over the inertia, from the real-valued tables."""
+    nominal = make_nominal(mission, reference[2500])
+    A, B = longitudinal_model(attitude_slopes(vehicle, nominal))
+    constants = vehicle.constants
+    q_bar = 0.5 * nominal.around.density * nominal.speed**2
+
+    def pitching_moment(**others: float) -> float:
+        values = {
+            "mach": nominal.speed / nominal.around.sound_speed,
+            "angle_of_attack": nominal.angle_of_attack,
+            "equivalence_ratio": nominal.equivalence_ratio,
+            "elevator": nominal.elevator,
+            "mass": nominal.mass,
+        } | others
+        return float(evaluate_coefficients(vehicle, make_variables(vehicle, **values))[4, 0])
+
+    inertia = float(evaluate_fixed(vehicle, make_variables(vehicle, mass=nominal.mass))["inertia_yy"][0])
+    scale = q_bar * constants.area * constants.chord / inertia
+    d = 1e-4
+    effectiveness = (pitching_moment(elevator=nominal.elevator + d) - pitching_moment()) / d
+    damping = (pitching_moment(pitch_rate_hat=d) - pitching_moment()) / d * constants.chord / (2.0 * nominal.speed)
+    assert B[1, 0] == pytest.approx(scale * effectiveness, rel=1e-6)
+    assert A[1, 1] == pytest.approx(scale * damping, rel=1e-6)
+    assert A[0, 1] == pytest.approx(1.0, abs=1e-3)
+    assert B[0, 0] < 0.0  # more lift, less rate of angle of attack
+
+
+def test_published_effectiveness_of_the_full_scale_vehicle(mission: Mission, reference: Floats) -> None:
+    """GHAME's slow elevator: 0.31 deg/s2 per degree at 20 km and 1400 m/s."""
+    from abhv_mc.plant.vehicles import load_vehicle
+
+    ghame = load_vehicle(CONFIGS / "vehicle" / "ghame.yaml")
+    point = trim(ghame, WGS84._replace(rotation_rate=0.0), FlightPoint(20e3, 1400.0, latitude=0.511))
+    nominal = make_nominal(mission, reference[0])._replace(
+        mass=ghame.constants.mass_start,
+        bank=0.0,
+        angle_of_attack=point.angle_of_attack,
+        elevator=point.elevator,
+        equivalence_ratio=point.equivalence_ratio,
+    )
+    _, B = longitudinal_model(attitude_slopes(ghame, nominal))
+    assert -B[1, 0] == pytest.approx(0.31, abs=0.02)

@@ -1,0 +1,146 @@
+"""Every manoeuvre: its rates are the derivatives of what it asks for, and it ends where it should."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from abhv_mc.control.design.profile import make_profile, step_times
+from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.io.documents import Document, InputError, validate
+
+START = {"altitude": "20 km", "speed": "1400 m/s", "heading": "90 deg", "latitude": "29.3 deg"}
+STEP = 0.005
+TIMES = np.arange(0.0, 60.0 + STEP / 2.0, STEP)
+
+
+def make_mission(manoeuvre: dict[str, Any], **others: Any) -> Mission:
+    data = {"name": "test", "start": START, "manoeuvre": manoeuvre, **others}
+    return validate(Document(Path("test.yaml"), data, {(): (1, 1)}, {}), Mission)
+
+
+def recorded(folder: Path) -> dict[str, Any]:
+    """Samples of a smooth climbing turn through north."""
+    t = np.arange(0.0, 61.0, 1.0)
+    lines = ["time_s,altitude_m,speed_mps,heading_deg,remark"]
+    for s in t:
+        heading = (350.0 + 20.0 * np.sin(s / 30.0) ** 2) % 360.0
+        lines.append(f"{s},{20000 + 300 * np.sin(s / 20.0)},{1400 + 5 * np.cos(s / 15.0)},{heading},x")
+    path = folder / "trajectory.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return {"kind": "recorded", "file": str(path)}
+
+
+MANOEUVRES: dict[str, dict[str, Any]] = {
+    "level": {"kind": "level"},
+    "climb": {"kind": "climb", "altitude_change": "-2 km", "length": "40 s", "speed_change": "30 m/s"},
+    "pull_up": {"kind": "pull_up", "flight_path_angle": "6 deg", "length": "10 s"},
+    "turn": {"kind": "turn", "heading_change": "10 deg", "length": "45 s"},
+    "s_manoeuvre": {"kind": "s_manoeuvre", "offset": "-3 km", "length": "40 s"},
+    "waypoints": {
+        "kind": "waypoints",
+        "turns": [
+            {"at": "0 s", "heading_change": "8 deg", "length": "20 s"},
+            {"at": "15 s", "heading_change": "-5 deg", "length": "20 s"},
+        ],
+    },
+    "recorded": {"kind": "recorded"},
+}
+
+
+@pytest.mark.parametrize("kind", MANOEUVRES)
+def test_rates_are_derivatives(kind: str, tmp_path: Path) -> None:
+    manoeuvre = recorded(tmp_path) if kind == "recorded" else MANOEUVRES[kind]
+    mission = make_mission(manoeuvre, start_time="0 s" if kind == "recorded" else "5 s")
+    profile = make_profile(mission, TIMES)
+    smooth = np.ones(TIMES.size - 2, dtype=bool)
+    for step in step_times(mission):
+        smooth &= np.abs(TIMES[1:-1] - step) > 2.0 * STEP
+    pairs = (("altitude", 5.0), ("flight_path_angle", 0.1), ("speed", 0.2), ("heading", 1e-2))
+    for name, scale in pairs:
+        value, rate = getattr(profile, name), getattr(profile, f"{name}_rate")
+        central = (value[2:] - value[:-2]) / (2.0 * STEP)
+        np.testing.assert_allclose(central[smooth], rate[1:-1][smooth], atol=2e-5 * scale + 1e-9 / STEP)
+    np.testing.assert_allclose(profile.altitude_rate, profile.speed * np.sin(profile.flight_path_angle), atol=1e-9)
+
+
+def test_where_they_end() -> None:
+    at_end = {kind: make_profile(make_mission(MANOEUVRES[kind]), TIMES) for kind in MANOEUVRES if kind != "recorded"}
+    start = np.deg2rad(90.0)
+    assert at_end["climb"].altitude[-1] == pytest.approx(18e3)
+    assert at_end["climb"].speed[-1] == pytest.approx(1430.0)
+    assert at_end["pull_up"].flight_path_angle[-1] == pytest.approx(np.deg2rad(6.0))
+    climbed = 1400.0 * np.sin(np.deg2rad(6.0)) * 50.0
+    assert at_end["pull_up"].altitude[-1] - at_end["pull_up"].altitude[2000] == pytest.approx(climbed)
+    assert at_end["turn"].heading[-1] - start == pytest.approx(np.deg2rad(10.0))
+    assert at_end["waypoints"].heading[-1] - start == pytest.approx(np.deg2rad(3.0))
+    s = at_end["s_manoeuvre"]
+    assert s.heading[-1] == start
+    assert s.heading.max() > start  # to the right
+    sideways = np.sum(s.speed * np.sin(s.heading - start)) * STEP
+    assert sideways == pytest.approx(3000.0, rel=1e-4)
+
+
+def test_a_recorded_heading_runs_on_through_north(tmp_path: Path) -> None:
+    heading = np.rad2deg(make_profile(make_mission(recorded(tmp_path)), TIMES).heading)
+    assert np.abs(np.diff(heading)).max() < 0.1
+    assert heading.max() > 365.0
+
+
+@pytest.mark.parametrize(
+    ("change", "line", "words"),
+    [
+        (("10.0,", "9.0,"), 12, "times that rise"),
+        (("1395.", "-1395."), None, "positive"),
+        (("20000.0", "nan"), 2, "finite"),
+        (("altitude_m", "height_m"), 1, "no column altitude_m"),
+        (("60.0,", "59.5,"), None, "from 0 to 60 s"),
+    ],
+)
+def test_a_bad_trajectory_is_refused_with_its_line(
+    tmp_path: Path, change: tuple[str, str], line: int | None, words: str
+) -> None:
+    path = Path(recorded(tmp_path)["file"])
+    path.write_text(path.read_text().replace(*change, 1))
+    mission = tmp_path / "mission.yaml"
+    mission.write_text(
+        "name: test\nstart: {altitude: 20 km, speed: 1400 m/s, heading: 90 deg, latitude: 29.3 deg}\n"
+        f"manoeuvre: {{kind: recorded, file: {path.name}}}\n"
+    )
+    with pytest.raises(InputError) as caught:
+        read_mission(mission)
+    assert words in str(caught.value)
+    assert caught.value.file.endswith("trajectory.csv")
+    if line:
+        assert caught.value.line == line
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("manoeuvre: {kind: loop}", "kind 'loop'"),
+        ("manoeuvre: {kind: climb, altitude_change: 30 km, length: 40 s}", "a climb to 50000 m"),
+        ("manoeuvre: {kind: s_manoeuvre, offset: 50 km, length: 50 s}", "sideways"),
+        ("manoeuvre: {kind: turn, heading_change: 10 deg, length: 0 s}", "wanted more than 0"),
+        ("manoeuvre: {kind: level}\nstart_time: 5 km", "found '5 km', a length"),
+        ("manoeuvre: {kind: level}\nlimits: {altitude: [30 km, 40 km]}", "20000 m"),
+        ("manoeuvre: {kind: level}\nearth: moon", "moon"),
+        ("manoeuvre: {kind: level}\nwind: strong", "strong"),
+    ],
+)
+def test_a_bad_mission_is_refused(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "mission.yaml"
+    path.write_text(
+        f"name: test\nstart: {{altitude: 20 km, speed: 1400 m/s, heading: 90 deg, latitude: 29.3 deg}}\n{text}\n"
+    )
+    with pytest.raises(InputError, match=words):
+        read_mission(path)
+
+
+def test_earth_by_numbers(tmp_path: Path) -> None:
+    mission = make_mission({"kind": "level"}, earth={"rotation_rate": "0 rad/s", "flattening": 0.0})
+    earth = mission.make_earth()
+    assert earth.rotation_rate == 0.0
+    assert earth.flattening == 0.0
+    assert earth.equatorial_radius == 6378137.0

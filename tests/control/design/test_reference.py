@@ -1,0 +1,139 @@
+"""The reference: what the S asks for, and that its nominal controls fly it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from abhv_mc.control.columns import REFERENCE
+from abhv_mc.control.design.design_model import Surroundings, guidance_rates
+from abhv_mc.control.design.guidance_trim import trim_faults
+from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, solve_reference
+from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.vehicle.arrays import Tables
+from abhv_mc.vehicle.model import Vehicle
+
+Floats = NDArray[np.float64]
+CONFIGS = Path(__file__).parents[3] / "configs"
+Columns = dict[str, Floats]
+
+
+def test_the_s_of_the_paper(column: Columns) -> None:
+    """Zhu and Shen 2014, section 7: heading 90 to 83.6 and back, 5 km to the north, 46 deg of bank at the start."""
+    heading = np.rad2deg(column["heading"])
+    assert heading[0] == pytest.approx(90.0)
+    assert heading.min() == pytest.approx(90.0 - np.rad2deg(np.arcsin(np.pi * 5000.0 / (2.0 * 50.0 * 1400.0))))
+    assert heading.min() == pytest.approx(83.56, abs=0.005)
+    assert heading[2500] == heading.min()
+    assert heading[5000] == 90.0
+    t = column["time"][:5001]
+    np.testing.assert_allclose(column["north"][:5001], 2500.0 * (1.0 - np.cos(np.pi * t / 50.0)), atol=1e-6)
+    assert column["north"][-1] == pytest.approx(5000.0, abs=1e-6)
+    bank = np.rad2deg(column["bank"])
+    assert -48.0 < bank[0] < -45.0  # to the left, and at once
+    assert bank[4999] > 44.0
+    assert abs(bank[5000]) < 1.5  # a great circle is no parallel: a little bank is left
+    np.testing.assert_array_equal(column["altitude"], 20e3)
+    np.testing.assert_array_equal(column["speed"], 1400.0)
+
+
+def test_ticks_take_the_value_right_of_a_step(column: Columns) -> None:
+    bank = column["bank"]
+    jumps = np.flatnonzero(np.abs(np.diff(bank)) > np.deg2rad(5.0))
+    np.testing.assert_array_equal(jumps, [4999])  # the one at t = 0 is before the first tick
+    unsettled = np.flatnonzero(column["settled"] == 0.0)
+    np.testing.assert_array_equal(unsettled, [*range(500), *range(5000, 5500)])
+
+
+def test_cross_track_is_positive_to_the_left(mission: Mission, vehicle: Vehicle, trim_tables: Tables) -> None:
+    """Whatever the heading, the reference's own displacement along the track vector is y."""
+    for heading in (0.3, 4.0):
+        turned = mission.model_copy(update={"start": mission.start.model_copy(update={"heading": heading})})
+        reference, _ = solve_reference(turned, vehicle, trim_tables, 0.1, 600)
+        value = {name: reference[:, i] for i, name in enumerate(REFERENCE)}
+        y = value["north"] * value["track_north"] + value["east"] * value["track_east"]
+        np.testing.assert_allclose(y[500], 5000.0, atol=1e-3)
+        assert np.isclose(value["bank"][0], np.deg2rad(-46.8), atol=0.02)  # V chi tan(lat) / r differs
+
+
+@pytest.mark.parametrize("kind", ["s_manoeuvre", "climb"])
+def test_nominal_controls_fly_the_reference(mission: Mission, vehicle: Vehicle, trim_tables: Tables, kind: str) -> None:
+    """Open loop, the design model (1) under the nominal controls stays on the reference for a while."""
+    if kind == "climb":
+        climb = {"kind": "climb", "altitude_change": "1 km", "length": "40 s", "speed_change": "20 m/s"}
+        data = mission.model_dump(mode="json") | {"manoeuvre": climb, "start_time": "2 s"}
+        mission = Mission.model_validate_json(json.dumps(data))
+    reference, trim = solve_reference(mission, vehicle, trim_tables, 0.02, 3000)
+    assert not trim.status.any()
+    value = {name: reference[:, i] for i, name in enumerate(REFERENCE)}
+    t = value["time"]
+    horizon = 20.0  # the phugoid and the unstable V-h drift stay small for so long
+
+    def rates(time: float, state: Floats) -> Floats:
+        def at(name: str) -> float:
+            return float(np.interp(time, t, value[name]))
+
+        around = Surroundings(
+            at("altitude"), at("density"), at("sound_speed"), at("gravity"), at("radius"), at("latitude")
+        )
+        controls = np.array([[at(name)] for name in ("angle_of_attack", "bank", "equivalence_ratio")])
+        return np.real(guidance_rates(vehicle, trim_tables, around, at("mass"), state[:, None], controls))[:, 0]
+
+    start = [value[name][0] for name in ("altitude", "flight_path_angle", "heading", "speed")]
+    flown = solve_ivp(rates, (0.0, horizon), start, rtol=1e-9, atol=1e-9, max_step=0.1)
+    end = round(horizon / 0.02)
+    altitude, gamma, chi, speed = flown.y[:, -1]
+    assert altitude == pytest.approx(value["altitude"][end], abs=1.0)
+    assert gamma == pytest.approx(value["flight_path_angle"][end], abs=2e-4)
+    assert chi == pytest.approx(value["heading"][end], abs=1e-5)
+    assert speed == pytest.approx(value["speed"][end], abs=0.02)
+
+
+def test_start_trim_is_the_trim_of_the_reference_without_bank(
+    mission: Mission, vehicle: Vehicle, trim_tables: Tables
+) -> None:
+    data = mission.model_dump(mode="json") | {"manoeuvre": {"kind": "level"}}
+    level = Mission.model_validate_json(json.dumps(data))
+    reference, _ = solve_reference(level, vehicle, trim_tables, 0.01, 10)
+    value = dict(zip(REFERENCE, reference[0], strict=True))
+    start = make_start_trim(level, vehicle)
+    assert start.fault == ""
+    assert np.rad2deg(start.angle_of_attack) == pytest.approx(np.rad2deg(value["angle_of_attack"]), abs=0.01)
+    assert np.rad2deg(start.elevator) == pytest.approx(np.rad2deg(value["elevator"]), abs=0.02)
+    assert start.equivalence_ratio == pytest.approx(value["equivalence_ratio"], abs=1e-3)
+
+
+def test_mass_and_latitude_along_the_s(column: Columns) -> None:
+    mass = column["mass"]
+    assert (np.diff(mass) < 0.0).all()
+    assert mass[0] == pytest.approx(1371.66, abs=0.01)
+    assert 0.03 < 1.0 - mass[-1] / mass[0] < 0.08  # about 5 % in a minute
+    meridian = (column["north"][5000]) / (column["latitude"][5000] - column["latitude"][0])
+    assert meridian == pytest.approx(6350.73e3 + 20e3, abs=50.0)  # M of WGS-84 at 29.32 deg, and the altitude
+
+
+@pytest.mark.parametrize(
+    ("vehicle_name", "mission_name"),
+    [
+        *((vehicle, name) for vehicle in ("ghame", "ghame_x", "winged_cone") for name in ("level", "climb", "turn")),
+        ("ghame", "s_manoeuvre"),
+        ("ghame_x", "s_manoeuvre"),
+        ("winged_cone", "level_mach15"),
+        ("winged_cone", "turn_mach15"),
+    ],
+)
+def test_shipped_missions_have_nominal_controls(vehicle_name: str, mission_name: str) -> None:
+    """Within the command limits of the shipped controllers, too: -1..12 deg of angle of attack, 70 deg of bank."""
+    vehicle = load_vehicle(CONFIGS / "vehicle" / f"{vehicle_name}.yaml")
+    mission = read_mission(CONFIGS / "mission" / f"{mission_name}.yaml")
+    tables = make_mission_trim_tables(mission, vehicle)
+    ticks = round(mission.duration / 0.1)
+    reference, trim = solve_reference(mission, vehicle, tables, 0.1, ticks)
+    assert trim_faults(trim, reference[:, 0]) == []
+    assert np.isfinite(reference).all()
+    assert np.rad2deg(trim.angle_of_attack).max() < 12.0
+    assert np.rad2deg(np.abs(trim.bank)).max() < 60.0

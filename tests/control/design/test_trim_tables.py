@@ -1,0 +1,109 @@
+"""Trim tables: balanced at the nodes, as good as exact between them, honest where there is no trim."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from abhv_mc.control.design.design_model import Surroundings
+from abhv_mc.control.design.design_tables import table_rows, variables_at
+from abhv_mc.control.design.trim_tables import TRIM_ROWS, make_trim_tables, trim_elevator
+from abhv_mc.plant.trim import FlightPoint, trim
+from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.vehicle.arrays import VARIABLES
+from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.world.atmosphere import atmosphere
+from abhv_mc.world.earth import WGS84
+
+ALTITUDE = 20e3
+VEHICLES = Path(__file__).parents[3] / "configs" / "vehicle"
+
+
+@pytest.mark.parametrize("name", ["ghame", "ghame_x", "ghame_x_coupled", "winged_cone"])
+def test_interpolation_errs_by_little(name: str) -> None:
+    """At random points between the nodes, against a trim solved there."""
+    vehicle = load_vehicle(VEHICLES / f"{name}.yaml")
+    tables = make_trim_tables(vehicle, ALTITUDE, (1300.0, 1500.0))
+    density, _, _, sound_speed = atmosphere(ALTITUDE)
+    constants = vehicle.constants
+    generator = np.random.default_rng(1)
+    speed = generator.uniform(1300.0, 1500.0, 500)
+    alpha = generator.uniform(np.deg2rad(-1.0), np.deg2rad(12.0), 500)
+    eta = generator.uniform(0.25, constants.equivalence_ratio_max, 500)
+    around = Surroundings(ALTITUDE, density, sound_speed, 9.75, 6.37e6, 0.0)
+    exact, trimmed = trim_elevator(vehicle, around, speed, alpha, eta)
+    # The vehicle's own tables at the interpolated and at the exact elevator differ by the moment of the difference.
+    inside = variables_at(vehicle, mach=speed / sound_speed, angle_of_attack=alpha, equivalence_ratio=eta)
+    row = dict(zip(TRIM_ROWS, table_rows(tables, inside), strict=False))
+    good = trimmed & (row["untrimmed"] == 0.0)
+    assert good.sum() > 150
+    assert np.rad2deg(np.abs(row["elevator"] - exact)[good]).max() < 0.01
+
+    # Against the vehicle's own tables at the exact elevator; errors as angle of attack and equivalence ratio.
+    step = np.deg2rad(0.01)
+    up = table_rows(tables, {**inside, "angle_of_attack": alpha + step})[TRIM_ROWS.index("lift")]
+    lift_slope = np.median((up - row["lift"]) / step)
+    for i in np.flatnonzero(good)[:60]:
+        here = trim_at(vehicle, float(speed[i]), float(alpha[i]), float(eta[i]), float(exact[i]))
+        assert np.rad2deg(abs(row["lift"][i] - here["lift"])) / lift_slope < 0.001
+        assert row["drag"][i] == pytest.approx(here["drag"], rel=4e-3)
+        assert abs(row["thrust"][i] - here["thrust"]) < 0.0015 * here["thrust"] / eta[i]
+
+
+def trim_at(vehicle: Vehicle, speed: float, alpha: float, eta: float, elevator: float) -> dict[str, float]:
+    """Coefficients of the vehicle's own tables."""
+    from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
+
+    _, _, _, sound_speed = atmosphere(ALTITUDE)
+    variables = make_variables(
+        vehicle,
+        mach=speed / sound_speed,
+        angle_of_attack=alpha,
+        equivalence_ratio=eta,
+        elevator=elevator,
+        altitude=ALTITUDE,
+        mass=vehicle.constants.mass_start,
+    )
+    c = evaluate_coefficients(vehicle, variables)[:, 0]
+    fixed = {key: float(value[0]) for key, value in evaluate_fixed(vehicle, variables).items()}
+    constants = vehicle.constants
+    thrust = constants.capture_thrust * eta * fixed["capture_area_ratio"] * fixed["specific_impulse"]
+    thrust = thrust / (0.5 * speed * constants.area) + fixed["thrust_area"] / constants.area
+    return {"lift": float(c[0]), "drag": float(c[1]), "thrust": thrust}
+
+
+def test_the_trim_point_of_the_full_tables_lies_on_them(vehicle: Vehicle) -> None:
+    """Steady 1 g flight solved on the full tables: the trim tables give its elevator, lift, drag and thrust."""
+    tables = make_trim_tables(vehicle, ALTITUDE, (1400.0, 1400.0))
+    point = trim(vehicle, WGS84._replace(rotation_rate=0.0), FlightPoint(ALTITUDE, 1400.0, latitude=0.5))
+    variables = variables_at(
+        vehicle, mach=point.mach, angle_of_attack=point.angle_of_attack, equivalence_ratio=point.equivalence_ratio
+    )
+    elevator, lift, drag, thrust = table_rows(tables, variables)[:4]
+    q_area = point.dynamic_pressure * vehicle.constants.area
+    assert np.rad2deg(elevator) == pytest.approx(np.rad2deg(point.elevator), abs=0.01)
+    assert lift * q_area == pytest.approx(point.lift, rel=5e-4)
+    assert drag * q_area == pytest.approx(point.drag, rel=5e-4)
+    assert thrust * q_area == pytest.approx(point.thrust, rel=5e-4)
+
+
+def test_a_node_without_trim_is_marked_and_clamped(vehicle: Vehicle) -> None:
+    limit = np.deg2rad(1.0)
+    weak = vehicle._replace(constants=vehicle.constants._replace(surface_limit=limit))
+    tables = make_trim_tables(weak, ALTITUDE, (1400.0, 1400.0))
+    values = tables.data.reshape(-1, tables.group_width[0])
+    elevator, untrimmed = values[:, 0], values[:, TRIM_ROWS.index("untrimmed")]
+    assert 0 < untrimmed.sum() < untrimmed.size
+    np.testing.assert_array_equal(np.abs(elevator[untrimmed == 1.0]), limit)
+    assert (np.abs(elevator[untrimmed == 0.0]) < limit).all()
+    strong = make_trim_tables(vehicle, ALTITUDE, (1400.0, 1400.0)).data.reshape(-1, tables.group_width[0])[:, 0]
+    np.testing.assert_array_equal(np.sign(elevator), np.sign(strong))  # the end nearest to the trim
+
+
+def test_layout_that_the_compiled_law_reads(vehicle: Vehicle) -> None:
+    tables = make_trim_tables(vehicle, ALTITUDE, (1400.0, 1400.0))
+    assert [VARIABLES[v] for v in tables.axis_variable] == ["mach", "angle_of_attack", "equivalence_ratio"]
+    assert tables.group_start.size == 1
+    assert tables.data.nbytes < 400_000
+    own = [np.deg2rad(3.0), np.deg2rad(6.0)]  # the vehicle's nodes stay nodes
+    assert np.isin(np.round(own, 9), np.round(tables.grid, 9)).all()

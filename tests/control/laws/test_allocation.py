@@ -1,0 +1,157 @@
+"""The compiled moment and its slopes against the design model: other code, slopes by complex step."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from abhv_mc.control.design.design_model import Surroundings, Wrench, wrench_at
+from abhv_mc.control.design.design_tables import slope
+from abhv_mc.control.laws.allocation import moment_slope, nominal_moment, side_force_slope
+from abhv_mc.control.laws.tlc import N_ROWS, SLOPES, nominal_vehicle
+from abhv_mc.jit import kernel
+from abhv_mc.plant import state as s
+from abhv_mc.plant.aerodynamics import TableCells, make_cells
+from abhv_mc.plant.effectiveness import INPUTS, N_INPUTS, Effectiveness, make_effectiveness
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.vehicle.arrays import Floats, Ints
+from abhv_mc.vehicle.evaluate import make_variables
+from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
+from abhv_mc.vehicle.model import Vehicle
+
+
+class Plan(NamedTuple):
+    """What the nominal vehicle needs of the kernel's plan."""
+
+    vehicle: Vehicle
+    effectiveness: Effectiveness
+    unit_factors: Ints
+
+
+class Memory(NamedTuple):
+    """What it needs of the kernel's memory."""
+
+    Z: Floats
+    T: Floats
+    cells: TableCells
+    high: Floats
+
+
+CONFIGS = Path(__file__).parents[3] / "configs" / "vehicle"
+N = 24
+AIR = Surroundings(22e3, 0.0646, 296.4, 9.74, 6.4e6, 0.0)
+_CAPACITY = N
+_Z_ROWS = s.LAW + N_ROWS
+_SIDE_BY_SIDESLIP = SLOPES + INPUTS.index("sideslip") + 2 * N_INPUTS  # side force is the third coefficient
+
+
+@kernel
+def compute(vehicle, effectiveness, cells, width, variables, density, speed, moments, slopes, side):
+    """Moments [axis, lane], their slopes [axis, deflection, lane] and the slope of CY with sideslip [lane]."""
+    Z = np.zeros((_Z_ROWS, _CAPACITY))
+    T = np.zeros((s.MAX_TABLE_ROWS, _CAPACITY))
+    high = np.empty(s.MAX_TABLE_ROWS)
+    unit_factors = np.zeros(vehicle.build_up.factor.size, dtype=np.int64)
+    for lane in range(width):
+        Z[s.P, lane] = 1.0
+        for i in range(s.N_VARIABLES):
+            Z[s.VAR + i, lane] = variables[i, lane]
+    nominal_vehicle(Plan(vehicle, effectiveness, unit_factors), Memory(Z, T, cells, high), width)
+    for lane in range(width):
+        q_bar = 0.5 * density * speed[lane] * speed[lane]
+        moments[0, lane], moments[1, lane], moments[2, lane] = nominal_moment(
+            Z, lane, vehicle.constants, density, q_bar, speed[lane]
+        )
+        for d in range(3):
+            x, y, z = moment_slope(Z, lane, vehicle.constants, q_bar, SLOPES, d)
+            slopes[0, d, lane], slopes[1, d, lane], slopes[2, d, lane] = x, y, z
+        side[lane] = Z[_SIDE_BY_SIDESLIP, lane]
+
+
+def draw_points(vehicle: Vehicle, mach: tuple[float, float]) -> dict[str, Floats]:
+    """Points inside of cells (no node has such numbers), each with its own cells."""
+    generator = np.random.default_rng(7)
+    spread = {"angle_of_attack": (0.0, 0.15), "sideslip": (-0.05, 0.05), "equivalence_ratio": (0.3, 1.4)}
+    spread |= dict.fromkeys(("aileron", "rudder", "elevator"), (-0.14, 0.14))
+    spread |= dict.fromkeys(("roll_rate_hat", "pitch_rate_hat", "yaw_rate_hat"), (-1e-3, 1e-3))
+    points = {name: generator.uniform(*ends, N) for name, ends in {"mach": mach, **spread}.items()}
+    return points | {"altitude": np.full(N, AIR.altitude), "mass": np.full(N, 0.9 * vehicle.constants.mass_start)}
+
+
+def wrench_of(vehicle: Vehicle, point: dict[str, Floats], sideslip, deflections) -> Wrench:
+    speed = point["mach"] * AIR.sound_speed
+    half_span, half_chord = vehicle.constants.span / (2.0 * speed), vehicle.constants.chord / (2.0 * speed)
+    rates = (
+        point["roll_rate_hat"] / half_span,
+        point["pitch_rate_hat"] / half_chord,
+        point["yaw_rate_hat"] / half_span,
+    )
+    nothing = 0.0 * sideslip + 0.0 * deflections[0]  # of the points' shape
+    alpha, eta = point["angle_of_attack"] + nothing, point["equivalence_ratio"] + nothing
+    return wrench_at(vehicle, AIR, point["mass"], speed, alpha, sideslip + nothing, rates, deflections, eta)
+
+
+def load(name: str, *, off_axis: bool) -> Vehicle:
+    """A shipped vehicle; ``off_axis``: its centre of gravity also off the reference and drag in wind axes."""
+    file = read_vehicle_file(CONFIGS / f"{name}.yaml")
+    if not off_axis:
+        return pack_vehicle(file, PARAMETER_INDEX)
+    moved = {"center_of_gravity_x": -1.3, "center_of_gravity_z": 0.7}
+    points = tuple(point.model_copy(update=moved) for point in file.mass_points)
+    vehicle = pack_vehicle(type(file)(file.path, file.content, file.tables, points, file.files), PARAMETER_INDEX)
+    return vehicle._replace(constants=vehicle.constants._replace(drag_in_wind_axes=1.0))
+
+
+def look_at(vehicle: Vehicle, point: dict[str, Floats]) -> tuple[Floats, Floats, Floats]:
+    """Moments, their slopes and the slope of CY, as :func:`compute` gives them."""
+    moments, slopes, side = np.empty((3, N)), np.empty((3, 3, N)), np.empty(N)
+    effectiveness, cells = make_effectiveness(vehicle), make_cells(_CAPACITY)
+    variables, speed = make_variables(vehicle, **point), point["mach"] * AIR.sound_speed
+    compute(vehicle, effectiveness, cells, N, variables, AIR.density, speed, moments, slopes, side)
+    return moments, slopes, side
+
+
+@pytest.mark.parametrize("off_axis", [False, True])
+@pytest.mark.parametrize("name", ["ghame_x_coupled", "winged_cone"])
+def test_moment_and_effectiveness_are_the_design_models(name: str, off_axis: bool) -> None:
+    vehicle = load(name, off_axis=off_axis)
+    point = draw_points(vehicle, (4.1, 14.5))
+    moments, slopes, _ = look_at(vehicle, point)
+
+    deflections = np.stack([point[axis] for axis in INPUTS[:3]])
+    expected = wrench_of(vehicle, point, point["sideslip"], deflections).moment
+    scale = np.abs(expected).max()
+    assert moments == pytest.approx(expected, rel=1e-10, abs=1e-10 * scale)
+
+    for lane in range(N):
+        here = {key: value[lane] for key, value in point.items()}
+        jacobian = slope(
+            lambda x, here=here: wrench_of(vehicle, here, here["sideslip"], x).moment, deflections[:, lane]
+        )
+        assert slopes[:, :, lane] == pytest.approx(jacobian, rel=1e-9, abs=1e-9 * np.abs(jacobian).max())
+
+
+@pytest.mark.parametrize("off_axis", [False, True])
+@pytest.mark.parametrize("name", ["ghame_x_coupled", "winged_cone"])
+def test_side_force_slope_is_the_design_models(name: str, off_axis: bool) -> None:
+    vehicle = load(name, off_axis=off_axis)
+    point = draw_points(vehicle, (4.1, 14.5)) | {"sideslip": np.zeros(N), "equivalence_ratio": np.zeros(N)}
+    point |= {"aileron": np.zeros(N), "rudder": np.zeros(N)}
+    _, _, side = look_at(vehicle, point)
+
+    for lane in range(N):
+        here = {key: value[lane] for key, value in point.items()}
+        alpha = here["angle_of_attack"]
+        deflections = np.array([0.0, 0.0, here["elevator"]])
+
+        def wind_side_force(x, here=here, alpha=alpha, deflections=deflections):
+            force = wrench_of(vehicle, here, x[0], deflections[:, None] + 0.0 * x).force  # eta 0: no thrust
+            forward = force[0] * np.cos(alpha) + force[2] * np.sin(alpha)
+            return np.stack([force[1] * np.cos(x[0]) - forward * np.sin(x[0])])
+
+        expected = slope(wind_side_force, [0.0])[0, 0]
+        force = wrench_of(vehicle, here, 0.0, deflections).force
+        q_s = 0.5 * AIR.density * (here["mach"] * AIR.sound_speed) ** 2 * vehicle.constants.area
+        drag = -(force[0] * np.cos(alpha) + force[2] * np.sin(alpha)) / q_s
+        assert side_force_slope(vehicle.constants, q_s, side[lane], drag) == pytest.approx(expected, rel=1e-9)

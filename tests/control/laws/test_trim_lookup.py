@@ -1,0 +1,93 @@
+"""The look-up of trim data against scipy, from cells left behind, on nodes and outside of the tables."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import RegularGridInterpolator
+
+from abhv_mc.control.design.trim_tables import TRIM_ROWS, make_trim_tables
+from abhv_mc.control.laws.trim_lookup import look_up_trim, make_trim_cells
+from abhv_mc.jit import kernel
+from abhv_mc.plant import state as s
+from abhv_mc.plant.state import variable_row
+from abhv_mc.plant.vehicles import load_vehicle
+
+WIDTH = 12
+ROUNDS = 40
+FIRST = s.LAW
+_MACH = variable_row("mach")
+
+
+@kernel
+def look_up(trim, cells, points, found):
+    """Five numbers [round, 5, lane] of points [round, 3, lane], with the cells of the round before."""
+    Z = np.zeros((s.LAW + 5, WIDTH))
+    for turn in range(points.shape[0]):
+        for lane in range(WIDTH):
+            Z[_MACH, lane] = points[turn, 0, lane]
+            Z[s.ALPHA_CMD, lane] = points[turn, 1, lane]
+            Z[s.CMD_ETA, lane] = points[turn, 2, lane]
+        look_up_trim(Z, WIDTH, trim, cells, s.ALPHA_CMD, s.CMD_ETA, FIRST)
+        for i in range(5):
+            for lane in range(WIDTH):
+                found[turn, i, lane] = Z[FIRST + i, lane]
+
+
+@pytest.fixture(scope="module")
+def trim():
+    vehicle = load_vehicle(Path(__file__).parents[3] / "configs" / "vehicle" / "ghame_x.yaml")
+    return make_trim_tables(vehicle, 20e3, (1350.0, 1450.0))
+
+
+def axes_of(trim):
+    starts = zip(trim.axis_start, trim.axis_length, strict=True)
+    return [trim.grid[start : start + length] for start, length in starts]
+
+
+def values_of(trim, name):
+    """One table over its axes."""
+    shape = [len(axis) for axis in axes_of(trim)]
+    nodes = np.indices(shape).reshape(3, -1)
+    corners = trim.group_start[0] + trim.group_stride[0] @ nodes
+    return trim.data[corners + TRIM_ROWS.index(name)].reshape(shape)
+
+
+def draw_points(trim):
+    """Rounds that wander within cells, jump, stand on nodes and leave the tables."""
+    generator = np.random.default_rng(5)
+    points = np.empty((ROUNDS, 3, WIDTH))
+    for i, axis in enumerate(axes_of(trim)):
+        span = axis[-1] - axis[0]
+        points[:, i] = generator.uniform(axis[0], axis[-1], (ROUNDS, WIDTH))
+        points[10:20, i] = points[9, i] + np.linspace(0.0, 0.01, 10)[:, None] * span
+        points[20:25, i] = generator.choice(axis, (5, WIDTH))
+        points[25:30, i] = generator.choice([axis[0] - span, axis[0], axis[-1], axis[-1] + span], (5, WIDTH))
+    return points
+
+
+def test_trim_data_are_scipys_and_do_not_depend_on_what_was_looked_up_before(trim):
+    points = draw_points(trim)
+    found, fresh = np.empty((2, ROUNDS, 5, WIDTH))
+    look_up(trim, make_trim_cells(WIDTH), points, found)
+    for turn in range(ROUNDS):
+        look_up(trim, make_trim_cells(WIDTH), points[turn : turn + 1], fresh[turn : turn + 1])
+    assert np.array_equal(found, fresh)
+
+    axes = axes_of(trim)
+    inside = np.stack([np.clip(points[:, i], axis[0], axis[-1]) for i, axis in enumerate(axes)], axis=-1)
+    for i, name in enumerate(("lift", "drag", "thrust")):
+        exact = RegularGridInterpolator(axes, values_of(trim, name))(inside)
+        assert found[:, i] == pytest.approx(exact, rel=1e-12, abs=1e-14)
+
+
+def test_slopes_are_those_of_the_cell(trim):
+    points = draw_points(trim)[:20]
+    found = np.empty((20, 5, WIDTH))
+    look_up(trim, make_trim_cells(WIDTH), points, found)
+    axes = axes_of(trim)
+    cell = np.clip(np.searchsorted(axes[1], points[:, 1], side="right") - 1, 0, len(axes[1]) - 2)
+    ends = [np.stack([points[:, 0], axes[1][cell + end], points[:, 2]], axis=-1) for end in (0, 1)]
+    for i, name in ((3, "lift"), (4, "thrust")):
+        low, high = (RegularGridInterpolator(axes, values_of(trim, name))(end) for end in ends)
+        assert found[:, i] == pytest.approx((high - low) / np.diff(axes[1])[cell], rel=1e-9, abs=1e-12)

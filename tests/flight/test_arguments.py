@@ -1,0 +1,159 @@
+"""What compiled code relies on is checked where Python enters: types, shapes, alignment, and that nothing overlaps."""
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+
+from abhv_mc.flight.arguments import check_written, make_kernel_plan, make_results
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.memory import make_memory
+from abhv_mc.flight.prepare import prepare
+
+WIDTH = 4
+
+
+@pytest.fixture(scope="module")
+def plan(repository):
+    configs = repository / "configs"
+    made = prepare(
+        configs / "vehicle/ghame_x.yaml", configs / "mission/level.yaml", configs / "control/tlc.yaml", "tlc"
+    )
+    return dataclasses.replace(made, timing=made.timing._replace(ticks=5))
+
+
+def misaligned(array):
+    """The same numbers from the second byte of a buffer on."""
+    buffer = bytearray(array.nbytes + 1)
+    buffer[1:] = np.ascontiguousarray(array).tobytes()
+    view = np.frombuffer(buffer, array.dtype, array.size, 1).reshape(array.shape)
+    assert not view.flags.aligned
+    return view
+
+
+def read_only(array):
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def with_arrays(plan, change):
+    """The plan with an array of each of its parts changed."""
+    tables = plan.vehicle.tables
+    tables = tables._replace(data=change(tables.data), group_axis=change(tables.group_axis))
+    vehicle = plan.vehicle._replace(tables=tables, effector_mix=change(plan.vehicle.effector_mix))
+    return dataclasses.replace(
+        plan,
+        vehicle=vehicle,
+        reference=change(plan.reference),
+        gains=change(plan.gains),
+        initial_state=change(plan.initial_state),
+    )
+
+
+def spread_out(array):
+    """Every other number of an array of twice the length: not contiguous."""
+    wide = np.repeat(array, 2, axis=-1)
+    return wide[..., ::2]
+
+
+@pytest.mark.parametrize("change", [misaligned, np.asfortranarray, spread_out, read_only])
+def test_arrays_in_another_layout_fly_the_same(plan, change):
+    parameters = nominal_parameters(2)
+    expected = fly(plan, parameters, record_every=1)
+    flown = fly(with_arrays(plan, change), change(parameters), record_every=1)
+    assert np.array_equal(flown.metrics, expected.metrics)
+    assert np.array_equal(flown.history, expected.history)
+
+
+def test_the_kernel_gets_only_arrays_it_can_rely_on(plan):
+    made = make_kernel_plan(with_arrays(plan, misaligned), nominal_parameters(), 0)
+    for array in (made.vehicle.tables.data, made.vehicle.effector_mix, made.reference, made.gains, made.initial_state):
+        assert array.flags.aligned and array.flags.c_contiguous and array.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"gains": np.zeros((6, 32), np.float32)}, "plan.gains is an array of float32, not an array of float64"),
+        ({"gains": np.zeros((6, 31))}, r"plan.gains has the shape \(6, 31\), not \(any, 32\)"),
+        ({"gains": np.zeros((5, 32))}, "has 5 rows for control ticks 0 to 5"),
+        ({"initial_state": np.zeros((22, 1))}, r"initial_state has the shape \(22, 1\), not \(22\)"),
+        ({"settings": [0.0] * 5}, "plan.settings is a list, not an array of float64"),
+        ({"settings": np.zeros(4)}, r"plan.settings has the shape \(4,\), not \(5\)"),
+    ],
+)
+def test_wrong_types_and_shapes_are_refused(plan, change, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        fly(dataclasses.replace(plan, **change), nominal_parameters())
+
+
+def test_tables_of_a_wrong_type_are_refused(plan):
+    tables = plan.vehicle.tables
+    vehicle = plan.vehicle._replace(tables=tables._replace(axis_start=tables.axis_start.astype(np.int32)))
+    with pytest.raises(ValueError, match=re.escape("plan.vehicle.tables.axis_start is an array of int32")):
+        fly(dataclasses.replace(plan, vehicle=vehicle), nominal_parameters())
+
+
+@pytest.mark.parametrize(
+    ("parameters", "sentence"),
+    [
+        (nominal_parameters()[0], "parameters has the shape"),
+        (nominal_parameters()[:, 1:], "parameters has the shape"),
+        (nominal_parameters() + 0j, "parameters are an array of complex128, not of real numbers"),
+    ],
+)
+def test_wrong_parameters_are_refused(plan, parameters, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        fly(plan, parameters)
+
+
+@pytest.fixture
+def arguments(plan):
+    return make_kernel_plan(plan, nominal_parameters(2), 1), make_memory(WIDTH), make_results(plan, 2, 1, True)
+
+
+def test_arrays_of_the_engine_itself_pass(arguments):
+    check_written(*arguments)
+
+
+def test_two_written_arrays_that_overlap_are_refused(arguments):
+    plan, memory, results = arguments
+    with pytest.raises(ValueError, match="share memory and both are written to"):
+        check_written(plan, memory, results._replace(end_tick=results.outcome))
+    both = np.zeros(3, np.int64)
+    with pytest.raises(ValueError, match="share memory and both are written to"):
+        check_written(plan, memory, results._replace(outcome=both[:2], end_tick=both[1:]))
+    check_written(plan, memory, results._replace(outcome=np.zeros(4, np.int64)[:2]))
+
+
+def test_a_written_array_that_overlaps_the_plan_is_refused(arguments):
+    plan, memory, results = arguments
+    with pytest.raises(ValueError, match=re.escape("plan.parameters shares memory with memory.high")):
+        check_written(plan, memory._replace(high=plan.parameters.reshape(-1)[3:10]), results)
+    inner = plan.vehicle.tables.data[:8]
+    trim = memory.trim._replace(value=inner)
+    with pytest.raises(ValueError, match=re.escape("shares memory with memory.trim.value")):
+        check_written(plan, memory._replace(trim=trim), results)
+
+
+def test_arrays_that_are_only_read_may_share_memory(plan, arguments):
+    _, memory, results = arguments
+    shared = dataclasses.replace(plan, trim_tables=plan.vehicle.tables)
+    check_written(make_kernel_plan(shared, nominal_parameters(2), 1), memory, results)
+
+
+@pytest.mark.parametrize("change", [misaligned, np.asfortranarray, read_only])
+def test_results_that_cannot_be_written_to_are_refused(arguments, change):
+    plan, memory, results = arguments
+    with pytest.raises(ValueError, match=re.escape("results.metrics is not an aligned, C-contiguous")):
+        check_written(plan, memory, results._replace(metrics=change(results.metrics)))
+
+
+def test_results_of_another_size_or_type_are_refused(arguments):
+    plan, memory, results = arguments
+    with pytest.raises(ValueError, match=re.escape("results.outcome has the shape")):
+        check_written(plan, memory, results._replace(outcome=results.outcome[:1]))
+    with pytest.raises(ValueError, match="an array of float64, not an array of float32"):
+        check_written(plan, memory, results._replace(history=results.history.astype(np.float64)))

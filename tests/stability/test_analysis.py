@@ -1,0 +1,70 @@
+"""Margins of flights, as a campaign asks for them."""
+
+import numpy as np
+import pytest
+from stability.systems import flight_plan, parameters, read, stability_at_trim, steady_plan
+
+from abhv_mc.flight.prepare import make_plan
+from abhv_mc.stability.analysis import margins_of_flights
+from abhv_mc.stability.rows import make_rows
+
+
+def test_the_least_margin_over_loops_and_times_counts():
+    plan, steady = flight_plan("lqr_retuned", 3.0), steady_plan("lqr_retuned")
+    each = [margins_of_flights(plan, steady, parameters(), [time]) for time in ("trim", 1.0)]
+    both = margins_of_flights(plan, steady, parameters(), ["trim", 1.0])
+    for one, other, least in zip(*each, both, strict=True):
+        if isinstance(least, list):
+            continue
+        np.testing.assert_allclose(least, np.minimum(one, other), rtol=1e-6)
+    assert both.faults == [[""], [""]]
+    np.testing.assert_allclose(each[0].gain_db, 2.44, atol=0.01)  # the throttle's
+    np.testing.assert_allclose(each[0].phase_deg, 9.4, atol=0.06)
+    np.testing.assert_allclose(each[0].delay_ms, 10.5, atol=0.06)
+    np.testing.assert_allclose(each[0].disk, 0.1408, atol=6e-5)
+
+
+def test_200_frequencies_find_what_1000_find():
+    dispersions = parameters(3, aero__lift=np.array([1.0, 0.9, 1.1]), atmosphere__density=np.array([1.0, 0.9, 1.1]))
+    for controller in ("tlc", "lqr_retuned"):
+        plan = steady_plan(controller)
+        few, many = (margins_of_flights(plan, plan, dispersions, ["trim"], count) for count in (200, 1000))
+        for name in ("gain_db", "phase_deg", "delay_ms", "disk"):
+            np.testing.assert_allclose(getattr(few, name), getattr(many, name), rtol=1e-5)
+
+
+def test_flights_without_margins_count_as_zero():
+    plan, steady = flight_plan("tlc", 3.0), steady_plan("tlc")
+    dispersions = parameters(3)
+    dispersions[1] = parameters(control__aileron_effectiveness=0.7)  # unstable
+    dispersions[2] = parameters(initial__sideslip=np.deg2rad(20.0))  # ends at once
+    found = margins_of_flights(plan, steady, dispersions, [2.0])
+    assert found.faults == [["", "unstable", "the flight has ended before 2 s"]]
+    for values in found[:4]:
+        assert values[0] > 0.0
+        np.testing.assert_array_equal(values[1:], 0.0)
+
+
+def test_a_command_behind_a_limit_counts_as_zero():
+    vehicle, mission, law = read("tlc")
+    narrow = law.model_copy(update={"limits": law.limits.model_copy(update={"angle_of_attack": (0.0, 0.05)})})
+    plan = make_plan(vehicle, mission.model_copy(update={"duration": 3.0}), narrow, "tlc")
+    found = margins_of_flights(plan, steady_plan("tlc"), parameters(), [2.0])
+    assert found.faults == [["a command stands at a limit"]]
+    np.testing.assert_array_equal(np.array(found[:4]), 0.0)
+
+
+def test_a_delay_takes_what_the_delay_margin_says():
+    plan = steady_plan("tlc")
+    found = margins_of_flights(plan, plan, parameters(3, sensor__delay=np.array([0.0, 0.08, 0.09])), ["trim"])
+    assert found.faults == [["", "", "unstable"]]  # 87 ms in all loops at once, which is what a late measurement is
+    assert found.delay_ms[1] < found.delay_ms[0]
+
+
+def test_rows_have_none_for_what_is_infinite():
+    rows = make_rows("lqr_retuned", None, stability_at_trim("lqr_retuned"))
+    assert rows[1]["loop"] == "rudder" and rows[1]["gain_margin_low_db"] is None and rows[1]["stable"] is True
+    together = rows[4]
+    assert (together.pop("controller"), together.pop("time_s"), together.pop("loop")) == ("lqr_retuned", None, "all")
+    expected = {"disk_margin": 0.1408, "disk_gain_db": 1.225, "disk_phase_deg": 8.05, "delay_margin_ms": 7.8}
+    assert together == pytest.approx(expected | {"stable": True}, rel=3e-3)

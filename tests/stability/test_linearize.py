@@ -1,0 +1,175 @@
+"""The linear model against flights of the compiled engine and against an independent simulator's numbers."""
+
+import numpy as np
+import pytest
+from stability.systems import decibels, flight_plan, linear_at_trim, parameters, stability_at_trim, steady_plan
+
+from abhv_mc.flight.fly import fly
+from abhv_mc.flight.signals import CHANNEL_INDEX
+from abhv_mc.plant import state as s
+from abhv_mc.stability import path_coordinates as path
+from abhv_mc.stability.linearize import closed_loop, linearise
+from abhv_mc.stability.points import flown_points, trim_points
+from abhv_mc.stability.probe import plant_rates, replay_law
+
+# An independent simulator: gain down and up (dB), phase (deg), delay (ms), sensitivity of each loop; None for none.
+# TLC's throttle gain rests on the slopes of guidance's own tables, which are coarser than the simulator's: 2 %.
+WORKED = {
+    "tlc": {
+        "aileron": (-1.31, 11.08, 20.7, 60.9, 6.18),
+        "rudder": (-10.08, 0.82, 10.8, 54.9, 11.23),
+        "elevator": (-28.97, 16.64, 63.8, 140.1, 1.28),
+        "equivalence_ratio": (-42.17, 30.74, 81.3, 1460.4, 1.09),
+    },
+    "lqr_retuned": {
+        "aileron": (-35.11, 5.65, 27.1, 17.7, 3.06),
+        "rudder": (None, 5.55, 24.5, 15.9, 3.18),
+        "elevator": (-58.99, 17.34, 50.9, 118.8, 1.30),
+        "equivalence_ratio": (-70.81, 2.44, 9.4, 10.5, 7.37),
+    },
+}
+
+
+@pytest.mark.parametrize("controller", ["tlc", "lqr_retuned"])
+def test_margins_are_those_of_an_independent_simulator(controller):
+    found = stability_at_trim(controller).margins
+    for i, (loop, (low, high, phase, delay, sensitivity)) in enumerate(WORKED[controller].items()):
+        own_tables = controller == "tlc" and loop == "equivalence_ratio"
+        if low is None:
+            assert found.gain_low[0, i] == 0.0
+        else:
+            np.testing.assert_allclose(decibels(found.gain_low)[0, i], low, atol=0.16 if own_tables else 0.015)
+        np.testing.assert_allclose(decibels(found.gain_high)[0, i], high, atol=0.16 if own_tables else 0.006)
+        np.testing.assert_allclose(np.rad2deg(found.phase[0, i]), phase, atol=0.1 if own_tables else 0.06)
+        np.testing.assert_allclose(1e3 * found.delay[0, i], delay, rtol=0.02 if own_tables else 0.0, atol=0.06)
+        np.testing.assert_allclose(found.sensitivity[0, i], sensitivity, atol=0.011 if own_tables else 0.006)
+
+
+@pytest.mark.parametrize(
+    ("controller", "disk", "delay", "pole"),
+    [("tlc", 0.0579, 87.0, -23.99 + 28.02j), ("lqr_retuned", 0.1408, 7.8, -1.09 + 16.3j)],
+)
+def test_all_loops_at_once_and_poles_are_those_of_an_independent_simulator(controller, disk, delay, pole):
+    found = stability_at_trim(controller)
+    assert found.stable.all()
+    np.testing.assert_allclose(found.margins.all_disk, disk, atol=6e-5)
+    np.testing.assert_allclose(1e3 * found.margins.all_delay, delay, atol=0.06)
+    nearest = found.poles[0][np.abs(found.poles[0] - pole).argmin()]
+    assert abs(nearest - pole) < 0.035
+    if controller == "tlc":
+        slow = found.poles[0][np.abs(found.poles[0]) > 0.1]
+        np.testing.assert_allclose(slow.real.max(), -0.181, atol=6e-4)
+
+
+def test_the_papers_weights_do_not_stabilise_level_flight():
+    found = stability_at_trim("lqr")
+    assert not found.stable[0] and np.isnan(found.margins.phase).all()
+    np.testing.assert_allclose(found.poles[0][0].real, 0.120, atol=6e-4)
+    np.testing.assert_allclose(abs(found.poles[0][0].imag), 2.78, atol=6e-3)
+
+
+def test_the_trim_is_at_rest_on_the_turning_earth():
+    plan, dispersions = steady_plan("tlc"), parameters(2, aero__lift=np.array([1.0, 0.95]))
+    found = trim_points(plan, dispersions)
+    assert found.faults == ["", ""]
+    p = found.points
+    states = path.make_states(p.path, p.controls, p.latitude, p.mass)
+    rates, _ = plant_rates(plan, dispersions, np.arange(2), states)
+    np.testing.assert_allclose(path.path_rates(states, rates), 0.0, atol=1e-9)
+    reference = plan.reference[0]
+    # Not the reference's own trim, whose Earth is still.
+    assert np.rad2deg(reference[8] - p.path[0, path.ALPHA]) == pytest.approx(0.033, abs=1e-3)
+    assert np.rad2deg(reference[9] - p.path[0, path.BANK]) == pytest.approx(0.64, abs=0.01)
+    assert p.path[1, path.ALPHA] > p.path[0, path.ALPHA]
+
+
+def test_a_banked_trim_turns_as_its_reference_does():
+    plan = steady_plan("tlc", np.deg2rad(46.0))
+    found = trim_points(plan, parameters())
+    assert found.faults == [""]
+    assert np.rad2deg(plan.reference[0, 9]) == pytest.approx(46.0, abs=1e-6)
+    states = path.make_states(*found.points[:4])
+    rates = path.path_rates(states, plant_rates(plan, parameters(), np.zeros(1, np.int64), states)[0])
+    assert plan.reference[0, 7] == pytest.approx(9.8 / 1400.0, rel=0.1)
+    np.testing.assert_allclose(rates[0, path.CHI], plan.reference[0, 7], atol=1e-10)
+
+
+def _differences(plan, dispersions, tick, states):
+    """What tells two flights apart, in the order of the closed loop's states."""
+    delay = round(dispersions[0, s.parameter_row("sensor.delay") - s.P] / plan.timing.tick)
+    now = states[:, tick]
+    _, memory = replay_law(plan, dispersions, states, tick)
+    actuators = now[:, [14, 17, 15, 18, 16, 19, 20, 21]]
+    old = [path.make_path(states[:, tick - age]) for age in range(1, delay + 1)]
+    everything = np.hstack([path.make_path(now), actuators, memory, *old])
+    return everything[1] - everything[0]
+
+
+@pytest.mark.parametrize(("controller", "delay"), [("tlc", 0.0), ("lqr_retuned", 0.0), ("tlc", 0.03), ("lqr", 0.02)])
+def test_a_small_disturbance_flies_as_the_linear_model_says(controller, delay):
+    plan = flight_plan(controller, 3.0)
+    # Without fuel flow: a difference of the throttle is one of the mass too, which is no state of the model.
+    common = {"sensor__delay": delay, "propulsion__specific_impulse": 1e9}
+    errors = {"bank": 2e-5, "sideslip": 1e-5, "angle_of_attack": 1e-5, "speed": 0.01}
+    dispersions = parameters(2, **common)
+    dispersions[1] = parameters(**common, **{f"initial__{name}": value for name, value in errors.items()})
+    states = fly(plan, dispersions, record_every=1, keep_states=True).states
+    before, after = (_differences(plan, dispersions, tick, states) for tick in (100, 200))
+    expected = before
+    for tick in range(100, 200, 5):  # the flight settles meanwhile, so that its linear model changes
+        found = flown_points(plan, dispersions[:1], (tick + 2) * plan.timing.tick)
+        A = closed_loop(linearise(plan, dispersions[:1], found.points), 0)
+        assert len(A) == len(expected)
+        expected = np.linalg.matrix_power(A, 5) @ expected
+    scale = np.maximum(np.abs(before), np.abs(after)) + 1e-3 * np.abs(after[4:10]).max()
+    np.testing.assert_allclose(after[:18] / scale[:18], expected[:18] / scale[:18], atol=2e-3)
+
+
+@pytest.mark.parametrize(("surface", "side"), [("aileron", "gain_low"), ("rudder", "gain_high")])
+def test_flights_begin_to_cycle_where_the_gain_margin_ends(surface, side):
+    loop = ("aileron", "rudder").index(surface)
+    neutral = getattr(stability_at_trim("tlc").margins, side)[0, loop]
+    factors = neutral * np.array([0.97, 1.03])
+    dispersions = parameters(2, initial__bank=np.deg2rad(0.2), **{f"control__{surface}_effectiveness": factors})
+    bank = fly(flight_plan("tlc", 60.0), dispersions, record_every=10).history[:, :, CHANNEL_INDEX["bank_deg"]]
+    early, late = np.ptp(bank[:, 200:400], axis=1), np.ptp(bank[:, 400:], axis=1)
+    grows = late > early
+    np.testing.assert_array_equal(grows, [surface == "aileron", surface == "rudder"])
+
+
+def test_the_memory_of_the_law_is_as_flown():
+    plan = flight_plan("tlc", 3.0)
+    flown = fly(plan, parameters(sensor__noise_seed=0.3, sensor__roll_rate_noise=1e-4), 1, keep_states=True)
+    for tick in (1, 57, 300):
+        noisy = parameters(sensor__noise_seed=0.3, sensor__roll_rate_noise=1e-4)
+        _, memory = replay_law(plan, noisy, flown.states, tick)
+        last = flown.history[0, tick - 1, [CHANNEL_INDEX[f"{name}_command_deg"] for name in path_names()]]
+        np.testing.assert_allclose(np.rad2deg(memory[0, 15:18]), last, rtol=1e-6, atol=1e-7)
+
+
+def path_names():
+    return ("aileron", "rudder", "elevator")
+
+
+def test_slopes_end_at_the_tables_nodes():
+    """Beside a node and on either side of it, the slope is the cell's, not the mean over both."""
+    plan, point = steady_plan("lqr_retuned"), trim_points(steady_plan("lqr_retuned"), parameters()).points
+    eta = np.array([1.0 - 1e-6, 1.0 + 1e-6, 1.0 - 1e-3, 1.0 + 1e-3])
+    points = point._replace(
+        **{
+            name: np.repeat(getattr(point, name), 4, axis=0)
+            for name in ("path", "controls", "latitude", "mass", "measured", "memory")
+        }
+    )
+    points.controls[:, 3] = eta
+    thrust = linearise(plan, parameters(4), points).plant_B[:, 1, 3]
+    np.testing.assert_allclose(thrust[:2], thrust[2:], rtol=1e-3)
+    assert thrust[0] / thrust[1] > 1.02
+
+
+def test_the_linear_model_is_the_same_whatever_is_linearised_beside_it():
+    plan, dispersions = steady_plan("tlc"), parameters(3, aero__drag=np.array([1.0, 1.1, 0.9]))
+    points = trim_points(plan, dispersions).points
+    together = linearise(plan, dispersions, points)
+    np.testing.assert_allclose(together.A[0], linear_at_trim("tlc").A[0], rtol=1e-7, atol=1e-9)
+    assert np.abs(together.A[1] - together.A[0]).max() > 1e-6

@@ -1,0 +1,147 @@
+"""Margins against closed forms, python-control and slycot."""
+
+import control
+import numpy as np
+import pytest
+from stability.systems import decibels, linear_at_trim, stability_at_trim
+
+from abhv_mc.stability.linearize import open_loop
+from abhv_mc.stability.margins import close, disk_gain_and_phase, find_margins
+from abhv_mc.stability.responses import loop_gains, make_loops
+from abhv_mc.stability.structured import peak_of_structured_singular_values, structured_singular_values
+
+PERIOD = 0.01
+
+
+def _margins(systems, response):
+    omega = np.tile(np.geomspace(1e-4, np.pi / PERIOD, 200), (systems, 1))
+    return find_margins(response, omega, PERIOD)
+
+
+def test_three_lags_have_the_margins_of_the_textbook():
+    # k / (s + 1)^3: phase -180 deg at sqrt 3 rad/s, where the size is k / 8; |L| = 1 at sqrt(k^(2/3) - 1).
+    gains = np.array([4.0, 2.0])
+    found = _margins(2, lambda i, w: (gains[i] / (1j * w + 1.0) ** 3)[:, None, None])
+    np.testing.assert_allclose(found.gain_high[:, 0], 8.0 / gains, rtol=1e-10)
+    np.testing.assert_allclose(found.gain_high_frequency[:, 0], np.sqrt(3.0), rtol=1e-10)
+    assert (found.gain_low[:, 0] == 0.0).all() and np.isnan(found.gain_low_frequency).all()
+    crossover = np.sqrt(gains ** (2.0 / 3.0) - 1.0)
+    phase = np.pi - 3.0 * np.arctan(crossover)
+    np.testing.assert_allclose(found.crossover[:, 0], crossover, rtol=1e-10)
+    np.testing.assert_allclose(found.phase[:, 0], phase, rtol=1e-10)
+    np.testing.assert_allclose(found.delay[:, 0], phase / crossover, rtol=1e-10)
+
+
+def test_a_conditionally_stable_loop_has_a_margin_on_each_side():
+    # k (s + 1)^2 / s^3 is stable for k > 1/2.
+    found = _margins(1, lambda i, w: (2.0 * (1j * w + 1.0) ** 2 / (1j * w) ** 3)[:, None, None])
+    np.testing.assert_allclose(found.gain_low[0, 0], 0.25, rtol=1e-10)
+    assert found.gain_high[0, 0] == np.inf
+
+
+def test_a_loop_that_is_always_below_one_has_no_phase_or_delay_margin():
+    found = _margins(1, lambda i, w: (-0.5 / (1j * w + 1.0))[:, None, None])
+    assert found.phase[0, 0] == np.inf and found.delay[0, 0] == np.inf and np.isnan(found.crossover[0, 0])
+    np.testing.assert_allclose(found.gain_high[0, 0], 2.0, rtol=1e-12)  # at zero frequency
+    np.testing.assert_allclose(found.sensitivity[0, 0], 2.0, rtol=1e-6)  # there too, which the grid comes close to
+
+
+def test_each_loop_is_cut_with_the_others_closed():
+    rng = np.random.default_rng(3)
+    L = rng.normal(size=(3, 4, 4)) + 1j * rng.normal(size=(3, 4, 4))
+    _, closed = close(L)
+    for system, matrix in enumerate(L):
+        for i in range(4):
+            others = [j for j in range(4) if j != i]
+            inner = np.linalg.solve(np.eye(3) + matrix[np.ix_(others, others)], matrix[others, i])
+            alone = matrix[i, i] - matrix[i, others] @ inner
+            np.testing.assert_allclose(closed.L[system, i], alone, rtol=1e-12)
+
+
+def test_a_delay_common_to_two_loops_counts_in_both():
+    # Two integrators that feed each other: eigenvalues (a +- b) / s of L, the fast one is the first to go.
+    a, b = 3.0, 1.0
+    found = _margins(1, lambda i, w: np.array([[a, b], [b, a]]) / (1j * w[:, None, None]))
+    np.testing.assert_allclose(found.all_delay, 0.5 * np.pi / (a + b), rtol=1e-9)
+
+
+def test_responses_are_those_of_dense_linear_algebra():
+    linear = linear_at_trim("tlc", 0.03)
+    omega = np.array([0.01, 0.5, 7.0, 90.0, 314.0])
+    found = loop_gains(make_loops(linear), np.zeros(5, np.int64), omega)
+    A, B, C = open_loop(linear, 0)
+    assert A.shape == (66, 66)  # plant and actuators, the law, three old measurements
+    for w, L in zip(omega, found, strict=True):
+        z = np.exp(1j * w * linear.period)
+        expected = C @ np.linalg.solve(z * np.eye(len(A)) - A, B)
+        np.testing.assert_allclose(L, expected, rtol=1e-8, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("controller", ["tlc", "lqr_retuned"])
+def test_single_loops_agree_with_python_control(controller):
+    linear, found = linear_at_trim(controller), stability_at_trim(controller).margins
+    for i in range(4):
+        # python-control interpolates between frequencies: they stand dense about where its answers are.
+        places = [found.gain_low_frequency[0, i], found.gain_high_frequency[0, i], found.crossover[0, i]]
+        near = [p * np.linspace(1.0 - 1e-5, 1.0 + 1e-5, 31) for p in places if np.isfinite(p) and p > 0.0]
+        omega = np.unique(np.concatenate([np.geomspace(0.01, 0.999 * np.pi / linear.period, 2000), *near]))
+        _, closed = close(loop_gains(make_loops(linear), np.zeros(omega.size, np.int64), omega))
+        data = control.FrequencyResponseData(closed.L[:, i], omega, smooth=True)
+        gains, phases, _, _, crossings, _ = control.stability_margins(data, returnall=True)
+        expected = [found.gain_high[0, i]]
+        if found.gain_low_frequency[0, i] > 0.01:
+            expected.append(found.gain_low[0, i])
+        for gain in expected:
+            np.testing.assert_allclose(gains[np.abs(np.log(gains / gain)).argmin()], gain, rtol=1e-6)
+        np.testing.assert_allclose(np.deg2rad(np.abs(phases).min()), found.phase[0, i], rtol=1e-6)
+        worst = crossings[np.abs(phases).argmin()]
+        np.testing.assert_allclose(worst, found.crossover[0, i], rtol=1e-6)
+
+
+@pytest.mark.parametrize("controller", ["tlc", "lqr_retuned"])
+def test_all_inputs_agree_with_disk_margins_of_python_control(controller):
+    linear, found = linear_at_trim(controller), stability_at_trim(controller).margins
+    peak = found.all_disk_frequency[0]
+    omega = np.sort(np.append(np.geomspace(0.9 * peak, 1.1 * peak, 20), peak))
+    A, B, C = open_loop(linear, 0)
+    loop = control.ss(A, B, C, np.zeros((4, 4)), linear.period)
+    alpha, gain, phase = control.disk_margins(loop, omega, skew=0.0)
+    np.testing.assert_allclose(found.all_disk[0], alpha, rtol=1e-4)
+    own_gain, own_phase = disk_gain_and_phase(found.all_disk)
+    np.testing.assert_allclose(decibels(own_gain)[0], gain, rtol=1e-3)
+    np.testing.assert_allclose(np.rad2deg(own_phase)[0], phase, rtol=1e-3)
+
+
+def test_structured_singular_values_are_as_tight_as_slycots():
+    from slycot import ab13md
+
+    rng = np.random.default_rng(5)
+    M = rng.normal(size=(100, 4, 4)) + 1j * rng.normal(size=(100, 4, 4))
+    M *= 10.0 ** rng.normal(size=(100, 4, 4))
+    found = structured_singular_values(M)
+    theirs = np.array([ab13md(each, np.ones(4, int), 2 * np.ones(4, int))[0] for each in M])
+    assert (found < theirs * (1.0 + 1e-4)).all()
+    radius = np.abs(np.linalg.eigvals(M)).max(axis=-1)
+    assert (found > radius * (1.0 - 1e-12)).all()
+
+
+def test_structured_singular_values_do_not_feel_units_and_know_exact_cases():
+    rng = np.random.default_rng(6)
+    M = rng.normal(size=(20, 4, 4)) + 1j * rng.normal(size=(20, 4, 4))
+    scale = 10.0 ** rng.uniform(-3.0, 3.0, size=(20, 4))
+    scaled = scale[:, :, None] * M / scale[:, None, :]
+    np.testing.assert_allclose(structured_singular_values(scaled), structured_singular_values(M), rtol=1e-6)
+    diagonal = np.array([np.diag([1.0 + 1j, 0.2, 3.0j, 0.1])])
+    np.testing.assert_allclose(structured_singular_values(diagonal), 3.0, rtol=1e-9)
+    # One row and column: mu(u v*) = sum |u_i v_i|.
+    u, v = rng.normal(size=(2, 4)) + 1j * rng.normal(size=(2, 4))
+    np.testing.assert_allclose(structured_singular_values(np.outer(u, v)[None]), np.abs(u * v).sum(), rtol=1e-8)
+
+
+def test_the_peak_over_frequency_is_the_largest_of_all():
+    rng = np.random.default_rng(7)
+    M = rng.normal(size=(5, 40, 4, 4)) + 1j * rng.normal(size=(5, 40, 4, 4))
+    each = structured_singular_values(M.reshape(-1, 4, 4)).reshape(5, 40)
+    value, at = peak_of_structured_singular_values(M)
+    np.testing.assert_allclose(value, each.max(axis=1), rtol=1e-7)
+    np.testing.assert_array_equal(at, each.argmax(axis=1))

@@ -1,0 +1,70 @@
+"""Indices from flights of any random campaign, against analytic ones and chance."""
+
+import numpy as np
+import pytest
+
+from abhv_mc.statistics.given_data import given_data_indices
+
+FLIGHTS = 1000
+
+
+def draw_inputs(seed, count=8, flights=FLIGHTS):
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, (flights, count))
+
+
+def test_a_wave_is_found():
+    """sin(6x): no rank correlation, all of the variance."""
+    for seed in range(20):
+        inputs = draw_inputs(seed, 20)
+        found = given_data_indices(inputs, np.sin(6.0 * inputs[:, [4]]))
+        assert np.flatnonzero(found.found[:, 0]).tolist() == [4]
+        assert found.first[4, 0] > 0.9
+
+
+def test_a_product_is_found_by_its_pair():
+    """x0 x2: neither has a share of its own."""
+    for seed in range(20):
+        inputs = draw_inputs(100 + seed, 20)
+        found = given_data_indices(inputs, inputs[:, [0]] * inputs[:, [2]])
+        assert np.flatnonzero(found.found[:, 0]).tolist() == [0, 2]
+        assert found.partner[0, 0] == 2 and found.partner[2, 0] == 0
+        assert found.first[[0, 2], 0].max() < 0.15 and found.total[[0, 2], 0].min() > 0.5
+
+
+def test_shares_are_the_analytic_ones():
+    """A sum of two uniforms, and one of their products: ranks of a symmetric output change shares little."""
+    inputs = draw_inputs(200, 4, 20_000)
+    found = given_data_indices(inputs, (2.0 * inputs[:, 0] + inputs[:, 1])[:, None])
+    assert found.first[:, 0] == pytest.approx([0.8, 0.2, 0.0, 0.0], abs=0.04)
+    assert found.total[:, 0] == pytest.approx(found.first[:, 0], abs=0.03)
+
+
+def test_nothing_is_named_where_nothing_drives():
+    named = 0
+    for seed in range(100):
+        noise = np.random.default_rng(300 + seed).standard_t(3, size=(400, 1))
+        named += given_data_indices(draw_inputs(600 + seed, 12, 400), noise).found.any()
+    assert named <= 5
+
+
+@pytest.mark.parametrize("together", [0.5, 0.9])
+def test_an_idle_partner_of_a_driver_moves_with_it(together):
+    named = marked = 0
+    for seed in range(25):
+        normal = np.random.default_rng(900 + seed).normal(size=(FLIGHTS, 6))
+        normal[:, 1] = together * normal[:, 0] + np.sqrt(1.0 - together**2) * normal[:, 1]
+        found = given_data_indices(normal, np.sin(3.0 * normal[:, [0]]) + normal[:, [3]])
+        assert found.found[[0, 3], 0].all()
+        named += found.found[[1, 2, 4, 5], 0].any()
+        marked += found.moves_with[1, 0] == 0
+    assert named <= 2 and marked == 25
+
+
+def test_lost_flights_are_the_worst_and_constants_are_left_out():
+    inputs = draw_inputs(1000, 3)
+    inputs[:, 2] = 1.0
+    output = np.column_stack([np.where(inputs[:, 0] > 0.5, np.inf, inputs[:, 1]), np.ones(FLIGHTS)])
+    found = given_data_indices(inputs, output)
+    assert found.found[:, 0].tolist() == [True, True, False]
+    assert np.isnan(found.first[:, 1]).all() and not found.found[:, 1].any()
+    assert given_data_indices(inputs[:100], output[:100]) is None

@@ -1,0 +1,89 @@
+"""Intervals are closed only where they cover; the tails of few flights stay open."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from abhv_mc.statistics.estimates import quantile, quantiles
+from abhv_mc.statistics.quantile_pairs import quantile_difference, quantile_differences
+
+LEVELS = (0.5, 0.95, 0.9973)
+CAMPAIGNS = 300
+LAWS = {
+    "normal": stats.norm.ppf,
+    "t3": stats.t(3).ppf,
+    "lognormal": stats.lognorm(1.0).ppf,
+    "discrete": lambda p: np.floor(2.0 * stats.lognorm(1.0).ppf(p)),
+}
+FEWEST = 0.93 * CAMPAIGNS
+
+
+def draw_pairs(law, size, together, seed):
+    """Values [controller, campaign, pair] whose normal scores are correlated."""
+    normal = np.random.default_rng(seed).standard_normal((2, CAMPAIGNS, size))
+    normal[1] = together * normal[0] + np.sqrt(1.0 - together**2) * normal[1]
+    return LAWS[law](stats.norm.cdf(normal))
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("size", [30, 100, 1000])
+def test_quantiles_are_covered(law, size):
+    values = draw_pairs(law, size, 0.0, 51)[0]
+    found = [quantiles(row, LEVELS) for row in values]
+    for column, level in enumerate(LEVELS):
+        wanted = float(LAWS[law](level))
+        intervals = [row[column] for row in found]
+        assert sum(i.low <= wanted <= i.high for i in intervals) >= FEWEST
+        if size * (1.0 - level) < 3.0:
+            assert all(np.isinf(i.high) for i in intervals)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("size", [30, 100, 1000])
+@pytest.mark.parametrize(("together", "scale"), [(0.0, 1.0), (0.8, 3.0)])
+def test_differences_of_quantiles_are_covered(law, size, together, scale):
+    a, b = draw_pairs(law, size, together, 52)
+    b = scale * b
+    found = [quantile_differences(one, other, LEVELS) for one, other in zip(a, b, strict=True)]
+    for column, level in enumerate(LEVELS):
+        wanted = float(LAWS[law](level)) * (1.0 - scale)
+        intervals = [row[column] for row in found]
+        assert sum(i.low <= wanted <= i.high for i in intervals) >= FEWEST, level
+        closed = sum(np.isfinite(i.low) and np.isfinite(i.high) for i in intervals)
+        assert closed == (0 if size * (1.0 - level) < 3.0 else CAMPAIGNS)
+
+
+def test_against_a_constant_it_is_the_interval_of_one_quantile():
+    values = np.random.default_rng(53).normal(size=2000)
+    for level in (0.1, 0.5, 0.95):
+        one, other = quantile(values, level), quantile_difference(values, np.zeros(2000), level)
+        ranks = [[int(np.sum(values <= end)) for end in (i.low, i.high)] for i in (one, other)]
+        assert np.abs(np.diff(ranks, axis=0)).max() <= 3
+        assert other.value == pytest.approx(one.value)
+
+
+def test_pairing_narrows_the_interval():
+    draw = np.random.default_rng(6)
+    common = draw.normal(0.0, 10.0, 400)
+    a, b = common + draw.normal(size=400), common + draw.normal(size=400)
+    paired, apart = quantile_difference(a, b, 0.5), quantile_difference(a, draw.permutation(b), 0.5)
+    assert paired.high - paired.low < 0.5 * (apart.high - apart.low)
+
+
+def test_the_same_flights_give_the_same_interval():
+    a, b = np.random.default_rng(4).normal(size=(2, 200))
+    assert quantile_difference(a, b, 0.95) == quantile_difference(a, b, 0.95)
+
+
+def test_lost_flights_are_the_worst():
+    values = np.where(np.arange(100) < 20, np.inf, np.arange(100.0))
+    median, high = quantile_differences(values, values[::-1], (0.5, 0.95))
+    assert np.isfinite([median.value, median.low, median.high]).all()
+    assert np.isnan([high.value, high.low, high.high]).all()
+    worse = quantile_difference(values, np.arange(100.0), 0.9)
+    assert worse.value == worse.low == worse.high == np.inf
+
+
+def test_pairs_are_pairs():
+    with pytest.raises(ValueError, match="pairs"):
+        quantile_difference(np.zeros(3), np.zeros(4), 0.5)

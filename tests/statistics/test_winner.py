@@ -1,0 +1,90 @@
+"""A winner is named where there is one, and hardly ever where there is none."""
+
+import numpy as np
+import pytest
+
+from abhv_mc.statistics.winner import decide
+
+NONE = np.zeros(1000, dtype=bool)
+
+
+def lose(values, lost):
+    return np.where(lost, np.inf, values)
+
+
+def test_no_winner_in_nine_pairs_without_any_difference():
+    """Three rivals in three metrics, the same flights: 29 to 34 % named one somewhere."""
+    draw = np.random.default_rng(61)
+    campaigns, pairs, named, naive = 1000, 200, 0, 0
+    lost = np.zeros(pairs, dtype=bool)
+    for _ in range(campaigns):
+        flight, first = draw.lognormal(size=(2, 3, pairs))
+        rivals = draw.lognormal(size=(3, 3, pairs)) * flight
+        first = first * flight
+        pieces = [(first[m], rival[m]) for rival in rivals for m in range(3)]
+        named += any(decide(a, b, lost, lost, len(pieces)).winner for a, b in pieces)
+        naive += any(decide(a, b, lost, lost, 1).closer for a, b in pieces)
+    assert named <= 0.05 * campaigns
+    assert naive > 0.2 * campaigns
+
+
+def test_nor_with_heavy_tails_ties_and_lost_flights():
+    draw = np.random.default_rng(62)
+    campaigns, pairs, named = 500, 150, 0
+    for _ in range(campaigns):
+        values = np.round(draw.standard_t(3, size=(4, 3, pairs)))
+        lost = draw.random((4, pairs)) < 0.1
+        named += any(
+            decide(lose(values[0, m], lost[0]), lose(values[r, m], lost[r]), lost[0], lost[r], 9).winner
+            for r in (1, 2, 3)
+            for m in range(3)
+        )
+    assert named <= 0.05 * campaigns
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_the_closer_one_wins(swapped):
+    draw = np.random.default_rng(63)
+    common = draw.normal(10.0, 3.0, 1000)
+    a, b = common, common + 0.5 + draw.normal(0.0, 0.1, 1000)
+    found = decide(b, a, NONE, NONE, 9) if swapped else decide(a, b, NONE, NONE, 9)
+    assert found.closer == found.winner == ("b" if swapped else "a")
+    assert found.uncompared == (0.9973,)  # 1000 flights say nothing about it
+    assert found.worse == () and not found.loses_more
+
+
+def test_who_loses_two_hundred_flights_more_does_not_win():
+    draw = np.random.default_rng(64)
+    lost = np.arange(1000) < 200
+    a, b = draw.normal(1.0, 0.1, 1000), draw.normal(2.0, 0.1, 1000)
+    found = decide(lose(a, lost), b, lost, NONE, 9)
+    assert (found.closer, found.winner, found.loses_more) == ("a", "", True)
+    assert 0.95 in found.worse
+    mirrored = decide(b, lose(a, lost), NONE, lost, 9)
+    assert (mirrored.closer, mirrored.winner) == ("b", "")
+
+
+@pytest.mark.parametrize("size", [1000, 5000])
+def test_who_is_many_times_worse_in_two_per_cent_does_not_win(size):
+    draw = np.random.default_rng(65)
+    b = draw.normal(1.0, 0.1, size)
+    a = np.where(np.arange(size) < 0.02 * size, 6.7 * b, 0.9 * b)
+    found = decide(a, b, np.zeros(size, dtype=bool), np.zeros(size, dtype=bool), 9)
+    assert (found.closer, found.winner) == ("a", "")
+    assert all(level > 0.98 for level in found.worse) and found.worse
+
+
+def test_closer_on_more_flights_but_larger_in_the_median_is_not_closer():
+    flight = np.arange(500)
+    a = np.where(flight < 200, 0.9, 1.5)
+    b = np.where(flight >= 400, np.inf, 1.0)
+    assert decide(a, b, NONE[:500], flight >= 400, 1).closer == ""
+
+
+def test_ties_count_as_half():
+    a, b = np.zeros(100), np.zeros(100)
+    a[:10] = -1.0
+    found = decide(a, b, NONE[:100], NONE[:100], 1)
+    assert found.share.value == 0.55 and found.closer == ""
+    with pytest.raises(ValueError, match="comparisons"):
+        decide(a, b, NONE[:100], NONE[:100], 0)

@@ -1,0 +1,29 @@
+"""The lock of a folder: who holds it, and file systems that know no locks."""
+
+import errno
+import fcntl
+
+import pytest
+
+from abhv_mc.io.input_error import InputError
+from abhv_mc.store.lock import hold_lock, lock_holder
+
+
+def test_the_holder_is_named(tmp_path):
+    with hold_lock(tmp_path / ".lock"):
+        assert "process" in lock_holder(tmp_path / ".lock")
+        with pytest.raises(InputError, match=r"process .* is flying"), hold_lock(tmp_path / ".lock"):
+            pass
+    assert lock_holder(tmp_path / ".lock") is None
+
+
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP])
+def test_a_file_system_without_locks_is_named_as_such(tmp_path, monkeypatch, number):
+    def refuse(*_):
+        raise OSError(number, "no locks")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with pytest.raises(InputError, match="file system without locks") as refused, hold_lock(tmp_path / ".lock"):
+        pass
+    assert "-o DIR" in str(refused.value)
+    assert lock_holder(tmp_path / ".lock") is None
