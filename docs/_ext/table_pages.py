@@ -41,8 +41,8 @@ def _metrics() -> str:
     return f"""# Metrics
 
 One column of `flights/*.parquet` each; a requirement, `keep.histories.by` and the report name them so. They are taken
-at every control tick, from the start to the end of the flight. A flight that ends early has its metrics up to that moment,
-its outcome says why, and every statistic and verdict counts it as a failure unless the requirement says
+at every control tick, from the start to the end of the flight. A flight that ends early has its metrics up to that
+moment, its outcome says why, and every statistic and verdict counts it as a failure unless the requirement says
 `ended_early: as_measured`. Errors of angle of attack and bank are against the controller's own command.
 
 {table(("name", "unit", "meaning", "statistic"), rows)}"""
@@ -64,9 +64,9 @@ The mission's reference, in `reference.parquet`, the same for every flight of a 
 def _parameters() -> str:
     parts = [
         "# Parameters\n",
-        "What a campaign may disperse, under `dispersions:`. A factor multiplies (nominal 1); an error is added, in its unit",
-        "(nominal 0). Nominal values leave the flight unchanged to the last bit. The plant is dispersed; controllers see",
-        "the nominal model only. `abhv-mc parameters` prints this table.\n",
+        "What a campaign may disperse, under `dispersions:`. A factor multiplies (nominal 1); an error is added, in its",
+        "unit (nominal 0). Nominal values leave the flight unchanged to the last bit. The plant is dispersed;",
+        "controllers see the nominal model only. `abhv-mc parameters` prints this table.\n",
     ]
     groups: dict[str, list[tuple[str, ...]]] = {}
     for parameter in PARAMETERS:
