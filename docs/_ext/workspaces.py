@@ -18,7 +18,7 @@ def prepare(app) -> None:
     """Folders with what the pages begin from."""
     source = Path(app.srcdir)
     work = source / "_build" / "work"
-    for folder in (work.iterdir() if work.is_dir() else ()):
+    for folder in work.iterdir() if work.is_dir() else ():
         if folder.name != "study":
             rmtree(folder)
     write_new_campaign(work / "first-campaign" / "shown")

@@ -19,6 +19,7 @@ from abhv_mc.cli.signals import heed_signals, ignore_signals
 _COMMANDS = {
     "Start": ("new", "validate", "schema"),
     "Fly": ("run", "merge", "fly", "replay"),
+    "Search": ("worst", "rare", "tune"),
     "Look": (
         "report",
         "compare",

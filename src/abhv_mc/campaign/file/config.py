@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from abhv_mc.campaign.file.tuning import Tune
 from abhv_mc.campaign.sampling.designs import DESIGNS
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
 from abhv_mc.flight.signals import CHANNEL_INDEX
@@ -256,5 +257,8 @@ class Campaign(StrictModel):
     stop: Annotated[
         Stop | None, BeforeValidator(_stop, json_schema_input_type=Literal["when proven"] | Stop | None)
     ] = Field(None, description="'when proven' ends the campaign once every requirement has a verdict")
+    tune: Tune | None = Field(
+        None, description="what `abhv-mc tune` varies and wants; no flight of the campaign depends on it"
+    )
     keep: Keep = Field(Keep(), description="what is written besides the metrics of every flight")
     execution: Execution = Field(Execution(), description="how it is flown; no result depends on it")

@@ -55,9 +55,9 @@ def make_schema(kind: str) -> Schema:
     made = MODELS[kind].model_json_schema(schema_generator=_Generator)
     if kind == "campaign":
         parts = made["$defs"]
-        metrics = {"enum": list(METRIC_INDEX)}
-        parts["Requirement"]["properties"]["metric"] |= metrics
-        parts["KeepHistories"]["properties"]["by"] |= metrics
+        for part in parts.values():
+            for key in {"metric", "by"} & set(part.get("properties", ())):
+                part["properties"][key] |= {"enum": list(METRIC_INDEX)}
         names = [parameter.name for parameter in PARAMETERS if "." in parameter.name]
         made["properties"]["dispersions"]["propertyNames"] = {"enum": names}
         parts["Correlation"]["properties"]["between"]["prefixItems"] = [{"type": "string", "enum": names}] * 2

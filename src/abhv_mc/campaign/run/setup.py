@@ -174,6 +174,8 @@ def _resume(
 ) -> OpenCampaign:
     """Go on with a folder that holds the same campaign, perhaps with fewer flights or controllers."""
     manifest = read_manifest(folder.manifest)
+    if "search" in manifest:
+        raise InputError(folder.root, None, None, "a folder that holds a search's flights", "another folder (-o DIR)")
     held_shard = manifest.get("shard")
     if held_shard != (list(shard) if shard else None):
         words = "the whole campaign" if held_shard is None else f"shard {held_shard[0]}/{held_shard[1]}"

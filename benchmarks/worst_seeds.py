@@ -1,0 +1,77 @@
+"""How `abhv-mc worst` compares with as many random flights in the same box, seed by seed, and how fast it flies.
+
+    python benchmarks/worst_seeds.py [--campaign FILE] [--metric NAME] [--controller NAME] [--seeds 20] [--flights 2000]
+
+One line for each seed: the worst value of the search and of the random flights (those that `worst` flies for its page).
+The last line counts the seeds in which the search is not below, and gives the flights a second of the search over those
+of plain blocks of 128 flights on the same executor, medians over the seeds.
+"""
+
+import argparse
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+from abhv_mc.campaign.run.setup import make_engine
+from abhv_mc.campaign.sampling.samples import spread_parameters
+from abhv_mc.campaign.search.flights import SearchFlights, SearchRequest, open_search
+from abhv_mc.campaign.search.severity import Severity
+from abhv_mc.search.worst import search_worst
+
+ROOT = Path(__file__).resolve().parents[1]
+BLOCK = 128
+PLAIN = 2048
+
+
+def fly_plain(search: SearchFlights, values: np.ndarray) -> float:
+    """Flights a second of blocks without a search."""
+    rows = spread_parameters(search.space.columns, search.space.complete(values, search.seed, None))
+    start = time.monotonic()
+    with ThreadPoolExecutor(search.executor.workers) as threads:
+        list(threads.map(lambda i: search.executor.fly(search.plan, rows[i : i + BLOCK], None), range(0, PLAIN, BLOCK)))
+    return PLAIN / (time.monotonic() - start)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--campaign", type=Path, default=ROOT / "campaigns/s_manoeuvre.yaml")
+    parser.add_argument("--metric", default="altitude_error_max_m")
+    parser.add_argument("--controller", default=None)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--flights", type=int, default=2000)
+    parser.add_argument("--box", type=float, default=3.0)
+    arguments = parser.parse_args()
+    held, ratios = 0, []
+    with tempfile.TemporaryDirectory() as folder:
+        request = SearchRequest(arguments.campaign, Path(folder) / "search", arguments.controller)
+        with open_search(request, {"kind": "benchmark"}, 1, make_engine()) as search:
+            search.progress = None
+            space = search.space
+            bounds = space.bounds(arguments.box)
+            severity = Severity(arguments.metric, 1.0, search.plan.timing.duration)
+
+            def evaluate(points: np.ndarray) -> np.ndarray:
+                return severity.of(search.fly(space.from_box(points, bounds), common_seed=True))
+
+            search.fly(space.draw_in_box(bounds, 0, 256), common_seed=True)  # the workers compile or load
+            for seed in range(arguments.seeds):
+                plain = fly_plain(search, space.draw_in_box(bounds, seed + 1000, PLAIN))
+                start = time.monotonic()
+                found = search_worst(evaluate, len(space.names), arguments.flights, seed)
+                ratios.append(len(found.values) / (time.monotonic() - start) / plain)
+                values = space.draw_in_box(bounds, seed, arguments.flights)
+                random = max(
+                    float(severity.of(search.fly(values[i : i + 256], common_seed=True)).max())
+                    for i in range(0, len(values), 256)
+                )
+                held += found.value >= random
+                print(f"seed {seed}: search {found.value:.6g}, random {random:.6g}", flush=True)
+    print(f"not below in {held} of {arguments.seeds} seeds; {median(ratios):.2f} times the plain flights a second")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+"""The block ``tune`` of a campaign: which numbers of a controller's file are free, for what, within what."""
+
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from abhv_mc.io.documents import Refusal, StrictModel
+
+Quantile = Annotated[float, Field(gt=0.0, lt=1.0)]
+_METRIC = "the metric"
+_QUANTILE = "its quantile over the flights"
+
+
+class Free(StrictModel):
+    """A number of the controller's file that is varied by a factor either way; in the file, its key alone will do."""
+
+    key: str = Field(description="place in the controller's file, such as velocity.speed.bandwidth")
+    factor: Annotated[float, Field(gt=1.0, le=1e4)] = Field(3.0, description="by which it may grow or shrink")
+
+
+class Aim(StrictModel):
+    """A quantile of a metric over the flights; a flight that ended early counts as the worst."""
+
+    metric: str = Field(description=_METRIC)
+    quantile: Quantile = Field(0.95, description=_QUANTILE)
+
+
+class Limit(StrictModel):
+    """A bound on a quantile of a metric, as a number in its unit or as so many times what the start has."""
+
+    metric: str = Field(description=_METRIC)
+    quantile: Quantile = Field(0.95, description=_QUANTILE)
+    below: float | None = Field(None, description="what it must be below, in the metric's unit")
+    above: float | None = Field(None, description="what it must be above, in the metric's unit")
+    below_start_times: Annotated[float, Field(gt=0.0)] | None = Field(
+        None, description="what it must be below, in parts of what the controller has at the start"
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> "Limit":
+        given = [key for key in ("below", "above", "below_start_times") if getattr(self, key) is not None]
+        if len(given) != 1:
+            raise Refusal(" and ".join(given) or "none of them", "one of below, above, below_start_times")
+        return self
+
+
+def _free(value: Any) -> Any:
+    return (
+        [{"key": entry} if isinstance(entry, str) else entry for entry in value] if isinstance(value, list) else value
+    )
+
+
+class Tune(StrictModel):
+    """What is tuned, for what, within what."""
+
+    free: Annotated[
+        tuple[Free, ...],
+        Field(min_length=1),
+        BeforeValidator(_free, json_schema_input_type=list[str | Free]),
+    ] = Field(description="numbers that are varied")
+    minimise: Aim = Field(description="what is made small")
+    limits: tuple[Limit, ...] = Field((), description="what has to hold meanwhile")
+    usage: Aim = Field(
+        Aim(metric="elevator_travel_deg", quantile=0.5), description="what the front trades the error against"
+    )
+    flights: Annotated[int, Field(ge=32, le=100_000)] = Field(
+        64, description="flights of each candidate, the same for all"
+    )
+    candidates: Annotated[int, Field(ge=17, le=100_000)] = Field(320, description="sets of numbers that are tried")
+    validation: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
+        1000, description="fresh flights of the result and of the start"
+    )

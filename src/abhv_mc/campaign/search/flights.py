@@ -1,0 +1,259 @@
+"""A search's folder: the shape of a campaign's, with one block of flights for each batch that the search asked for.
+
+The algorithms are functions of their seeds and of the values that they are given. So a search is resumed by running it
+again: batches whose flights are stored are answered from their blocks, the others are flown. `abhv-mc replay`, `query`
+and `export` read the folder like any campaign's.
+"""
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.file.resolve import resolve_campaign
+from abhv_mc.campaign.run.cluster import connect_cluster
+from abhv_mc.campaign.run.executor import Executor, open_executor
+from abhv_mc.campaign.run.progress import Progress
+from abhv_mc.campaign.run.setup import Engine, check_source
+from abhv_mc.campaign.run.trial_flights import fly_trials
+from abhv_mc.campaign.sampling.samples import spread_parameters
+from abhv_mc.campaign.search.severity import not_computed
+from abhv_mc.campaign.search.space import Space, make_space
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.search.evaluation import LANES, Floats, round_up
+from abhv_mc.store.flights import DamagedFileError, FlightRows, block_path, flights_schema, read_block, write_block
+from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.lock import hold_lock
+from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, read_manifest, write_manifest
+from abhv_mc.store.plans import read_plan, write_plan
+from abhv_mc.store.provenance import find_commit, find_machine, find_versions
+from abhv_mc.store.samples import write_samples
+
+DRAWN = 3  # flights whose histories a page shows
+_DRAWN_STEP = 0.1  # s
+_MOST_ABREAST = 128  # flights of one call
+
+
+@dataclass(frozen=True)
+class SearchRequest:
+    """What every search is asked for."""
+
+    campaign: Path
+    out: Path
+    controller: str | None = None  # the campaign's first by default
+    seed: int | None = None  # the campaign's by default
+    workers: int | None = None
+    scheduler: str | None = None
+    fresh: bool = False
+
+
+def read_searched(request: SearchRequest) -> tuple[CheckedCampaign, str]:
+    """The campaign and the controller that is searched. Raises InputError."""
+    campaign = read_campaign(request.campaign, None, request.seed)
+    controllers = campaign.model.controllers
+    name = request.controller or next(iter(controllers))
+    if name not in controllers:
+        raise campaign.document.error(("controllers",), f"no controller '{name}'", one_of(controllers, name))
+    return campaign, name
+
+
+@dataclass(frozen=True)
+class DrawnFlights:
+    """Histories of some flights, after the nominal one."""
+
+    numbers: tuple[int, ...]
+    times: Floats  # [time] s
+    history: NDArray[np.float32]  # [1 + flight, time, channel] in the order of CHANNELS; NaN after the end
+
+
+class SearchFlights:
+    """Flies the points of one search, or remembers them; made by :func:`open_search`."""
+
+    def __init__(self, folder: CampaignFolder, campaign: CheckedCampaign, plan: FlightPlan, executor: Executor) -> None:
+        self.folder, self.campaign, self.plan, self.executor = folder, campaign, plan, executor
+        self.space: Space = make_space(campaign)
+        self.seed = campaign.model.seed
+        self.manifest = read_manifest(folder.manifest)
+        provenance = {"seed": str(self.seed), "campaign_hash": self.manifest["campaign_hash"]}
+        self.schema = flights_schema(self.space.columns, provenance)
+        self.blocks: list[FlightRows] = []
+        self.remembered = 0  # flights that were stored already
+        self.progress: Progress | None = None
+
+    @property
+    def flown(self) -> int:
+        """Flights so far, those of earlier runs among them."""
+        return self.blocks[-1].stop if self.blocks else 0
+
+    @property
+    def failed_to_run(self) -> int:
+        """Flights that the machine could not compute."""
+        return sum(int(not_computed(rows).sum()) for rows in self.blocks)
+
+    def rows(self) -> FlightRows:
+        """All flights so far."""
+        names = self.space.columns
+        samples = np.concatenate([block.samples for block in self.blocks])
+        outcome = tuple(code for block in self.blocks for code in block.outcome)
+        return FlightRows(
+            self.plan.controller, 0, names, samples, outcome, np.concatenate([block.values for block in self.blocks])
+        )
+
+    def fly(self, values: Floats, common_seed: bool) -> FlightRows:
+        """The flights of parameter values ``[flight, dimension]``; seeds are one for all, or each flight's own."""
+        first = self.flown
+        samples = self.space.complete(values, self.seed, None if common_seed else first)
+        rows = self._remember(first, samples)
+        if rows is None:
+            rows = self._fly(first, samples)
+            write_block(self.folder.flights, rows, self.schema)
+        else:
+            self.remembered += len(samples)
+        self.blocks.append(rows)
+        if self.progress is not None:
+            self.progress.add(len(samples))
+        return rows
+
+    def _remember(self, first: int, samples: Floats) -> FlightRows | None:
+        """The stored block of exactly these samples; None where there is none, or the machine failed on some of it."""
+        path = block_path(self.folder.flights, self.plan.controller, first, first + len(samples))
+        with contextlib.suppress(DamagedFileError):
+            if path.exists():
+                rows = read_block(path, self.space.columns)
+                if np.array_equal(rows.samples, samples) and not not_computed(rows).any():
+                    return rows
+        return None
+
+    def _fly(self, first: int, samples: Floats) -> FlightRows:
+        parameters = spread_parameters(self.space.columns, samples)
+        share = min(_MOST_ABREAST, round_up(-(-len(samples) // self.executor.workers), LANES))
+        pieces = [parameters[start : start + share] for start in range(0, len(samples), share)]
+        with ThreadPoolExecutor(self.executor.workers) as threads:
+            blocks = list(threads.map(lambda piece: self.executor.fly(self.plan, piece, None), pieces))
+        outcome = tuple(Outcome(code).code for block in blocks for code in block.outcome)
+        values = np.concatenate([np.column_stack([block.metrics, block.end_time]) for block in blocks])
+        return FlightRows(self.plan.controller, first, self.space.columns, samples, outcome, values)
+
+    def draw(self, numbers: Sequence[int]) -> DrawnFlights:
+        """Fly the nominal flight and these again, with their histories."""
+        rows = self.rows()
+        nominal = spread_parameters((), np.empty((1, 0)))
+        worst = spread_parameters(rows.names, rows.samples[list(numbers)])
+        every = max(1, round(_DRAWN_STEP / self.plan.timing.tick))
+        block = self.executor.fly(self.plan, np.concatenate([nominal, worst]), every)
+        return DrawnFlights(tuple(numbers), block.times, block.history)
+
+    def finish(self, result: dict[str, Any]) -> None:
+        """Drop blocks that belong to no batch, write what all flights are, and the result into the manifest."""
+        names = {
+            block_path(self.folder.flights, block.controller, block.first, block.stop).name for block in self.blocks
+        }
+        for path in self.folder.flights.glob("*.parquet"):
+            if path.name not in names:
+                path.unlink()
+        rows = self.rows()
+        provenance = {"seed": str(self.seed), "design": self.manifest["search"]["kind"]}
+        write_samples(
+            self.folder.samples, rows.names, rows.stop, lambda first, stop: rows.samples[first:stop], provenance
+        )
+        outcomes, counts = np.unique(np.array(rows.outcome), return_counts=True)
+        self._write(
+            COMPLETE,
+            runs_planned=rows.stop,
+            runs_done=rows.stop - self.failed_to_run,
+            runs_failed=self.failed_to_run,
+            controllers={
+                self.plan.controller: {
+                    "flights_done": rows.stop,
+                    "outcomes": dict(zip(outcomes.tolist(), counts.tolist(), strict=True)),
+                }
+            },
+            digest=str(rows.digest()),
+            result=result,
+        )
+
+    def _write(self, state: str, **entries: Any) -> None:
+        self.manifest |= {"state": state, **entries}
+        write_manifest(self.folder.manifest, self.manifest)
+
+
+@contextlib.contextmanager
+def open_search(
+    request: SearchRequest, settings: dict[str, Any], flights: int, engine: Engine
+) -> Iterator[SearchFlights]:
+    """The folder of a search, locked, and its executor; ``settings`` are what the search's result depends on.
+
+    Raises InputError before anything is written where something is wrong, or the folder holds anything else than the
+    beginning of the same search.
+    """
+    with ExitStack() as stack:
+        folder = CampaignFolder(request.out)
+        campaign, name = read_searched(request)
+        make_space(campaign)
+        started = folder.manifest.exists()
+        unknown = [] if started else folder.unknown_files()
+        if unknown:
+            found = f"a folder with '{unknown[0].name}', which no search wrote"
+            raise InputError(folder.root, None, None, found, "an empty folder or this search's")
+        resolved = resolve_campaign(campaign)
+        settings = {**settings, "controller": name}
+        if started:
+            stack.enter_context(hold_lock(folder.lock))
+        if started and not request.fresh:
+            _check_same(folder, settings, resolved.identity, engine)
+            plan = read_plan(folder.plan(name))
+        else:
+            model = campaign.model
+            plan = engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
+            fly_trials(campaign, {name: plan}, engine.fly, plan.timing.ticks)
+            if not started:
+                stack.enter_context(hold_lock(folder.lock))
+            folder.clear()
+            resolved.write(folder)
+            write_plan(folder.plan(name), plan)
+            manifest = {
+                "name": campaign.model.name,
+                "state": RUNNING,
+                "search": settings,
+                "campaign_hash": resolved.identity,
+                "inputs": resolved.hashes,
+                "seed": campaign.model.seed,
+                "source_hash": engine.source,
+                "versions": find_versions(),
+                "commit": find_commit(),
+                "machine": find_machine() | {"device": engine.device},
+            }
+            write_manifest(folder.manifest, manifest)
+        cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
+        executor = stack.enter_context(open_executor(engine, campaign.model.execution, request.workers, cluster))
+        search = SearchFlights(folder, campaign, plan, executor)
+        with Progress("flights", flights) as search.progress:
+            try:
+                yield search
+            except KeyboardInterrupt:
+                search._write(INTERRUPTED)
+                raise
+
+
+def _check_same(folder: CampaignFolder, settings: dict[str, Any], identity: str, engine: Engine) -> None:
+    """Raise InputError where the folder does not hold the beginning of the same search."""
+    manifest = read_manifest(folder.manifest)
+    held = manifest.get("search")
+    wish = "the same search, another folder (-o DIR), or --fresh to delete what was flown"
+    if not isinstance(held, dict):
+        raise InputError(folder.root, None, None, "a folder that holds a campaign's flights", wish)
+    if manifest.get("campaign_hash") != identity:
+        raise InputError(folder.root, None, None, "a folder that holds a search of another campaign", wish)
+    changes = [f"{key}: {held.get(key)} -> {value}" for key, value in settings.items() if held.get(key) != value]
+    if changes:
+        raise InputError(folder.root, None, None, "a folder that holds another search: " + ", ".join(changes), wish)
+    check_source(folder, manifest, engine)

@@ -1,0 +1,142 @@
+"""``abhv-mc rare``: the probability that a flight breaks a requirement, where plain sampling would see no failure."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.config import Requirement
+from abhv_mc.campaign.run.setup import Engine, make_engine
+from abhv_mc.campaign.search.flights import DRAWN, DrawnFlights, SearchRequest, open_search, read_searched
+from abhv_mc.campaign.search.severity import Severity, ended_early, rank_distinct
+from abhv_mc.campaign.search.space import make_space
+from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.search.evaluation import Floats
+from abhv_mc.search.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains, estimate_rare
+from abhv_mc.search.subset import SubsetPlan
+from abhv_mc.store.flights import FlightRows
+
+_LIMIT = -float(np.finfo(np.float64).tiny)  # a severity of zero, a metric just at its limit, fails
+
+
+@dataclass(frozen=True)
+class RareSettings:
+    """What is estimated, and how well."""
+
+    requirement: str  # the metric of one of the campaign's requirements
+    target_cov: float = 0.2
+    flights: int = 20_000
+
+
+@dataclass(frozen=True)
+class RareFound:
+    """An estimate and the flights that it comes from."""
+
+    settings: RareSettings
+    controller: str
+    requirement: Requirement
+    limit: float  # of the requirement, in its metric's unit
+    estimate: RareEstimate
+    names: tuple[str, ...]
+    flights: FlightRows
+    severities: Floats  # [flight]: above the limit, in the metric's unit
+    failed_to_run: int
+    drawn: DrawnFlights
+
+    @property
+    def failures(self) -> int:
+        """How many of the flights fail."""
+        return int((self.severities > _LIMIT).sum())
+
+    def numbers(self) -> dict[str, Any]:
+        """The result as JSON holds it."""
+        found = self.estimate
+        refused = found.refusal is not None
+        check = found.check
+        return {
+            "requirement": self.settings.requirement,
+            "below" if self.requirement.below is not None else "above": self.limit,
+            "controller": self.controller,
+            "probability": None if refused else found.probability,
+            "low": None if refused else found.low,
+            "high": None if refused else found.high,
+            "confidence": CONFIDENCE,
+            "flights": found.flights,
+            "cov": None if refused else found.cov,
+            "levels": [
+                {
+                    "repetition": one.number,
+                    "limit": level.threshold,
+                    "probability": level.probability,
+                    "cov": level.cov,
+                    "acceptance": level.acceptance,
+                }
+                for one in found.repetitions
+                for level in one.levels
+            ],
+            "repetitions": [one.probability for one in found.repetitions],
+            "importance_sampling": None
+            if check is None or not check.usable
+            else {"probability": check.probability, "cov": check.cov, "flights": check.flights},
+            "refusal": found.refusal,
+            "ended_early": int(ended_early(self.flights).sum()),
+            "failed_to_run": self.failed_to_run,
+            "failures": self.failures,
+            "worst_flights": rank_distinct(self.severities, self.flights.samples, 20),
+        }
+
+
+def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | None = None) -> RareFound:
+    """Estimate P(failure) of one requirement. Raises InputError for a request that is wrong."""
+    campaign, controller = read_searched(request)
+    requirement, limit = _find_requirement(campaign, controller, settings.requirement)
+    space = make_space(campaign)
+    chains = choose_chains(settings.flights)
+    least = FEWEST * SubsetPlan(1, 0.0, 0, chains).size
+    if settings.flights < least:
+        raise InputError("--flights", None, None, f"{settings.flights}", f"at least {least}")
+    sign = 1.0 if requirement.below is not None else -1.0
+    early = requirement.ended_early == "failure"
+    with open_search(request, {"kind": "rare", **vars(settings)}, settings.flights, engine or make_engine()) as search:
+        severity = Severity(settings.requirement, sign, search.plan.timing.duration, limit, early)
+
+        def evaluate(points: Floats) -> Floats:
+            # What cannot be computed counts as a failure, as in every verdict.
+            found = severity.of(search.fly(space.from_normal(points), common_seed=False))
+            return np.where(np.isnan(found), np.inf, found)
+
+        plan = SubsetPlan(len(space.names), _LIMIT, search.seed, chains)
+        estimate = estimate_rare(evaluate, plan, settings.target_cov, settings.flights)
+        rows = search.rows()
+        severities = np.where(np.isnan(severity.of(rows)), -np.inf, severity.of(rows))
+        found = RareFound(
+            settings,
+            controller,
+            requirement,
+            limit,
+            estimate,
+            space.names,
+            rows,
+            severities,
+            search.failed_to_run,
+            search.draw(rank_distinct(severities, rows.samples, DRAWN)),
+        )
+        search.finish(found.numbers())
+    return found
+
+
+def _find_requirement(campaign: CheckedCampaign, controller: str, metric: str) -> tuple[Requirement, float]:
+    """The campaign's requirement on this metric, and its limit. Raises InputError where there is none, or several."""
+    entries = list(zip(campaign.model.requirements, campaign.limits, strict=True))
+    found = [entry for entry in entries if entry[0].metric == metric]
+    own = [entry for entry in found if controller in (entry[0].controllers or (controller,))]
+    if len(own) == 1:
+        return own[0]
+    where = ("requirements",)
+    if not own:
+        names = [entry.metric for entry, _ in entries]
+        said = f"no requirement on '{metric}' for '{controller}'"
+        wanted = one_of(names, metric) if names else "a requirement with the limit that is meant"
+        raise campaign.document.error(where if names else (), said, wanted)
+    raise campaign.document.error(where, f"{len(own)} requirements on '{metric}'", "one of them")

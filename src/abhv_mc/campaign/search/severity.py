@@ -1,0 +1,58 @@
+"""How bad a flight is, in one number that grows without cliffs where it can."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.signals import METRIC_INDEX
+from abhv_mc.search.evaluation import Floats
+from abhv_mc.store.flights import FlightRows
+
+# A flight that ends early is worse than every other; the earlier the worse, in seconds on top of this.
+ENDED_EARLY = 1e9
+
+
+@dataclass(frozen=True)
+class Severity:
+    """Severity by a metric: larger is worse. Flights that could not be computed have none (not-a-number)."""
+
+    metric: str
+    sign: float  # 1 where large values of the metric are bad, -1 where small ones are
+    duration: float  # s, of a flight that does not end early
+    offset: float = 0.0  # what is subtracted: the limit of a requirement
+    early_is_worse: bool = True
+
+    def of(self, rows: FlightRows) -> Floats:
+        """Severities ``[flight]``."""
+        metric = self.sign * (rows.values[:, METRIC_INDEX[self.metric]] - self.offset)
+        metric = np.where(np.isnan(metric), ENDED_EARLY, metric)
+        if self.early_is_worse:
+            metric = np.where(ended_early(rows), ENDED_EARLY + self.duration - rows.values[:, -1], metric)
+        return np.where(not_computed(rows), np.nan, metric)
+
+
+def ended_early(rows: FlightRows) -> NDArray[np.bool_]:
+    """Flights ``[flight]`` that ended early."""
+    outcome = np.array(rows.outcome)
+    return (outcome != Outcome.OK.code) & (outcome != Outcome.FAILED_TO_RUN.code)
+
+
+def not_computed(rows: FlightRows) -> NDArray[np.bool_]:
+    """Flights ``[flight]`` that the machine could not compute."""
+    return np.array(rows.outcome) == Outcome.FAILED_TO_RUN.code
+
+
+def rank_distinct(severities: Floats, samples: Floats, number: int) -> list[int]:
+    """The flights with the greatest severities, the worst first; of flights with the same samples only the first."""
+    seen: set[bytes] = set()
+    found: list[int] = []
+    for flight in np.argsort(-severities, kind="stable").tolist():
+        key = samples[flight].tobytes()
+        if key not in seen and np.isfinite(severities[flight]):
+            seen.add(key)
+            found.append(flight)
+        if len(found) == number:
+            break
+    return found

@@ -1,0 +1,130 @@
+"""``abhv-mc worst``: the worst value of a metric over the box of a campaign's dispersions."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.campaign.run.setup import Engine, make_engine
+from abhv_mc.campaign.search.flights import (
+    DRAWN,
+    DrawnFlights,
+    SearchFlights,
+    SearchRequest,
+    open_search,
+    read_searched,
+)
+from abhv_mc.campaign.search.severity import Severity, ended_early, rank_distinct
+from abhv_mc.campaign.search.space import make_space
+from abhv_mc.flight.signals import METRIC_INDEX
+from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.search.evaluation import Floats
+from abhv_mc.search.worst import WorstCase, least_evaluations, search_worst
+from abhv_mc.store.flights import FlightRows
+
+
+@dataclass(frozen=True)
+class WorstSettings:
+    """What is searched."""
+
+    metric: str
+    largest: bool = True  # whether large values are bad
+    flights: int = 2000
+    box: float = 3.0  # sigma of unbounded laws
+
+
+@dataclass(frozen=True)
+class WorstFound:
+    """The worst flight of a search, and what it is to be seen beside."""
+
+    settings: WorstSettings
+    controller: str
+    case: WorstCase
+    names: tuple[str, ...]
+    bounds: Floats  # [parameter, 2]
+    flights: FlightRows  # the search's, then as many random ones
+    searched: int  # flights of the search
+    worst: int  # number of the worst flight
+    random_worst: int  # number of the worst random flight
+    severities: Floats  # [flight]
+    failed_to_run: int
+    drawn: DrawnFlights
+
+    def metric(self, flight: int) -> float:
+        """The metric of a flight."""
+        return float(self.flights.values[flight, METRIC_INDEX[self.settings.metric]])
+
+    @property
+    def at_bounds(self) -> list[str]:
+        """Parameters that sit on an end of their range."""
+        return [name for name, at in zip(self.names, self.case.at_bounds, strict=True) if at]
+
+    def numbers(self) -> dict[str, Any]:
+        """The result as JSON holds it, values in SI."""
+        samples = self.flights.samples[self.worst].tolist()
+        return {
+            "metric": self.settings.metric,
+            "controller": self.controller,
+            "value": self.metric(self.worst),
+            "outcome": self.flights.outcome[self.worst],
+            "flight": self.worst,
+            "flights": self.searched,
+            "parameters": dict(zip(self.flights.names, samples, strict=True)),
+            "random_worst": self.metric(self.random_worst),
+            "random_outcome": self.flights.outcome[self.random_worst],
+            "random_flight": self.random_worst,
+            "at_bounds": self.at_bounds,
+            "ended_early": int(ended_early(self.flights)[: self.searched].sum()),
+            "failed_to_run": self.failed_to_run,
+        }
+
+
+def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine | None = None) -> WorstFound:
+    """Search, then fly as many random flights in the same box. Raises InputError for a request that is wrong."""
+    campaign, controller = read_searched(request)
+    if settings.metric not in METRIC_INDEX:
+        wanted = one_of(METRIC_INDEX, settings.metric)
+        raise InputError("--metric", None, None, f"metric '{settings.metric}'", wanted)
+    space = make_space(campaign)
+    bounds = space.bounds(settings.box)
+    least = least_evaluations(len(space.names))
+    if settings.flights < least:
+        raise InputError(
+            "--flights", None, None, f"{settings.flights}", f"at least {least} for {len(space.names)} dispersions"
+        )
+    held = {"kind": "worst", **vars(settings)}
+    with open_search(request, held, 2 * settings.flights, engine or make_engine()) as search:
+        sign = 1.0 if settings.largest else -1.0
+        severity = Severity(settings.metric, sign, search.plan.timing.duration)
+
+        def evaluate(points: Floats) -> Floats:
+            return severity.of(search.fly(space.from_box(points, bounds), common_seed=True))
+
+        case = search_worst(evaluate, len(space.names), settings.flights, search.seed)
+        searched = search.flown
+        _fly_random(search, bounds, searched)
+        rows = search.rows()
+        severities = np.where(np.isnan(severity.of(rows)), -np.inf, severity.of(rows))
+        found = WorstFound(
+            settings,
+            controller,
+            case,
+            space.names,
+            bounds,
+            rows,
+            searched,
+            int(np.argmax(severities[:searched])),
+            searched + int(np.argmax(severities[searched:])),
+            severities,
+            search.failed_to_run,
+            search.draw(rank_distinct(severities[:searched], rows.samples, DRAWN)),
+        )
+        search.finish(found.numbers())
+    return found
+
+
+def _fly_random(search: SearchFlights, bounds: Floats, number: int) -> None:
+    values = search.space.draw_in_box(bounds, search.seed, number)
+    batch = 8 * 32
+    for start in range(0, number, batch):
+        search.fly(values[start : start + batch], common_seed=True)

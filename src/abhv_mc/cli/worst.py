@@ -1,0 +1,58 @@
+"""``abhv-mc worst``: the worst case over the box of a campaign's dispersions."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from abhv_mc.cli.errors import ExitCode
+from abhv_mc.io.input_error import InputError
+
+
+def command(
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.yaml", help="Campaign file.")],
+    metric: Annotated[str, typer.Option(help="Metric to search.")],
+    out: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the flights and the page.")],
+    controller: Annotated[str | None, typer.Option(help="Controller.", show_default="the first")] = None,
+    above: Annotated[bool, typer.Option("--above", help="Large values are bad (the default).")] = False,
+    below: Annotated[bool, typer.Option("--below", help="Small values are bad.")] = False,
+    flights: Annotated[int, typer.Option(min=1, help="Flights of the search; as many random ones follow.")] = 2000,
+    box: Annotated[float, typer.Option(min=0.1, max=8.0, help="Box of unbounded laws, sigma.")] = 3.0,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed.", show_default="the campaign's")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Flights in parallel.", show_default="cores")] = None,
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Fly on this Dask cluster.")] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result.")] = None,
+    shard: Annotated[str | None, typer.Option(hidden=True)] = None,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Delete what the folder holds first.")] = False,
+) -> None:
+    """Search the box of the dispersions for the worst value of a metric.
+
+    Bounded laws span their range, others so many sigma. Corners first, then CMA-ES, then a local polish; random flights
+    in the same box for comparison. It says what can happen, not how often. Ctrl-C keeps what was flown.
+    """
+    from abhv_mc.cli.announce import announce_compiling
+    from abhv_mc.cli.searching import refuse_shard, write_json
+
+    refuse_shard(shard)
+    if above and below:
+        raise InputError("--below", None, None, "both --above and --below", "one of them")
+    announce_compiling()
+    from abhv_mc.campaign.search.flights import SearchRequest
+    from abhv_mc.campaign.search.worst import WorstSettings, find_worst
+    from abhv_mc.report.search_page import write_worst_page
+
+    request = SearchRequest(campaign, out, controller, seed, workers, scheduler, fresh)
+    found = find_worst(request, WorstSettings(metric, not below, flights, box))
+    numbers = found.numbers()
+    page = write_worst_page(found, out / "report.html")
+    write_json(json_file, numbers)
+    ended = "" if numbers["outcome"] == "ok" else f" (ended early: {numbers['outcome']})"
+    beside = "" if numbers["random_outcome"] == "ok" else f" (ended early: {numbers['random_outcome']})"
+    print(f"worst     {metric} {numbers['value']:.6g} of {found.controller}, flight {found.worst}{ended}")
+    print(f"random    {numbers['random_worst']:.6g} in as many random flights of the same box{beside}")
+    for name, value in numbers["parameters"].items():
+        print(f"  {name:<40} {value:.6g}{'  (at its bound)' if name in found.at_bounds else ''}")
+    print(f"flights   {found.searched} searched, {found.flights.stop - found.searched} random")
+    print(f"report    {page}")
+    if found.failed_to_run:
+        raise typer.Exit(ExitCode.INCOMPLETE)

@@ -1,0 +1,158 @@
+"""Figures of searches: how the worst was closed in on, where it lies, how deep levels go, where failures live."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from abhv_mc.report.figures.style import BLUE, CYCLE, INK, MARKERS, SKY, VERMILION, new_figure, pad_if_flat, styled
+
+Floats = NDArray[np.float64]
+
+_ROW = 0.22  # in, of one parameter
+
+
+@styled
+def plot_convergence(label: str, searched: Floats, stages: Sequence[tuple[int, str]], random: Floats) -> Figure:
+    """Worst value so far over the flights of the search and of random ones; nan where a flight ended early by then.
+
+    ``stages`` holds the flight at which each stage begins, and its name.
+    """
+    figure = new_figure(2.8)
+    axes = figure.subplots()
+    axes.plot(np.arange(1, random.size + 1), random, color=INK, linestyle=(0, (4, 2)), label="random, same box")
+    axes.plot(np.arange(1, searched.size + 1), searched, color=VERMILION, linewidth=1.5, label="search")
+    for i, (start, name) in enumerate(stages):
+        axes.axvline(start, color=SKY, linewidth=0.6)
+        axes.annotate(
+            name, (start, 0.02 + 0.07 * (i % 2)), xycoords=("data", "axes fraction"), fontsize=6.5, xytext=(2, 0),
+            textcoords="offset points",
+        )  # fmt: skip
+    axes.set_xlabel("flights")
+    axes.set_ylabel(f"worst so far: {label}")
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.15))
+    pad_if_flat(axes)
+    return figure
+
+
+@styled
+def plot_place(names: Sequence[str], place: Floats, change: Floats, label: str) -> Figure:
+    """Where in its range each parameter is at the worst (-1 .. 1), and how the value changes about it.
+
+    ``change`` [parameter, 2] is for a twentieth of the range below and above; nan where there is no room.
+    """
+    figure = new_figure(0.9 + _ROW * len(names) * 1.3)
+    left, right = figure.subplots(1, 2, sharey=True)
+    rows = np.arange(len(names))
+    left.hlines(rows, -1.0, 1.0, color="#BBBBBB", linewidth=1.0)
+    left.plot(place, rows, "o", color=VERMILION, markersize=5)
+    left.set_yticks(rows, names)
+    left.set_ylim(len(names) - 0.5, -0.5)
+    left.set_xlim(-1.1, 1.1)
+    left.set_xticks([-1.0, 0.0, 1.0], ["low end", "middle", "high end"])
+    left.set_title("Place in the box")
+    right.barh(rows - 0.18, change[:, 0], 0.34, color=BLUE, label="1/20 of the range lower")
+    right.barh(rows + 0.18, change[:, 1], 0.34, color=VERMILION, label="1/20 of the range higher")
+    right.axvline(0.0, color=INK, linewidth=0.6)
+    right.set_xlabel(f"change of {label}")
+    right.set_title("About the worst")
+    figure.legend(loc="outside lower center", ncols=2)
+    return figure
+
+
+@styled
+def plot_levels(label: str, limit: float, repetitions: Sequence[tuple[Floats, Floats]]) -> Figure:
+    """Each repetition's way down: thresholds of the metric, and the probability of being beyond them."""
+    figure = new_figure(2.8)
+    axes = figure.subplots()
+    for i, (thresholds, probabilities) in enumerate(repetitions):
+        look = {"color": CYCLE[i % len(CYCLE)], "marker": MARKERS[i % len(MARKERS)], "markersize": 4}
+        axes.semilogy(thresholds, probabilities, label=f"repetition {i + 1}", linewidth=0.9, **look)
+    axes.axvline(limit, color=INK, linestyle=(0, (4, 2)), label="the requirement's limit")
+    axes.set_xlabel(label)
+    axes.set_ylabel("probability of being beyond")
+    figure.legend(loc="outside right upper")
+    return figure
+
+
+@styled
+def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats]) -> Figure:
+    """Share of accepted moves and size of the moves at each level after the first, by repetition."""
+    figure = new_figure(2.4)
+    left, right = figure.subplots(1, 2)
+    for i, (rates, sizes) in enumerate(zip(acceptance, spread, strict=True)):
+        look = {"color": CYCLE[i % len(CYCLE)], "marker": MARKERS[i % len(MARKERS)], "markersize": 4, "linewidth": 0.9}
+        levels = np.arange(2, rates.size + 2)
+        left.plot(levels, rates, **look)
+        right.plot(levels, sizes, **look)
+    left.axhline(0.44, color=INK, linestyle=(0, (4, 2)), linewidth=0.8)
+    for axes, words in ((left, "accepted moves"), (right, "size of a move (1: drawn afresh)")):
+        axes.set_xlabel("level")
+        axes.xaxis.get_major_locator().set_params(integer=True)
+        axes.set_ylabel(words)
+        axes.set_ylim(0.0, 1.05)
+    return figure
+
+
+@styled
+def plot_failures(names: Sequence[str], points: Floats) -> Figure:
+    """Where failures live: quantiles of each parameter's standard normal number among failures, beside all flights'."""
+    figure = new_figure(0.8 + _ROW * len(names) * 1.2)
+    axes = figure.subplots()
+    rows = np.arange(len(names))
+    axes.axvspan(-1.96, 1.96, color="#EEEEEE", label="95 % of all flights")
+    low, q25, median, q75, high = np.quantile(points, [0.025, 0.25, 0.5, 0.75, 0.975], axis=0)
+    axes.hlines(rows, low, high, color=BLUE, linewidth=1.0, label="95 % of failures")
+    axes.hlines(rows, q25, q75, color=BLUE, linewidth=4.0, label="half of failures")
+    axes.plot(median, rows, "o", color=VERMILION, markersize=4, label="their median")
+    axes.set_yticks(rows, names)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.set_xlabel("standard deviations of its law (as a normal number)")
+    figure.legend(loc="outside lower center", ncols=4)
+    return figure
+
+
+@styled
+def plot_flights(times: Floats, panels: Mapping[str, Floats], labels: Sequence[str]) -> Figure:
+    """Channels ``[flight, time]`` over time: the nominal flight first, then the worst."""
+    rows = -(-len(panels) // 2)
+    figure = new_figure(0.5 + 1.4 * rows)
+    grid = figure.subplots(rows, 2, squeeze=False, sharex=True)
+    for axes, (label, curves) in zip(grid.flat, panels.items(), strict=False):
+        for i, (curve, name) in enumerate(zip(curves, labels, strict=True)):
+            color = INK if i == 0 else CYCLE[(i - 1) % len(CYCLE)]
+            axes.plot(times, curve, color=color, linestyle=(0, (4, 2)) if i == 0 else "-", linewidth=0.9, label=name)
+        axes.set_ylabel(label)
+        pad_if_flat(axes)
+    for axes in grid.flat[len(panels) :]:
+        axes.set_visible(False)
+    for axes in grid[-1]:
+        axes.set_xlabel("time (s)")
+    handles, words = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, words, loc="outside lower center", ncols=len(words))
+    return figure
+
+
+@styled
+def plot_front(
+    labels: tuple[str, str], points: tuple[Floats, Floats, NDArray[np.bool_]], front: NDArray[np.intp], best: int
+) -> Figure:
+    """Candidates by usage and error: those beyond a limit, those within all, the front, the start and the best."""
+    usage, error, allowed = points
+    figure = new_figure(3.4)
+    axes = figure.subplots()
+    shown = np.isfinite(usage) & np.isfinite(error)
+    axes.plot(usage[shown & ~allowed], error[shown & ~allowed], ".", color="#BBBBBB", label="beyond a limit")
+    axes.plot(usage[shown & allowed], error[shown & allowed], ".", color=SKY, label="within all limits")
+    axes.plot(usage[front], error[front], color=BLUE, linewidth=1.2, drawstyle="steps-post", label="not beaten in both")
+    axes.plot(usage[0], error[0], "s", color=INK, label="start")
+    axes.plot(usage[best], error[best], "o", color=VERMILION, label="best error")
+    axes.set_xlabel(labels[0])
+    axes.set_ylabel(labels[1])
+    if shown.any():  # far candidates would squeeze what matters into a corner
+        for near, values, mark in ((axes.set_xlim, usage, usage[0]), (axes.set_ylim, error, error[0])):
+            low = float(values[shown].min())
+            near(low - 0.1 * abs(mark - low), max(low, mark) + 1.5 * max(abs(mark - low), 0.1 * abs(mark)))
+    figure.legend(loc="outside right upper")
+    return figure

@@ -1,0 +1,145 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaign.fake_flight import LIFT, make_plan, write_campaign
+
+from abhv_mc.campaign.run.setup import Engine
+from abhv_mc.campaign.search import tune as module
+from abhv_mc.campaign.search.tune import TuneRequest, tune_controller
+from abhv_mc.control.controller_file import read_controller
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flight.signals import METRIC_INDEX, METRICS
+from abhv_mc.io.documents import InputError
+
+ERROR, TRAVEL = METRIC_INDEX["altitude_error_rms_m"], METRIC_INDEX["elevator_travel_deg"]
+CONTROLLER = (Path(__file__).parents[3] / "configs/control/tlc.yaml").read_text(encoding="utf-8")
+BLOCK = """\
+free: [altitude.damping, {key: altitude.bandwidth, factor: 4}]
+minimise: {metric: altitude_error_rms_m, quantile: 0.9}
+limits:
+  - {metric: elevator_travel_deg, quantile: 0.5, below_start_times: 1.5}
+candidates: 113
+validation: 200
+"""
+
+
+def prepare(vehicle, mission, controller, name):
+    law = read_controller(controller)
+    plan = make_plan(name)
+    plan.gains[0, :2] = law.altitude.damping, law.altitude.bandwidth
+    return plan
+
+
+def fly(plan, parameters, record_every=None):
+    """Least error at a damping of 3 and a bandwidth of 0.06; the travel grows with the bandwidth."""
+    damping, bandwidth = plan.gains[0, :2]
+    lift = (parameters[:, LIFT] - 1.0) / 0.05
+    metrics = np.zeros((len(lift), len(METRICS)))
+    metrics[:, ERROR] = 1.0 + np.log(damping / 3.0) ** 2 + np.log(bandwidth / 0.06) ** 2 + 0.2 * np.abs(lift)
+    metrics[:, TRAVEL] = 100.0 * bandwidth + np.zeros(len(lift))
+    outcome = np.where(lift > 2.5, int(Outcome.SIDESLIP_LIMIT), int(Outcome.OK))
+    return FlightBlock(outcome, np.full(len(lift), 2.0), metrics, np.empty((len(lift), 0, 0), np.float32), np.empty(0))
+
+
+ENGINE = Engine(prepare, fly, "tuned")
+
+
+@pytest.fixture
+def request_(tmp_path):
+    campaign = write_campaign(tmp_path / "files", dispersions="{aero.lift: {distribution: normal, sigma: 5 %}}")
+    (tmp_path / "files/one.yaml").write_text(CONTROLLER, encoding="utf-8")
+    (tmp_path / "block.yaml").write_text(BLOCK, encoding="utf-8")
+    return TuneRequest(campaign, tmp_path / "new.yaml", block=tmp_path / "block.yaml", workers=2)
+
+
+def test_finds_the_best_numbers_within_the_limit_and_writes_them(request_):
+    found = tune_controller(request_, ENGINE)
+    law = read_controller(request_.out)
+    assert law.altitude.damping == pytest.approx(3.0, rel=0.05)
+    assert law.altitude.bandwidth == pytest.approx(0.045, rel=0.02)  # 1.5 times the start's travel
+    assert law.altitude.bandwidth <= 0.045
+    assert found.shown and found.validation.difference.high < 0.0
+    text = request_.out.read_text(encoding="utf-8")
+    assert text.startswith("# Made by `abhv-mc tune ") and "95 % interval" in text
+    numbers = found.as_json()
+    assert numbers["shown_better"] and len(numbers["front"]) > 1
+
+
+def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_path):
+    calls = 0
+
+    def fly_until(plan, parameters, record_every=None):
+        nonlocal calls
+        calls += 1
+        if calls > 60:
+            raise KeyboardInterrupt
+        return fly(plan, parameters, record_every)
+
+    with pytest.raises(KeyboardInterrupt):
+        tune_controller(request_, Engine(prepare, fly_until, "tuned"))
+    assert not request_.out.exists()
+    stored = len(list((tmp_path / "new.tuning").glob("*.npy")))
+    assert stored >= 50
+    calls = -10_000
+    found = tune_controller(request_, Engine(prepare, fly_until, "tuned"))
+    assert 10_000 + calls <= 113 - stored + 10
+    other = TuneRequest(request_.campaign, tmp_path / "other.yaml", block=request_.block, workers=1)
+    assert found.as_json() == tune_controller(other, ENGINE).as_json()
+
+
+def test_what_is_no_better_is_not_written(request_, tmp_path):
+    """The start is the best there is."""
+    (tmp_path / "files/one.yaml").write_text(
+        CONTROLLER.replace("damping: 2.4, bandwidth: 0.03", "damping: 3.0, bandwidth: 0.06"), encoding="utf-8"
+    )
+    found = tune_controller(request_, ENGINE)
+    assert not found.shown
+    assert not request_.out.exists()
+
+
+def test_numbers_that_make_no_controller_are_passed_over(request_):
+    def prepare_some(vehicle, mission, controller, name):
+        if read_controller(controller).altitude.damping > 3.5:
+            raise InputError(controller, None, None, "too much", "less")
+        return prepare(vehicle, mission, controller, name)
+
+    assert tune_controller(request_, Engine(prepare_some, fly, "some")).shown
+
+
+def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path):
+    wrapped = tmp_path / "wrapped.yaml"
+    wrapped.write_text("tune:\n" + "".join(f"  {line}\n" for line in BLOCK.splitlines()), encoding="utf-8")
+    campaign = module.read_campaign(request_.campaign)
+    alone, _, _ = module.read_tune_block(campaign, request_.block)
+    below, _, _ = module.read_tune_block(campaign, wrapped)
+    assert alone == below
+    inside = write_campaign(
+        tmp_path / "files", dispersions="{aero.lift: {distribution: normal, sigma: 5 %}}",
+        tune="\n" + "".join(f"  {line}\n" for line in BLOCK.splitlines()),
+    )  # fmt: skip
+    assert module.read_tune_block(module.read_campaign(inside), None)[0] == alone
+
+
+@pytest.mark.parametrize(
+    "old, new, match",
+    [
+        ("altitude.damping,", "altitude.gain,", r"block.yaml:1:8.*'altitude.gain'"),
+        ("altitude_error_rms_m", "altitude", r"block.yaml:2:\d+.*metric 'altitude'"),
+        ("below_start_times: 1.5", "below: 3, above: 2", r"below and above"),
+        ("candidates: 113", "candidate: 113", r"candidate"),
+    ],
+)
+def test_a_block_that_is_wrong_is_refused_with_its_place(request_, old, new, match):
+    request_.block.write_text(BLOCK.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError, match=match):
+        tune_controller(request_, ENGINE)
+    assert not request_.out.exists()
+    assert not request_.out.with_suffix(".tuning").exists()
+
+
+def test_an_existing_file_is_not_overwritten(request_):
+    request_.out.write_text("law: tlc\n", encoding="utf-8")
+    with pytest.raises(InputError, match="there already"):
+        tune_controller(request_, ENGINE)

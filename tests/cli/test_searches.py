@@ -1,0 +1,110 @@
+"""``worst``, ``rare`` and ``tune`` as commands: exit codes, JSON, pages, and what they leave to the other commands."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from campaign.search.line_flight import LINE, METRIC, fly_line, write_line
+
+from abhv_mc.cli.app import main
+
+
+@pytest.fixture(autouse=True)
+def fake_engine(monkeypatch, tmp_path):
+    """Cheap flights, in a folder of their own."""
+    for module in ("search.worst", "search.rare", "search.tune", "run.runner", "run.setup"):
+        monkeypatch.setattr(f"abhv_mc.campaign.{module}.make_engine", lambda: LINE)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def abhv_mc(monkeypatch, capfd):
+    """Run the program; gives exit code, standard output and standard error."""
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["abhv-mc", *map(str, words)])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        out, err = capfd.readouterr()
+        return caught.value.code or 0, out, err
+
+    return call
+
+
+def read_json(name):
+    return json.loads(Path(name).read_text(encoding="utf-8"))
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    limits = ((METRIC, 3.5), ("sideslip_max_deg", 1000))
+    limit = ", ".join(f"{{metric: {metric}, below: {below}, probability: 0.9}}" for metric, below in limits)
+    return write_line(tmp_path / "files", requirements=f"[{limit}]")
+
+
+def test_worst_writes_its_numbers_a_page_and_flights_that_replay(abhv_mc, campaign, monkeypatch):
+    monkeypatch.setattr("abhv_mc.flight.fly.fly", fly_line)
+    code, out, _ = abhv_mc("worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "out", "--json", "worst.json")
+    assert code == 0
+    numbers = read_json("worst.json")
+    assert {"metric", "controller", "value", "flights", "parameters", "random_worst", "at_bounds"} <= numbers.keys()
+    assert numbers["flights"] <= 400
+    assert numbers["value"] >= numbers["random_worst"]
+    assert f"{numbers['value']:.6g}" in out
+    page = Path("out/report.html").read_text(encoding="utf-8")
+    assert f"--flight {numbers['flight']} --controller one" in page
+    assert "http" not in page.split("<body>")[1]
+    code, out, _ = abhv_mc("replay", "out", "--flight", numbers["flight"], "--controller", "one")
+    assert code == 0 and "bit for bit" in out
+    small = abhv_mc(
+        "worst", campaign, "--metric", METRIC, "--below", "--flights", 400, "-o", "small", "--json", "s.json"
+    )
+    assert small[0] == 0
+    assert read_json("s.json")["value"] < numbers["value"]
+
+
+def test_rare_gives_an_estimate_or_refuses_with_exit_code_1(abhv_mc, campaign):
+    words = ("rare", campaign, "--requirement", METRIC, "--flights", 8000, "-o", "out", "--json", "rare.json")
+    code, out, _ = abhv_mc(*words)
+    numbers = read_json("rare.json")
+    assert code == 0 and "95 % interval" in out
+    assert 0.0 < numbers["low"] < numbers["probability"] < numbers["high"] < 1.0
+    assert abhv_mc(*words)[0] == 0  # again, from what is stored
+    impossible = ("--requirement", "sideslip_max_deg", "--flights", 5000, "-o", "no", "--json", "no.json")
+    code, out, err = abhv_mc("rare", campaign, *impossible)
+    assert code == 1 and "no trustworthy estimate" in err and "estimate " not in out
+    refused = read_json("no.json")
+    assert refused["probability"] is None and refused["refusal"]
+    assert "no trustworthy estimate" in Path("no/report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("worst", "--metric", METRIC, "-o", "out"),
+        ("rare", "--requirement", METRIC, "-o", "out"),
+        ("tune", "-o", "out.yaml"),
+    ],
+)
+def test_shards_are_refused(abhv_mc, campaign, tmp_path, words):
+    code, _, err = abhv_mc(words[0], campaign, *words[1:], "--shard", "1/2")
+    assert code == 2 and "no shards" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_bad_requests_leave_nothing(abhv_mc, campaign, tmp_path):
+    assert abhv_mc("worst", campaign, "--metric", "altitude", "-o", "out")[0] == 2
+    assert abhv_mc("worst", campaign, "--metric", METRIC, "--above", "--below", "-o", "out")[0] == 2
+    assert abhv_mc("rare", campaign, "--requirement", "bank_error_max_deg", "-o", "out")[0] == 2
+    assert abhv_mc("tune", campaign, "-o", "out.yaml")[0] == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_campaign_and_a_search_do_not_share_a_folder(abhv_mc, campaign):
+    assert abhv_mc("worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "out")[0] == 0
+    code, _, err = abhv_mc("run", campaign, "-o", "out", "--no-report")
+    assert code == 2 and "a search's flights" in err
+    assert abhv_mc("run", campaign, "-o", "flown", "--no-report")[0] in (0, 1)
+    code, _, err = abhv_mc("worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "flown")
+    assert code == 2 and "a campaign's flights" in err
