@@ -64,8 +64,8 @@ The mission's reference, in `reference.parquet`, the same for every flight of a 
 def _parameters() -> str:
     parts = [
         "# Parameters\n",
-        "What a campaign may disperse, under `dispersions:`. A factor multiplies (nominal 1); an error is added, in its",
-        "unit (nominal 0). Nominal values leave the flight unchanged to the last bit. The plant is dispersed;",
+        "What a campaign may disperse, under `dispersions:`. A factor multiplies (nominal 1); an error is added, in",
+        "its unit (nominal 0). Nominal values leave the flight unchanged to the last bit. The plant is dispersed;",
         "controllers see the nominal model only. `abhv-mc parameters` prints this table.\n",
     ]
     groups: dict[str, list[tuple[str, ...]]] = {}
