@@ -40,6 +40,13 @@ docs: $(DEV_INSTALLED)
 	$(BIN)/python -m sphinx -b html -E -W --keep-going -q -d docs/_build/doctrees docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 
+# The default campaign's report in reports/example, flown again.
+example: $(DEV_INSTALLED)
+	$(BIN)/python studies/example.py
+
+dist: $(DEV_INSTALLED)
+	.ci/dist $(BIN)/python
+
 verify: $(DEV_INSTALLED)
 	$(BIN)/abhv-mc verify all --references tests/reference
 	$(BIN)/python -m pytest -s $(SELF_CHECKS)

@@ -27,7 +27,7 @@ extensions = [
     "reference_pages",
     "workspaces",
 ]
-exclude_patterns = ["_build", "_ext"]
+exclude_patterns = ["_build", "_ext", "reference/commands"]
 nitpicky = True
 suppress_warnings = ["mystnb.unknown_mime_type"]
 

@@ -31,7 +31,7 @@ def _reference(schema: Schema) -> str | None:
 
 def _bounds(schema: Schema) -> str:
     signs = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
-    return ", ".join(f"{sign} {schema[key]:g}" for key, sign in signs.items() if key in schema)
+    return ", ".join(f"{sign} {schema[key]}" for key, sign in signs.items() if key in schema)
 
 
 def _kind(schema: Schema) -> str:
