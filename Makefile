@@ -14,7 +14,7 @@ DEV_INSTALLED := .venv/installed-dev
 CAMPAIGN := campaigns/s_manoeuvre.yaml
 REPORT := reports/s_manoeuvre/report.html
 TEST_WORKERS ?= 2
-SELF_CHECKS := tests/verification tests/world tests/control/test_retuned.py
+SELF_CHECKS := tests/verification tests/world tests/control/design/test_retuned.py
 
 .PHONY: run test docs example verify bench bench-peers newest-numba lock dist clean
 .DELETE_ON_ERROR:
@@ -32,6 +32,9 @@ test: $(DEV_INSTALLED)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/check-jsonschema --quiet --builtin-schema vendor.github-workflows .github/workflows/*.yml
+	$(BIN)/check-jsonschema --quiet --builtin-schema vendor.citation-file-format CITATION.cff
+	$(BIN)/zizmor --offline --quiet .github/workflows
 	$(BIN)/python -m pytest -n $(TEST_WORKERS)
 	$(BIN)/python -m benchmarks.watch
 

@@ -46,7 +46,10 @@ autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
 numpydoc_show_class_members = False
 nitpick_ignore_regex = [
-    ("py:.*", r"(pd|pandas|np|numpy|pathlib|matplotlib|collections|typing|abhv_mc|Figure|Explanation|Any|Path|.*Literal)\b.*")
+    (
+        "py:.*",
+        r"(pd|pandas|np|numpy|pathlib|matplotlib|collections|typing|abhv_mc|Figure|Explanation|Any|Path|.*Literal)\b.*",
+    )
 ]
 
 # Commands shown on the pages run in folders of their own, as wide as the page.

@@ -27,7 +27,13 @@ def take_picture(page: Path) -> None:
         print("no Chromium: docs/images/report.png stays as it is", file=sys.stderr)
         return
     picture = ROOT / "docs/images/report.png"
-    options = ["--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=1200,900", "--virtual-time-budget=9000"]
+    options = [
+        "--headless",
+        "--no-sandbox",
+        "--hide-scrollbars",
+        "--window-size=1200,900",
+        "--virtual-time-budget=9000",
+    ]
     subprocess.run([browser, *options, f"--screenshot={picture}", page.as_uri()], check=True)  # noqa: S603
 
 
