@@ -189,8 +189,10 @@ def make_derivative(plan: FlightPlan) -> Callable[[State, Callable[[str], Scalar
         )
         isp = fixed["specific_impulse"]
         captured = c.capture_thrust * x["equivalence_ratio"] * rho * speed * fixed["capture_area_ratio"]
-        thrust = p("propulsion.thrust") * (captured * isp + q_bar * fixed["thrust_area"])
-        thrust = jnp.where(x["mass"] > c.mass_empty * p("mass.total"), thrust, 0.0)
+        nominal_thrust = captured * isp + q_bar * fixed["thrust_area"]
+        fuel_left = (x["mass"] > c.mass_empty * p("mass.total")) | (c.burns_fuel == 0.0)
+        nominal_thrust = jnp.where(fuel_left, nominal_thrust, 0.0)
+        thrust = p("propulsion.thrust") * nominal_thrust
         tx, tz = thrust * c.thrust_cos, -thrust * c.thrust_sin
         cg_x = fixed["center_of_gravity_x"] + p("mass.center_of_gravity_x")
         cg_y = p("mass.center_of_gravity_y")
@@ -239,7 +241,7 @@ def make_derivative(plan: FlightPlan) -> Callable[[State, Callable[[str], Scalar
             "roll_rate": (izz * n[0] - i13 * n[2]) * inverse,
             "pitch_rate": n[1] / iyy,
             "yaw_rate": (ixx * n[2] - i13 * n[0]) * inverse,
-            "mass": -thrust / (c.standard_gravity * isp * p("propulsion.specific_impulse")),
+            "mass": -c.burns_fuel * nominal_thrust / (c.standard_gravity * isp * p("propulsion.specific_impulse")),
         }
 
     return derivative

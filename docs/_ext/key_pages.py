@@ -42,10 +42,12 @@ def _kind(schema: Schema) -> str:
         known = [words for member, words in _ENUMERATIONS.items() if member in choices]
         more = [code(c) for c in choices if c == "all"] if known else [code(choice) for choice in choices]
         return " or ".join([*more, *known] if known else more)
+    if set(schema) == {"pattern"}:
+        return "a failure of one of the vehicle's effectors" if "failure" in schema["pattern"] else "one of your own"
     if "const" in schema:
         return code(schema["const"])
     for several in ("oneOf", "anyOf"):
-        if several in schema:
+        if several in schema and "pattern" not in schema:
             return " or ".join(dict.fromkeys(_kind(part) for part in schema[several] if part.get("type") != "null"))
     if schema.get("type") == "array":
         if parts := schema.get("prefixItems"):
@@ -53,8 +55,9 @@ def _kind(schema: Schema) -> str:
         return f"list of {_kind(schema.get('items', {}))}"
     if schema.get("type") == "object":
         names = schema.get("propertyNames", {})
-        keys = _kind(names) if "enum" in names else "name"
-        return f"mapping from {keys} to {_kind(schema.get('additionalProperties', {}))}"
+        keys = _kind(names) if names.get("anyOf") else "name"
+        values = schema.get("additionalProperties") or next(iter(schema.get("patternProperties", {}).values()), None)
+        return f"mapping from {keys} to {_kind(values) if isinstance(values, dict) else 'anything'}"
     if examples := schema.get("examples"):
         dimension = dimension_of(examples[0].split(" ", 1)[1])
         return dimension.name.split(" ", 1)[1] if dimension in DIMENSIONS else f"text such as `{examples[0]}`"

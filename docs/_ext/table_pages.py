@@ -9,6 +9,7 @@ from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.flight.signals import CHANNELS, METRICS, REFERENCE_CHANNELS, Signal, Statistic
 from abhv_mc.io.units import DIMENSIONS
 from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.stability.metrics import MARGIN_VALUES
 
 _STATISTICS = {
     Statistic.RMS: "root mean square over the control ticks",
@@ -45,7 +46,17 @@ at every control tick, from the start to the end of the flight. A flight that en
 moment, its outcome says why, and every statistic and verdict counts it as a failure unless the requirement says
 `ended_early: as_measured`. Errors of angle of attack and bank are against the controller's own command.
 
-{table(("name", "unit", "meaning", "statistic"), rows)}"""
+{table(("name", "unit", "meaning", "statistic"), rows)}
+## Stability margins
+
+With `margins:` in the campaign, for as many flights as it names. A flight whose loop is unstable, or that ended
+before, has 0.
+
+{_signals(MARGIN_VALUES)}
+## Of your own
+
+[Metrics of your own](../../how-to/own-metrics.md) are declared in the campaign and are metrics like any other.
+"""
 
 
 def _channels() -> str:
@@ -84,7 +95,8 @@ def _outcomes() -> str:
 How a flight ended: the column `outcome` of `flights/*.parquet`.
 
 {table(("outcome", "meaning"), ((code(o.code), SENTENCES[o]) for o in Outcome))}
-Limits on altitude are the mission file's, those on angle of attack and sideslip the vehicle file's.
+Limits on altitude are the mission file's, those on angle of attack and sideslip the vehicle file's; loads, heat, bank
+and oscillation may be limited in both, and the tighter one counts.
 """
 
 

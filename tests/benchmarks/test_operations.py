@@ -15,6 +15,13 @@ from benchmarks.counted import COUNTS, Counted, counted_sqrt, make_counted
 from benchmarks.operations import count_operations
 
 
+def shortened(plan, ticks):
+    """The same plan for fewer ticks."""
+    rows = slice(0, ticks + 1)
+    timing = plan.timing._replace(ticks=ticks)
+    return dataclasses.replace(plan, timing=timing, reference=plan.reference[rows], gains=plan.gains[rows])
+
+
 @pytest.fixture(autouse=True)
 def from_zero():
     COUNTS.clear()
@@ -60,7 +67,7 @@ def test_the_counts_that_the_package_keeps_are_todays(plans):
 
 def test_a_flight_of_twice_the_length_has_nearly_twice_the_operations(plans):
     plan = plans["lqr"]
-    half = dataclasses.replace(plan, timing=plan.timing._replace(ticks=plan.timing.ticks // 2))
+    half = shortened(plan, plan.timing.ticks // 2)
     counted = count_operations({"whole": plan, "half": half})
     assert counted["whole"].additions == pytest.approx(2.0 * counted["half"].additions, rel=2e-3)
     for kind, number in vars(counted["whole"]).items():
@@ -84,7 +91,7 @@ def test_counted_floats_fly_the_same_flight(plans, tmp_path):
     from abhv_mc.flight.fly import nominal_parameters
     from abhv_mc.store.plans import write_plan
 
-    short = dataclasses.replace(plans["tlc"], timing=plans["tlc"].timing._replace(ticks=8))
+    short = shortened(plans["tlc"], 8)
     write_plan(tmp_path / "plan.npz", short)
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     command = [sys.executable, "-c", COUNTED_FLIGHT, tmp_path / "plan.npz", tmp_path / "metrics.npy"]

@@ -1,5 +1,6 @@
 """The commands around a campaign: run, status, list, replay, query, export, and their exit codes."""
 
+import contextlib
 import csv
 import json
 import sys
@@ -8,9 +9,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import typer
 from campaign.fake_flight import ENGINE, fly, write_campaign
 
+from abhv_mc.campaign.run.runner import RunResult
 from abhv_mc.cli.app import main
+from abhv_mc.cli.run import finish
 
 
 @pytest.fixture(autouse=True)
@@ -49,7 +53,7 @@ def test_run_says_what_came_of_it(abhv_mc, tmp_path):
     assert code == 0
     assert f"digest    {manifest['digest']}" in out
     assert "289 ok, 11 sideslip_limit" in out
-    assert "11 failures in 300, PASS" in out
+    assert "PASS: 11 failures in 300 flights" in out
     assert "flights: 600 of 600" in err
 
 
@@ -204,3 +208,15 @@ def test_an_empty_name_of_a_controller_is_refused(names):
 
     with pytest.raises(InputError, match="empty name"):
         parse_names(names)
+
+
+@pytest.mark.parametrize(("lost", "verdict", "code"), [(0, "PASS", 0), (0, "FAIL", 1), (2, "PASS", 3), (2, "FAIL", 3)])
+def test_flights_that_could_not_be_computed_outrank_a_failed_requirement(tmp_path, lost, verdict, code, capsys):
+    outcomes = {"ok": 300 - lost} | ({"failed_to_run": lost} if lost else {})
+    entry = {"metric": "a", "below": 1.0, "probability": 0.9, "controller": "one", "verdict": verdict, "words": verdict}
+    manifest = {"state": "complete", "runs_done": 300 - lost, "runs_planned": 300, "digest": "", "warnings": []}
+    manifest |= {"controllers": {"one": {"outcomes": outcomes}}, "requirements": [entry]}
+    with contextlib.suppress(typer.Exit) if code == 0 else pytest.raises(typer.Exit) as end:
+        finish(RunResult(tmp_path, manifest), no_report=True)
+    assert (end.value.exit_code if code else 0) == code
+    assert ("2 flights could not be computed" in capsys.readouterr().err) == bool(lost)

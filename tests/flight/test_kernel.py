@@ -15,7 +15,7 @@ from abhv_mc.flight.memory import TOGETHER
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import LANES
 from abhv_mc.flight.prepare import prepare
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.plant.parameters import FAILURE_TIMES, PARAMETER_INDEX, PARAMETERS
 
 FLIGHTS = LANES
 FACTOR = 0.05
@@ -46,7 +46,11 @@ def dispersed():
     for i, parameter in enumerate(PARAMETERS):
         if parameter.name.endswith(NEVER_NEGATIVE):
             errors[:, i] = 0.1 * np.abs(errors[:, i])
-    return nominal_parameters(FLIGHTS) + errors
+    parameters = nominal_parameters(FLIGHTS) + errors
+    for name in FAILURE_TIMES:  # each failure in some flights, at any time
+        fails = generator.uniform(size=FLIGHTS) < 0.2
+        parameters[fails, PARAMETER_INDEX[name]] = generator.uniform(0.0, 3.0, FLIGHTS)[fails]
+    return parameters
 
 
 def result(block):

@@ -1,8 +1,11 @@
+import sys
+
 import pytest
 from report.synthetic import write_campaign
 
+from abhv_mc.cli.app import main
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.compare import compare_folders
+from abhv_mc.report.compare import compare_folders, parse_margins
 
 
 def test_a_campaign_against_itself_is_a_draw(failing_folder):
@@ -32,3 +35,36 @@ def test_an_unknown_controller_is_refused(failing_folder):
         compare_folders(failing_folder, failing_folder, ("tlc", "pid"))
     with pytest.raises(InputError, match="two"):
         compare_folders(failing_folder, failing_folder, ("tlc",))
+
+
+def test_a_controller_may_be_so_much_worse_and_no_more(failing_folder):
+    def gate(margin):
+        margins = parse_margins([f"bank_error_rms_deg={margin}"])
+        (pair,) = compare_folders(failing_folder, failing_folder, ("lqr_retuned", "lqr"), margins)["paired"]
+        return pair["not_worse"]["bank_error_rms_deg"]["shown"]
+
+    assert gate("500%") and not gate("5%")
+
+
+def test_a_controller_that_loses_more_flights_fails_whatever_its_metric(failing_folder):
+    margins = parse_margins(["speed_error_max_mps=900 %"])
+    (pair,) = compare_folders(failing_folder, failing_folder, ("tlc", "lqr"), margins)["paired"]
+    gate = pair["not_worse"]["speed_error_max_mps"]
+    assert gate["loses_more"] and not gate["shown"]
+
+
+@pytest.mark.parametrize(
+    "text", ["speed=5%", "speed_error_max_mps", "speed_error_max_mps=-1%", "speed_error_max_mps=x"]
+)
+def test_margins_that_are_none_are_refused(text):
+    with pytest.raises(InputError, match="--fail-if-worse"):
+        parse_margins([text])
+
+
+@pytest.mark.parametrize(("margin", "code"), [("500%", 0), ("5%", 1)])
+def test_the_gate_is_the_exit_code(failing_folder, monkeypatch, margin, code):
+    crossed = ["--controllers", "lqr_retuned,lqr", "--fail-if-worse", f"bank_error_rms_deg={margin}"]
+    monkeypatch.setattr(sys, "argv", ["abhv-mc", "compare", str(failing_folder), str(failing_folder), *crossed])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert (ended.value.code or 0) == code

@@ -1,10 +1,11 @@
 """Failure probabilities that are known: severities of standard normal points with a formula or an integral."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import integrate, optimize, stats
+from scipy import integrate, optimize, special, stats
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,69 @@ def parallel(dimension: int, parts: int, beta: float) -> Case:
         return (u[:, : parts * share].reshape(len(u), parts, share).sum(axis=2) / np.sqrt(share)).min(axis=1)
 
     return Case(f"parallel {dimension}", dimension, severity, beta, float(stats.norm.sf(beta) ** parts))
+
+
+def uniform_sum(dimension: int, probability: float) -> Case:
+    """The sum of uniform laws, as a campaign disperses factors: a corner of the box fails (Irwin-Hall)."""
+    short = (probability * math.factorial(dimension)) ** (1.0 / dimension)
+    assert short <= 1.0
+    return Case(
+        f"uniform sum {dimension}",
+        dimension,
+        lambda u: stats.norm.cdf(u).sum(axis=1),
+        dimension - short,
+        probability,
+    )
+
+
+def exponential_sum(dimension: int, probability: float) -> Case:
+    """The sum of exponential laws."""
+    return Case(
+        f"exponential sum {dimension}",
+        dimension,
+        lambda u: -stats.norm.logsf(u).sum(axis=1),
+        stats.gamma(dimension).isf(probability),
+        probability,
+    )
+
+
+def product(dimension: int, threshold: float) -> Case:
+    """|u1 u2|: four places far apart; the other coordinates do nothing."""
+    value, _ = integrate.quad(lambda z: special.k0(z) / np.pi, threshold, threshold + 60.0, epsabs=1e-16)
+    return Case(f"product {dimension}", dimension, lambda u: np.abs(u[:, 0] * u[:, 1]), threshold, float(2.0 * value))
+
+
+def two_balls(dimension: int, probability: float) -> Case:
+    """Outside of a ball in one half of the coordinates and in the other, too."""
+    half = dimension // 2
+
+    def severity(u: np.ndarray) -> np.ndarray:
+        return np.minimum((u[:, :half] ** 2).sum(axis=1), (u[:, half:] ** 2).sum(axis=1))
+
+    return Case(f"two balls {dimension}", dimension, severity, stats.chi2.isf(np.sqrt(probability), half), probability)
+
+
+def two_sided(dimension: int, beta: float) -> Case:
+    """One of the coordinates is far from zero on either side."""
+    return Case(
+        f"two-sided {dimension}",
+        dimension,
+        lambda u: np.abs(u).max(axis=1),
+        beta,
+        float(-np.expm1(dimension * np.log1p(-2.0 * stats.norm.sf(beta)))),
+    )
+
+
+def held_out_cases() -> list[Case]:
+    """Cases on which nothing of the method was chosen: other shapes, other dimensions."""
+    return [
+        uniform_sum(3, 1e-4),
+        uniform_sum(6, 1e-5),
+        exponential_sum(8, 1e-6),
+        product(7, 8.0),
+        two_balls(8, 1e-5),
+        two_sided(20, 4.0),
+    ]
 
 
 def all_cases() -> list[Case]:

@@ -76,11 +76,11 @@ public:
         const Vector f{q_s * (lift * flow.sin_a - drag * flow.cos_a), q_s * side,
                        q_s * (-lift * flow.cos_a - drag * flow.sin_a)};
         const double isp = fixed(fixed_row::specific_impulse);
-        double thrust = p_[parameter::propulsion_thrust] *
-                        (c[capture_thrust] * x[state::equivalence_ratio] * rho * flow.speed *
-                             fixed(fixed_row::capture_area_ratio) * isp +
-                         q_bar * fixed(fixed_row::thrust_area));
-        if (!(x[state::mass] > c[mass_empty] * p_[parameter::mass_total])) thrust = 0;
+        double nominal_thrust = c[capture_thrust] * x[state::equivalence_ratio] * rho * flow.speed *
+                                    fixed(fixed_row::capture_area_ratio) * isp +
+                                q_bar * fixed(fixed_row::thrust_area);
+        if (c[burns_fuel] != 0 && !(x[state::mass] > c[mass_empty] * p_[parameter::mass_total])) nominal_thrust = 0;
+        const double thrust = p_[parameter::propulsion_thrust] * nominal_thrust;
         const double fuel = c[standard_gravity] * isp * p_[parameter::propulsion_specific_impulse];
         const double tx = thrust * c[thrust_cos], tz = -thrust * c[thrust_sin];
         const double cg_x = fixed(fixed_row::center_of_gravity_x) + p_[parameter::mass_center_of_gravity_x];
@@ -129,7 +129,7 @@ public:
         d[state::q1] = 0.5 * (q.w * s.x + q.y * s.z - q.z * s.y);
         d[state::q2] = 0.5 * (q.w * s.y + q.z * s.x - q.x * s.z);
         d[state::q3] = 0.5 * (q.w * s.z + q.x * s.y - q.y * s.x);
-        d[state::mass] = fuel > 0 ? -thrust / fuel : 0;
+        d[state::mass] = fuel > 0 ? -c[burns_fuel] * nominal_thrust / fuel : 0;
         return d;
     }
 

@@ -17,7 +17,7 @@ from abhv_mc.cli.errors import ExitCode, exit_code_of
 from abhv_mc.cli.signals import heed_signals, ignore_signals
 
 _COMMANDS = {
-    "Start": ("new", "validate", "schema"),
+    "Start": ("new", "validate", "plan", "schema"),
     "Fly": ("run", "merge", "fly", "replay"),
     "Search": ("worst", "rare", "tune"),
     "Look": (

@@ -5,6 +5,8 @@ from typing import Annotated, Any
 
 import typer
 
+from abhv_mc.cli.errors import ExitCode
+
 
 def command(
     folder_a: Annotated[Path, typer.Argument(metavar="DIR_A", help="Folder of a campaign.")],
@@ -12,19 +14,28 @@ def command(
     controllers: Annotated[
         str | None, typer.Option(metavar="A,B", help="Compare DIR_A's controller A with DIR_B's controller B.")
     ] = None,
+    fail_if_worse: Annotated[
+        list[str] | None,
+        typer.Option(metavar="METRIC=5%", help="Exit 1 where B is not shown to be at most so much worse; repeatable."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Pair two campaigns flight by flight: differences with intervals, and failures of only one.
 
-    Without --controllers, each controller that both flew is compared with itself.
+    Without --controllers, each controller that both flew is compared with itself. --fail-if-worse is a paired test of
+    non-inferiority at 5 %: B passes where on more than half of the flights it is shown to be at most so much worse, and
+    where it is not shown to lose more flights.
     """
     from abhv_mc.cli.names import parse_names
     from abhv_mc.cli.printing import print_json
-    from abhv_mc.report.compare import compare_folders
+    from abhv_mc.report.compare import compare_folders, parse_margins
 
     named = parse_names(controllers) or ()
-    found = compare_folders(folder_a, folder_b, named)
+    found = compare_folders(folder_a, folder_b, named, parse_margins(fail_if_worse or []))
     (print_json if json else _print)(found)
+    gates = [gate for pair in found["paired"] for gate in pair["not_worse"].values()]
+    if not all(gate["shown"] for gate in gates):
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def _print(found: dict[str, Any]) -> None:
@@ -46,12 +57,24 @@ def _print(found: dict[str, Any]) -> None:
             )
         print_table(table)
         _print_usage(pair["usage"])
+        for metric, gate in pair["not_worse"].items():
+            print(f"{words_of(metric).label}: {_gate_words(gate)}")
         listed = [*found["requirements"], "reached the end of the mission"]
         for words_, failed in zip(listed, [*pair["requirements"], pair["ended_early"]], strict=True):
             print(
                 f"{words_}: only A failed {failed['only_a']}, only B {failed['only_b']}, both {failed['both']} "
                 f"(McNemar p {p_value(failed['p_value'])}){_listed(failed)}"
             )
+
+
+def _gate_words(gate: dict[str, Any]) -> str:
+    """What the test of non-inferiority says."""
+    from abhv_mc.report.words import percent
+
+    verdict = "shown" if gate["shown"] else "NOT shown"
+    words = f"B is {verdict} to be at most {100.0 * gate['margin']:g} % worse: it is on {gate['within']} of "
+    words += f"{gate['pairs']} flights, with 95 % confidence on at least {percent(gate['within_low'], 2)} of all"
+    return f"{words}; B loses more flights" if gate["loses_more"] else words
 
 
 def _with_bounds(interval: dict[str, Any]) -> str:

@@ -19,6 +19,9 @@ def command(
         typer.Option("--output", "-o", metavar="FILE.png", help="Where the figure goes.", show_default="in DIR"),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    trust_code: Annotated[
+        bool, typer.Option("--trust-code", help="Run Python code in the folder that you have not flown yourself.")
+    ] = False,
 ) -> None:
     """Find the smallest set of a failing flight's dispersions that still fails with all others nominal.
 
@@ -35,7 +38,7 @@ def command(
     paths = CampaignFolder(folder)
     name = controller or read_facts(paths.campaign).controllers[0]
     announce_compiling()
-    found = explain_flight(folder, name, flight, make_engine().fly, requirement)
+    found = explain_flight(folder, name, flight, make_engine().fly, requirement, trust_code=trust_code)
     path = out or paths.explained / f"{name}-{flight}.png"
     write_explained_figure(found, path)
     if json:

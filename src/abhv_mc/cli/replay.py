@@ -15,6 +15,9 @@ def command(
     out: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE.parquet", help="Write its history at full rate.")
     ] = None,
+    trust_code: Annotated[
+        bool, typer.Option("--trust-code", help="Run Python code in the folder that you have not flown yourself.")
+    ] = False,
 ) -> None:
     """Fly one flight again at full rate and compare its metrics with the stored ones, bit for bit.
 
@@ -23,17 +26,17 @@ def command(
     from abhv_mc.campaign.analysis.replay import replay_flight
     from abhv_mc.campaign.run.setup import make_engine
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.flight.signals import CHANNEL_INDEX, METRICS
+    from abhv_mc.flight.signals import CHANNEL_INDEX
     from abhv_mc.store.histories import write_histories
 
     announce_compiling()
-    replay = replay_flight(folder, controller, flight, make_engine().fly)
+    replay = replay_flight(folder, controller, flight, make_engine().fly, trust_code=trust_code)
     end = f"{replay.outcome.code} after {replay.block.end_time[0]:g} s"
     print(f"flight {flight} of {controller}: {end}. {replay.sentence}")
     for name, value in replay.samples.items():
         print(f"  {name:<40} {value:.10g}")
-    for signal, metric in zip(METRICS, replay.block.metrics[0].tolist(), strict=True):
-        print(f"  {signal.name:<40} {metric:.6g}")
+    for name, value in replay.metrics.items():
+        print(f"  {name:<40} {value:.6g}")
     if out is not None:
         block = replay.block
         write_histories(out, controller, [flight], block.times, block.history, list(CHANNEL_INDEX))

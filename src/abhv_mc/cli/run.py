@@ -50,10 +50,14 @@ def command(
     ] = None,
     no_report: Annotated[bool, typer.Option("--no-report", help="Make no report.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Delete what the folder holds of a campaign first.")] = False,
+    trust_code: Annotated[
+        bool, typer.Option("--trust-code", help="Run Python code of a campaign's folder that you have not flown.")
+    ] = False,
 ) -> None:
     """Fly a campaign, resuming what its folder already holds, and make the report.
 
-    Ctrl-C keeps what was flown; the same command goes on. Exit code 1 where a requirement has failed.
+    Ctrl-C keeps what was flown; the same command goes on. Exit code 1 where a requirement has failed, 3 where flights
+    are missing or could not be computed.
     """
     from abhv_mc.cli.announce import announce_compiling
 
@@ -74,7 +78,7 @@ def command(
         engine = make_gpu_engine()
     try:
         with mirrored(out) if out else nullcontext() as folder:
-            request = Request(campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans)
+            request = Request(campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code)
             finish(run_campaign(request, engine), no_report or part is not None, out)
     except UnusableError as error:
         print(error, file=sys.stderr)
@@ -99,6 +103,10 @@ def finish(result: "RunResult", no_report: bool, place: Path | None = None) -> N
         from abhv_mc.report.build import build_report
 
         print(f"report    {named}/{build_report(result.folder).name}")
+    if lost := sum(facts["outcomes"].get("failed_to_run", 0) for facts in result.manifest["controllers"].values()):
+        count = "1 flight" if lost == 1 else f"{lost} flights"
+        print(f"{count} could not be computed: the same command tries again", file=sys.stderr)
+        raise typer.Exit(ExitCode.INCOMPLETE)
     if any(entry["verdict"] == "FAIL" for entry in result.manifest["requirements"]):
         raise typer.Exit(ExitCode.FAILED)
 
@@ -132,5 +140,4 @@ def describe_requirement(entry: dict[str, Any]) -> str:
     """One line on a requirement: what it asks, what was counted, the verdict."""
     side = "below" if "below" in entry else "above"
     asked = f"{entry['metric']} {side} {entry[side]:g} in {100 * entry['probability']:g} %"
-    failures = "1 failure" if entry["failures"] == 1 else f"{entry['failures']} failures"
-    return f"{entry['controller']:<12} {asked}: {failures} in {entry['flights']}, {entry['verdict']}"
+    return f"{entry['controller']:<12} {asked}: {entry['words']}"

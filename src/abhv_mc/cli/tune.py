@@ -19,12 +19,12 @@ def command(
     seed: Annotated[int | None, typer.Option(min=0, help="Seed.", show_default="the campaign's")] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Flights in parallel.", show_default="cores")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result.")] = None,
-    figure: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw error against usage.")] = None,
     shard: Annotated[str | None, typer.Option(hidden=True)] = None,
 ) -> None:
     """Tune the free numbers of a controller on common flights, and validate them on fresh ones.
 
-    Writes the new file only where the paired interval shows a gain within all limits; exit code 1 where it does not.
+    Writes the new file only where the paired interval shows a gain within all limits; exit code 1 where it does not. A
+    page beside it shows either. Ctrl-C keeps what was flown.
     """
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.cli.searching import refuse_shard, write_json
@@ -32,27 +32,20 @@ def command(
     refuse_shard(shard)
     announce_compiling()
     from abhv_mc.campaign.search.tune import TuneRequest, tune_controller
+    from abhv_mc.report.tune_page import write_tune_page
 
     found = tune_controller(TuneRequest(campaign, out, controller, block, seed, workers))
     write_json(json_file, found.as_json())
-    if figure is not None:
-        from abhv_mc.report.figures.searches import plot_front
-        from abhv_mc.report.figures.style import write_png
-
-        scores, front = found.tuning.scores, found.tuning.front
-        aim, usage = found.block.minimise, found.block.usage
-        labels = (f"{usage.metric}, {100 * usage.quantile:g} %", f"{aim.metric}, {100 * aim.quantile:g} %")
-        points = (scores.usage, scores.objective, scores.allowed)
-        write_png(plot_front(labels, points, front, found.tuning.best), figure)
-        print(f"figure    {figure}")
+    page = write_tune_page(found, out.with_suffix(".html"))
     gain = found.validation.difference
     for side in found.sides:
-        bound = "" if side.limit is None else f"  (limit {side.limit:.5g})"
-        print(f"{side.metric:<36} {100 * side.quantile:g} %: {side.start:.5g} -> {side.best:.5g}{bound}")
+        bound = "" if side.limit is None else f"  (limit {side.limit:.5g}{'' if side.keeps else ', broken'})"
+        print(f"{side.words}: {side.start:.5g} -> {side.best:.5g}{bound}")
     print(f"difference {gain.value:.5g}, 95 % interval {gain.low:.5g} .. {gain.high:.5g}, on fresh flights")
     ends = found.numbers.at_ends(found.tuning.place)
     for key, value in found.numbers.values(found.tuning.place).items():
         print(f"  {key:<40} {value}{'  (at the end of its range)' if key in ends else ''}")
+    print(f"report    {page}")
     if not found.shown:
         print("not shown to be better within the limits: no file is written", file=sys.stderr)
         raise typer.Exit(ExitCode.FAILED)

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, RootModel, Tag, model_validator
 
-from abhv_mc.io.documents import Refusal, StrictModel, describe, one_of, read_document, validate
+from abhv_mc.io.documents import Document, File, Refusal, StrictModel, describe, one_of, read_document, validate
 from abhv_mc.io.units import Angle, AngularRate, Frequency, Pressure, Time
 
 Positive = Field(gt=0.0)
@@ -258,19 +258,36 @@ class LqrController(StrictModel):
         return []
 
 
-Controller = TlcController | LqrController
+class PythonController(StrictModel):
+    """A law of one's own, in a Python file."""
+
+    law: Literal["python"] = Field(description="the control law")
+    file: File = Field(description="the law, see abhv_mc.extend")
+    rate: Annotated[Frequency, Positive] = Field(100.0, description="control ticks per second")
+    settings: dict[str, Any] = Field({}, description="of the file's class Settings; with units where the file says so")
+
+    def warnings(self) -> list[str]:
+        """Nothing that a file alone shows."""
+        return []
+
+
+Controller = TlcController | LqrController | PythonController
 
 
 class ControllerFile(RootModel[Annotated[Controller, Field(discriminator="law")]]):
     """Any controller file."""
 
 
-def read_controller(path: str | Path) -> Controller:
-    """Read and check a controller file. Raises :class:`abhv_mc.io.documents.InputError`."""
+def read_controller_document(path: str | Path) -> tuple[Document, Controller]:
+    """Read and check a controller file; a law of one's own is not run. Raises InputError."""
     document = read_document(path)
     law = document.data.get("law") if isinstance(document.data, dict) else None
-    if law == "tlc":
-        return validate(document, TlcController)
-    if law == "lqr":
-        return validate(document, LqrController)
-    raise document.error(("law",), describe(law), one_of(("tlc", "lqr"), law))
+    models: dict[Any, type[Controller]] = {"tlc": TlcController, "lqr": LqrController, "python": PythonController}
+    if law not in models:
+        raise document.error(("law",), describe(law), one_of(models, law))
+    return document, validate(document, models[law])
+
+
+def read_controller(path: str | Path) -> Controller:
+    """Read and check a controller file. Raises :class:`abhv_mc.io.documents.InputError`."""
+    return read_controller_document(path)[1]

@@ -1,13 +1,18 @@
 """The mission file: where a flight starts, what it is asked to fly, and where it ends."""
 
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, Discriminator, Field, PlainSerializer, Tag, WithJsonSchema, model_validator
 
+from abhv_mc.control.air_file import DENSITY, WIND, join_air, read_air_table
 from abhv_mc.control.trajectory_file import read_trajectory
 from abhv_mc.io.documents import File, Refusal, StrictModel, read_document, validate
-from abhv_mc.io.units import Angle, AngularRate, Length, Speed, Time, parse_in_unit
+from abhv_mc.io.units import Angle, AngularRate, Length, Mass, Pressure, Speed, Time, parse_in_unit
+from abhv_mc.vehicle.limits import LoadLimits
 from abhv_mc.world.earth import WGS84, Earth
 
 Positive = Field(gt=0.0)
@@ -22,13 +27,21 @@ GravitationalParameter = Annotated[
 
 
 class Start(StrictModel):
-    """The start: straight, level, trimmed for 1 g, bank zero."""
+    """The start: trimmed for steady flight, straight and level unless a bank or a flight path angle is given.
+
+    The reference begins along the flight path angle and keeps it until a manoeuvre changes it; a bank is the
+    vehicle's alone, such as that which the first manoeuvre asks for at once.
+    """
 
     altitude: Length = Field(description="geodetic altitude")
     speed: Annotated[Speed, Positive] = Field(description="speed relative to the Earth")
     heading: Angle = Field(description="direction of the velocity, clockwise from north")
     latitude: Annotated[Angle, Field(gt=-1.55, lt=1.55)] = Field(description="geodetic latitude")
     longitude: Angle = Field(0.0, description="positive to the east")
+    flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = Field(
+        0.0, description="of a start in a climb or a descent"
+    )
+    bank: Annotated[Angle, Field(gt=-1.4, lt=1.4)] = Field(0.0, description="about the velocity, positive to the right")
 
 
 class Level(StrictModel):
@@ -95,10 +108,29 @@ class Recorded(StrictModel):
     file: File = Field(description="the CSV file, relative to this file")
 
 
-Manoeuvre = Annotated[Level | Climb | PullUp | Turn | SManoeuvre | Waypoints | Recorded, Field(discriminator="kind")]
+class LevelPhase(StrictModel):
+    """Nothing for a while: the flight path angle and the heading are held."""
+
+    kind: Literal["level"] = Field(description=_KIND)
+    length: Annotated[Time, Positive] = Field(description=_LENGTH)
 
 
-class MissionLimits(StrictModel):
+Phase = Annotated[LevelPhase | Climb | PullUp | Turn | SManoeuvre, Field(discriminator="kind")]
+
+
+class Phases(StrictModel):
+    """Manoeuvres one after another: each begins where the last one ends, and what the last one leaves is held."""
+
+    kind: Literal["phases"] = Field(description=_KIND)
+    phases: Annotated[tuple[Phase, ...], Field(min_length=1)] = Field(description="the manoeuvres in their order")
+
+
+Manoeuvre = Annotated[
+    Level | Climb | PullUp | Turn | SManoeuvre | Waypoints | Phases | Recorded, Field(discriminator="kind")
+]
+
+
+class MissionLimits(LoadLimits):
     """A flight ends outside."""
 
     altitude: tuple[Length, Length] = Field((10e3, 40e3), description="lowest and highest")
@@ -108,6 +140,39 @@ class MissionLimits(StrictModel):
         if self.altitude[0] >= self.altitude[1]:
             raise Refusal("an empty range", "the lower altitude before the higher one", ("altitude",))
         return self
+
+
+class End(StrictModel):
+    """The mission is done, before its duration, where any of these holds."""
+
+    altitude_above: Length | None = Field(None, description="done where the altitude is above it")
+    altitude_below: Length | None = Field(None, description="done where the altitude is below it")
+    speed_above: Speed | None = Field(None, description="done where the speed is above it")
+    speed_below: Speed | None = Field(None, description="done where the speed is below it")
+    mach_above: float | None = Field(None, description="done where the Mach number is above it")
+    mach_below: float | None = Field(None, description="done where the Mach number is below it")
+    dynamic_pressure_above: Pressure | None = Field(None, description="done where the dynamic pressure is above it")
+    dynamic_pressure_below: Pressure | None = Field(None, description="done where the dynamic pressure is below it")
+    flight_path_angle_above: Angle | None = Field(None, description="done where the flight path angle is above it")
+    flight_path_angle_below: Angle | None = Field(None, description="done where the flight path angle is below it")
+    mass_below: Mass | None = Field(None, description="done where the mass is below it")
+
+    def range_of(self, name: str) -> tuple[float, float]:
+        """The range of a quantity within which the flight goes on."""
+        low, high = getattr(self, f"{name}_below", None), getattr(self, f"{name}_above", None)
+        return -math.inf if low is None else low, math.inf if high is None else high
+
+
+class WindTable(StrictModel):
+    """Wind of the nominal flight: CSV with altitude_m, wind_north_mps, wind_east_mps (where it blows towards)."""
+
+    file: File = Field(description="the CSV file, relative to this file")
+
+
+class DensityTable(StrictModel):
+    """Nominal density: CSV with altitude_m, density_factor, on the standard atmosphere's; controllers know it."""
+
+    file: File = Field(description="the CSV file, relative to this file")
 
 
 class EarthNumbers(StrictModel):
@@ -134,6 +199,10 @@ def _earth_kind(value: Any) -> str:
     return "name" if isinstance(value, str) else "numbers"
 
 
+def _table_kind(value: Any) -> str:
+    return "name" if isinstance(value, str) else "table"
+
+
 class Mission(StrictModel):
     """What a flight is asked to do."""
 
@@ -147,9 +216,13 @@ class Mission(StrictModel):
         Annotated[Literal["wgs84"], Tag("name")] | Annotated[EarthNumbers, Tag("numbers")],
         Discriminator(_earth_kind),
     ] = Field("wgs84", description="wgs84, or numbers of its own")
-    wind: Literal["none"] = Field(
-        "none", description="wind of the nominal flight; a campaign disperses wind.north and so on"
-    )
+    end: End = Field(End(), description="conditions that end a flight before its duration")
+    wind: Annotated[
+        Annotated[Literal["none"], Tag("name")] | Annotated[WindTable, Tag("table")], Discriminator(_table_kind)
+    ] = Field("none", description="of the nominal flight, added to wind.north and so on; nominal controls know none")
+    density: Annotated[
+        Annotated[Literal["standard"], Tag("name")] | Annotated[DensityTable, Tag("table")], Discriminator(_table_kind)
+    ] = Field("standard", description="density of the nominal air")
     step: Annotated[Time, Field(ge=1e-4, le=0.1)] = Field(0.01, description="time step of the integrator")
 
     @model_validator(mode="after")
@@ -159,25 +232,50 @@ class Mission(StrictModel):
             raise Refusal(
                 f"{self.start.altitude:g} m", f"an altitude in the limits, {low:g}..{high:g} m", ("start", "altitude")
             )
-        manoeuvre = self.manoeuvre
-        if isinstance(manoeuvre, SManoeuvre):
-            sideways = 0.5 * abs(manoeuvre.offset) * 3.1416 / manoeuvre.length
-            if sideways > 0.5 * self.start.speed:
-                raise Refusal(
-                    f"an S that asks for {sideways:.0f} m/s sideways",
-                    f"at most half the speed, {0.5 * self.start.speed:.0f} m/s",
-                    ("manoeuvre", "offset"),
-                )
-        if isinstance(manoeuvre, Climb):
-            if not low <= self.start.altitude + manoeuvre.altitude_change <= high:
-                raise Refusal(
-                    f"a climb to {self.start.altitude + manoeuvre.altitude_change:g} m",
-                    f"an altitude in the limits, {low:g}..{high:g} m",
-                    ("manoeuvre", "altitude_change"),
-                )
-            if self.start.speed + manoeuvre.speed_change <= 0.0:
-                raise Refusal("a speed of zero or less", "a positive one", ("manoeuvre", "speed_change"))
+        altitude, speed = self.start.altitude, self.start.speed
+        for place, _, manoeuvre in self.moves():
+            if isinstance(manoeuvre, SManoeuvre):
+                sideways = 0.5 * abs(manoeuvre.offset) * 3.1416 / manoeuvre.length
+                if sideways > 0.5 * speed:
+                    raise Refusal(
+                        f"an S that asks for {sideways:.0f} m/s sideways",
+                        f"at most half the speed, {0.5 * speed:.0f} m/s",
+                        (*place, "offset"),
+                    )
+            if isinstance(manoeuvre, Climb):
+                altitude, speed = altitude + manoeuvre.altitude_change, speed + manoeuvre.speed_change
+                if not low <= altitude <= high:
+                    raise Refusal(
+                        f"a climb to {altitude:g} m",
+                        f"an altitude in the limits, {low:g}..{high:g} m",
+                        (*place, "altitude_change"),
+                    )
+                if speed <= 0.0:
+                    raise Refusal("a speed of zero or less", "a positive one", (*place, "speed_change"))
+        if isinstance(self.manoeuvre, Recorded) and self.start.flight_path_angle:
+            raise Refusal(
+                "a flight path angle beside a recorded trajectory",
+                "the recording's own",
+                ("start", "flight_path_angle"),
+            )
         return self
+
+    def moves(self) -> "list[tuple[tuple[str | int, ...], float, Any]]":
+        """Manoeuvres in their order: place in the file, time at which each begins (s), and itself."""
+        if not isinstance(self.manoeuvre, Phases):
+            return [(("manoeuvre",), self.start_time, self.manoeuvre)]
+        begin = self.start_time
+        found: list[tuple[tuple[str | int, ...], float, Any]] = []
+        for i, phase in enumerate(self.manoeuvre.phases):
+            found.append((("manoeuvre", "phases", i), begin, phase))
+            begin += phase.length
+        return found
+
+    def make_air(self) -> NDArray[np.float64]:
+        """The nominal air ``[knot, column]``, see :mod:`abhv_mc.plant.air_profile`. Raises InputError."""
+        wind = None if isinstance(self.wind, str) else read_air_table(self.wind.file, WIND)
+        density = None if isinstance(self.density, str) else read_air_table(self.density.file, DENSITY)
+        return join_air(wind, density)
 
     def make_earth(self) -> Earth:
         """The Earth record of the plant."""
@@ -191,4 +289,5 @@ def read_mission(path: str | Path) -> Mission:
     mission = validate(read_document(path), Mission)
     if isinstance(mission.manoeuvre, Recorded):
         read_trajectory(mission.manoeuvre.file, mission.duration)
+    mission.make_air()
     return mission

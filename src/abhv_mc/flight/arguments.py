@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from abhv_mc.control.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.control.laws.recorded import RECORDED_GAINS
+from abhv_mc.flight.declared import NOTHING_DECLARED, Declared
 from abhv_mc.flight.memory import Memory
 from abhv_mc.flight.observe import Observed, make_observed
 from abhv_mc.flight.plan import FlightPlan, Timing
 from abhv_mc.flight.signals import CHANNELS, METRICS
+from abhv_mc.plant.air_profile import PROFILE
 from abhv_mc.plant.effectiveness import Effectiveness
 from abhv_mc.plant.state import N_PARAMETERS, N_STATES
 from abhv_mc.vehicle.arrays import Floats, Ints, Tables
@@ -26,13 +28,22 @@ from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth
 
 # Which law flies: the integers that the kernel compares.
-TLC, LQR, RECORDED = range(3)
-LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED}
+TLC, LQR, RECORDED, PYTHON = range(4)
+LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED, "python": PYTHON}
 _COLUMNS = {  # of the gains and of the settings
     "tlc": (len(TLC_GAINS), len(TLC_SETTINGS)),
     "lqr": (len(LQR_GAINS), len(LQR_SETTINGS)),
     "recorded": (len(RECORDED_GAINS), None),
+    "python": (None, None),
 }
+
+
+class OwnLaw(NamedTuple):
+    """A law of the user's own, as the kernel calls it."""
+
+    address: int  # of its machine code, 0 for none
+    onboard: int  # 1 where it wants the nominal vehicle
+    channels: int  # address of the user's own channels, 0 for none
 
 
 class KernelPlan(NamedTuple):
@@ -51,7 +62,10 @@ class KernelPlan(NamedTuple):
     reference: Floats  # [tick, column]
     gains: Floats  # [tick, gain]
     settings: Floats  # [setting]
+    profile: Floats  # [knot, column] nominal air, see abhv_mc.plant.air_profile; no knots: still standard air
     parameters: Floats  # [flight, parameter]
+    declared: Declared = NOTHING_DECLARED
+    own: OwnLaw = OwnLaw(0, 0, 0)
 
 
 class KernelResults(NamedTuple):
@@ -68,7 +82,7 @@ def make_results(plan: FlightPlan, flights: int, every: int, keep_states: bool) 
     """Room for the results; ``every`` counts ticks between samples, 0 for none."""
     samples = plan.timing.ticks // every + 1 if every else 0
     return KernelResults(
-        np.empty((flights, len(METRICS))),
+        np.empty((flights, len(plan.metrics))),
         np.empty(flights, dtype=np.int64),
         np.empty(flights, dtype=np.int64),
         np.full((flights, samples, len(CHANNELS)), np.nan, dtype=np.float32),
@@ -97,7 +111,9 @@ def make_kernel_plan(plan: FlightPlan, parameters: Floats, every: int) -> Kernel
             plan.reference,
             plan.gains,
             plan.settings,
+            plan.profile,
             parameters,
+            plan.declared.program,
         ),
         KernelPlan,
         "plan",
@@ -108,6 +124,7 @@ def make_kernel_plan(plan: FlightPlan, parameters: Floats, every: int) -> Kernel
     check_shape(made.reference, (None, len(REFERENCE)), "plan.reference")
     check_shape(made.gains, (None, columns), "plan.gains")
     check_shape(made.settings, (settings,), "plan.settings")
+    check_shape(made.profile, (None, len(PROFILE)), "plan.profile")
     rows = min(len(made.reference), len(made.gains))
     if rows <= plan.timing.ticks:
         raise ValueError(f"plan.reference or plan.gains has {rows} rows for control ticks 0 to {plan.timing.ticks}")
@@ -152,7 +169,7 @@ def check_written(plan: KernelPlan, memory: Memory, results: KernelResults) -> N
     Raises ValueError.
     """
     flights = len(plan.parameters)
-    check_shape(results.metrics, (flights, len(METRICS)), "results.metrics")
+    check_shape(results.metrics, (flights, len(METRICS) + plan.declared.statistic.size), "results.metrics")
     check_shape(results.outcome, (flights,), "results.outcome")
     check_shape(results.end_tick, (flights,), "results.end_tick")
     samples = plan.timing.ticks // plan.record_every + 1 if plan.record_every else 0

@@ -6,13 +6,16 @@ Each takes the lane memory, a lane, the plan and the tick, and returns the unit 
 import math
 
 from abhv_mc.control import columns as ref
+from abhv_mc.flight.ripple import N_RIPPLE_ROWS, follow_ripple
 from abhv_mc.flight.sensors import END_ROW
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.angles import larger, wrap
 from abhv_mc.plant import state as s
+from abhv_mc.plant.heating import heat_flux
 from abhv_mc.plant.state import X, parameter_row, variable_row
 
 _ALPHA = variable_row("angle_of_attack")
+_BETA = variable_row("sideslip")
 _LIMIT = parameter_row("actuator.deflection_limit")
 _DEG = 180.0 / math.pi
 _G0 = 9.80665  # m/s2
@@ -21,7 +24,8 @@ _G0 = 9.80665  # m/s2
 FIRST_SURFACE = END_ROW  # deflections at the start: aileron, rudder, elevator
 LAST_SURFACE = FIRST_SURFACE + 3  # deflections at the last tick
 FIRST_MASS = LAST_SURFACE + 3
-FIRST_DERIVED = FIRST_MASS + 1  # the quantities themselves
+RIPPLES = FIRST_MASS + 1  # of bank, angle of attack and sideslip
+FIRST_DERIVED = RIPPLES + 3 * N_RIPPLE_ROWS  # the quantities themselves
 
 
 @lanes
@@ -84,6 +88,32 @@ def load_factor_g(Z, lane, plan, tick):
     """Magnitude of the specific force."""
     x, y, z = Z[s.SPECIFIC_X, lane], Z[s.SPECIFIC_Y, lane], Z[s.SPECIFIC_Z, lane]
     return math.sqrt(x * x + y * y + z * z) / _G0
+
+
+@lanes
+def bank_ripple_deg(Z, lane, plan, tick):
+    """The ripple of the bank error that ends at this tick, see :mod:`abhv_mc.flight.ripple`."""
+    return follow_ripple(Z, lane, RIPPLES, bank_error_deg(Z, lane, plan, tick), plan.reference[tick, ref.SETTLED] > 0.0)
+
+
+@lanes
+def angle_of_attack_ripple_deg(Z, lane, plan, tick):
+    """The same of the angle-of-attack error."""
+    error = angle_of_attack_error_deg(Z, lane, plan, tick)
+    return follow_ripple(Z, lane, RIPPLES + N_RIPPLE_ROWS, error, plan.reference[tick, ref.SETTLED] > 0.0)
+
+
+@lanes
+def sideslip_ripple_deg(Z, lane, plan, tick):
+    """The same of the sideslip, whose command is zero."""
+    error, row = Z[_BETA, lane] * _DEG, RIPPLES + 2 * N_RIPPLE_ROWS
+    return follow_ripple(Z, lane, row, error, plan.reference[tick, ref.SETTLED] > 0.0)
+
+
+@lanes
+def stagnation_heat_flux_w_m2(Z, lane, plan, tick):
+    """Heat flux at the stagnation point; not a number for a vehicle without a nose radius."""
+    return heat_flux(Z[s.RHO, lane], Z[s.AIRSPEED, lane], plan.vehicle.constants.nose_radius)
 
 
 @lanes

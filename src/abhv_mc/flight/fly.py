@@ -9,6 +9,7 @@ import numpy as np
 from abhv_mc.flight.arguments import KernelPlan, KernelResults, check_written, make_kernel_plan, make_results
 from abhv_mc.flight.kernel import make_fly_lanes
 from abhv_mc.flight.memory import Memory, make_memory
+from abhv_mc.flight.own_law import open_law
 from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.vehicle.arrays import Floats
@@ -54,7 +55,9 @@ def fly(
     parameters = check_parameters(parameters)
     every = record_every or 0
     results = make_results(plan, len(parameters), every, keep_states)
-    compiled_flight(lanes)(*flight_arguments(plan, parameters, results, every, lanes))
+    kernel_plan, memory, results = flight_arguments(plan, parameters, results, every, lanes)
+    with open_law(plan, lanes) as own:
+        compiled_flight(lanes)(kernel_plan._replace(own=own), memory, results)
     return make_block(plan, results, every)
 
 

@@ -14,10 +14,12 @@ import numpy as np
 
 from abhv_mc.control.laws.trim_lookup import AXES, TrimCells
 from abhv_mc.flight.arguments import LAWS, KernelResults, make_kernel_plan, make_results
+from abhv_mc.flight.declared import MAX_REGISTERS
 from abhv_mc.flight.fly import check_parameters, make_block
 from abhv_mc.flight.kernel import fly_groups
 from abhv_mc.flight.memory import O_ROWS, Z_ROWS, Memory
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.io.input_error import Refusal
 from abhv_mc.jit_cuda import cuda, device_kernel, find_device, uncontracted
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import TableCells
@@ -95,7 +97,7 @@ def kernel_of(plan: FlightPlan, max_registers: int | None = None) -> Any:
     rows = [tables.n_rows, *(slopes.slope_row + tables.group_width[slopes.slope_group])]
     scratch = int(tables.group_width.max())
     axes = int(tables.axis_start.size)
-    return make_flight_kernel(LAWS[plan.law], int(max(rows)), axes, scratch, max_registers)
+    return make_flight_kernel(LAWS[plan.law], int(max(*rows, MAX_REGISTERS)), axes, scratch, max_registers)
 
 
 def to_device(value: Any) -> Any:
@@ -121,6 +123,10 @@ def fly_on_gpu(
     type or shape.
     """
     find_device()
+    if plan.law == "python" or plan.channels_hash:
+        what = "a law" if plan.law == "python" else "channels"
+        found = f"'{plan.controller}' with {what} of one's own, which is compiled for the processor only"
+        raise Refusal(found, "--device cpu, or the laws and channels of the program")
     every = record_every or 0
     host_plan = make_kernel_plan(plan, check_parameters(parameters), every)
     parameters = host_plan.parameters

@@ -9,10 +9,12 @@ tuples: the plan, which is only read (:class:`abhv_mc.flight.arguments.KernelPla
 from collections.abc import Callable
 
 from abhv_mc.control.laws.lqr import lqr_tick
+from abhv_mc.control.laws.own import own_tick
 from abhv_mc.control.laws.recorded import recorded_tick
 from abhv_mc.control.laws.tlc import tlc_tick
 from abhv_mc.flight import observe
-from abhv_mc.flight.arguments import LQR, RECORDED, TLC
+from abhv_mc.flight.arguments import LQR, PYTHON, RECORDED, TLC
+from abhv_mc.flight.declared import finish_declared, update_declared
 from abhv_mc.flight.memory import Z_ROWS, has_width, restore_lanes, save_lane
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.observe import (
@@ -26,25 +28,27 @@ from abhv_mc.flight.observe import (
 )
 from abhv_mc.flight.sensors import active_sensor_errors, sense
 from abhv_mc.flight.start import start_flights
-from abhv_mc.jit import kernel, lanes
+from abhv_mc.jit import call_address, kernel, lanes
 from abhv_mc.plant import state as s
 from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
 from abhv_mc.plant.aerodynamics import build_up, look_up
 from abhv_mc.plant.air_data import air_data, deflections, move_air
+from abhv_mc.plant.air_profile import nominal_air
 from abhv_mc.plant.disturbance import active_disturbances, any_lane, disturb
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
+from abhv_mc.plant.failures import fail_plant, fail_sensors, possible_failures, start_failures, watch_inlet
 
 COMPACTION = 500  # ticks after which lanes of flights that have ended are given to others
 
 
 @lanes
-def evaluate(plan, memory, width, stage, windy):
+def evaluate(plan, memory, width, stage, windy, failing):
     """One Runge-Kutta stage at ``XS``."""
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
     if windy:
         move_air(Z, width)
     air_data(Z, width, vehicle, plan.earth)
-    deflections(Z, width, vehicle)
+    deflections(Z, width, vehicle, failing)
     look_up(Z, T, width, vehicle.tables, memory.cells)
     build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
     equations_of_motion(Z, width, vehicle, plan.earth, stage)
@@ -57,6 +61,8 @@ def control(plan, memory, width, law, tick):
         tlc_tick(plan, memory, width, tick)
     elif law == LQR:
         lqr_tick(plan, memory, width, tick)
+    elif law == PYTHON:
+        own_tick(plan, memory, width, tick)
     else:
         recorded_tick(plan, memory, width, tick)
 
@@ -64,9 +70,16 @@ def control(plan, memory, width, law, tick):
 @lanes
 def observe_tick(plan, memory, width, tick):
     """Limits and metrics at a control tick."""
+    inlet = plan.vehicle.constants.inlet
+    if inlet.unstarts > 0.0:
+        watch_inlet(memory.Z, width, inlet, tick * plan.timing.step * plan.timing.steps_per_tick)
     derive(memory.Z, width, plan, tick)
+    if plan.own.channels != 0:
+        dt = plan.timing.step * plan.timing.steps_per_tick
+        call_address(plan.own.channels, memory.Z, plan.reference, plan.gains, plan.settings, tick, dt)
     check_limits(memory.Z, memory.O, width, plan.observed, tick)
     update_metrics(memory.Z, memory.O, width, plan, tick)
+    update_declared(memory, width, plan, tick, observe.FIRST_DECLARED)
 
 
 @lanes
@@ -85,15 +98,21 @@ def fly_ticks(plan, memory, results, width, law, first_tick, end, flights, n):
     Z, O, step, steps_per_tick = memory.Z, memory.O, plan.timing.step, plan.timing.steps_per_tick
     tick_length = step * steps_per_tick
     disturbances, sensor_errors = active_disturbances(Z, width), active_sensor_errors(Z, width)
+    failures = possible_failures(Z, width, plan.vehicle.constants)
+    windy = disturbances.windy or plan.profile.shape[0] > 0
     for tick in range(first_tick, end):
         navigate(Z, width, tick_length, tick == 0)
         disturb(Z, width, disturbances, tick * tick_length, tick_length, tick == 0)
+        nominal_air(Z, width, plan.profile)
         sense(Z, width, sensor_errors, tick_length, tick)
+        if failures.sensors:
+            fail_sensors(Z, width, tick * tick_length)
         control(plan, memory, width, law, tick)
+        fail_plant(Z, width, failures, plan.vehicle, tick * tick_length, tick_length)
         flying = True
         for evaluation in range(4 * steps_per_tick):  # one loop, so that its code is there once
             stage = evaluation % 4
-            evaluate(plan, memory, width, runge_kutta_stage(stage, step), disturbances.windy)
+            evaluate(plan, memory, width, runge_kutta_stage(stage, step), windy, failures.effectors)
             if evaluation == 0:
                 observe_tick(plan, memory, width, tick)
                 record_tick(plan, memory, results, flights, n, tick)
@@ -142,6 +161,15 @@ def fly_groups(plan, memory, results, width, law, first_flight, last_flight):
                         still_flying += 1
                     else:
                         finish_metrics(memory.O, lane, plan.observed, results.metrics[flight])
+                        finish_declared(
+                            memory.O,
+                            lane,
+                            plan.declared,
+                            plan.timing.step * plan.timing.steps_per_tick,
+                            observe.FIRST_DECLARED,
+                            observe.N_METRICS,
+                            results.metrics[flight],
+                        )
                         results.outcome[flight] = int(memory.O[observe.OUTCOME, lane])
                         results.end_tick[flight] = int(memory.O[observe.END, lane])
             flying = still_flying
@@ -159,6 +187,7 @@ def start_lanes(plan, memory, width, flights, n):
         for i in range(s.N_PARAMETERS):
             Z[s.P + i, lane] = plan.parameters[flight, i]
     start_flights(Z, width, plan.initial_state)
+    start_failures(Z, width)
     prepare_actuators(Z, width, plan.vehicle.constants, plan.timing.step)
     start_observing(Z, memory.O, width, plan.observed)
 

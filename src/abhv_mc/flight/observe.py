@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc.control import columns as ref
-from abhv_mc.flight import derived
+from abhv_mc.control.laws.own import FAULT
+from abhv_mc.flight import declared, derived
 from abhv_mc.flight.derived import FIRST_DERIVED, remember_start
 from abhv_mc.flight.outcome import LIMITS, Limits, Outcome
 from abhv_mc.flight.signals import CHANNELS, METRICS, Statistic
@@ -25,6 +26,7 @@ from abhv_mc.vehicle.arrays import VARIABLES, Floats, Ints
 
 _DEG = 180.0 / math.pi
 _NOT_FINITE = float(Outcome.NOT_FINITE)
+_FLOWN = 0.5  # verdict of a flight that has met its mission's end: below every limit's code, and OK as a whole number
 _RMS, _MAX_ABS, _MAX_ABS_SETTLED, _MIN, _MAX, _FINAL, _SUM, _DURATION = map(int, Statistic)
 _INITIAL = {Statistic.MIN: math.inf, Statistic.MAX: -math.inf}  # others begin at 0
 
@@ -33,7 +35,8 @@ N_METRICS = len(METRICS)
 # Rows of the observer's own block: of every lane, then the metrics.
 ALIVE, OUTCOME, END, SAMPLES = range(4)  # END: tick of the last sample that counted
 FIRST_METRIC = 4
-N_ROWS = FIRST_METRIC + N_METRICS
+FIRST_DECLARED = FIRST_METRIC + N_METRICS  # what declared metrics keep, see abhv_mc.flight.declared
+N_ROWS = FIRST_DECLARED + declared.N_ROWS
 
 
 def _row_in_memory(source: str) -> int | None:
@@ -112,7 +115,7 @@ def make_observed(limits: Limits) -> Observed:
     bounds = np.array([limit.bounds(limits) for limit in LIMITS], dtype=np.float64)
     return Observed(
         np.array([find_row(limit.source) for limit in LIMITS]),
-        np.array([float(limit.outcome) for limit in LIMITS]),
+        np.array([float(limit.outcome) or _FLOWN for limit in LIMITS]),
         bounds[:, 0].copy(),
         bounds[:, 1].copy(),
         *_metric_and_channel_tables(),
@@ -141,6 +144,8 @@ def start_observing(Z, O, width, observed):
             O[i, lane] = 0.0
         for m in range(N_METRICS):
             O[FIRST_METRIC + m, lane] = observed.metric_initial[m]
+        for i in range(declared.N_ROWS):
+            O[FIRST_DECLARED + i, lane] = 0.0
         O[ALIVE, lane] = 1.0
 
 
@@ -171,7 +176,8 @@ def check_limits(Z, O, width, observed, tick):
         for i in range(s.N_STATES):
             total += Z[X + i, lane]
         finite = total - total == 0.0
-        verdict = Z[VERDICT, lane] if finite else _NOT_FINITE
+        verdict = Z[FAULT, lane] if Z[FAULT, lane] > 0.0 else Z[VERDICT, lane]
+        verdict = verdict if finite else _NOT_FINITE
         ends = alive > 0.0 and verdict > 0.0
         O[OUTCOME, lane] = verdict if ends else O[OUTCOME, lane]
         # A last finite sample still counts; a broken one does not.

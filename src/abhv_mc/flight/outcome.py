@@ -1,9 +1,12 @@
 """Every way a flight can end: a code and a sentence, and the limits that end it early."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
+
+from abhv_mc.vehicle.limits import LoadBounds
 
 
 class Outcome(IntEnum):
@@ -15,6 +18,12 @@ class Outcome(IntEnum):
     SIDESLIP_LIMIT = 3
     NOT_FINITE = 4
     FAILED_TO_RUN = 5
+    DYNAMIC_PRESSURE_LIMIT = 6
+    LOAD_FACTOR_LIMIT = 7
+    HEAT_FLUX_LIMIT = 8
+    BANK_LIMIT = 9
+    OSCILLATION_LIMIT = 10
+    LAW_FAILED = 50
 
     @property
     def code(self) -> str:
@@ -27,9 +36,26 @@ SENTENCES: dict[Outcome, str] = {
     Outcome.ALTITUDE_LIMIT: "The altitude left the mission's limits.",
     Outcome.ANGLE_OF_ATTACK_LIMIT: "The angle of attack left the vehicle's limits.",
     Outcome.SIDESLIP_LIMIT: "The sideslip left the vehicle's limits.",
-    Outcome.NOT_FINITE: "A state was no longer a finite number.",
+    Outcome.NOT_FINITE: "A state or a command was no longer a finite number.",
     Outcome.FAILED_TO_RUN: "The flight could not be computed on this machine (crash or time limit).",
+    Outcome.DYNAMIC_PRESSURE_LIMIT: "The dynamic pressure exceeded the limit of the mission or the vehicle.",
+    Outcome.LOAD_FACTOR_LIMIT: "The load factor exceeded the limit of the mission or the vehicle.",
+    Outcome.HEAT_FLUX_LIMIT: "The stagnation heat flux exceeded the limit of the mission or the vehicle.",
+    Outcome.BANK_LIMIT: "The bank exceeded the limit of the mission or the vehicle.",
+    Outcome.OSCILLATION_LIMIT: "An angle oscillated by more than the limit of the mission or the vehicle.",
+    Outcome.LAW_FAILED: "The control law, one of the user's own, raised an exception.",
 }
+
+
+class EndBounds(NamedTuple):
+    """Ranges within which the mission goes on, SI and radians; a flight that leaves one has flown it."""
+
+    altitude: tuple[float, float] = (-math.inf, math.inf)
+    speed: tuple[float, float] = (-math.inf, math.inf)
+    mach: tuple[float, float] = (-math.inf, math.inf)
+    dynamic_pressure: tuple[float, float] = (-math.inf, math.inf)
+    flight_path_angle: tuple[float, float] = (-math.inf, math.inf)
+    mass: tuple[float, float] = (-math.inf, math.inf)
 
 
 class Limits(NamedTuple):
@@ -40,6 +66,8 @@ class Limits(NamedTuple):
     angle_of_attack_min: float
     angle_of_attack_max: float
     sideslip_max: float
+    loads: LoadBounds = LoadBounds()
+    end: EndBounds = EndBounds()
 
 
 @dataclass(frozen=True)
@@ -51,8 +79,31 @@ class Limit:
     bounds: Callable[[Limits], tuple[float, float]]
 
 
+_SOURCES = {"dynamic_pressure": "q_bar", "flight_path_angle": "gamma"}  # where the lane memory calls it so
+
+
+def _end(name: str) -> Limit:
+    """A range of :class:`EndBounds`."""
+    return Limit(Outcome.OK, _SOURCES.get(name, name), lambda limits: getattr(limits.end, name))
+
+
+_RIPPLES = ("bank_ripple", "angle_of_attack_ripple", "sideslip_ripple")
+_DEG = 180.0 / math.pi
+
+
+def _above(outcome: Outcome, source: str, name: str, factor: float = 1.0) -> Limit:
+    """A limit of :class:`LoadBounds`, ``factor`` to the source's unit."""
+    return Limit(outcome, source, lambda limits: (-math.inf, factor * getattr(limits.loads, name)))
+
+
 # Of two limits left at the same tick the later one in this table names the outcome.
 LIMITS: tuple[Limit, ...] = (
+    *map(_end, EndBounds._fields),
+    *(_above(Outcome.OSCILLATION_LIMIT, f"{name}_deg", name, _DEG) for name in _RIPPLES),
+    Limit(Outcome.BANK_LIMIT, "bank", lambda limits: (-limits.loads.bank, limits.loads.bank)),
+    _above(Outcome.HEAT_FLUX_LIMIT, "stagnation_heat_flux_w_m2", "heat_flux"),
+    _above(Outcome.LOAD_FACTOR_LIMIT, "load_factor_g", "load_factor"),
+    _above(Outcome.DYNAMIC_PRESSURE_LIMIT, "q_bar", "dynamic_pressure"),
     Limit(Outcome.SIDESLIP_LIMIT, "sideslip", lambda limits: (-limits.sideslip_max, limits.sideslip_max)),
     Limit(
         Outcome.ANGLE_OF_ATTACK_LIMIT,

@@ -7,6 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.flight import outcome
+from abhv_mc.flight.declared import NO_METRICS, DeclaredMetrics
+from abhv_mc.flight.signals import METRICS, Signal
+from abhv_mc.own.source import OwnSource
+from abhv_mc.plant.air_profile import no_profile
 from abhv_mc.plant.effectiveness import Effectiveness
 from abhv_mc.vehicle.arrays import Floats, Tables
 from abhv_mc.vehicle.model import Vehicle
@@ -40,7 +44,7 @@ class FlightPlan:
     """Everything that a worker needs to fly one controller, apart from the dispersions."""
 
     controller: str  # its name in the campaign
-    law: str  # which compiled law flies it: "tlc", "lqr" or "recorded"
+    law: str  # which compiled law flies it: "tlc", "lqr", "recorded" or "python"
     vehicle: Vehicle
     trim_tables: Tables
     effectiveness: Effectiveness
@@ -51,7 +55,19 @@ class FlightPlan:
     reference: Floats  # [tick, column] see abhv_mc.control.columns
     gains: Floats  # [tick, gain] columns as the law names them
     settings: Floats  # the law's constants (differentiator bandwidths, command limits)
+    profile: Floats = field(default_factory=no_profile)  # [knot, column] nominal air, see abhv_mc.plant.air_profile
     warnings: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # sentences for the user
+    gain_names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # of a law of one's own
+    declared: DeclaredMetrics = NO_METRICS  # metrics of a campaign's own
+    source_hash: str = ""  # of its text, "" for the laws of the program
+    channels_hash: str = ""  # of the text of channels of one's own
+    source: OwnSource | None = field(default=None, metadata={"stored": False})  # its text: travels, is not stored
+    channels_source: OwnSource | None = field(default=None, metadata={"stored": False})
+
+    @property
+    def metrics(self) -> tuple[Signal, ...]:
+        """The columns of its flights' metrics: those of the program, then the declared ones."""
+        return (*METRICS, *self.declared.signals)
 
 
 @dataclass(frozen=True)
@@ -60,7 +76,7 @@ class FlightBlock:
 
     outcome: NDArray[np.int64]  # [flight] values of Outcome
     end_time: Floats  # [flight] s
-    metrics: Floats  # [flight, metric] in the order of METRICS
+    metrics: Floats  # [flight, metric] in the order of the plan's metrics
     history: NDArray[np.float32]  # [flight, time, channel] in the order of CHANNELS; NaN after the end
     times: Floats  # [time] s
     states: Floats = field(default_factory=lambda: np.empty((0, 0, 0)))  # [flight, time, state], where asked for

@@ -1,11 +1,18 @@
 """From the three files of a flight to its plan: reference, gains, trim and start, computed once."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from abhv_mc.control.columns import ANGLE_OF_ATTACK, BANK, TIME
-from abhv_mc.control.controller_file import Controller, TlcController, read_controller
+from abhv_mc.control.controller_file import (
+    Controller,
+    LqrController,
+    PythonController,
+    TlcController,
+    read_controller_document,
+)
 from abhv_mc.control.design.design_model import wrench_at
 from abhv_mc.control.design.design_tables import Numbers, slope
 from abhv_mc.control.design.guidance_trim import trim_faults
@@ -14,14 +21,21 @@ from abhv_mc.control.design.reference import make_mission_trim_tables, make_star
 from abhv_mc.control.design.surroundings import make_surroundings
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.flight.plan import FlightPlan, Limits, Timing
+from abhv_mc.flight.outcome import EndBounds
+from abhv_mc.flight.own_law import open_law
+from abhv_mc.flight.plan import LANES, FlightPlan, Limits, Timing
+from abhv_mc.flight.start import multiply
 from abhv_mc.io.documents import InputError
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
+from abhv_mc.own.design import DesignModel, design_gains
+from abhv_mc.own.settings import make_own_settings
+from abhv_mc.own.source import Law, load_law, read_source
 from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import make_effectiveness
-from abhv_mc.plant.trim import TrimPoint
+from abhv_mc.plant.trim import GRAVITY, TrimPoint
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.vehicle.arrays import Floats
+from abhv_mc.vehicle.limits import tighter
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 from abhv_mc.world.earth import Earth, radii
@@ -35,22 +49,36 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
     if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
         found = "a vehicle without control surfaces or engine"
         raise InputError(vehicle, None, None, found, "one with both, to fly a mission with a controller")
-    asked, law = read_mission(mission), read_controller(controller)
+    asked = read_mission(mission)
+    document, law = read_controller_document(controller)
+    own = None
+    if isinstance(law, PythonController):
+        loaded = load_law(read_source(law.file))
+        own = OwnParts(loaded, make_own_settings(document, law, loaded))
     if isinstance(law, TlcController) and not has_authority(packed, asked):
         found = "deflections that do not turn the vehicle about three axes"
         raise InputError(vehicle, None, None, found, "aileron, rudder and elevator with moments of their own")
     try:
-        return make_plan(packed, asked, law, name, mission)
+        plan = make_plan(packed, asked, law, name, mission, own)
     except np.linalg.LinAlgError as error:
         found = f"a mission along which {law.law} has no gains for this vehicle ({str(error).lower()})"
         wanted = "one where the controls rule the flight"
         raise InputError(mission, None, None, found, wanted) from None
+    with open_law(plan, LANES):  # compiled now, before anything is written
+        return plan
+
+
+class OwnParts(NamedTuple):
+    """A law of the user's own, and its settings."""
+
+    law: Law
+    settings: Floats
 
 
 def has_authority(vehicle: Vehicle, mission: Mission) -> bool:
     """Whether the deflections' moments at the start can be solved for the deflections, as control allocation does."""
     start = mission.start
-    around = make_surroundings(mission.make_earth(), start.altitude, start.latitude)
+    around = make_surroundings(mission.make_earth(), start.altitude, start.latitude, mission.make_air())
 
     def moment(deflections: Numbers) -> Numbers:
         nothing = 0.0 * deflections[0]
@@ -62,7 +90,12 @@ def has_authority(vehicle: Vehicle, mission: Mission) -> bool:
 
 
 def make_plan(
-    vehicle: Vehicle, mission: Mission, controller: Controller, name: str, mission_file: str | Path | None = None
+    vehicle: Vehicle,
+    mission: Mission,
+    controller: Controller,
+    name: str,
+    mission_file: str | Path | None = None,
+    own: OwnParts | None = None,
 ) -> FlightPlan:
     """The plan of one controller's flights.
 
@@ -76,17 +109,30 @@ def make_plan(
     if nominal.status.all():
         wanted = "a mission that this vehicle can fly"
         raise InputError(mission_file or mission.name, None, None, "; ".join(warnings), wanted)
-    warnings += limit_faults(controller, reference) + find_vehicle_warnings(vehicle)
+    if not isinstance(controller, PythonController):
+        warnings += limit_faults(controller, reference)
+    warnings += find_vehicle_warnings(vehicle)
     start = make_start_trim(mission, vehicle)
     if start.fault:
         warnings.append(f"at the start {start.fault}")
-    if isinstance(controller, TlcController):
+    names: tuple[str, ...] = ()
+    if isinstance(controller, PythonController):
+        if own is None:
+            raise ValueError("a controller of the user's own without its law")
+        model = DesignModel(vehicle, mission, reference, trim_tables)
+        names, gains = design_gains(own.law, model, own.settings)
+        settings = own.settings
+    elif isinstance(controller, TlcController):
         gains = make_tlc_gains(controller, reference, vehicle, trim_tables)
         settings = make_tlc_settings(controller)
     else:
         gains = make_lqr_gains(controller, mission, reference, vehicle, trim_tables)
         settings = make_lqr_settings(controller)
     constants = vehicle.constants
+    loads = tighter(mission.limits.bounds(), constants.bounds)
+    if loads.heat_flux < np.inf and constants.nose_radius == 0.0:
+        found = "a limit on the heat flux for a vehicle whose file gives no nose radius"
+        raise InputError(mission_file or mission.name, None, None, found, "reference.nose_radius in the vehicle's file")
     return FlightPlan(
         controller=name,
         law=controller.law,
@@ -100,16 +146,22 @@ def make_plan(
             constants.angle_of_attack_min,
             constants.angle_of_attack_max,
             constants.sideslip_max,
+            loads,
+            EndBounds(*(mission.end.range_of(name) for name in EndBounds._fields)),
         ),
         initial_state=make_initial_state(mission, vehicle, start),
         reference=reference,
         gains=gains,
         settings=settings,
+        profile=mission.make_air(),
         warnings=np.array(warnings, dtype=np.str_),
+        gain_names=np.array(names, dtype=np.str_),
+        source_hash=own.law.source.hash if own else "",
+        source=own.law.source if own else None,
     )
 
 
-def limit_faults(controller: Controller, reference: Floats) -> list[str]:
+def limit_faults(controller: TlcController | LqrController, reference: Floats) -> list[str]:
     """A sentence for each nominal control that is beyond what the controller may command."""
     limits = controller.limits
     faults = []
@@ -136,22 +188,30 @@ def make_timing(mission: Mission, rate: float) -> Timing:
 
 
 def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> Floats:
-    """Straight and level in 1 g trim, bank zero, the body turning with the local frame, actuators at rest."""
+    """Steady flight in trim, the body turning with the local frame and, in a bank, with the turn; actuators at rest."""
     start = mission.start
     x = np.zeros(s.N_STATES)
     x[s.ALTITUDE], x[s.LONGITUDE], x[s.LATITUDE] = start.altitude, start.longitude, start.latitude
     alpha = trim.angle_of_attack
     x[s.U], x[s.W] = start.speed * np.cos(alpha), start.speed * np.sin(alpha)
-    attitude = from_euler(start.heading, alpha, 0.0)
+    attitude = from_euler(start.heading, start.flight_path_angle + alpha, 0.0)
+    if start.bank:
+        half = 0.5 * start.bank  # about the velocity, which in body axes is (cos alpha, 0, sin alpha)
+        turned = np.cos(half), np.sin(half) * np.cos(alpha), 0.0, np.sin(half) * np.sin(alpha)
+        attitude = multiply(*attitude, *turned)
     x[s.Q0 : s.Q3 + 1] = attitude
+    level = start.speed * np.cos(start.flight_path_angle)
     rate = local_frame_rate(
         mission.make_earth(),
         start.altitude,
         start.latitude,
-        start.speed * np.cos(start.heading),
-        start.speed * np.sin(start.heading),
+        level * np.cos(start.heading),
+        level * np.sin(start.heading),
     )
     x[s.ROLL_RATE : s.YAW_RATE + 1] = rotate_to_body(*attitude, *rate)
+    if start.bank:
+        lift = trim.load_factor * GRAVITY * np.sin(start.bank)
+        x[s.ROLL_RATE : s.YAW_RATE + 1] += rotate_to_body(*attitude, 0.0, 0.0, lift / level)
     x[s.MASS] = vehicle.constants.mass_start
     x[s.ELEVATOR], x[s.ETA] = trim.elevator, trim.equivalence_ratio
     return x

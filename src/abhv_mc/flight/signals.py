@@ -77,6 +77,32 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("elevator_command_deg", "deg", "elevator command", "cmd_elevator"),
     Channel("equivalence_ratio_command", "-", "equivalence ratio command", "cmd_eta"),
 )
+STANDARD_CHANNELS = tuple(channel.name for channel in CHANNELS)  # what envelopes cover unless told otherwise
+CHANNELS += (
+    Channel("mach", "-", "Mach number of the air", "mach"),
+    Channel("load_factor_g", "g", "magnitude of the specific force", "load_factor_g"),
+    Channel("thrust_n", "N", "thrust", "thrust"),
+    Channel("stagnation_heat_flux_w_m2", "W/m2", "heat flux at the stagnation point", "stagnation_heat_flux_w_m2"),
+    Channel("altitude_error_m", "m", "altitude minus reference", "altitude_error_m"),
+    Channel("speed_error_mps", "m/s", "speed minus reference", "speed_error_mps"),
+    Channel("heading_error_deg", "deg", "heading minus reference", "heading_error_deg"),
+    Channel("cross_track_m", "m", "distance to the left of the reference", "cross_track_m"),
+    Channel("angle_of_attack_error_deg", "deg", "angle of attack minus its command", "angle_of_attack_error_deg"),
+    Channel("bank_error_deg", "deg", "bank minus its command", "bank_error_deg"),
+    Channel("altitude_measured_m", "m", "altitude as measured", "m_altitude"),
+    Channel("speed_measured_mps", "m/s", "speed as measured", "m_speed"),
+    Channel("flight_path_angle_measured_deg", "deg", "flight path angle as measured", "m_gamma"),
+    Channel("heading_measured_deg", "deg", "heading as measured, between -180 and 180", "m_chi"),
+    Channel("angle_of_attack_measured_deg", "deg", "angle of attack as measured", "m_alpha"),
+    Channel("sideslip_measured_deg", "deg", "sideslip as measured", "m_beta"),
+    Channel("bank_measured_deg", "deg", "bank as measured", "m_bank"),
+    Channel("roll_rate_measured_dps", "deg/s", "roll rate as measured", "m_p"),
+    Channel("pitch_rate_measured_dps", "deg/s", "pitch rate as measured", "m_q"),
+    Channel("yaw_rate_measured_dps", "deg/s", "yaw rate as measured", "m_r"),
+    Channel("gust_forward_mps", "m/s", "gust and turbulence, body axes, forward", "gust_u"),
+    Channel("gust_right_mps", "m/s", "gust and turbulence, body axes, to the right", "gust_v"),
+    Channel("gust_down_mps", "m/s", "gust and turbulence, body axes, down", "gust_w"),
+)
 
 # The mission's reference, the same for every flight of a campaign.
 REFERENCE_CHANNELS: tuple[Signal, ...] = (
@@ -169,6 +195,22 @@ METRICS: tuple[Metric, ...] = (
         Statistic.DURATION,
         "surface_saturated",
     ),
+    *(
+        Metric(
+            f"{name}_ripple_deg",
+            "deg",
+            f"largest swing of the {words} in settled stretches that an opposite one of at least half its size follows",
+            Statistic.MAX,
+            f"{name}_ripple_deg",
+            0.0,
+        )
+        for name, words in (
+            ("bank", "bank error"),
+            ("angle_of_attack", "angle-of-attack error"),
+            ("sideslip", "sideslip"),
+        )
+    ),
+    Metric("engine_failed_s", "s", "time with a failed or unstarted engine", Statistic.DURATION, "engine_failed"),
     Metric("outside_tables_s", "s", "time outside the tables (clamped)", Statistic.DURATION, "outside"),
 )
 

@@ -1,6 +1,7 @@
 """What is said of bad input; apart from :mod:`abhv_mc.io.documents`, because the command line needs it at once."""
 
 import difflib
+import unicodedata
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -18,7 +19,7 @@ class InputError(Exception):
 
     def __str__(self) -> str:
         place = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
-        return f"{place}: found {self.found}; wanted {self.wanted}"
+        return printable(f"{place}: found {self.found}; wanted {self.wanted}")
 
 
 class InputErrors(InputError):
@@ -47,7 +48,17 @@ class Refusal(ValueError):
         self.keys = keys
 
     def __str__(self) -> str:
-        return f"found {self.found}; wanted {self.wanted}"
+        return printable(f"found {self.found}; wanted {self.wanted}")
+
+
+def printable(text: str) -> str:
+    """Text from a file for a terminal: what would move its cursor, hide text or turn it around as an escape."""
+    return "".join(char if is_printable(char) or char == "\n" else ascii(char)[1:-1] for char in text)
+
+
+def is_printable(text: str) -> bool:
+    """Whether a terminal shows it as it is; spaces of all scripts are."""
+    return all(char.isprintable() or unicodedata.category(char) == "Zs" for char in text)
 
 
 def one_of(names: Iterable[object], given: object = None) -> str:

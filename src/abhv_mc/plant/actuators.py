@@ -116,17 +116,38 @@ def run_actuators(Z, width, constants, step, recorded):
     for lane in range(width):
         limit = constants.surface_limit * Z[_K_LIMIT, lane]
         low[lane], high[lane] = -limit, limit
-        rate_limit[lane] = constants.surface_rate_limit * Z[_K_RATE, lane]
     for i in range(3):
+        for lane in range(width):
+            rate_limit[lane] = constants.surface_rate_limit * Z[_K_RATE, lane] * Z[s.RATE_FACTOR + i, lane]
         run_actuator(
-            Z, width, s.AILERON + i, s.AILERON_RATE + i, s.CMD + i, s.ACTUATORS, low, high, rate_limit, step, recorded
+            Z,
+            width,
+            s.AILERON + i,
+            s.AILERON_RATE + i,
+            s.ACTUATED + i,
+            s.ACTUATORS,
+            low,
+            high,
+            rate_limit,
+            step,
+            recorded,
         )
     for lane in range(width):
         low[lane] = constants.equivalence_ratio_min
         high[lane] = constants.equivalence_ratio_max * Z[_K_ETA_LIMIT, lane]
         rate_limit[lane] = constants.engine_rate_limit * Z[_K_ENGINE_RATE, lane]
     run_actuator(
-        Z, width, s.ETA, s.ETA_RATE, s.CMD_ETA, s.ACTUATORS + N_ACTUATOR_ROWS, low, high, rate_limit, step, recorded
+        Z,
+        width,
+        s.ETA,
+        s.ETA_RATE,
+        s.ACTUATED + 3,
+        s.ACTUATORS + N_ACTUATOR_ROWS,
+        low,
+        high,
+        rate_limit,
+        step,
+        recorded,
     )
 
 

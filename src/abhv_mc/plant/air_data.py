@@ -19,6 +19,9 @@ from abhv_mc.plant.state import (
     EARTH_X,
     EARTH_Y,
     EARTH_Z,
+    EFFECT,
+    EFFECTOR_GAIN,
+    EFFECTOR_OFFSET,
     ELEVATOR,
     ETA,
     GUST_U,
@@ -190,11 +193,19 @@ def air_data(Z, width, vehicle, earth):
 
 
 @lanes
-def deflections(Z, width, vehicle):
-    """Effective deflections and equivalence ratio of the stage, as the aerodynamics see them."""
+def deflections(Z, width, vehicle, failing):
+    """Effective deflections and equivalence ratio of the stage, as the aerodynamics see them.
+
+    ``failing``: an effector of some flight fails, see :mod:`abhv_mc.plant.failures`.
+    """
     for lane in range(width):
-        Z[_DELTA_A, lane] = Z[_AILERON_EFFECTIVENESS, lane] * Z[XS + AILERON, lane]
-        Z[_DELTA_R, lane] = Z[_RUDDER_EFFECTIVENESS, lane] * Z[XS + RUDDER, lane]
-        Z[_DELTA_E, lane] = Z[_ELEVATOR_EFFECTIVENESS, lane] * Z[XS + ELEVATOR, lane]
+        Z[_DELTA_A, lane] = Z[_AILERON_EFFECTIVENESS, lane] * Z[EFFECT, lane] * Z[XS + AILERON, lane]
+        Z[_DELTA_R, lane] = Z[_RUDDER_EFFECTIVENESS, lane] * Z[EFFECT + 1, lane] * Z[XS + RUDDER, lane]
+        Z[_DELTA_E, lane] = Z[_ELEVATOR_EFFECTIVENESS, lane] * Z[EFFECT + 2, lane] * Z[XS + ELEVATOR, lane]
         Z[_ETA, lane] = Z[XS + ETA, lane]
     set_effectors(Z, width, vehicle.effector_mix)
+    if failing:
+        for e in range(N_EFFECTORS):
+            for lane in range(width):
+                mixed = Z[_EFFECTOR + e, lane]
+                Z[_EFFECTOR + e, lane] = Z[EFFECTOR_GAIN + e, lane] * mixed + Z[EFFECTOR_OFFSET + e, lane]

@@ -107,7 +107,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage):
 
         # Forces and moments about the centre of gravity.
         lift = Z[_K_LIFT, lane] * Z[_LIFT, lane] + Z[_D_LIFT, lane]
-        drag = Z[_K_DRAG, lane] * Z[_DRAG, lane] + Z[_D_DRAG, lane]
+        drag = Z[_K_DRAG, lane] * Z[_DRAG, lane] + Z[_D_DRAG, lane] + Z[s.ENGINE_DRAG, lane]
         side = Z[_K_SIDE_FORCE, lane] * Z[_SIDE_FORCE, lane]
         fx, fy, fz = aerodynamic_force(
             constants,
@@ -133,12 +133,13 @@ def equations_of_motion(Z, width, vehicle, earth, stage):
             isp,
             Z[s.THRUST_AREA, lane],
         )
-        nominal_thrust = nominal_thrust if fuel_left else 0.0
+        nominal_thrust = nominal_thrust * Z[s.ENGINE_THRUST, lane] if fuel_left else 0.0
         t = Z[_K_THRUST, lane] * nominal_thrust
+        Z[s.THRUST, lane] = t
         fuel_divisor = constants.standard_gravity * isp * Z[_K_ISP, lane]
         per_mass, per_fuel = reciprocals(mass, fuel_divisor if fuel_divisor > 0.0 else 1.0)
         # The thrust factor is thrust at the same fuel flow.
-        fuel_flow = constants.burns_fuel * nominal_thrust * per_fuel if fuel_divisor > 0.0 else 0.0
+        fuel_flow = nominal_thrust * per_fuel if fuel_divisor > 0.0 and constants.burns_fuel > 0.0 else 0.0
         tx = t * constants.thrust_cos
         tz = -t * constants.thrust_sin
         cg_x = Z[s.CG_X, lane] + Z[_CG_X, lane]
@@ -148,7 +149,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage):
         q_s = q_bar * constants.area
         mx = q_s * constants.span * Z[_K_ROLL, lane] * Z[_ROLL, lane] - cg_y * (fz + tz) + cg_z * fy
         my = (
-            q_s * constants.chord * (Z[_K_PITCH, lane] * Z[_PITCH, lane] + Z[_D_PITCH, lane])
+            q_s * constants.chord * (Z[_K_PITCH, lane] * Z[_PITCH, lane] + Z[_D_PITCH, lane] + Z[s.ENGINE_PITCH, lane])
             + cg_x * (fz + tz)
             - cg_z * fx
             + arm * tx

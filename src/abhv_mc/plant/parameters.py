@@ -4,6 +4,7 @@ A flight's parameters are one column of an array ``[parameter, flight]`` in this
 Adding one is a line here and its use in the plant. Nominal values leave the flight unchanged.
 """
 
+import math
 from dataclasses import dataclass
 
 
@@ -56,6 +57,65 @@ _NAVIGATION = {
 }
 
 DENSITY_KNOTS_KM = (10, 15, 20, 25, 30, 35, 40)
+
+NEVER = math.inf  # time of a failure that does not happen
+# What may fail: the three axis deflections, and the vehicle's own effectors by their place in its file.
+AXES = ("aileron", "rudder", "elevator")
+EFFECTORS = ("effector_0", "effector_1", "effector_2", "effector_3")
+SENSORS = tuple(_NAVIGATION)
+
+
+def _failures() -> tuple[Parameter, ...]:
+    """Failures at drawn times: first all times, so that one search finds whether any of them is used."""
+    surfaces = (*AXES, *EFFECTORS)
+    words = {name: f"the vehicle's effector {name[-1]}" if name in EFFECTORS else f"the {name}" for name in surfaces}
+    times = [
+        Parameter(f"failure.{name}.{kind}_time", "s", NEVER, text.format(words[name]))
+        for name in surfaces
+        for kind, text in (
+            ("stuck", "time at which {} sticks"),
+            ("loss", "time at which {} loses effectiveness"),
+            ("slow", "time at which {} becomes slow"),
+        )
+    ]
+    times.append(Parameter("failure.engine.time", "s", NEVER, "time at which the engine fails"))
+    times += [
+        Parameter(
+            f"failure.sensor.{name}.time", "s", NEVER, f"time at which the measured {name.replace('_', ' ')} fails"
+        )
+        for name in SENSORS
+    ]
+    how = [
+        parameter
+        for name in surfaces
+        for parameter in (
+            Parameter(
+                f"failure.{name}.stuck_at", "rad", NEVER, f"deflection that {words[name]} sticks at; inf: where it is"
+            ),
+            _error(f"failure.{name}.effectiveness", "-", f"effectiveness of {words[name]} after its loss"),
+            Parameter(f"failure.{name}.rate_limit", "-", 0.1, f"factor on the rate limit of {words[name]} once slow"),
+        )
+    ]
+    how += [
+        Parameter("failure.engine.duration", "s", NEVER, "how long the engine has failed; inf: for good"),
+        _error("failure.engine.thrust", "-", "factor on thrust and fuel flow of the failed engine; 0: flame-out"),
+        _error("failure.engine.drag_increment", "-", "added to the drag coefficient while the engine has failed"),
+        _error(
+            "failure.engine.pitching_moment_increment",
+            "-",
+            "added to the pitching-moment coefficient while the engine has failed",
+        ),
+    ]
+    how += [
+        _error(
+            f"failure.sensor.{name}.bias",
+            unit,
+            f"error of the failed measured {name.replace('_', ' ')}; 0: it stays what it was",
+        )
+        for name, unit in _NAVIGATION.items()
+    ]
+    return (*times, *how)
+
 
 PARAMETERS: tuple[Parameter, ...] = (
     _factor("one", "not dispersible: the factor of a term that no parameter touches"),
@@ -123,6 +183,13 @@ PARAMETERS: tuple[Parameter, ...] = (
     ),
     Parameter("sensor.noise_seed", "-", 0.5, "which sensor noise a flight meets, 0..1: draw it uniformly"),
     _error("sensor.delay", "s", "age of every measurement, in whole control periods, at most 25 of them"),
+    *_failures(),
+)
+
+FAILURE_TIMES = tuple(
+    parameter.name
+    for parameter in PARAMETERS
+    if parameter.name.startswith("failure.") and parameter.nominal == NEVER and parameter.name.endswith("time")
 )
 
 PARAMETER_INDEX: dict[str, int] = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}

@@ -57,10 +57,11 @@ VAR = P + len(PARAMETERS)  # variables of the tables and of the build-up
 COEF = VAR + len(VARIABLES)  # coefficients
 CMD = COEF + len(COEFFICIENTS)  # commands held over the tick
 AIR = CMD + 4  # air data of the stage
-FIXED = AIR + 19  # the fixed quantities of the tables, in the order of FIXED_TABLE_ROWS
+FIXED = AIR + 20  # the fixed quantities of the tables, in the order of FIXED_TABLE_ROWS
 NAV = FIXED + len(FIXED_TABLE_ROWS)  # the true motion relative to the Earth
 MEASURED = NAV + 8  # the measurement, which the control laws see
-COUNTED = MEASURED + 10  # 1 where the sample of this tick counts
+N_MEASURED = 10
+COUNTED = MEASURED + N_MEASURED  # 1 where the sample of this tick counts
 COMMANDS = COUNTED + 1  # what the guidance commands of the attitude loop
 GUST = COMMANDS + 3  # gust and turbulence of the tick in body axes, and the profile's factor on the density
 TURBULENCE = GUST + 4  # random numbers, then the forming filters
@@ -68,24 +69,33 @@ FILTERS = TURBULENCE + N_STREAM_ROWS
 PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / the dispersion of the mass, by flight
 ACTUATORS = PER_MASS_FACTOR + 1  # surfaces, then engine: what they need for a step, by flight
 LIMITS = ACTUATORS + 2 * N_ACTUATOR_ROWS  # of the actuator at work: lowest, highest, fastest
-LAW = LIMITS + 3  # the rows of control and flight follow: the law's own memory first
+FAILURE = LIMITS + 3  # what has failed at the tick, and what failures remember
+LAW = FAILURE + 35 + N_MEASURED  # the rows of control and flight follow: the law's own memory first
 
 CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, AIR)
 
 # Air data: density, dynamic pressure, flow; latitude and the Earth's rotation in body axes; velocity of the air and
-# specific force in body axes.
+# specific force in body axes, thrust.
 _FLOW, _EARTH, _AIR_VELOCITY, _SPECIFIC_FORCE = AIR, AIR + 8, AIR + 13, AIR + 16
 RHO, Q_BAR, AIRSPEED, SIN_ALPHA, COS_ALPHA, SIN_BETA, COS_BETA, OUTSIDE = range(_FLOW, _EARTH)
 SIN_LAT, COS_LAT, EARTH_X, EARTH_Y, EARTH_Z = range(_EARTH, _AIR_VELOCITY)
 AIR_U, AIR_V, AIR_W = range(_AIR_VELOCITY, _SPECIFIC_FORCE)
-SPECIFIC_X, SPECIFIC_Y, SPECIFIC_Z = range(_SPECIFIC_FORCE, FIXED)
+SPECIFIC_X, SPECIFIC_Y, SPECIFIC_Z, THRUST = range(_SPECIFIC_FORCE, FIXED)
 
 CAPTURE, ISP, THRUST_AREA, INERTIA_XX, INERTIA_YY, INERTIA_ZZ, INERTIA_13, CG_X, CG_Z = range(FIXED, NAV)
 SPEED, GAMMA, CHI, BANK, NORTH, EAST, V_NORTH_LAST, V_EAST_LAST = range(NAV, MEASURED)
 M_ALTITUDE, M_SPEED, M_GAMMA, M_CHI, M_ALPHA, M_BETA, M_BANK, M_P, M_Q, M_R = range(MEASURED, COUNTED)
 GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, GUST)
 GUST_U, GUST_V, GUST_W, DENSITY_PROFILE = range(GUST, TURBULENCE)
-N_MEASURED = COUNTED - MEASURED
+# Commands that the actuators get; factors on the three surfaces' rates and effectiveness; gain and offset of the
+# vehicle's four effectors; of the engine: factor on thrust, increments of drag and pitching moment, whether it has
+# failed; then the deflections that surfaces and effectors stick at, slow effectors, frozen measurements, and of the
+# inlet: whether it has unstarted and the last time it was outside its range.
+ACTUATED, RATE_FACTOR, EFFECT = FAILURE, FAILURE + 4, FAILURE + 7
+EFFECTOR_GAIN, EFFECTOR_OFFSET = FAILURE + 10, FAILURE + 14
+ENGINE_THRUST, ENGINE_DRAG, ENGINE_PITCH, ENGINE_FAILED = range(FAILURE + 18, FAILURE + 22)
+STUCK_SURFACE, STUCK_EFFECTOR, SLOW_EFFECTOR = FAILURE + 22, FAILURE + 25, FAILURE + 29
+UNSTARTED, UNSTART_TIME, FROZEN = FAILURE + 33, FAILURE + 34, FAILURE + 35
 
 N_VARIABLES = len(VARIABLES)
 N_COEFFICIENTS = len(COEFFICIENTS)

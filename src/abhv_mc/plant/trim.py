@@ -32,6 +32,7 @@ class FlightPoint(NamedTuple):
     flight_path_angle: float = 0.0
     speed_rate: float = 0.0  # V'
     flight_path_rate: float = 0.0  # gamma'
+    density_factor: float = 1.0  # on the standard atmosphere's
 
 
 class TrimPoint(NamedTuple):
@@ -164,6 +165,7 @@ def _forces(
     alpha, elevator, eta = controls
     constants = vehicle.constants
     density, _, _, sound = atmosphere(point.altitude)
+    density *= point.density_factor
     q_bar = 0.5 * density * point.speed**2
     variables = make_variables(
         vehicle,

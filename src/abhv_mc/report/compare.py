@@ -1,15 +1,20 @@
 """Two campaigns flown on the same samples, compared flight by flight."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from abhv_mc.io.documents import InputError
+from abhv_mc.flight.signals import METRIC_INDEX
+from abhv_mc.io.documents import InputError, Refusal, one_of
+from abhv_mc.io.units import parse_in_unit
 from abhv_mc.report.failures import requirement_words
+from abhv_mc.report.flights import ControllerFlights, common_rows, severities
 from abhv_mc.report.paired import pair_numbers
+from abhv_mc.report.plain import plain
 from abhv_mc.report.results import Results, read_results
+from abhv_mc.statistics.paired import not_worse
 from abhv_mc.store.folder import CampaignFolder
 
 
@@ -33,11 +38,32 @@ def require_same_samples(a: Results, b: Results) -> None:
             raise InputError(path, None, None, found, f"{float(mine[k])!r} as in {a.folder}")
 
 
-def compare_folders(folder_a: Path, folder_b: Path, controllers: Sequence[str] = ()) -> dict[str, Any]:
+def parse_margins(texts: Sequence[str]) -> dict[str, float]:
+    """``METRIC=5%`` as shares by metric. Raises InputError."""
+    margins = {}
+    for text in texts:
+        metric, sign, value = text.partition("=")
+        try:
+            margin = parse_in_unit(value.strip(), "-") if sign else -1.0
+        except Refusal:
+            margin = -1.0
+        if metric.strip() not in METRIC_INDEX:
+            wanted = one_of(METRIC_INDEX, metric.strip())
+            raise InputError("--fail-if-worse", None, None, f"metric '{metric.strip()}'", wanted)
+        if margin < 0.0:
+            raise InputError("--fail-if-worse", None, None, f"'{text}'", "METRIC=SHARE, a share from 0 such as 5%")
+        margins[metric.strip()] = margin
+    return margins
+
+
+def compare_folders(
+    folder_a: Path, folder_b: Path, controllers: Sequence[str] = (), margins: Mapping[str, float] | None = None
+) -> dict[str, Any]:
     """Compare each controller that both campaigns flew: `a` is the first folder's.
 
     `controllers` names two to compare across, the first folder's and the second's. Where the numbers of flights
-    differ, those that both flew are compared. Raises InputError where the samples differ or nothing is in common.
+    differ, those that both flew are compared. `margins` are shares by which `b` may be worse in metrics.
+    Raises InputError where the samples differ or nothing is in common.
     """
     a, b = read_results(folder_a), read_results(folder_b)
     require_same_samples(a, b)
@@ -48,10 +74,23 @@ def compare_folders(folder_a: Path, folder_b: Path, controllers: Sequence[str] =
         names = (f"{folder_a}: {one}", f"{folder_b}: {other}")
         found = pair_numbers(a.flights[one], b.flights[other], names, metrics, requirements)
         if found is not None:
-            pairs.append(found)
+            gates = {
+                metric: _gate(a.flights[one], b.flights[other], metric, m) for metric, m in (margins or {}).items()
+            }
+            pairs.append(found | {"not_worse": gates})
     if not pairs:
         raise InputError(folder_b, None, None, "no flight that both campaigns flew", f"flights of {folder_a}")
     return {"requirements": [requirement_words(item) for item in requirements], "paired": pairs}
+
+
+def _gate(a: ControllerFlights, b: ControllerFlights, metric: str, margin: float) -> dict[str, Any]:
+    """Whether `b` is shown to be at most so much worse. Raises InputError where one of them lacks the metric."""
+    if metric not in a.metrics or metric not in b.metrics:
+        raise InputError("--fail-if-worse", None, None, f"'{metric}', which not both have", "a metric of both")
+    rows_a, rows_b = common_rows(a, b)
+    values = severities(a, metric, rows_a), severities(b, metric, rows_b)
+    found = not_worse(*values, a.failed[rows_a], b.failed[rows_b], margin)
+    return {**plain(found), "shown": found.shown}
 
 
 def _pairs(a: Results, b: Results, controllers: Sequence[str]) -> Iterator[tuple[str, str]]:

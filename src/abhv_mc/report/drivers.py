@@ -24,7 +24,7 @@ _MOST_FLIGHTS = 5_000  # the first so many tell correlations of 0.05 from chance
 
 def driver_numbers(results: Results) -> dict[str, Any]:
     """Rank coefficients of every metric and rules of every kind of failure; empty without dispersions."""
-    names = list(results.samples)
+    names = list(results.dispersed)
     if not names:
         return {}
     numbers: dict[str, Any] = {}
@@ -32,7 +32,11 @@ def driver_numbers(results: Results) -> dict[str, Any]:
         flights = results.flights[controller]
         rows = np.flatnonzero(independent_rows(results, flights.flight))
         kinds = failure_kinds(results, controller)
-        binned = bin_inputs(column[flights.flight[rows]] for column in results.samples.values()) if kinds else None
+        binned = (
+            bin_inputs(column[flights.flight[rows]] for column in map(results.samples.__getitem__, names))
+            if kinds
+            else None
+        )
 
         def column(index: int, flown: NDArray[np.int64] = flights.flight[rows]) -> NDArray[np.float64]:
             return np.asarray(results.samples[names[index]][flown], dtype=np.float64)
@@ -60,16 +64,18 @@ def driver_numbers(results: Results) -> dict[str, Any]:
 
 
 def _coefficients(results: Results, controller: str, rows: NDArray[np.intp]) -> dict[str, Any]:
-    metrics, names = list(results.metrics), list(results.samples)
+    metrics, names = list(results.metrics), list(results.dispersed)
     flights = results.flights[controller]
     first = rows[:_MOST_FLIGHTS]
     outputs = np.column_stack([severities(flights, metric, first) for metric in metrics])
     inputs, folded = [], []
-    for sampled in results.samples.values():
+    for sampled in map(results.samples.__getitem__, names):
         inputs.append(sampled[flights.flight[first]])
         # A largest absolute error often grows with a parameter's distance from its middle, whichever way; ranks of
         # the parameter alone do not see that.
-        folded.append(np.abs(inputs[-1] - np.median(sampled[flights.flight[rows]])))
+        finite = sampled[flights.flight[rows]]
+        finite = finite[np.isfinite(finite)]  # a failure that never comes is far from every time
+        folded.append(np.abs(inputs[-1] - (np.median(finite) if finite.size else 0.0)))
     drivers = rank_drivers(np.column_stack([*inputs, *folded]), outputs)
     if drivers is None:
         return {}

@@ -6,14 +6,8 @@ from numpy.typing import NDArray
 from abhv_mc.report.flights import ControllerFlights
 from abhv_mc.report.metrics import words_of
 from abhv_mc.report.results import Requirement, Results
+from abhv_mc.statistics.judgement import Pair, judge_pairs
 from abhv_mc.statistics.requirement import requirement_failures as failures
-from abhv_mc.statistics.sequential import (
-    at_least_as_bad,
-    at_least_as_good,
-    make_sequential_plan,
-    sequential_lower_bound,
-    sequential_verdict,
-)
 from abhv_mc.statistics.verdicts import Verdict
 
 EARLY = "ended early"
@@ -28,34 +22,43 @@ def requirement_failures(flights: ControllerFlights, requirement: Requirement) -
     return failures(values, early, requirement.limit, requirement.below, requirement.early_is_failure)
 
 
-def sequential_evidence(flights: ControllerFlights, requirement: Requirement, looks: tuple[int, ...]) -> Verdict:
-    """The verdict of a campaign that stops when proven, with bounds and risks that allow for the looks.
+def failed_anyhow(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -> NDArray[np.bool_]:
+    """Which flights [flight] ended early or miss any requirement."""
+    failed = flights.failed.copy()
+    for item in requirements:
+        failed |= requirement_failures(flights, item)
+    return failed
 
-    A flight that could not be computed counts as a failure: nothing shows that it held.
-    """
-    last = int(flights.flight[-1]) + 1
-    missed = np.ones(last, dtype=np.bool_)
-    missed[flights.flight] = requirement_failures(flights, requirement)
-    plan = make_sequential_plan(looks, requirement.probability, requirement.consumer_risk)
-    found = sequential_verdict(missed, plan)
-    return Verdict(
-        found.status,
-        found.failures,
-        found.flights,
-        requirement.probability,
-        requirement.consumer_risk,
-        sequential_lower_bound(found, plan),
-        at_least_as_good(found, plan, requirement.probability),
-        at_least_as_bad(found, plan, requirement.probability),
-        0 if found.status == "PASS" else None,
-    )
+
+def judge_all(results: Results) -> list[dict[str, Verdict]]:
+    """Verdicts of each requirement by controller, as the manifest has them: all pairs are one family."""
+    names, items = results.controllers, results.campaign.requirements
+    pairs = [_pair(results, results.flights[name], item) for name in names for item in items]
+    verdicts = iter(judge_pairs(pairs, results.rules))
+    table = {name: [next(verdicts) for _ in items] for name in names}
+    return [{name: table[name][i] for name in names} for i in range(len(items))]
+
+
+def _pair(results: Results, flights: ControllerFlights, requirement: Requirement) -> Pair:
+    """One requirement on one controller, in flight order up to the first flight that is missing."""
+    numbers = np.concatenate([flights.flight, flights.absent])
+    order = np.argsort(numbers, kind="stable")
+    missed = np.concatenate([requirement_failures(flights, requirement), np.zeros(flights.absent.size, np.bool_)])
+    uncomputed = np.arange(numbers.size) >= flights.flight.size
+    gapless = int(np.sum(numbers[order] == np.arange(numbers.size)))
+    kept = order[:gapless] if results.rules.looks or results.campaign.looks else order
+    return Pair(missed[kept], uncomputed[kept], requirement.probability, requirement.consumer_risk)
 
 
 def requirement_words(requirement: Requirement) -> str:
     """'Altitude error, max < 50 m'."""
-    words = words_of(requirement.metric)
-    limit = f"{requirement.limit:g}"
-    return f"{words.label} {'<' if requirement.below else '>'} {limit}\N{NO-BREAK SPACE}{words.unit}".strip()
+    return limit_words(requirement.metric, requirement.limit, requirement.below)
+
+
+def limit_words(metric: str, limit: float, below: bool) -> str:
+    """The same of a metric and its limit."""
+    words = words_of(metric)
+    return f"{words.label} {'<' if below else '>'} {limit:g}\N{NO-BREAK SPACE}{words.unit}".strip()
 
 
 def failure_kinds(results: Results, controller: str) -> list[tuple[str, NDArray[np.bool_]]]:

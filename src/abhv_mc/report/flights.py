@@ -29,7 +29,12 @@ class ControllerFlights:
     flight: NDArray[np.int64]  # [flight]
     outcome: NDArray[np.uint8]  # [flight], of `Outcome`
     metrics: Mapping[str, Floats]  # name -> [flight], copied anew each time
-    not_computed: int  # flights that say nothing about the vehicle
+    absent: NDArray[np.int64]  # numbers of the flights that could not be computed, ascending
+
+    @property
+    def not_computed(self) -> int:
+        """How many flights could not be computed: they count as failures in verdicts."""
+        return int(self.absent.size)
 
     @cached_property
     def failed(self) -> NDArray[np.bool_]:
@@ -63,12 +68,12 @@ class _Collected:
         self.flight: list[NDArray[np.int64]] = []
         self.outcome: list[NDArray[np.uint8]] = []
         self.metrics = SpooledColumns(metrics)
-        self.not_computed = 0
+        self.absent: list[NDArray[np.int64]] = []
 
     def add(self, flight: NDArray[np.int64], outcome: NDArray[np.uint8], values: Floats) -> None:
         """Rows of a block: [flight], [flight] and [metric, flight]."""
         computed = outcome != Outcome.FAILED_TO_RUN
-        self.not_computed += int(np.sum(~computed))
+        self.absent.append(flight[~computed])
         self.flight.append(flight[computed])
         self.outcome.append(outcome[computed])
         self.metrics.append(values[:, computed])
@@ -80,7 +85,7 @@ class _Collected:
             order = np.argsort(flight, kind="stable")
             flight, outcome = flight[order], outcome[order]
             self.metrics.put_in_order(order)
-        return ControllerFlights(flight, outcome, self.metrics, self.not_computed)
+        return ControllerFlights(flight, outcome, self.metrics, np.sort(np.concatenate(self.absent)))
 
 
 def read_flights(folder: Path, known: Collection[Path] | None = None) -> dict[str, ControllerFlights]:

@@ -6,17 +6,21 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from abhv_mc.report.failure_cases import failure_case_figures
+from abhv_mc.report.failures import failed_anyhow
 from abhv_mc.report.figures.convergence import ConvergencePanel, plot_convergence
 from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributions, plot_error_against_usage
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.report.figures.marks import MarksPanel, plot_marks
 from abhv_mc.report.figures.paper import FigureText, paper_figures
+from abhv_mc.report.figures.stability import MarginMarks, plot_margins
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.metrics import FOLLOWING, HEADLINE, HOLDING, USAGE, controller_label, words_of
 from abhv_mc.report.paired import total_usage
 from abhv_mc.report.parameters import spoken_name
 from abhv_mc.report.results import Results, read_histories
-from abhv_mc.report.worst import rank_worst
+from abhv_mc.report.worst import rank_worst, worst_share
+from abhv_mc.stability.metrics import MARGIN_NAMES
 from abhv_mc.vehicle.arrays import Floats
 
 _SHOWN_WORST = 3
@@ -175,7 +179,7 @@ def _sobol(
         tables = {name: {e["parameter"]: e for e in part[metric]} for name, part in found.items() if metric in part}
         if not tables:
             continue
-        ranked = sorted(results.samples, key=lambda p: -max(table[p]["total"][0] for table in tables.values()))
+        ranked = sorted(results.dispersed, key=lambda p: -max(table[p]["total"][0] for table in tables.values()))
         ranked = ranked[:_SHOWN_PARAMETERS]
         panels.append(_marks_panel(metric, ranked, [spoken_name(p) for p in ranked], tables, kinds))
     if panels:
@@ -217,6 +221,33 @@ def _convergence(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: 
         yield text, plot_convergence(panels, labels, colors)
 
 
+def _margins(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
+    """Each flight's badness over its margins, where flights have them."""
+    marks = {}
+    for name in results.controllers:
+        flights = results.flights[name]
+        if MARGIN_NAMES[0] not in flights.metrics:
+            return
+        rows = np.flatnonzero(np.isfinite(flights.metrics[MARGIN_NAMES[0]]))
+        share = worst_share(flights, results.campaign.requirements)[rows]
+        gain, phase = (flights.metrics[metric][rows] for metric in MARGIN_NAMES[:2])
+        marks[name] = MarginMarks(gain, phase, share, failed_anyhow(flights, results.campaign.requirements)[rows])
+    if not any(each.gain_db.size for each in marks.values()):
+        return
+    required = bool(results.campaign.requirements)
+    words = "limit of any requirement" if required else "median of any headline error"
+    text = FigureText(
+        "margins",
+        "Margins against failure",
+        f"Each mark is one flight: its largest share of the {words} over its least gain and phase margin. "
+        + ("Filled marks failed; marks at the upper end ended early." if required else "Filled marks ended early."),
+    )
+    yield (
+        text,
+        plot_margins(marks, "largest share of a limit" if required else "largest share of a median", labels, colors),
+    )
+
+
 def make_figures(results: Results, numbers: Mapping[str, Any]) -> Iterator[tuple[FigureText, Figure]]:
     """Every figure that the campaign's folder has the data for."""
     labels = {name: controller_label(name) for name in results.controllers}
@@ -224,7 +255,9 @@ def make_figures(results: Results, numbers: Mapping[str, Any]) -> Iterator[tuple
     yield from paper_figures(results)
     yield from _distributions(results, labels, colors)
     yield from _trade(results, labels, colors)
+    yield from failure_case_figures(results, labels, colors)
     yield from _worst(results, colors)
+    yield from _margins(results, labels, colors)
     yield from _drivers(results, numbers, labels, colors)
     yield from _sobol(results, numbers, labels, colors)
     yield from _convergence(numbers, labels, colors)

@@ -4,10 +4,11 @@ import re
 from dataclasses import dataclass
 
 from abhv_mc.flight.signals import METRICS
+from abhv_mc.stability.metrics import MARGIN_NAMES, MARGIN_VALUES
 from abhv_mc.statistics.estimates import Sense
 
-_UNIT_SUFFIXES = ("_mps", "_deg", "_dps", "_kg", "_pa", "_g", "_m", "_s")
-_LOW = ("angle_of_attack_min_deg", "equivalence_ratio_min")
+_UNIT_SUFFIXES = ("_mps", "_deg", "_dps", "_kg", "_pa", "_g", "_m", "_s", "_db", "_ms")
+_LOW = ("angle_of_attack_min_deg", "equivalence_ratio_min", *MARGIN_NAMES)
 _SIGNED = ("cross_track_error_final_m",)
 _TRACKING = ("altitude", "speed", "heading", "cross_track", "angle_of_attack_error", "bank_error", "sideslip")
 _USAGE = ("aileron", "elevator", "rudder", "equivalence_ratio", "fuel", "surface")
@@ -29,7 +30,7 @@ class MetricWords:
     label: str  # words without the unit
     unit: str  # "" where it has none
     doc: str
-    group: str  # "tracking", "usage" or "loads"
+    group: str  # "tracking", "usage", "loads" or "stability"
     sense: Sense
 
     @property
@@ -46,6 +47,8 @@ def _label(name: str) -> str:
 
 
 def _group(name: str) -> str:
+    if name in MARGIN_NAMES:
+        return "stability"
     if name.startswith(_TRACKING):
         return "tracking"
     return "usage" if name.startswith(_USAGE) else "loads"
@@ -56,7 +59,7 @@ def _describe(name: str, unit: str = "-", doc: str = "") -> MetricWords:
     return MetricWords(name, _label(name), "" if unit == "-" else unit, doc, _group(name), sense)
 
 
-_METRIC_WORDS = {signal.name: _describe(signal.name, signal.unit, signal.doc) for signal in METRICS}
+_METRIC_WORDS = {signal.name: _describe(signal.name, signal.unit, signal.doc) for signal in (*METRICS, *MARGIN_VALUES)}
 
 
 def words_of(name: str) -> MetricWords:
@@ -64,7 +67,13 @@ def words_of(name: str) -> MetricWords:
     return _METRIC_WORDS.get(name) or _describe(name)
 
 
-_KNOWN_NAMES = {"tlc": "TLC", "lqr": "LQR", "lqr_retuned": "LQR retuned"}
+_KNOWN_NAMES = {
+    "tlc": "TLC",
+    "lqr": "LQR",
+    "lqr_retuned": "LQR retuned",
+    "lqr_robust": "LQR robust",
+    "tlc_robust": "TLC robust",
+}
 
 
 def controller_label(name: str) -> str:

@@ -10,15 +10,19 @@ import numpy as np
 
 from abhv_mc.report.convergence import convergence_numbers
 from abhv_mc.report.drivers import driver_numbers
-from abhv_mc.report.failures import requirement_failures, requirement_words, sequential_evidence
+from abhv_mc.report.failure_cases import failure_case_numbers
+from abhv_mc.report.failures import judge_all, requirement_failures, requirement_words
 from abhv_mc.report.metrics import words_of
 from abhv_mc.report.paired import paired_numbers
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.results import Requirement, Results
 from abhv_mc.report.sobol import sobol_numbers
+from abhv_mc.report.stability import stability_numbers
 from abhv_mc.report.worst import worst_numbers
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
-from abhv_mc.statistics.verdicts import clopper_pearson, judge
+from abhv_mc.statistics.judgement import any_false_pass
+from abhv_mc.statistics.verdict_words import verdict_words
+from abhv_mc.statistics.verdicts import Verdict, clopper_pearson
 
 FORMAT = 1
 
@@ -45,21 +49,29 @@ def _requirements(results: Results) -> list[dict[str, Any]]:
             **{key: getattr(item, key) for key in ("metric", "below", "limit", "probability", "consumer_risk")},
             "words": requirement_words(item),
             "binds": list(item.controllers),
-            "controllers": {name: _verdict(results, item, name) for name in results.controllers},
+            "controllers": {name: _verdict(results, item, name, verdict) for name, verdict in verdicts.items()},
         }
-        for item in results.campaign.requirements
+        for item, verdicts in zip(results.campaign.requirements, judge_all(results), strict=True)
     ]
 
 
-def _verdict(results: Results, item: Requirement, name: str) -> dict[str, Any]:
-    flights, campaign = results.flights[name], results.campaign
-    if campaign.looks:
-        verdict = sequential_evidence(flights, item, campaign.looks)
-    else:
-        missed = requirement_failures(flights, item)
-        counts = int(missed.sum()), int(missed.size)
-        verdict = judge(*counts, item.probability, item.consumer_risk, campaign.independent)
-    return {**plain(verdict), "ended_early": int(flights.failed.sum())}
+def _verdict(results: Results, item: Requirement, name: str, verdict: Verdict) -> dict[str, Any]:
+    flights = results.flights[name]
+    failures = int(requirement_failures(flights, item).sum()) + flights.not_computed
+    flown = int(flights.flight.size) + flights.not_computed
+    return {
+        **plain(verdict),
+        "campaign_failures": failures,
+        "campaign_flights": flown,
+        "ended_early": int(flights.failed.sum()),
+        "words": verdict_words(verdict, failures, flown),
+    }
+
+
+def _any_false_pass(results: Results) -> float | None:
+    """Bound on the chance of any false PASS among all verdicts; None where none is given."""
+    risks = [item.consumer_risk for item in results.campaign.requirements for _ in results.controllers]
+    return any_false_pass(risks, results.rules) if risks and results.campaign.independent else None
 
 
 def _metric_table(results: Results) -> dict[str, Any]:
@@ -106,7 +118,7 @@ def make_numbers(results: Results) -> dict[str, Any]:
             "controllers": list(results.controllers),
             "looks": list(campaign.looks),
             "independent_flights": campaign.independent,
-            "parameters": list(results.samples),
+            "parameters": list(results.dispersed),
             "dispersions": plain(campaign.dispersions),
         },
         "state": manifest.get("state"),
@@ -114,11 +126,16 @@ def make_numbers(results: Results) -> dict[str, Any]:
         "digest": manifest.get("digest"),
         "digests": plain(manifest.get("digests") or {}),
         "flights": _flight_counts(results),
+        "looks": list(results.rules.looks),
+        "family_risk": results.campaign.family_risk,
+        "any_false_pass": _any_false_pass(results),
         "requirements": _requirements(results),
         "metrics": _metric_table(results),
         "paired": paired_numbers(results),
         "worst": worst_numbers(results),
+        "failure_cases": failure_case_numbers(results),
         "ranges": _ranges(results),
+        "stability": stability_numbers(results),
         "drivers": driver_numbers(results),
         "sobol": sobol_numbers(results),
         "convergence": convergence_numbers(results),

@@ -17,12 +17,14 @@ from markupsafe import Markup
 
 from abhv_mc.report import tables
 from abhv_mc.report.answer import answer_sentences, joined, sureness_sentence
+from abhv_mc.report.failure_cases import failure_case_rows, failure_case_sentences
 from abhv_mc.report.figures.paper import FigureText
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.interactive import envelope_data
 from abhv_mc.report.metrics import FOLLOWING, HOLDING, controller_label, words_of
 from abhv_mc.report.parameters import parameter_doc
 from abhv_mc.report.results import Results
+from abhv_mc.report.stability import stability_context, stability_sentences
 from abhv_mc.report.words import fixed, percent, significant
 
 
@@ -136,7 +138,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "labels": [controller_label(name) for name in names],
         "title": campaign["name"].replace("_", " "),
         "question": campaign["question"] or f"What does the campaign {campaign['name']} show?",
-        "answers": answer_sentences(numbers),
+        "answers": [*answer_sentences(numbers), *stability_sentences(numbers)],
         "sureness": sureness_sentence(numbers),
         "verdicts": tables.verdict_rows(numbers),
         "headline": tables.headline_rows(numbers),
@@ -149,10 +151,13 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
             for name, part in numbers["drivers"].get("controllers", {}).items()
             if part["failures"]
         },
+        "failure_cases": failure_case_rows(numbers["failure_cases"]),
+        "failure_sentences": failure_case_sentences(numbers["failure_cases"]),
         "rates": {
             "drivers": percent(numbers["drivers"].get("false_discovery_rate"), 1),
             "rules": percent(numbers["drivers"].get("rules_false_discovery_rate"), 1),
         },
+        "stability": stability_context(numbers, folder),
         "worst": tables.worst_tables(numbers, folder),
         "worst_heads": [words_of(m).label_with_unit for m in (*FOLLOWING, *HOLDING)],
         "dispersions": _dispersions(numbers),

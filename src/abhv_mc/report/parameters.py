@@ -14,8 +14,13 @@ def is_factor(name: str) -> bool:
     return name not in PARAMETER_INDEX or PARAMETERS[PARAMETER_INDEX[name]].nominal == 1.0
 
 
-def shown_value(name: str, value: float) -> str:
-    """'+8.1 %' for a factor of 1.081, '0.3 deg' for an error in radians."""
+def shown_value(name: str, value: float | None) -> str:
+    """'+8.1 %' for a factor of 1.081, '0.3 deg' for an error in radians, 'never' for a failure that does not come.
+
+    None is how JSON holds an infinite value.
+    """
+    if value is None or not math.isfinite(value):
+        return "never" if name.endswith("time") else "where it is" if name.endswith("stuck_at") else "for good"
     if is_factor(name):
         change = fixed(100.0 * (value - 1.0), 1)
         return f"{'+' if value > 1.0 and change != '0.0' else ''}{change}\N{NO-BREAK SPACE}%"

@@ -1,7 +1,8 @@
 """A campaign's folder as plain arrays: what every table, figure and page of a report is made from."""
 
+import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +11,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.signals import METRICS
+from abhv_mc.io.input_error import InputError
 from abhv_mc.report.columns import FileColumns, read_table
 from abhv_mc.report.flights import ControllerFlights, read_flights
+from abhv_mc.stability.metrics import MARGIN_FAULTS, MARGIN_NAMES
+from abhv_mc.statistics.judgement import Rules
 from abhv_mc.store.envelopes import QUANTILE_COLUMNS
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import data_files, read_checked
-from abhv_mc.store.manifest import read_manifest
+from abhv_mc.store.manifest import COMPLETE, read_manifest
 from abhv_mc.vehicle.arrays import Floats
 
 BANDS = ("min", *QUANTILE_COLUMNS, "max")
@@ -48,7 +53,10 @@ class CampaignFacts:
     sampling: str
     dispersions: dict[str, dict[str, Any]]
     requirements: tuple[Requirement, ...]
+    margin_flights: int = 0  # of which margins were asked for
+    margin_points: tuple[str | float, ...] = ()  # "trim", or s
     looks: tuple[int, ...] = ()  # where it stops when proven: after which flights the verdicts are looked at
+    family_risk: float | None = None  # of any false PASS among all verdicts, where the campaign holds it
 
     @property
     def independent(self) -> bool:
@@ -77,6 +85,7 @@ class Results:
     envelopes: dict[tuple[str, str], Envelope]  # (controller, channel)
     reference: dict[str, Floats]  # "time" and REFERENCE_CHANNELS -> [time]
     nominal: dict[str, dict[str, Floats]]  # controller -> "time" and CHANNELS -> [time]
+    stability: dict[str, Any] = field(default_factory=dict)  # margins in steady flight; empty where none were found
 
     @property
     def controllers(self) -> tuple[str, ...]:
@@ -84,11 +93,32 @@ class Results:
         return tuple(name for name in self.campaign.controllers if name in self.flights)
 
     @property
+    def rules(self) -> Rules:
+        """What the verdicts rest on. A folder from before looks were recorded was looked at when it was complete."""
+        looks = self.manifest.get("looks")
+        if looks is None:
+            complete = self.manifest.get("state") == COMPLETE
+            looks = [self.campaign.runs] if complete and not self.campaign.looks else []
+        campaign = self.campaign
+        return Rules(tuple(looks), campaign.looks, campaign.independent, campaign.family_risk)
+
+    @property
+    def dispersed(self) -> tuple[str, ...]:
+        """The sampled parameters but the seeds of noise, which are no dispersions."""
+        return tuple(name for name in self.samples if not is_seed(name))
+
+    @property
     def metrics(self) -> tuple[str, ...]:
         """Metrics that the flights hold, in the order of the signal table, others after them."""
-        held = next(iter(self.flights.values())).metrics
+        held = [name for name in next(iter(self.flights.values())).metrics if name not in self._apart]
         known = [signal.name for signal in METRICS if signal.name in held]
         return (*known, *(name for name in held if name not in known))
+
+    @property
+    def _apart(self) -> tuple[str, ...]:
+        """Margins that not every flight has, which only the section on stability shows; and why there are none."""
+        faults = tuple(signal.name for signal in MARGIN_FAULTS)
+        return faults if self.campaign.margin_flights >= self.campaign.runs else (*faults, *MARGIN_NAMES)
 
     @property
     def pairs(self) -> Iterator[tuple[str, str]]:
@@ -99,9 +129,9 @@ class Results:
 
 def read_facts(path: Path) -> CampaignFacts:
     """The resolved campaign file of a folder. Raises InputError where it is missing or is not one."""
-    from abhv_mc.campaign.file.check import read_campaign
+    from abhv_mc.campaign.file.resolve import read_own_campaign
 
-    campaign = read_campaign(path)
+    campaign = read_own_campaign(CampaignFolder(path.parent))
     model, plain = campaign.model, campaign.document.data
     controllers = tuple(model.controllers)
     return CampaignFacts(
@@ -112,6 +142,9 @@ def read_facts(path: Path) -> CampaignFacts:
         seed=model.seed,
         sampling=model.sampling.design,
         looks=campaign.looks,
+        family_risk=model.family.risk if model.family else None,
+        margin_flights=model.margins.of(campaign.runs) if model.margins else 0,
+        margin_points=model.margins.at if model.margins else (),
         dispersions=dict(plain.get("dispersions") or {}) if isinstance(plain, dict) else {},
         requirements=tuple(
             Requirement(
@@ -153,6 +186,18 @@ def _read_nominal(path: Path) -> dict[str, dict[str, Floats]]:
     }
 
 
+def _read_stability(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        return {}
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(found, dict):
+            raise ValueError(type(found).__name__)
+    except ValueError as error:
+        raise InputError(path, None, None, f"no JSON ({error})", "the margins of a campaign") from None
+    return found
+
+
 def read_results(root: Path) -> Results:
     """Read a campaign's folder. Raises InputError where a file is missing or unreadable."""
     folder = CampaignFolder(root)
@@ -167,6 +212,7 @@ def read_results(root: Path) -> Results:
         envelopes=_read_envelopes(folder.envelopes),
         reference={name: value.astype(np.float64) for name, value in reference.items()},
         nominal=_read_nominal(folder.nominal),
+        stability=_read_stability(folder.margins),
     )
 
 

@@ -1,21 +1,17 @@
 """The page of a search: one HTML file that opens offline."""
 
-import base64
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-from matplotlib.figure import Figure
 
 from abhv_mc.campaign.search.flights import DrawnFlights
 from abhv_mc.campaign.search.rare import RareFound
 from abhv_mc.campaign.search.severity import ENDED_EARLY, rank_distinct
 from abhv_mc.campaign.search.worst import WorstFound
 from abhv_mc.flight.signals import CHANNEL_INDEX, METRIC_INDEX
+from abhv_mc.report.answer_page import Shown, write_answer_page
 from abhv_mc.report.figures.searches import (
     plot_convergence,
     plot_failures,
@@ -24,11 +20,9 @@ from abhv_mc.report.figures.searches import (
     plot_mixing,
     plot_place,
 )
-from abhv_mc.report.figures.style import write_png
 from abhv_mc.report.metrics import controller_label, words_of
 from abhv_mc.report.parameters import shown_value
 from abhv_mc.store.flights import FlightRows
-from abhv_mc.store.folder import write_text
 
 _CHANNELS = (
     ("altitude_m", "altitude (km)", 1e-3),
@@ -41,14 +35,6 @@ _CHANNELS = (
 
 
 _LISTED = 10  # worst flights in the table
-
-
-@dataclass(frozen=True)
-class _Shown:
-    name: str
-    title: str
-    caption: str
-    figure: Figure
 
 
 def write_worst_page(found: WorstFound, path: Path) -> Path:
@@ -77,14 +63,14 @@ def write_worst_page(found: WorstFound, path: Path) -> Path:
             stages.append((last, step.stage))
         last = step.evaluations
     shown = [
-        _Shown(
+        Shown(
             "convergence",
             "Convergence",
             "The worst value so far over the flights of the search and over as many random flights, drawn from the "
             "campaign's laws inside the same box. A line ends where a flight ended early, which is worst.",
             plot_convergence(label, _so_far(worst, sign), stages, _so_far(random, sign)),
         ),
-        _Shown(
+        Shown(
             "place",
             "Where it is, and what matters there",
             "Left: each parameter at the worst flight within its range. Right: by how much the value changes when one "
@@ -101,7 +87,7 @@ def write_worst_page(found: WorstFound, path: Path) -> Path:
     ]
     ranked = rank_distinct(worst, found.flights.samples, _LISTED)
     table = _flight_table(found.flights, ranked, metric, found.controller, path.parent)
-    return _write(
+    return write_answer_page(
         path,
         f"Worst case of {label}, {controller_label(found.controller)}",
         "Worst-case search",
@@ -153,14 +139,14 @@ def write_rare_page(found: RareFound, path: Path) -> Path:
         ways.append((limits, np.cumprod([level.probability for level in one.levels], dtype=np.float64)))
     later = [one.levels[1:] for one in estimate.repetitions]
     shown = [
-        _Shown(
+        Shown(
             "levels",
             "Levels",
             "Each repetition's thresholds, and the estimated probability of a flight beyond them. Lines that lie apart "
             "are repetitions that contradict each other.",
             plot_levels(label, found.limit, ways),
         ),
-        _Shown(
+        Shown(
             "mixing",
             "How the chains mix",
             "Share of accepted moves (0.44 is aimed at, dashed) and size of the moves at each level. Chains that "
@@ -173,7 +159,7 @@ def write_rare_page(found: RareFound, path: Path) -> Path:
     ]
     if len(estimate.failures):
         shown.append(
-            _Shown(
+            Shown(
                 "failures",
                 "Where failures live",
                 "Each parameter as the standard normal number behind it, among failures, beside all flights. A "
@@ -184,7 +170,7 @@ def write_rare_page(found: RareFound, path: Path) -> Path:
     shown.append(_flights_figure(found.drawn))
     worst = rank_distinct(found.severities, found.flights.samples, _LISTED)
     table = _flight_table(found.flights, worst, metric, found.controller, path.parent)
-    return _write(path, f"P(not {asked})", "Rare event", answers, shown, [table])
+    return write_answer_page(path, f"P(not {asked})", "Rare event", answers, shown, [table])
 
 
 def _plain_flights(found: RareFound) -> float:
@@ -203,13 +189,13 @@ def _label(metric: str) -> str:
     return words_of(metric).label_with_unit
 
 
-def _flights_figure(drawn: DrawnFlights) -> _Shown:
+def _flights_figure(drawn: DrawnFlights) -> Shown:
     panels = {
         label: drawn.history[:, :, CHANNEL_INDEX[name]].astype(np.float64) * scale for name, label, scale in _CHANNELS
     }
     labels = ["nominal", *(f"flight {number}" for number in drawn.numbers)]
     caption = "The worst flights beside the nominal one; a line ends where its flight ended."
-    return _Shown("flights", "The worst flights", caption, plot_flights(drawn.times, panels, labels))
+    return Shown("flights", "The worst flights", caption, plot_flights(drawn.times, panels, labels))
 
 
 def _flight_table(
@@ -248,33 +234,3 @@ def _range_table(found: WorstFound) -> dict[str, Any]:
         "heads": ["parameter", "low end", "worst", "high end"],
         "rows": rows,
     }
-
-
-def _write(
-    path: Path, title: str, kicker: str, answers: list[str], shown: list[_Shown], tables: list[dict[str, Any]]
-) -> Path:
-    folder = path.parent / "figures"
-    folder.mkdir(exist_ok=True)
-    figures = []
-    for one in shown:
-        file = folder / f"{one.name}.png"
-        width, height = write_png(one.figure, file)
-        image = base64.b64encode(file.read_bytes()).decode("ascii")
-        source = Markup(f"data:image/png;base64,{image}")  # noqa: S704  letters of base64 only
-        figures.append(
-            {"name": one.name, "title": one.title, "caption": one.caption, "source": source}
-            | {"width": width, "height": height}
-        )
-    loader = PackageLoader("abhv_mc.report", "template")
-    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
-    style = loader.get_source(environment, "style.css")[0]
-    page = environment.get_template("search.html.j2").render(
-        title=title,
-        kicker=kicker,
-        answers=answers,
-        figures=figures,
-        tables=tables,
-        style=Markup(style),  # noqa: S704  our own file
-    )
-    write_text(path, page)
-    return path

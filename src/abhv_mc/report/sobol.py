@@ -20,7 +20,7 @@ def sobol_numbers(results: Results) -> dict[str, Any]:
     """
     if results.campaign.sampling != SALTELLI:
         return {}
-    names = list(results.samples)
+    names = list(results.dispersed)
     numbers: dict[str, Any] = {}
     for controller in results.controllers:
         flights = results.flights[controller]
@@ -54,5 +54,5 @@ def independent_rows(results: Results, flight: NDArray[np.int64]) -> NDArray[np.
     """Which flights share no parameter value with another: of a Saltelli design the first and last of each group."""
     if results.campaign.sampling != SALTELLI:
         return np.ones(flight.size, dtype=np.bool_)
-    group = saltelli_group(len(results.samples))
+    group = saltelli_group(len(results.dispersed))
     return np.asarray(np.isin(flight % group, (0, group - 1)))

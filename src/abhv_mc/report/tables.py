@@ -11,6 +11,7 @@ GROUPS = {
     "tracking": "Tracking errors",
     "usage": "Control usage",
     "loads": "Loads and validity",
+    "stability": "Stability margins",
 }
 _BOUGHT = ("less_error_less", "less_error_more", "more_error_less", "more_error_more")
 _LEVELS = ("q50", "q95", "q99.73")

@@ -47,6 +47,17 @@ def rank_worst(flights: ControllerFlights, requirements: tuple[Requirement, ...]
     return np.lexsort((flights.flight, -share, ~flights.failed))
 
 
+def worst_share(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -> Floats:
+    """The largest share [flight] of any limit, or, without requirements, of any headline metric's median.
+
+    Infinite where the flight ended early.
+    """
+    share = np.zeros(flights.flight.size)
+    for _, score in _scores(flights, requirements):
+        share = np.maximum(share, score)
+    return np.where(flights.failed, np.inf, share)
+
+
 def worst_numbers(results: Results) -> dict[str, Any]:
     """The ten worst flights of each controller, with what they were worst in."""
     worst = {}

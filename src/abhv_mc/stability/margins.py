@@ -5,6 +5,7 @@ i alone, the others closed, is ``L_i = T_ii / S_ii`` with ``S = (1 + L)^-1`` and
 Packard and Gahinet, IEEE Control Systems 40 (2020) 78-95, with the symmetric disk (skew 0).
 """
 
+import contextlib
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -56,10 +57,22 @@ Single = Callable[[Ints, Floats], Closed]
 def close(L: Complexes) -> tuple[Complexes, Closed]:
     """Sensitivity [..., input, input] and the single loops of loop gains [..., input, input]."""
     eye = np.eye(L.shape[-1])
-    S = np.linalg.inv(eye + L)
+    S = _inverses(eye + L)
     alone = np.einsum("...ij,...ji->...i", S, L)
     own = np.einsum("...ii->...i", S)
     return np.asarray(S), Closed(np.asarray(alone / own), own)
+
+
+def _inverses(matrices: Complexes) -> Complexes:
+    """Inverses of matrices [..., n, n]; nan of what is singular: a pole of the closed loop, such as an integrator."""
+    try:
+        return np.asarray(np.linalg.inv(matrices))
+    except np.linalg.LinAlgError:
+        found = np.full_like(matrices, np.nan)
+        for place in np.ndindex(matrices.shape[:-2]):
+            with contextlib.suppress(np.linalg.LinAlgError):
+                found[place] = np.linalg.inv(matrices[place])
+        return found
 
 
 def find_margins(response: Response, omega: Floats, period: float) -> Margins:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.control import columns as ref
-from abhv_mc.control.controller_file import Controller, TlcController
+from abhv_mc.control.controller_file import Controller, PythonController, TlcController
 from abhv_mc.control.design.guidance_trim import GuidancePoints, GuidanceTrim, trim_along
 from abhv_mc.control.design.lqr_design import make_lqr_gains
 from abhv_mc.control.design.reference import make_mission_trim_tables
@@ -48,6 +48,14 @@ def make_steady_plan(
     ``bank`` (rad) is the guidance trim's in a steady turn; 0 asks for straight flight, whatever bank that takes.
     Raises InputError where no steady turn has that bank.
     """
+    if isinstance(controller, PythonController):
+        raise InputError(
+            controller.file,
+            None,
+            None,
+            "a law of the user's own",
+            "a controller of law tlc or lqr, which can be linearised",
+        )
     level = mission.model_copy(update={"manoeuvre": Level(kind="level"), "duration": 2.0 / controller.rate})
     plan = make_plan(vehicle, level, controller, name)
     trim_tables = make_mission_trim_tables(mission, vehicle)

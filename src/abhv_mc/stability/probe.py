@@ -90,7 +90,7 @@ def probe_plant(plan, memory, flight, states, numbers, rates, variables):
                 for i in range(s.AILERON):
                     Z[SUM + i, lane] = 0.0
             density_profile(Z, width)
-            evaluate(plan, memory, width, Stage(1.0, 0.0), True)
+            evaluate(plan, memory, width, Stage(1.0, 0.0), True, False)
             for lane in range(n):
                 for i in range(rates.shape[1]):
                     rates[start + lane, i] = Z[SUM + i, lane]

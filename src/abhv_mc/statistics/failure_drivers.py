@@ -10,6 +10,7 @@ and pairs together pass the Benjamini-Hochberg procedure.
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,9 @@ def bin_inputs(inputs: Iterable[Floats]) -> BinnedInputs:
     """Bin `inputs`, each [flight]; one is held at a time."""
     edges, bins = [], []
     for values in inputs:
-        edges.append(np.quantile(values, _QUANTILES))
+        # Nothing lies between a number and infinity.
+        method: Literal["linear", "lower"] = "linear" if np.all(np.isfinite(values)) else "lower"
+        edges.append(np.quantile(values, _QUANTILES, method=method))
         bins.append(np.searchsorted(edges[-1], values, side="left").astype(np.uint8))
     return BinnedInputs(np.stack(edges, axis=1), np.stack(bins, axis=1))
 

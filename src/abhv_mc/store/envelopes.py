@@ -15,8 +15,8 @@ from abhv_mc.vehicle.arrays import Floats
 QUANTILES = (0.00135, 0.05, 0.50, 0.95, 0.99865)
 QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")
 _DOCS = {
-    "min": "smallest value, exact",
-    "max": "largest value, exact",
+    "min": "smallest value at any control tick from the time before to the time after",
+    "max": "largest value at any control tick from the time before to the time after",
     "quantile_error": "bound on the error of the quantile columns, in the channel's unit; 0 where they are exact",
 } | {name: f"{name[1:]} % quantile over the flights, linear between order statistics" for name in QUANTILE_COLUMNS}
 

@@ -10,15 +10,18 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from abhv_mc.flight.failure_case import failure_cases
 from abhv_mc.flight.outcome import SENTENCES, Outcome
-from abhv_mc.flight.signals import METRICS, Signal
+from abhv_mc.flight.signals import METRIC_INDEX, METRICS, Signal
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.store.digest import Digest, digest_rows
 from abhv_mc.store.folder import write_whole
 from abhv_mc.vehicle.arrays import Floats
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
-VALUES = (*METRICS, END_TIME)  # the columns after the samples
+VALUES = (*METRICS, END_TIME)  # the columns after the samples, and before them a campaign's own metrics
+_VALUE_NAMES = tuple(signal.name for signal in VALUES)
+CASE = "failure.case"
 _DIGEST = b"abhv_mc.digest"
 
 
@@ -35,7 +38,9 @@ class FlightRows:
     names: tuple[str, ...]  # of the sampled parameters
     samples: Floats  # [flight, parameter]
     outcome: tuple[str, ...]  # codes
-    values: Floats  # [flight, value] in the order of VALUES
+    values: Floats  # [flight, value]
+    columns: tuple[str, ...] = _VALUE_NAMES  # of the values: the metrics, then the time of the end
+    duration: float = np.inf  # of the mission, s
 
     @property
     def stop(self) -> int:
@@ -45,9 +50,15 @@ class FlightRows:
     def flights(self) -> NDArray[np.int64]:
         return np.arange(self.first, self.stop)
 
+    @property
+    def cases(self) -> list[str]:
+        """What failed in each flight; see :mod:`abhv_mc.flight.failure_case`."""
+        ends = np.full(len(self.outcome), self.duration)
+        return failure_cases(self.names, self.samples, ends, self.values[:, METRIC_INDEX["engine_failed_s"]])
+
     def digest(self) -> Digest:
         columns = {name: self.samples[:, i] for i, name in enumerate(self.names)}
-        columns |= {signal.name: self.values[:, i] for i, signal in enumerate(VALUES)}
+        columns |= {name: self.values[:, i] for i, name in enumerate(self.columns)}
         return digest_rows(self.controller, self.flights, self.outcome, columns)
 
 
@@ -56,16 +67,17 @@ def make_field(name: str, kind: pa.DataType, unit: str, doc: str) -> pa.Field:
     return pa.field(name, kind, nullable=False, metadata={"unit": unit, "doc": doc})
 
 
-def flights_schema(names: Sequence[str], provenance: dict[str, str]) -> pa.Schema:
-    """Schema of the flights table with the sample columns ``names``."""
+def flights_schema(names: Sequence[str], provenance: dict[str, str], values: Sequence[Signal] = VALUES) -> pa.Schema:
+    """Schema of the flights table with the sample columns ``names`` and those of ``values``."""
     outcomes = "; ".join(f"{outcome.code}: {SENTENCES[outcome]}" for outcome in Outcome)
     parameters = [PARAMETERS[PARAMETER_INDEX[name]] for name in names]
     fields = [
         make_field("flight", pa.int64(), "-", "number of the flight"),
         make_field("controller", pa.string(), "-", "name of the controller"),
         make_field("outcome", pa.string(), "-", outcomes),
+        make_field(CASE, pa.string(), "-", "what failed, or was to fail before the mission's end; or 'none'"),
         *(make_field(p.name, pa.float64(), p.unit, p.doc) for p in parameters),
-        *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in VALUES),
+        *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in values),
     ]
     return pa.schema(fields, metadata={f"abhv_mc.{key}": text for key, text in provenance.items()})
 
@@ -97,12 +109,13 @@ def write_block(folder: Path, rows: FlightRows, schema: pa.Schema) -> Digest:
     """Write one block's file into ``folder`` and give its digest."""
     digest = rows.digest()
     columns: list[Any] = [rows.flights, pa.repeat(rows.controller, len(rows.outcome)), pa.array(rows.outcome)]
+    columns.append(pa.array(rows.cases))
     columns += [np.ascontiguousarray(column) for column in (*rows.samples.T, *rows.values.T)]
     schema = schema.with_metadata({**(schema.metadata or {}), _DIGEST: str(digest)})
     table = pa.Table.from_arrays([pa.array(column) for column in columns], schema=schema)
-    floats = [*rows.names, *(signal.name for signal in VALUES)]
+    floats = [*rows.names, *rows.columns]
     path = block_path(folder, rows.controller, rows.first, rows.stop)
-    write_parquet(path, table, floats, ["controller", "outcome"], write_statistics=["flight"])
+    write_parquet(path, table, floats, ["controller", "outcome", CASE], write_statistics=["flight"])
     return digest
 
 
@@ -112,8 +125,11 @@ def read_block(path: Path, names: Sequence[str]) -> FlightRows:
     try:
         table = pq.read_table(path, page_checksum_verification=True, partitioning=None)
         samples = np.stack([table[name].to_numpy() for name in names], axis=1) if names else np.empty((stop - first, 0))
-        values = np.stack([table[signal.name].to_numpy() for signal in VALUES], axis=1)
-        rows = FlightRows(controller, first, tuple(names), samples, tuple(table["outcome"].to_pylist()), values)
+        held = table.column_names
+        columns = tuple(name for name in held[held.index(_VALUE_NAMES[0]) :])
+        values = np.stack([table[name].to_numpy() for name in columns], axis=1)
+        outcomes = tuple(table["outcome"].to_pylist())
+        rows = FlightRows(controller, first, tuple(names), samples, outcomes, values, columns)
         whole = np.array_equal(table["flight"].to_numpy(), np.arange(first, stop))
         digest = (table.schema.metadata or {}).get(_DIGEST, b"").decode()
     except (pa.ArrowException, OSError, KeyError, ValueError) as error:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from abhv_mc.io.atomic_write import ASIDE, atomic_write
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.input_error import InputError, is_printable
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the last: a limit on a file's size (ulimit -f)
 _CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
@@ -37,6 +37,7 @@ class CampaignFolder:
         self.envelopes = root / "envelopes.parquet"
         self.nominal = root / "nominal.parquet"
         self.reference = root / "reference.parquet"
+        self.margins = root / "margins.json"
         self.inputs = root / "inputs"
         self.plans = root / "plans"
         self.flights = root / "flights"
@@ -56,7 +57,7 @@ class CampaignFolder:
     @property
     def parts(self) -> tuple[Path, ...]:
         """Everything that a campaign writes, apart from the lock."""
-        files = (self.campaign, self.manifest, self.samples, self.envelopes, self.nominal, self.reference)
+        files = (self.campaign, self.manifest, self.samples, self.envelopes, self.nominal, self.reference, self.margins)
         folders = (self.inputs, self.plans, self.flights, self.histories, self.envelope_states, self.explained)
         return (*files, *self.report, *folders)
 
@@ -84,6 +85,12 @@ class CampaignFolder:
         if self.root.is_dir():
             for path in self.root.rglob(f"*{ASIDE}"):
                 path.unlink(missing_ok=True)
+
+
+def is_inside(name: str) -> bool:
+    """Whether a path names something below the folder that it starts from, and can be one."""
+    path = Path(name)
+    return bool(path.parts) and not path.is_absolute() and ".." not in path.parts and is_printable(name)
 
 
 @contextlib.contextmanager

@@ -6,12 +6,15 @@ import fcntl
 import json
 import os
 import platform
+import stat
 from collections.abc import Iterator
+from io import FileIO
 from pathlib import Path
 
 from abhv_mc.io.input_error import InputError
 from abhv_mc.store.folder import told_plainly
 
+_LONGEST = 4096  # bytes of who holds it
 _HELD = (errno.EAGAIN, errno.EWOULDBLOCK, errno.EACCES)
 
 
@@ -20,7 +23,7 @@ def hold_lock(path: Path) -> Iterator[None]:
     """Hold the lock file ``path``. Raises InputError, which names the holder, when another process has it."""
     with told_plainly(path, writing=True):
         path.parent.mkdir(parents=True, exist_ok=True)
-        file = path.open("ab", buffering=0)  # held open as long as the lock
+        file = _open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT)  # held open as long as the lock
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -40,7 +43,7 @@ def hold_lock(path: Path) -> Iterator[None]:
 def lock_holder(path: Path) -> str | None:
     """Who holds the lock, in words; None when nobody does."""
     try:
-        with path.open(encoding="utf-8") as file:
+        with _open(path, os.O_RDONLY) as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
             return None
     except FileNotFoundError:
@@ -49,9 +52,29 @@ def lock_holder(path: Path) -> str | None:
         return _holder(path) if error.errno in _HELD else None
 
 
+def _open(path: Path, flags: int) -> FileIO:
+    """Open a lock's file. Raises InputError where a link, a pipe or a file of another name has its place."""
+    try:
+        file = FileIO(os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666), "rb+")
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.ENXIO):
+            raise _refusal(path) from None
+        raise
+    status = os.fstat(file.fileno())
+    if not stat.S_ISREG(status.st_mode) or status.st_nlink > 1:
+        file.close()
+        raise _refusal(path)
+    return file
+
+
+def _refusal(path: Path) -> InputError:
+    return InputError(path, None, None, "something else than the lock of a campaign", "no such file, or a plain one")
+
+
 def _holder(path: Path) -> str:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        with _open(path, os.O_RDONLY) as file:
+            content = json.loads(file.read(_LONGEST))
         return f"process {content['pid']} on {content['host']}"
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return "another process"

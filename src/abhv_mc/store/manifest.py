@@ -8,6 +8,7 @@ from typing import Any
 
 from abhv_mc.io.input_error import InputError
 from abhv_mc.store.folder import write_text
+from abhv_mc.store.manifest_check import find_fault
 
 _WISH = "a manifest as it was written: restore it, or run with --fresh to delete what was flown and fly it anew"
 _HASH = "manifest_hash"  # the last entry: SHA-256 of the text with nothing between its quotes
@@ -35,15 +36,20 @@ def read_whole_manifest(path: Path) -> dict[str, Any]:
 
 
 def _parse(path: Path) -> tuple[dict[str, Any], bytes]:
+    if not path.exists():
+        raise InputError(path, None, None, "no such file", "the folder of a campaign")
+    if not path.is_file():  # a pipe would make its reader wait for ever
+        raise InputError(path, None, None, "no plain file", "the folder of a campaign")
     try:
         content = path.read_bytes()
         manifest = json.loads(content)
-    except FileNotFoundError:
-        raise InputError(path, None, None, "no such file", "the folder of a campaign") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(path, None, None, f"a damaged manifest ({error})", _WISH) from None
     if not isinstance(manifest, dict):
         raise InputError(path, None, None, "no mapping", _WISH)
+    fault = find_fault(manifest)
+    if fault is not None:
+        raise InputError(path, None, None, f"a damaged manifest ({fault})", _WISH)
     return manifest, content
 
 

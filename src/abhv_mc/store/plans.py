@@ -87,5 +87,5 @@ def _is_record(kind: Any) -> bool:
 
 def _fields(kind: Any) -> tuple[str, ...]:
     if dataclasses.is_dataclass(kind):
-        return tuple(field.name for field in dataclasses.fields(kind))
+        return tuple(field.name for field in dataclasses.fields(kind) if field.metadata.get("stored", True))
     return tuple(kind._fields)

@@ -25,7 +25,7 @@ import pyarrow as pa
 from pyarrow import fs as pyarrow_fs
 
 from abhv_mc.io.input_error import InputError
-from abhv_mc.store.folder import CampaignFolder, StorageFullError
+from abhv_mc.store.folder import CampaignFolder, StorageFullError, is_inside
 
 PUSH_INTERVAL = 5.0  # s: what the loss of this machine costs
 LEASE = 60.0  # s after which a lock that nobody renews is nobody's
@@ -67,6 +67,9 @@ class Remote:
             name = info.path[len(self._base) + 1 :]
             if info.type != pyarrow_fs.FileType.File or name.startswith(_LOCK):
                 continue
+            if not is_inside(name):  # an object's name is any text
+                found = f"an object named '{name}', which leads out of the folder"
+                raise InputError(self.address, None, None, found, "a campaign's folder, as it was written")
             path = self.local / name
             path.parent.mkdir(parents=True, exist_ok=True)
             with self._system.open_input_stream(info.path) as source, path.open("wb") as target:

@@ -1,5 +1,6 @@
 """The vehicle file: what may stand in it, and the checks that need no other file."""
 
+import math
 from typing import Annotated, Literal
 
 from pydantic import Field, Tag, model_validator
@@ -20,9 +21,12 @@ from abhv_mc.io.units import (
     Inertia,
     Length,
     Mass,
+    Time,
     parse_unit,
 )
 from abhv_mc.vehicle.arrays import COEFFICIENTS
+from abhv_mc.vehicle.limits import LoadLimits
+from abhv_mc.vehicle.model import Inlet
 
 AXIS_DEFLECTIONS = ("aileron", "rudder", "elevator")
 REDUCED_RATES = ("roll_rate", "pitch_rate", "yaw_rate")  # p b/(2 V), q c/(2 V), r b/(2 V)
@@ -46,6 +50,7 @@ class Reference(StrictModel):
     area: Annotated[Area, Positive] = Field(description="reference area of all coefficients")
     span: Annotated[Length, Positive] = Field(description="length of the rolling and yawing moment")
     chord: Annotated[Length, Positive] = Field(description="length of the pitching moment")
+    nose_radius: Annotated[Length, Positive] | None = Field(default=None, description="of the stagnation heat flux")
 
 
 class MassPoint(StrictModel):
@@ -171,6 +176,41 @@ class ThrustLine(StrictModel):
     offset: Length = Field(default=0.0, description="below the moment reference: positive pitches nose up")
 
 
+class Unstart(StrictModel):
+    """Flow in which the inlet stays started. Outside of it the engine fails as ``failure.engine`` says."""
+
+    angle_of_attack: tuple[Angle, Angle] = Field(default=(-math.inf, math.inf), description="least and greatest")
+    sideslip: Annotated[Angle, Positive] = Field(default=math.inf, description="greatest, to either side")
+    mach: tuple[float, float] = Field(default=(-math.inf, math.inf), description="least and greatest")
+    restart_delay: Annotated[Time, Field(ge=0.0)] = Field(
+        default=math.inf, description="time inside until it starts again; left out: never"
+    )
+    drag_increment: float = Field(default=0.0, description="added to the drag coefficient meanwhile")
+    pitching_moment_increment: float = Field(default=0.0, description="likewise to the pitching moment's")
+
+    @model_validator(mode="after")
+    def _check(self) -> "Unstart":
+        for name in ("angle_of_attack", "mach"):
+            low, high = getattr(self, name)
+            if low >= high:
+                raise Refusal("an empty range", "least and greatest", (name,))
+        if not self.model_fields_set & {"angle_of_attack", "sideslip", "mach"}:
+            raise Refusal("an unstart without a condition", "angle_of_attack, sideslip or mach")
+        return self
+
+    def inlet(self) -> Inlet:
+        """The condition as numbers."""
+        return Inlet(
+            1.0,
+            *self.angle_of_attack,
+            self.sideslip,
+            *self.mach,
+            self.restart_delay,
+            self.drag_increment,
+            self.pitching_moment_increment,
+        )
+
+
 class _Propulsion(StrictModel):
     specific_impulse: str = Field(description="name of the table of the specific impulse")
     standard_gravity: Annotated[Acceleration, Positive] = Field(
@@ -181,6 +221,9 @@ class _Propulsion(StrictModel):
     bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency of the equivalence ratio")
     damping: Annotated[float, Positive] = Field(description="damping ratio of the equivalence ratio")
     rate_limit: Annotated[Frequency, Positive] = Field(description="greatest rate of the equivalence ratio")
+    unstart: Unstart | None = Field(
+        default=None, description="flow outside which the engine fails; left out: the inlet stays started in any flow"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "_Propulsion":
@@ -210,7 +253,7 @@ Propulsion = Annotated[
 ]
 
 
-class FlightLimits(StrictModel):
+class FlightLimits(LoadLimits):
     """Where a flight ends."""
 
     angle_of_attack: tuple[Angle, Angle] = Field(description="least and greatest")

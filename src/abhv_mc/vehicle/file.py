@@ -21,7 +21,8 @@ from abhv_mc.vehicle.document import (
     VehicleDocument,
     check_inertia,
 )
-from abhv_mc.vehicle.model import Constants, Vehicle
+from abhv_mc.vehicle.limits import LoadBounds
+from abhv_mc.vehicle.model import Constants, Inlet, Vehicle
 from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
 from abhv_mc.vehicle.table_file import parse_role, read_rows, read_table
 
@@ -233,4 +234,7 @@ def _make_constants(content: VehicleDocument) -> Constants:
         angle_of_attack_max=alpha_max,
         sideslip_max=limits.sideslip if limits else math.pi,
         drag_in_wind_axes=1.0 if content.aerodynamics.force_axes == "wind" else 0.0,
+        nose_radius=content.reference.nose_radius or 0.0,
+        inlet=engine.unstart.inlet() if engine and engine.unstart else Inlet(),
+        bounds=limits.bounds() if limits else LoadBounds(),
     )

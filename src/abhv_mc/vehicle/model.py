@@ -1,8 +1,24 @@
 """A vehicle as the compiled plant sees it: packed tables and constants, nothing about any one vehicle."""
 
+import math
 from typing import NamedTuple
 
 from abhv_mc.vehicle.arrays import BuildUp, Floats, Tables
+from abhv_mc.vehicle.limits import LoadBounds
+
+
+class Inlet(NamedTuple):
+    """Where the inlet stays started, SI and radians, and what its unstart does besides the loss of thrust."""
+
+    unstarts: float = 0.0  # 1 where the vehicle file has such a range
+    angle_of_attack_min: float = -math.inf
+    angle_of_attack_max: float = math.inf
+    sideslip_max: float = math.inf
+    mach_min: float = -math.inf
+    mach_max: float = math.inf
+    restart_delay: float = math.inf  # s inside the range until it starts again; infinite: never
+    drag_increment: float = 0.0
+    pitching_moment_increment: float = 0.0
 
 
 class Constants(NamedTuple):
@@ -32,6 +48,9 @@ class Constants(NamedTuple):
     angle_of_attack_max: float
     sideslip_max: float
     drag_in_wind_axes: float  # 1: drag opposes the velocity (a sphere); 0: drag and lift in stability axes
+    nose_radius: float  # m; 0 where the file has none
+    inlet: Inlet
+    bounds: LoadBounds  # a flight ends above
 
 
 class Vehicle(NamedTuple):

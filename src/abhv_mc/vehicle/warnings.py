@@ -1,5 +1,6 @@
 """What a valid vehicle file probably does not mean."""
 
+from abhv_mc.vehicle.derivatives import doubtful_derivatives
 from abhv_mc.vehicle.model import Vehicle
 
 
@@ -9,4 +10,4 @@ def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
     constants = vehicle.constants
     if constants.equivalence_ratio_max > 0.0 and constants.burns_fuel == 0.0:
         warnings.append("the vehicle file has no mass.empty, so the engine burns no fuel and the mass stays as it is")
-    return warnings
+    return [*warnings, *doubtful_derivatives(vehicle)]

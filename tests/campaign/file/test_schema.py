@@ -67,7 +67,17 @@ def test_what_an_editor_should_underline() -> None:
         {**right, "execution": {"flight_time_limit": "10 m"}},
     ):
         assert not validator.is_valid(wrong), wrong
-    assert make_schema("campaign")["$defs"]["Requirement"]["properties"]["metric"]["enum"] == list(METRIC_INDEX)
+    named, own = make_schema("campaign")["$defs"]["Requirement"]["properties"]["metric"]["anyOf"]
+    assert set(METRIC_INDEX) < set(named["enum"]) and "pattern" in own
+
+
+def test_metrics_of_ones_own_are_no_mistake() -> None:
+    validator = Draft202012Validator(make_schema("campaign"))
+    right = read_document(shipped_folder() / "campaigns/s_manoeuvre.yaml").data
+    own = {"late_swing_deg": {"of": "bank_error_deg", "statistic": "peak_to_peak", "from": "56 s"}}
+    requirement = {**right["requirements"][0], "metric": "late_swing_deg"}
+    assert validator.is_valid({**right, "metrics": own, "requirements": [requirement]})
+    assert not validator.is_valid({**right, "requirements": [requirement]})
 
 
 @pytest.mark.parametrize(

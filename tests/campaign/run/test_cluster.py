@@ -1,5 +1,6 @@
 """A scheduler and workers as processes of their own, started as Dask's documentation says: the same digest."""
 
+import json
 import os
 import signal
 import subprocess
@@ -15,8 +16,9 @@ import pytest
 from campaign.fake_flight import DENSITY, ENGINE, fly, write_campaign
 
 from abhv_mc.campaign.run.runner import run_campaign
-from abhv_mc.campaign.run.setup import Request
+from abhv_mc.campaign.run.setup import Request, make_engine
 from abhv_mc.io.input_error import InputError
+from abhv_mc.shipped import shipped_campaigns
 
 pytest.importorskip("distributed")
 
@@ -55,8 +57,6 @@ class Dask:
 
     @property
     def address(self):
-        import json
-
         return json.loads(self._file.read_text())["address"]
 
     def kill(self, process):
@@ -84,6 +84,64 @@ def quiet(capfd):
 def wait_for_flights(out, number):
     while sum(1 for _ in (out / "flights").glob("*.parquet")) < number:
         time.sleep(0.02)
+
+
+REAL = shipped_campaigns() / "s_manoeuvre.yaml"
+RUNS = 192
+
+
+@pytest.fixture(scope="module")
+def local(tmp_path_factory):
+    """Compiled flights on this machine: the digest that every cluster has to give."""
+    request = Request(REAL, tmp_path_factory.mktemp("local") / "out", RUNS, controllers=("tlc",), workers=2)
+    return run_campaign(request, make_engine()).manifest["digest"]
+
+
+@pytest.fixture(scope="module")
+def two_workers(tmp_path_factory):
+    cluster = Dask(tmp_path_factory.mktemp("dask"))
+    cluster.start_worker()
+    cluster.start_worker()
+    yield cluster
+    cluster.close()
+
+
+def with_blocks(folder, size):
+    """The shipped campaign, flown in blocks of so many flights."""
+    configs = str(REAL.parents[1] / "configs")
+    text = REAL.read_text(encoding="utf-8").replace("../configs", configs).replace("batch: auto", f"batch: {size}")
+    assert f"batch: {size}" in text
+    path = folder / "campaign.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("size", ["auto", 64, 7, 1])
+def test_compiled_flights_have_the_same_digest_in_blocks_of_any_size(local, two_workers, tmp_path, size):
+    request = Request(
+        with_blocks(tmp_path, size), tmp_path / "out", RUNS, controllers=("tlc",), scheduler=two_workers.address
+    )
+    flown = run_campaign(request, make_engine()).manifest
+    assert (flown["state"], flown["runs_failed"], flown["digest"]) == ("complete", 0, local)
+
+
+def test_compiled_flights_stand_a_killed_worker_and_a_late_one(local, dask, tmp_path):
+    first = [dask.start_worker(), dask.start_worker()]
+    seen = []
+
+    def meddle():
+        wait_for_flights(tmp_path / "out", 3)
+        dask.kill(first[0])
+        dask.start_worker()
+        seen.append(sum(1 for _ in (tmp_path / "out/flights").glob("*.parquet")))
+
+    meddler = threading.Thread(target=meddle)
+    meddler.start()
+    request = Request(with_blocks(tmp_path, 16), tmp_path / "out", RUNS, controllers=("tlc",), scheduler=dask.address)
+    flown = run_campaign(request, make_engine()).manifest
+    meddler.join()
+    assert 3 <= seen[0] < RUNS // 16
+    assert (flown["state"], flown["runs_failed"], flown["digest"]) == ("complete", 0, local)
 
 
 def test_one_worker_killed_and_one_late_give_the_same_digest(dask, tmp_path):

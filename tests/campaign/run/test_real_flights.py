@@ -1,6 +1,5 @@
 """The compiled flight under the campaign engine: the promises that fake flights cannot keep for it."""
 
-import sys
 from dataclasses import replace
 from functools import cache
 
@@ -9,12 +8,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from abhv_mc.campaign.analysis.replay import replay_flight
-from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.run.executor import open_executor
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request, make_engine
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.store.plans import flatten, read_plan
@@ -56,20 +52,6 @@ def test_the_digest_is_the_same_however_it_is_flown(flown, engine, tmp_path):
     assert alone.manifest["digests"]["tlc"] == flown.manifest["digests"]["tlc"]
     tables = [pq.read_table(folder / "envelopes.parquet") for folder in (flown.folder, tmp_path / "b")]
     assert tables[0].equals(tables[1])
-
-
-def fly_and_tell(plan, parameters, every=None):
-    """The flight, with the libraries in its process for an outcome."""
-    block = fly(plan, parameters, every)
-    block.outcome[:] = Outcome.SIDESLIP_LIMIT if "numba" in sys.modules else Outcome.OK
-    return block
-
-
-def test_workers_need_no_numba_for_kept_code(flown, engine):
-    plan = read_plan(flown.folder / "plans/tlc.npz")
-    execution = read_campaign(CAMPAIGN).model.execution
-    with open_executor(replace(engine, fly=fly_and_tell), execution, 1, None) as executor:
-        assert executor.fly(plan, nominal_parameters(3)).outcome.tolist() == [Outcome.OK] * 3
 
 
 @pytest.mark.parametrize("controller", ["tlc", "lqr"])

@@ -16,7 +16,7 @@ from abhv_mc.io.documents import InputError
 ERROR, TRAVEL = METRIC_INDEX["altitude_error_rms_m"], METRIC_INDEX["elevator_travel_deg"]
 CONTROLLER = (Path(__file__).parents[3] / "configs/control/tlc.yaml").read_text(encoding="utf-8")
 BLOCK = """\
-free: [altitude.damping, {key: altitude.bandwidth, factor: 4}]
+free: [{key: altitude.damping, factor: 3}, {key: altitude.bandwidth, factor: 4}]
 minimise: {metric: altitude_error_rms_m, quantile: 0.9}
 limits:
   - {metric: elevator_travel_deg, quantile: 0.5, below_start_times: 1.5}
@@ -99,6 +99,33 @@ def test_what_is_no_better_is_not_written(request_, tmp_path):
     assert not request_.out.exists()
 
 
+def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(request_, monkeypatch):
+    """The fake margin falls with the bandwidth, and with the lift's distance from nominal."""
+    seen = []
+
+    def margins_of(self, file, plan):
+        bandwidth = read_controller(file).altitude.bandwidth
+        lift = np.abs(self.vehicles[:, LIFT] - 1.0) / 0.05
+        seen.append((len(lift), self.margins_at))
+        return np.tile(((12.0 - 100.0 * bandwidth) - lift)[:, None], (1, 4))
+
+    monkeypatch.setattr("abhv_mc.campaign.search.tune_trials.Trials.margins_of", margins_of)
+    text = "limits: [{metric: gain_margin_min_db, above: 7%s}]\nmargins_at: [trim, 1 s]\ncandidates: 209\n"
+    start = BLOCK[: BLOCK.index("limits:")]
+    for vehicles, vehicle_count, wanted in (("", 1, 0.05), (", vehicles: corners", 3, 0.02)):
+        request_.block.write_text(start + text % vehicles, encoding="utf-8")
+        out = request_.out.with_name(f"new{vehicle_count}.yaml")
+        found = tune_controller(TuneRequest(request_.campaign, out, block=request_.block, workers=2), ENGINE)
+        assert set(seen) == {(vehicle_count, ("trim", 1.0))}
+        seen.clear()
+        assert read_controller(found.numbers.document.path).altitude.bandwidth == 0.03
+        values = found.numbers.values(found.tuning.place)
+        assert float(str(values["altitude.bandwidth"]).split()[0]) == pytest.approx(wanted, rel=0.05)
+        margin = found.sides[1]
+        assert margin.best == pytest.approx(7.0, abs=0.3) and margin.best >= 7.0 and margin.quantile is None
+        assert found.as_json()["fresh"][1]["vehicles"] == (vehicles.split()[-1] if vehicles else "nominal")
+
+
 def test_numbers_that_make_no_controller_are_passed_over(request_):
     def prepare_some(vehicle, mission, controller, name):
         if read_controller(controller).altitude.damping > 3.5:
@@ -129,6 +156,14 @@ def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path
         ("altitude_error_rms_m", "altitude", r"block.yaml:2:\d+.*metric 'altitude'"),
         ("below_start_times: 1.5", "below: 3, above: 2", r"below and above"),
         ("candidates: 113", "candidate: 113", r"candidate"),
+        ("elevator_travel_deg, quantile: 0.5", "gain_margin_min_db, quantile: 0.5", r"no quantile"),
+        ("elevator_travel_deg, quantile: 0.5, below_start_times: 1.5", "gain_margin_min_db, below: 6", r"'above'"),
+        ("below_start_times: 1.5", "below: 3, vehicles: corners", r"vehicles"),
+        (
+            "elevator_travel_deg, quantile: 0.5, below_start_times: 1.5}",
+            "gain_margin_min_db, above: 6}\nmargins_at: [trim, 900 s]",
+            r"block.yaml:5:\d+.*900 s",
+        ),
     ],
 )
 def test_a_block_that_is_wrong_is_refused_with_its_place(request_, old, new, match):

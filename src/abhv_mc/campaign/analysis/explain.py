@@ -8,20 +8,20 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.analysis.replay import find_row
 from abhv_mc.campaign.analysis.shrink import shrink
-from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
+from abhv_mc.campaign.file.own_code import read_trusted_plan
+from abhv_mc.campaign.file.resolve import read_own_campaign
 from abhv_mc.campaign.run.batches import Fly
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.statistics.requirement import requirement_failures
 from abhv_mc.store.flights import FlightRows
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import read_checked
-from abhv_mc.store.plans import read_plan
 from abhv_mc.store.samples import SampleReader
 
 Floats = NDArray[np.float64]
@@ -35,6 +35,7 @@ class Failure:
 
     requirement: Requirement | None
     limit: float
+    column: int = 0  # of its metric
 
     @property
     def words(self) -> str:
@@ -48,7 +49,7 @@ class Failure:
         early = outcome != Outcome.OK
         if self.requirement is None:
             return np.where(early, -end_time, -np.inf)
-        value = metrics[:, METRIC_INDEX[self.requirement.metric]]
+        value = metrics[:, self.column]
         below = self.requirement.below is not None
         worse = value if below else -value
         failed = requirement_failures(value, early, self.limit, below, self.requirement.early_is_failure)
@@ -73,7 +74,13 @@ class Explanation:
 
 
 def explain_flight(
-    root: Path, controller: str, flight: int, fly: Fly, requirement: str | None = None, every: int = 1
+    root: Path,
+    controller: str,
+    flight: int,
+    fly: Fly,
+    requirement: str | None = None,
+    every: int = 1,
+    trust_code: bool = False,
 ) -> Explanation:
     """Shrink the dispersions of a failing flight of the campaign in ``root`` to those that it takes to fail.
 
@@ -83,18 +90,21 @@ def explain_flight(
     folder = CampaignFolder(root)
     inputs = [path for path in folder.inputs.rglob("*") if path.is_file()]
     read_checked(folder, [folder.campaign, folder.plan(controller), folder.samples, *inputs])
-    campaign = read_campaign(folder.campaign)
+    campaign = read_own_campaign(folder)
     if controller not in campaign.model.controllers:
         raise InputError(root, None, None, f"no controller '{controller}'", one_of(campaign.model.controllers))
     row = find_row(folder, controller, flight)
     failure = _find_failure(root, campaign, row, requirement)
-    plan = read_plan(folder.plan(controller))
-    names = row.names
+    plan = read_trusted_plan(folder, controller, trust_code)
+    names = campaign.names
     nominal = np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in names])
-    values = row.samples[0]
+    values, seeds = row.samples[0, : len(names)], row.samples[:, len(names) :]  # the noise stays as it was flown
+
+    def spread(rows: Floats) -> Floats:
+        return spread_parameters(row.names, np.column_stack([rows, np.repeat(seeds, len(rows), axis=0)]))
 
     def badness(keep: NDArray[np.bool_]) -> Floats:
-        block = fly(plan, spread_parameters(names, np.where(keep, values, nominal)), None)
+        block = fly(plan, spread(np.where(keep, values, nominal)), None)
         return failure.badness(block.outcome, block.end_time, block.metrics)
 
     samples = SampleReader(folder.samples)
@@ -105,7 +115,7 @@ def explain_flight(
         raise InputError(root, None, None, f"a flight {flight} that does not fail when flown again", wish) from None
     sets = [tuple(names[i] for i in members) for members in found.sets]
     alone = np.isin(names, sets[0])
-    parameters = spread_parameters(names, np.stack([nominal, np.where(alone, values, nominal), values]))
+    parameters = spread(np.stack([nominal, np.where(alone, values, nominal), values]))
     return Explanation(
         controller,
         flight,
@@ -129,7 +139,8 @@ def _find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked:
         raise InputError(root, None, None, found, "a flight that was flown")
     state = np.array([int(outcome)]), row.values[:, -1], row.values[:, :-1]
     failures = [
-        Failure(entry, limit) for entry, limit in zip(campaign.model.requirements, campaign.limits, strict=True)
+        Failure(entry, limit, row.columns.index(entry.metric))
+        for entry, limit in zip(campaign.model.requirements, campaign.limits, strict=True)
     ]
     metrics = [failure.requirement.metric for failure in failures if failure.requirement]
     if asked is not None and asked not in metrics:
@@ -146,6 +157,6 @@ def _find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked:
 
 def _mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:
     """The parameters, those whose values are the most usual among the campaign's first."""
-    drawn = samples.rows(0, min(samples.flights, _MOST_SAMPLES))
+    drawn = samples.rows(0, min(samples.flights, _MOST_SAMPLES))[:, : values.size]
     middle = np.median(drawn, axis=0)
     return np.argsort((np.abs(drawn - middle) < np.abs(values - middle)).mean(axis=0), kind="stable")

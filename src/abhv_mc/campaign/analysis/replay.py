@@ -5,16 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.campaign.file.own_code import read_trusted_plan
 from abhv_mc.campaign.run.batches import Fly
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.store.flights import VALUES, DamagedFileError, FlightRows, parse_block_name, read_block
+from abhv_mc.store.flights import DamagedFileError, FlightRows, parse_block_name, read_block
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import read_checked
 from abhv_mc.store.manifest import read_manifest
-from abhv_mc.store.plans import read_plan
 from abhv_mc.store.samples import SampleReader
 
 
@@ -26,6 +26,7 @@ class Replay:
     flight: int
     block: FlightBlock  # of this flight alone
     samples: dict[str, float]
+    metrics: dict[str, float]
     differences: tuple[str, ...]  # what differs from the stored row in any bit
 
     @property
@@ -38,7 +39,9 @@ class Replay:
         return SENTENCES[self.outcome]
 
 
-def replay_flight(root: Path, controller: str, flight: int, fly: Fly, every: int = 1) -> Replay:
+def replay_flight(
+    root: Path, controller: str, flight: int, fly: Fly, every: int = 1, trust_code: bool = False
+) -> Replay:
     """Fly flight ``flight`` of the campaign in ``root`` with its stored plan, recording every ``every``-th tick.
 
     Raises InputError for a flight that the folder does not hold.
@@ -49,20 +52,21 @@ def replay_flight(root: Path, controller: str, flight: int, fly: Fly, every: int
         raise InputError(root, None, None, f"no controller '{controller}'", one_of(names, controller))
     row = find_row(folder, controller, flight)
     read_checked(folder, [folder.plan(controller)])
-    plan = read_plan(folder.plan(controller))
+    plan = read_trusted_plan(folder, controller, trust_code)
     reader = SampleReader(folder.samples)
     block = fly(plan, spread_parameters(reader.names, row.samples), every)
     values = np.append(block.metrics[0], block.end_time[0])
     differences = [
-        f"{signal.name}: {new!r} instead of {old!r}"
-        for signal, new, old in zip(VALUES, values.tolist(), row.values[0].tolist(), strict=True)
+        f"{name}: {new!r} instead of {old!r}"
+        for name, new, old in zip(row.columns, values.tolist(), row.values[0].tolist(), strict=False)  # margins follow
         if np.float64(new).tobytes() != np.float64(old).tobytes() and not (np.isnan(new) and np.isnan(old))
     ]
     outcome = Outcome(int(block.outcome[0])).code
     if outcome != row.outcome[0]:
         differences.append(f"outcome: {outcome} instead of {row.outcome[0]}")
     samples = dict(zip(reader.names, row.samples[0].tolist(), strict=True))
-    return Replay(controller, flight, block, samples, tuple(differences))
+    metrics = dict(zip(row.columns, values.tolist(), strict=True))
+    return Replay(controller, flight, block, samples, metrics, tuple(differences))
 
 
 def find_row(folder: CampaignFolder, controller: str, flight: int) -> FlightRows:
@@ -76,7 +80,9 @@ def find_row(folder: CampaignFolder, controller: str, flight: int) -> FlightRows
                 read_checked(folder, [path])
                 rows = read_block(path, names)
                 at = slice(flight - first, flight - first + 1)
-                return FlightRows(name, flight, names, rows.samples[at], rows.outcome[at], rows.values[at])
+                return FlightRows(
+                    name, flight, names, rows.samples[at], rows.outcome[at], rows.values[at], rows.columns
+                )
         except DamagedFileError as error:
             raise InputError(path, None, None, str(error), "a whole file: run the campaign again") from None
     raise InputError(folder.root, None, None, f"no flight {flight} of '{controller}'", "the number of a flown flight")

@@ -12,7 +12,7 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
-from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, DiscreteMarginal, Marginal
+from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, DiscreteMarginal, Marginal, SometimesMarginal
 from abhv_mc.io.document_reader import compose
 from abhv_mc.io.documents import InputError, Refusal, one_of, validate
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
@@ -77,6 +77,12 @@ def make_change(campaign: CheckedCampaign, settings: Mapping[str, Mapping[str, A
 
 def _check_support(name: str, old: Marginal, new: Marginal) -> None:
     """Flights exist wherever the new distribution has weight. Raises InputError."""
+    if isinstance(old, SometimesMarginal) and isinstance(new, SometimesMarginal):
+        _check_support(name, old.drawn, new.drawn)
+        return
+    if isinstance(old, SometimesMarginal) != isinstance(new, SometimesMarginal):
+        found = f"{name} with a probability in one case and always in the other"
+        raise InputError(_SET, None, None, found, "a probability below 1 in both, or in none")
     if isinstance(old, DiscreteMarginal) and isinstance(new, DiscreteMarginal):
         missing = np.setdiff1d(new.values, old.values)
         if missing.size:
@@ -124,12 +130,17 @@ def unseen_probability(campaign: CheckedCampaign, change: Change, samples: Float
     """Probability, under the changed distributions, of values that no flight ``[flight, parameter]`` stands for."""
     parts = []
     for name, marginal in change.marginals.items():
-        values = samples[:, campaign.names.index(name)]
-        if isinstance(marginal, DiscreteMarginal):
-            parts.append(unseen_of_values(marginal.values, marginal.density(marginal.values), values))
-        else:
+        values, share, drawn, before = samples[:, campaign.names.index(name)], 1.0, marginal, campaign.marginals[name]
+        if isinstance(marginal, SometimesMarginal):
+            values, share, drawn = values[values != marginal.nominal], marginal.probability, marginal.drawn
+            before = before.drawn if isinstance(before, SometimesMarginal) else before
+        if isinstance(drawn, DiscreteMarginal):
+            parts.append(unseen_of_values(drawn.values, share * drawn.density(drawn.values), values))
+        elif values.size:
             ends = np.array([values.min(), values.max()])
-            low, high = marginal.cdf(ends).tolist()
-            weights = np.nan_to_num(marginal.density(ends) / campaign.marginals[name].density(ends), posinf=0.0)
-            parts.append(unseen_of_range((low, 1.0 - high), (weights[0], weights[1]), values.size))
+            low, high = drawn.cdf(ends).tolist()
+            weights = np.nan_to_num(drawn.density(ends) / before.density(ends), posinf=0.0)
+            parts.append(unseen_of_range((share * low, share * (1.0 - high)), (weights[0], weights[1]), values.size))
+        else:
+            parts.append((share, share))
     return join_unseen(parts)

@@ -9,7 +9,7 @@ import io
 import shutil
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Protocol
@@ -26,6 +26,7 @@ EXACT_FLIGHTS = 4096
 PILOT_FLIGHTS = 128  # flights 0 .. 127 set the bins
 _SLAB = 4_000_000  # values sorted at once
 
+Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
@@ -59,8 +60,8 @@ class Collector(Protocol):
 
     covered: Mask  # [flight] which flights are in
 
-    def add(self, first: int, history: Singles) -> None:
-        """Add the flights from ``first`` on, ``[flight, cell]``."""
+    def add(self, first: int, history: Singles, extremes: Singles) -> None:
+        """Add the flights from ``first`` on, ``[flight, cell]``, and their ``extremes[side, cell]`` between samples."""
 
     def save(self) -> None:
         """Write what a resumed campaign needs."""
@@ -90,13 +91,13 @@ class ExactCollector:
         for path in self._folder.glob(f"{controller}-*.npy"):
             with contextlib.suppress(DamagedFileError, ValueError, OSError, EOFError):
                 name, first, stop = parse_block_name(path)
-                if name == controller and _is_whole(path) and self._open(path).shape == (stop - first, cells.count):
-                    self.covered[first:stop] = True
+                if name == controller and _is_whole(path) and self._open(path).shape == (stop - first + 2, cells.count):
+                    self.covered[first:stop] |= _computed(self._open(path)[:-2])
 
-    def add(self, first: int, history: Singles) -> None:
+    def add(self, first: int, history: Singles, extremes: Singles) -> None:
         path = self._folder / f"{self._controller}-{first:09d}-{first + len(history):09d}.npy"
         content = io.BytesIO()  # numpy's own writing to a file does not say that a disk is full
-        np.save(content, history, allow_pickle=False)
+        np.save(content, np.concatenate([history, extremes]), allow_pickle=False)
         write_bytes(path, content.getvalue() + _checksum(content.getvalue()))
         self.covered[first : first + len(history)] = True
 
@@ -105,16 +106,17 @@ class ExactCollector:
 
     def table(self) -> EnvelopeTable:
         blocks, taken = [], np.zeros(len(self.covered), bool)
+        seen = _nothing_seen(self._cells.count)
         for path in sorted(self._folder.glob(f"{self._controller}-*.npy")):
             name, first, stop = parse_block_name(path)
             if name == self._controller:
-                values = self._open(path)
-                fresh = ~taken[first:stop]  # blocks of two sizes may overlap after a resume
-                taken[first:stop] = True
+                values, ends = self._open(path)[:-2], self._open(path)[-2:]
+                seen = _widen(seen, ends)
+                fresh = ~taken[first:stop] & _computed(values)  # blocks of two sizes may overlap after a resume
+                taken[first:stop] |= fresh
                 blocks.append((values, fresh))
         cells = self._cells.count
         count, quantiles = np.zeros(cells, np.int64), np.full((len(QUANTILES), cells), np.nan)
-        low, high = np.full(cells, np.nan), np.full(cells, np.nan)
         width = max(1, _SLAB // max(1, int(taken.sum())))
         for start in range(0, cells, width):
             slab = slice(start, min(start + width, cells))
@@ -124,7 +126,6 @@ class ExactCollector:
             row = np.flatnonzero(n)
             last = n[row] - 1
             place = np.arange(slab.start, slab.stop)[row]
-            low[place], high[place] = values[row, 0], values[row, last]
             for q, probability in enumerate(QUANTILES):
                 rank = probability * last
                 floor = np.floor(rank).astype(np.int64)
@@ -134,8 +135,7 @@ class ExactCollector:
         shape = self._cells.shape
         return EnvelopeTable(
             count.reshape(shape),
-            low.reshape(shape),
-            high.reshape(shape),
+            *_ends(seen, count, shape),
             quantiles.reshape((-1, *shape)),
             np.zeros(shape),
         )
@@ -161,30 +161,55 @@ class HistogramCollector:
         state = self._load()
         if state is None:
             self._histograms = Histograms(*make_bins(fly_pilot(min(PILOT_FLIGHTS, flights))))
+            self._seen = _nothing_seen(cells.count)
             self.save()
         else:
             self._histograms = Histograms(state["low"], state["width"])
             self._histograms.merge(state["counts"], state["extremes"])
+            self._seen = state["seen"]
             covered = np.unpackbits(state["covered"], count=int(state["flights"])).astype(bool)
             self.covered[: len(covered)] = covered[:flights]
 
     def _load(self) -> dict[str, NDArray] | None:
         state = _read_state(self._path)
-        return state if state is not None and state.get("low", np.empty(0)).size == self._cells.count else None
+        return state if state is not None and state.get("seen", np.empty(0)).size == 2 * self._cells.count else None
 
-    def add(self, first: int, history: Singles) -> None:
+    def add(self, first: int, history: Singles, extremes: Singles) -> None:
         self._histograms.add(history)
+        self._seen = _widen(self._seen, extremes)
         self.covered[first : first + len(history)] = True
 
     def save(self) -> None:
-        _write_state(self._path, self._histograms, self.covered)
+        _write_state(self._path, self._histograms, self.covered, self._seen)
 
     def table(self) -> EnvelopeTable:
-        return self._histograms.table(*self._cells.shape)
+        table = self._histograms.table(*self._cells.shape)
+        low, high = _ends(self._seen, table.count.ravel(), self._cells.shape)
+        return replace(table, low=low, high=high)
 
     def finish(self) -> None:
         """The state stays: extending or merging campaigns goes on from it."""
         self.save()
+
+
+def _nothing_seen(cells: int) -> Singles:
+    return np.full((2, cells), np.nan, np.float32)
+
+
+def _widen(seen: Singles, extremes: Singles) -> Singles:
+    """The smaller of the smallest and the larger of the largest values ``[side, cell]``."""
+    return np.stack([np.fmin(seen[0], extremes[0]), np.fmax(seen[1], extremes[1])])
+
+
+def _ends(seen: Singles, count: NDArray[np.int64], shape: tuple[int, int]) -> tuple[Floats, Floats]:
+    """Smallest and largest values ``[time, channel]``; none where no flight flies any more."""
+    low, high = (np.where(count > 0, side.astype(np.float64), np.nan).reshape(shape) for side in seen)
+    return low, high
+
+
+def _computed(values: Singles) -> Mask:
+    """Which flights ``[flight, cell]`` the machine could compute: every one has a value at its start."""
+    return ~np.isnan(values[:, 0])
 
 
 def _checksum(content: bytes) -> bytes:
@@ -205,12 +230,13 @@ def _read_state(path: Path) -> dict[str, NDArray] | None:
         return None
 
 
-def _write_state(path: Path, histograms: Histograms, covered: Mask) -> None:
+def _write_state(path: Path, histograms: Histograms, covered: Mask, seen: Singles) -> None:
     state = {
         "low": histograms.low,
         "width": histograms.width,
         "counts": histograms.counts,
         "extremes": histograms.extremes(),
+        "seen": seen,
         "covered": np.packbits(covered),
         "flights": np.asarray(len(covered)),
     }
@@ -233,7 +259,7 @@ def merge_states(folders: Sequence[Path], target: Path) -> None:
     for name in sorted({path.name for folder in folders for path in folder.glob("*.npz")}):
         states = [state for folder in folders if (state := _read_state(folder / name)) is not None]
         histograms = Histograms(states[0]["low"], states[0]["width"])
-        covered = np.zeros(int(states[0]["flights"]), bool)
+        covered, seen = np.zeros(int(states[0]["flights"]), bool), _nothing_seen(states[0]["low"].size)
         for state in states:
             mask = np.unpackbits(state["covered"], count=int(state["flights"])).astype(bool)
             if any(not np.array_equal(state[key], states[0][key]) for key in ("low", "width", "flights")):
@@ -242,4 +268,5 @@ def merge_states(folders: Sequence[Path], target: Path) -> None:
                 raise ValueError(f"{name}: flights that two of them hold")
             histograms.merge(state["counts"], state["extremes"])
             covered |= mask
-        _write_state(target / name, histograms, covered)
+            seen = _widen(seen, state["seen"])
+        _write_state(target / name, histograms, covered, seen)

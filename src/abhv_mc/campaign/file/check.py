@@ -8,6 +8,12 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.campaign.file.config import Campaign, Requirement
+from abhv_mc.campaign.file.own_metrics import (
+    compile_metrics,
+    find_own_channels,
+    known_channels,
+    read_metrics_file,
+)
 from abhv_mc.campaign.sampling.correlation import Copula, make_copula, normal_correlation
 from abhv_mc.campaign.sampling.designs import (
     EXTENSIBLE,
@@ -20,13 +26,18 @@ from abhv_mc.campaign.sampling.designs import (
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
-from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, SampleSource
-from abhv_mc.flight.signals import METRIC_INDEX, METRICS
+from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, SampleSource, SeededSamples
+from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
+from abhv_mc.control.mission import read_mission
+from abhv_mc.flight.declared import NO_METRICS, DeclaredMetrics
+from abhv_mc.flight.signals import METRICS, Signal
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
-from abhv_mc.statistics.sequential import choose_looks
+from abhv_mc.plant.parameters import EFFECTORS, PARAMETER_INDEX, PARAMETERS
+from abhv_mc.stability.metrics import MARGINS
+from abhv_mc.statistics.sequential import choose_common_looks
 
+MARGIN_UNITS = {signal.name: signal.unit for signal in MARGINS}
 DISPERSIBLE = tuple(parameter.name for parameter in PARAMETERS[1:])
 
 
@@ -41,6 +52,7 @@ class CheckedCampaign:
     copula: Copula
     sample_file: SampleFile | None
     limits: tuple[float, ...]  # of the requirements, in their metrics' units
+    declared: DeclaredMetrics = NO_METRICS  # metrics of its own
     looks: tuple[int, ...] = ()  # flights after which a campaign that stops when proven is looked at; the last is runs
 
     @property
@@ -49,17 +61,28 @@ class CheckedCampaign:
         return self.sample_file.names if self.sample_file else tuple(self.marginals)
 
     @property
+    def metrics(self) -> dict[str, Signal]:
+        """The metrics of its flights by name: those of the program, then its own."""
+        return {signal.name: signal for signal in (*METRICS, *self.declared.signals)}
+
+    @property
     def extensible(self) -> bool:
         """Whether more flights leave the first ones as they are."""
         return self.model.sampling.design in (*EXTENSIBLE, "file")
 
     def make_samples(self) -> SampleSource:
-        """The source of its samples."""
-        if self.sample_file is not None:
-            return GivenSamples(self.sample_file, self.runs)
+        """The source of its samples: the dispersed parameters, then the seeds that the flights' noise needs."""
         sampling = self.model.sampling
-        design = Design(sampling.design, self.model.seed, self.names, self.runs, sampling.levels)
-        return DrawnSamples(design, tuple(self.marginals.values()), self.copula)
+        source: SampleSource
+        if self.sample_file is not None:
+            source = GivenSamples(self.sample_file, self.runs)
+        else:
+            design = Design(sampling.design, self.model.seed, self.names, self.runs, sampling.levels)
+            source = DrawnSamples(design, tuple(self.marginals.values()), self.copula)
+        seeds = find_seeds(self.names)
+        if not seeds:
+            return source
+        return SeededSamples(source, Seeds(seeds, self.model.seed, sampling.design, len(self.names)))
 
 
 def read_campaign(
@@ -80,25 +103,65 @@ def read_campaign(
 
 def check_campaign(document: Document) -> CheckedCampaign:
     """Check a campaign that was read already. Raises :class:`InputError` as :func:`read_campaign` does."""
+    document = name_effectors(document)
     model = validate(document, Campaign)
     errors: list[InputError] = []
     marginals = _make_marginals(document, model, errors)
     sample_file = read_sample_file(model.sampling.path, DISPERSIBLE) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)
     copula = _make_copula(document, model, names, errors)
-    limits = tuple(_check_requirements(document, model, errors))
+    declared = _declare_metrics(document, model, errors)
+    metrics = {signal.name: signal for signal in (*METRICS, *declared.signals)}
+    measured = metrics | {signal.name: signal for signal in MARGINS}
+    limits = tuple(_check_requirements(document, model, measured, errors))
     by = model.keep.histories.by
-    if by not in METRIC_INDEX:
-        errors.append(document.error(("keep", "histories", "by"), f"metric '{by}'", one_of(METRIC_INDEX, by)))
+    if by not in metrics:
+        errors.append(document.error(("keep", "histories", "by"), f"metric '{by}'", one_of(metrics, by)))
     number = _check_runs(document, model, names, sample_file, errors)
     for item in model.keep.histories.flights:
         if isinstance(item, int) and item >= number:
             where = ("keep", "histories", "flights")
             errors.append(document.error(where, f"flight {item}", f"flights from 0 to {number - 1}"))
     _check_stop(document, model, number, errors)
+    _check_margins(document, model, number, errors)
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
-    return CheckedCampaign(document, model, number, marginals, copula, sample_file, limits, _find_looks(model, number))
+    looks = _find_looks(model, number)
+    return CheckedCampaign(document, model, number, marginals, copula, sample_file, limits, declared, looks)
+
+
+def name_effectors(document: Document) -> Document:
+    """The campaign with failures of the vehicle's own effectors by their place: ``failure.right_elevon.stuck_time``
+    becomes ``failure.effector_0.stuck_time`` where the vehicle file lists right_elevon first."""
+    data = document.data
+    if not isinstance(data, dict):
+        return document
+    held, vehicle = data.get("dispersions"), data.get("vehicle")
+    if not isinstance(held, dict) or not isinstance(vehicle, str):
+        return document
+    asked = [name for name in held if isinstance(name, str) and name.startswith("failure.") and name not in DISPERSIBLE]
+    try:
+        content = read_document(document.path.parent / vehicle).data if asked else None
+    except InputError:
+        return document  # the model refuses the vehicle
+    effectors = content.get("effectors") if isinstance(content, dict) else None
+    places = {name: EFFECTORS[i] for i, name in enumerate(list(effectors or {})[: len(EFFECTORS)])}
+
+    def renamed(name: str) -> str:
+        group, _, rest = name.partition(".")
+        effector, _, key = rest.partition(".")
+        return f"{group}.{places[effector]}.{key}" if name in asked and effector in places else name
+
+    correlations = [
+        {**entry, "between": [renamed(str(name)) for name in entry["between"]]}
+        if isinstance(entry, dict) and isinstance(entry.get("between"), list)
+        else entry
+        for entry in data.get("correlations") or []
+    ]
+    changed = {**data, "dispersions": {renamed(name): value for name, value in held.items()}}
+    if correlations:
+        changed["correlations"] = correlations
+    return replace(document, data=changed) if asked else document
 
 
 def _override(document: Document, runs: int | None, seed: int | None, controllers: Sequence[str] | None) -> Document:
@@ -138,6 +201,9 @@ def _make_marginals(document: Document, model: Campaign, errors: list[InputError
         if name not in DISPERSIBLE:
             errors.append(document.key_error(where, f"parameter '{name}'", one_of(DISPERSIBLE, name)))
             continue
+        if distribution.probability < 1.0 and model.sampling.design in FACTORIAL:
+            found = f"a probability with the design '{model.sampling.design}', which sets every value"
+            errors.append(document.error((*where, "probability"), found, "a design that draws, or no probability"))
         try:
             marginals[name] = distribution.make_marginal(PARAMETERS[PARAMETER_INDEX[name]])
         except Refusal as refusal:
@@ -155,6 +221,9 @@ def _make_copula(document: Document, model: Campaign, names: Sequence[str], erro
             if name not in names:
                 found = f"'{name}', which is not dispersed"
                 errors.append(document.error(("correlations", i, "between", j), found, one_of(names, name)))
+            elif name in model.dispersions and model.dispersions[name].probability < 1.0:
+                found = f"'{name}', which is drawn with a probability: most flights share its nominal value"
+                errors.append(document.error(("correlations", i, "between", j), found, "one that every flight draws"))
         pair = (min(entry.between), max(entry.between))
         if pair in pairs:
             errors.append(document.error(("correlations", i), f"{' and '.join(pair)} a second time", "each pair once"))
@@ -175,32 +244,44 @@ def _make_copula(document: Document, model: Campaign, names: Sequence[str], erro
         return Copula((), np.eye(0))
 
 
-def _check_requirements(document: Document, model: Campaign, errors: list[InputError]) -> Iterator[float]:
+def _declare_metrics(document: Document, model: Campaign, errors: list[InputError]) -> DeclaredMetrics:
+    """The campaign's own metrics as a program; nothing of a file of channels is run."""
+    place: tuple[str, ...] = ("metrics",)
+    entries, of = model.metrics, document
+    if isinstance(entries, Path):
+        of, entries = read_metrics_file(entries)
+        place = ()
+    channels = known_channels(find_own_channels(model.channels) if model.channels else ())
+    return compile_metrics(entries, channels, of, place, errors)
+
+
+def _check_requirements(
+    document: Document, model: Campaign, metrics: dict[str, Signal], errors: list[InputError]
+) -> Iterator[float]:
     for i, entry in enumerate(model.requirements):
         where = ("requirements", i)
         for j, name in enumerate(entry.controllers or ()):
             if name not in model.controllers:
                 found = f"controller '{name}'"
                 errors.append(document.error((*where, "controllers", j), found, one_of(model.controllers, name)))
-        if entry.metric not in METRIC_INDEX:
-            wanted = one_of(METRIC_INDEX, entry.metric)
+        if entry.metric not in metrics:
+            wanted = one_of([name for name in metrics if model.margins or name not in MARGIN_UNITS], entry.metric)
             errors.append(document.error((*where, "metric"), f"metric '{entry.metric}'", wanted))
             continue
         try:
-            yield _limit(entry)
+            yield _limit(entry, metrics[entry.metric].unit)
         except Refusal as refusal:
             key = "below" if entry.below is not None else "above"
             errors.append(document.error((*where, key), refusal.found, refusal.wanted))
 
 
-def _limit(entry: Requirement) -> float:
+def _limit(entry: Requirement, unit: str) -> float:
     """The limit in the metric's unit; a plain number is in it already."""
     value = entry.below if entry.below is not None else entry.above
-    unit = METRICS[METRIC_INDEX[entry.metric]].unit
     if isinstance(value, float):
         return value
-    if unit == "g":
-        raise Refusal(f"'{value}'", "a plain number, in g")
+    if unit in ("g", "dB"):
+        raise Refusal(f"'{value}'", f"a plain number, in {unit}")
     return parse_quantity(value or "", dimension_of(unit), bare_unit=unit) / parse_unit(unit)[0]
 
 
@@ -218,13 +299,41 @@ def _check_stop(document: Document, model: Campaign, runs: int, errors: list[Inp
         errors.append(document.error(("stop", "looks"), found, f"{runs}, the most flights there may be ('runs')"))
 
 
+def _check_margins(document: Document, model: Campaign, runs: int, errors: list[InputError]) -> None:
+    """Points lie within the mission; what is required of margins is required of every flight, so all have them."""
+    needed = [i for i, entry in enumerate(model.requirements) if entry.metric in MARGIN_UNITS]
+    if model.margins is None:
+        for i in needed:
+            found = f"'{model.requirements[i].metric}' without 'margins'"
+            wanted = "'margins: {at: [trim], flights: all}' in the campaign, which finds them"
+            errors.append(document.error(("requirements", i, "metric"), found, wanted))
+        return
+    if needed and model.margins.of(runs) < runs:
+        metric = model.requirements[needed[0]].metric
+        found = f"margins of {model.margins.of(runs)} of {runs} flights, and a requirement on {metric}"
+        wanted = "'flights: all': a verdict needs the metric of every flight"
+        errors.append(document.error(("margins", "flights"), found, wanted))
+    duration = read_mission(model.mission).duration
+    for i, time in enumerate(model.margins.at):
+        if time != "trim" and not 0.0 <= time <= duration:
+            where = ("margins", "at", i)
+            errors.append(document.error(where, f"{time:g} s", f"trim, or a time of the mission, 0 to {duration:g} s"))
+
+
 def _find_looks(model: Campaign, runs: int) -> tuple[int, ...]:
-    """The looks that the campaign names, or else those that suit its least demanding requirement; () without stop."""
+    """The looks that the campaign names, or else those that suit all its requirements; () without stop."""
     if model.stop is None or not model.requirements:
         return ()
     if model.stop.looks is not None:
         return model.stop.looks
-    return min(choose_looks(entry.probability, entry.consumer_risk, runs) for entry in model.requirements)
+    risks = [entry.consumer_risk for entry in model.requirements]
+    if model.family is not None:
+        # Every requirement is judged on every controller, and each such pair has its share of the family's risk.
+        pairs = len(risks) * len(model.controllers)
+        risks = [min(risk, model.family.risk / pairs) for risk in risks]
+    return choose_common_looks(
+        [(entry.probability, risk) for entry, risk in zip(model.requirements, risks, strict=True)], runs
+    )
 
 
 def _check_runs(

@@ -1,16 +1,18 @@
 """The campaign file as a model: keys, types and what can be checked within one entry."""
 
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from abhv_mc.campaign.file.own_metrics import MetricEntry, MetricName
 from abhv_mc.campaign.file.tuning import Tune
 from abhv_mc.campaign.sampling.designs import DESIGNS
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
-from abhv_mc.flight.signals import CHANNEL_INDEX
+from abhv_mc.flight.signals import CHANNEL_INDEX, STANDARD_CHANNELS
 from abhv_mc.io.documents import File, Refusal, StrictModel, describe, one_of
-from abhv_mc.io.units import FREQUENCY, Frequency, Time, parse_quantity
+from abhv_mc.io.units import FREQUENCY, TIME, Frequency, Time, parse_quantity
 
 PROCESSES, THREADS = "processes", "threads"
 _ALL_CHANNELS = tuple(CHANNEL_INDEX)
@@ -181,7 +183,7 @@ class KeepHistories(StrictModel):
 class KeepEnvelopes(StrictModel):
     """What the envelopes over all flights cover."""
 
-    channels: Channels = Field(_ALL_CHANNELS, description="names of channels, or all")
+    channels: Channels = Field(STANDARD_CHANNELS, description="names of channels, or all")
     rate: Rate = Field(5.0, description="time bins per second of flight")
 
 
@@ -190,6 +192,38 @@ class Keep(StrictModel):
 
     histories: KeepHistories = Field(KeepHistories(), description="flights that are written at full length")
     envelopes: KeepEnvelopes = Field(KeepEnvelopes(), description="quantiles over time of all flights")
+
+
+def _points(value: Any) -> Any:
+    if value == []:
+        raise Refusal("no point", "trim, or times of the flight such as 30 s")
+    return ["trim" if item == "trim" else parse_quantity(item, TIME) for item in _as_list(value)]
+
+
+Points = Annotated[
+    tuple[Literal["trim"] | float, ...], BeforeValidator(_points, json_schema_input_type=str | list[str])
+]
+
+
+def _flight_count(value: Any) -> Any:
+    if value == "all":
+        return None
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise Refusal(describe(value), "'all' or a whole number from 1")
+    return value
+
+
+class MarginsOfFlights(StrictModel):
+    """Of which flights stability margins are found, and where."""
+
+    at: Points = Field(("trim",), description="trim, or times of the flight such as 30 s, or a list of these")
+    flights: Annotated[int | None, BeforeValidator(_flight_count, json_schema_input_type=Literal["all"] | int)] = Field(
+        100, description="margins are found of the first so many flights, or of all"
+    )
+
+    def of(self, runs: int) -> int:
+        """How many of so many flights."""
+        return runs if self.flights is None else min(self.flights, runs)
 
 
 class Stop(StrictModel):
@@ -217,6 +251,13 @@ def _stop(value: Any) -> Any:
     return value
 
 
+class Family(StrictModel):
+    """All pairs of requirement and controller together: the chance of any false PASS among them."""
+
+    method: Literal["holm"] = Field("holm", description="Holm's; Bonferroni's where the campaign stops when proven")
+    risk: Annotated[float, Field(gt=0.0, lt=0.5)] = Field(0.10, description="largest chance of any false PASS")
+
+
 class Execution(StrictModel):
     """How it is flown; no result depends on it."""
 
@@ -228,6 +269,10 @@ class Execution(StrictModel):
     flight_time_limit: Annotated[Time, Field(gt=0.0)] = Field(
         10.0, description="computing time for every 16 flights of a block, after which they count as hanging"
     )
+
+
+def _metrics_kind(value: Any) -> str:
+    return "file" if isinstance(value, str | Path) else "entries"
 
 
 class Campaign(StrictModel):
@@ -251,14 +296,25 @@ class Campaign(StrictModel):
     )
     dispersions: dict[str, Distribution] = Field({}, description="distributions by the parameter that they disperse")
     correlations: tuple[Correlation, ...] = Field((), description="pairs of parameters that vary together")
+    channels: File | None = Field(None, description="Python file of channels of one's own, relative to this file")
+    metrics: Annotated[
+        Annotated[dict[MetricName, MetricEntry], Tag("entries")] | Annotated[File, Tag("file")],
+        Discriminator(_metrics_kind),
+    ] = Field({}, description="metrics of one's own by name, or a file that holds them")
     requirements: tuple[Requirement, ...] = Field(
         (), description="what the flights have to meet, with which probability"
+    )
+    margins: MarginsOfFlights | None = Field(
+        None, description="stability margins of dispersed flights, as metrics; left out: nominal and corners only"
     )
     stop: Annotated[
         Stop | None, BeforeValidator(_stop, json_schema_input_type=Literal["when proven"] | Stop | None)
     ] = Field(None, description="'when proven' ends the campaign once every requirement has a verdict")
     tune: Tune | None = Field(
         None, description="what `abhv-mc tune` varies and wants; no flight of the campaign depends on it"
+    )
+    family: Family | None = Field(
+        None, description="one risk for all verdicts together; left out: each requirement has its own"
     )
     keep: Keep = Field(Keep(), description="what is written besides the metrics of every flight")
     execution: Execution = Field(Execution(), description="how it is flown; no result depends on it")

@@ -8,6 +8,7 @@ from pydantic import BaseModel
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.config import Campaign
+from abhv_mc.campaign.file.possible import find_impossible
 from abhv_mc.control.controller_file import ControllerFile, LqrController, TlcController, read_controller
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.io.documents import InputError, InputErrors, describe, one_of, read_document
@@ -77,7 +78,11 @@ def check_inputs(path: Path) -> list[CheckedInput]:
 def _check(file: Path, kind: str, pending: list[tuple[Path, str | None]]) -> Iterator[str]:
     """Check one file, yield its warnings and add the files that it names to ``pending``."""
     if kind == "campaign":
-        campaign = read_campaign(file).model
+        checked = read_campaign(file)
+        campaign = checked.model
+        problems = find_impossible(checked, load_vehicle(campaign.vehicle))
+        if problems:
+            raise InputErrors(problems)
         pending += [(campaign.vehicle, "vehicle"), (campaign.mission, "mission")]
         pending += [(controller, "controller") for controller in campaign.controllers.values()]
     elif kind == "vehicle":

@@ -6,18 +6,18 @@ The resolved file and the copies are all that it takes to fly the campaign again
 import hashlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.campaign.file.check import CheckedCampaign, select_requirements
+from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, select_requirements
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
-from abhv_mc.store.folder import CampaignFolder, hash_file, write_bytes, write_whole
+from abhv_mc.store.folder import CampaignFolder, hash_file, is_inside, write_bytes, write_whole
 from abhv_mc.store.hashes import FileHashes
 
 _YAML = (".yaml", ".yml")
-_DATA = (".csv", ".parquet", ".pq", ".json", ".gz")
+_DATA = (".csv", ".parquet", ".pq", ".json", ".gz", ".py")
 _HEAD = """A campaign as it was flown, with everything that it refers to beside it in inputs/.
 Flying it again gives the same results: abhv-mc run campaign.yaml -o ANOTHER_FOLDER"""
 
@@ -58,6 +58,10 @@ def resolve_campaign(campaign: CheckedCampaign) -> ResolvedCampaign:
     data["controllers"] = {
         name: _take(path, f"inputs/controllers/{name}", copies) for name, path in model.controllers.items()
     }
+    if model.channels is not None:
+        data["channels"] = _take(model.channels, "inputs/channels", copies)
+    if isinstance(model.metrics, Path):
+        data["metrics"] = read_document(model.metrics).data
     data["runs"] = campaign.runs
     data["seed"] = model.seed
     if campaign.looks:
@@ -74,7 +78,10 @@ def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
     files = {path.resolve(): None, **dict.fromkeys(_references(path.resolve()))}
     root = Path(os.path.commonpath([file.parent for file in files]))
     for file in files:
-        copies[f"{place}/{file.relative_to(root).as_posix()}"] = file.read_bytes()
+        copy = f"{place}/{file.relative_to(root).as_posix()}"
+        if not is_inside(copy):
+            raise InputError(file, None, None, "characters in the file's name that nothing shows", "another name")
+        copies[copy] = file.read_bytes()
     return f"{place}/{path.resolve().relative_to(root).as_posix()}"
 
 
@@ -114,7 +121,7 @@ def describe_changes(held: ResolvedCampaign, wanted: ResolvedCampaign, extensibl
         if key == "runs" and extensible and (before or 0) < (after or 0):
             continue
         changes.append(f"{key}: {_words(before)} -> {_words(after)}")
-    for part in ("vehicle", "mission", "samples", *(f"controllers/{name}" for name in shared)):
+    for part in ("vehicle", "mission", "samples", "channels", *(f"controllers/{name}" for name in shared)):
         changes += _changed_files(held.hashes, wanted.hashes, f"inputs/{part}/")
     return changes
 
@@ -160,7 +167,37 @@ def read_held(folder: CampaignFolder, manifest: dict[str, Any]) -> ResolvedCampa
         raise InputError(error.file, error.line, error.column, error.found, wish) from None
     if not isinstance(document.data, dict) or not isinstance(hashes, dict):
         raise InputError(folder.campaign, None, None, "a damaged campaign file or manifest", wish)
+    _refuse_outside(folder, document, _references_of(document.data))
     return ResolvedCampaign(document, {}, hashes)
+
+
+def read_own_campaign(folder: CampaignFolder) -> CheckedCampaign:
+    """The campaign of a results folder. Raises InputError where it is none, or refers to files outside the folder."""
+    document = read_document(folder.campaign)
+    _refuse_outside(folder, document, _references_of(document.data))
+    return check_campaign(document)
+
+
+def _references_of(data: Any) -> Iterator[str]:
+    """What a campaign file names."""
+    if isinstance(data, dict):
+        controllers, sampling = data.get("controllers"), data.get("sampling")
+        named = [
+            data.get("vehicle"),
+            data.get("mission"),
+            *(controllers.values() if isinstance(controllers, dict) else ()),
+        ]
+        named.append(sampling.get("path") if isinstance(sampling, dict) else None)
+        yield from (text for text in named if isinstance(text, str))
+
+
+def _refuse_outside(folder: CampaignFolder, document: Document, named: Iterable[str]) -> None:
+    """Raises InputError for a reference out of the folder: what it leads to is not the campaign's."""
+    root = os.path.realpath(folder.root)
+    for text in named:
+        if not Path(os.path.realpath(document.resolve(text))).is_relative_to(root):
+            found = f"'{text}', which leads out of the campaign's folder"
+            raise InputError(document.path, None, None, found, "a file in inputs/, as the campaign wrote it")
 
 
 def mend_folder(folder: CampaignFolder, manifest: dict[str, Any], wanted: ResolvedCampaign, files: FileHashes) -> None:
@@ -183,3 +220,6 @@ def check_inputs(folder: CampaignFolder, manifest: dict[str, Any]) -> None:
         if not path.is_file() or hash_file(path) != known:
             wish = "the file as it was flown: the same campaign with all its controllers puts it there again"
             raise InputError(path, None, None, "a damaged copy of an input file", wish)
+        if path.suffix.lower() in _YAML:
+            document = read_document(path)
+            _refuse_outside(folder, document, _named_files(document.data))

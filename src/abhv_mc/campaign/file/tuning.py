@@ -1,21 +1,25 @@
 """The block ``tune`` of a campaign: which numbers of a controller's file are free, for what, within what."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from abhv_mc.io.documents import Refusal, StrictModel
+from abhv_mc.io.units import TIME, parse_quantity
 
 Quantile = Annotated[float, Field(gt=0.0, lt=1.0)]
 _METRIC = "the metric"
 _QUANTILE = "its quantile over the flights"
+
+# Stability margins that limits may name beside the metrics of flights, the least over loops and points.
+MARGINS = ("gain_margin_min_db", "phase_margin_min_deg", "delay_margin_min_ms", "disk_margin_min")
 
 
 class Free(StrictModel):
     """A number of the controller's file that is varied by a factor either way; in the file, its key alone will do."""
 
     key: str = Field(description="place in the controller's file, such as velocity.speed.bandwidth")
-    factor: Annotated[float, Field(gt=1.0, le=1e4)] = Field(3.0, description="by which it may grow or shrink")
+    factor: Annotated[float, Field(gt=1.0, le=1e4)] = Field(5.0, description="by which it may grow or shrink")
 
 
 class Aim(StrictModel):
@@ -26,7 +30,11 @@ class Aim(StrictModel):
 
 
 class Limit(StrictModel):
-    """A bound on a quantile of a metric, as a number in its unit or as so many times what the start has."""
+    """A bound on a quantile of a metric, as a number in its unit or as so many times what the start has.
+
+    A stability margin has no quantile: it is the least of the nominal vehicle, or of it and all corners of the
+    dispersions.
+    """
 
     metric: str = Field(description=_METRIC)
     quantile: Quantile = Field(0.95, description=_QUANTILE)
@@ -35,12 +43,24 @@ class Limit(StrictModel):
     below_start_times: Annotated[float, Field(gt=0.0)] | None = Field(
         None, description="what it must be below, in parts of what the controller has at the start"
     )
+    vehicles: Literal["nominal", "corners"] | None = Field(
+        None, description="whose stability margin: of the nominal vehicle (left out), or of it and all corners"
+    )
+
+    @property
+    def is_margin(self) -> bool:
+        """Whether it bounds a stability margin and not a metric of flights."""
+        return self.metric in MARGINS
 
     @model_validator(mode="after")
     def _one(self) -> "Limit":
         given = [key for key in ("below", "above", "below_start_times") if getattr(self, key) is not None]
         if len(given) != 1:
             raise Refusal(" and ".join(given) or "none of them", "one of below, above, below_start_times")
+        if self.is_margin and ("quantile" in self.model_fields_set or self.above is None or self.above <= 0.0):
+            raise Refusal(f"a limit on {self.metric}", "'above' with a number above zero, and no quantile")
+        if self.vehicles is not None and not self.is_margin:
+            raise Refusal(f"vehicles of {self.metric}", "vehicles only where a stability margin is limited")
         return self
 
 
@@ -48,6 +68,13 @@ def _free(value: Any) -> Any:
     return (
         [{"key": entry} if isinstance(entry, str) else entry for entry in value] if isinstance(value, list) else value
     )
+
+
+def _points(value: Any) -> Any:
+    entries = value if isinstance(value, list) else [value]
+    if not entries:
+        raise Refusal("no point", "trim, or times of the flight such as 30 s")
+    return ["trim" if entry == "trim" else parse_quantity(entry, TIME) for entry in entries]
 
 
 class Tune(StrictModel):
@@ -60,6 +87,9 @@ class Tune(StrictModel):
     ] = Field(description="numbers that are varied")
     minimise: Aim = Field(description="what is made small")
     limits: tuple[Limit, ...] = Field((), description="what has to hold meanwhile")
+    margins_at: Annotated[
+        tuple[Literal["trim"] | float, ...], BeforeValidator(_points, json_schema_input_type=str | list[str])
+    ] = Field(("trim",), description="where stability margins are found: trim, or times of the flight such as 30 s")
     usage: Aim = Field(
         Aim(metric="elevator_travel_deg", quantile=0.5), description="what the front trades the error against"
     )

@@ -43,12 +43,13 @@ def choose_batch(flights: int, workers: int) -> int:
     return max(LANES, min(size, -(-share // LANES) * LANES))
 
 
-def cut_blocks(missing: dict[str, tuple[Mask, Mask]], size: int) -> Iterator[Block]:
+def cut_blocks(missing: dict[str, tuple[Mask, Mask]], size: int, cut: int = 0) -> Iterator[Block]:
     """Blocks of at most ``size`` flights, controllers in turn; ``missing`` holds masks of rows and envelopes.
 
-    Block ends lie on multiples of ``size``, and within a block the same is missing of every flight.
+    Block ends lie on multiples of ``size``, and within a block the same is missing of every flight; no block holds
+    flights of both sides of ``cut``.
     """
-    runs = {name: list(_uniform_runs(rows, envelope, size)) for name, (rows, envelope) in missing.items()}
+    runs = {name: list(_uniform_runs(rows, envelope, size, cut)) for name, (rows, envelope) in missing.items()}
     for turn in range(max(map(len, runs.values()), default=0)):
         for name, pieces in runs.items():
             if turn < len(pieces):
@@ -57,10 +58,10 @@ def cut_blocks(missing: dict[str, tuple[Mask, Mask]], size: int) -> Iterator[Blo
                 yield Block(name, first, stop, bool(rows[first]), bool(envelope[first]))
 
 
-def _uniform_runs(rows: Mask, envelope: Mask, size: int) -> Iterator[tuple[int, int]]:
+def _uniform_runs(rows: Mask, envelope: Mask, size: int, cut: int) -> Iterator[tuple[int, int]]:
     state = rows.astype(np.int8) + 2 * envelope.astype(np.int8)
     changes = np.flatnonzero(np.diff(state)) + 1
-    ends = np.unique(np.concatenate([changes, np.arange(0, len(state), size), [len(state)]]))
+    ends = np.unique(np.concatenate([changes, np.arange(0, len(state), size), [min(cut, len(state)), len(state)]]))
     for first, stop in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
         if state[first]:
             yield first, stop

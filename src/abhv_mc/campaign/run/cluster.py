@@ -11,17 +11,21 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.run.every_tick import fly_every_tick
 from abhv_mc.campaign.run.retry import FlightLostError, UnusableError, fly_with_retries, time_limit
 from abhv_mc.campaign.run.setup import Engine
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.io.input_error import InputError
+from abhv_mc.own.source import OwnSource
+from abhv_mc.stability.metrics import MarginPlan
 from abhv_mc.store.plans import flatten, rebuild
 
 if TYPE_CHECKING:
@@ -29,11 +33,12 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Arrays = dict[str, np.ndarray]
+Code = tuple[OwnSource | None, OwnSource | None]  # of a law and of channels of one's own
 
 _CONNECT = 10.0  # s to find the scheduler
 _PER_THREAD = 2  # blocks under way for each thread of the cluster, so that none waits for the next one
 _FEWEST = 16  # blocks under way at least: room for workers that join later
-_warm: set[tuple[str, str]] = set()
+_warm: set[tuple[str, str, str]] = set()
 _warming = threading.Lock()
 
 
@@ -43,27 +48,29 @@ def hold_plan(arrays: Arrays) -> Arrays:
 
 
 def fly_remote(
-    fly: Fly, source: str, arrays: Arrays, parameters: Floats, every: int | None, limit: float
+    fly: Fly, source: str, arrays: Arrays, code: Code, parameters: Floats, every: int | None, limit: float
 ) -> FlightBlock | str:
     """What a worker of the cluster does: the block, or in words why it cannot fly it.
 
     A flight that hangs ends its process: Dask takes it for a worker that died.
     """
-    plan = rebuild(FlightPlan, arrays)
+    kind_of_plan = MarginPlan if "margin_times" in arrays else FlightPlan
+    plan: FlightPlan = replace(rebuild(kind_of_plan, arrays), source=code[0], channels_source=code[1])
     if source:
         from abhv_mc.cache import source_hash
 
         if source_hash() != source:
             return f"another version of the program (source {source_hash()}, the campaign's is {source})"
     with _warming:
-        if (plan.law, fly.__qualname__) not in _warm:
+        kind = (f"{plan.law} {plan.source_hash} {plan.channels_hash}", type(plan).__name__, fly.__qualname__)
+        if kind not in _warm:
             fly(plan, nominal_parameters(), None)  # loads or compiles, which is no flight's time
-            _warm.add((plan.law, fly.__qualname__))
+            _warm.add(kind)
     watch = threading.Timer(limit, os._exit, (1,))
     watch.daemon = True
     watch.start()
     try:
-        return fly(plan, parameters, every)
+        return fly_every_tick(fly, plan, parameters, every)
     finally:
         watch.cancel()
 
@@ -88,14 +95,15 @@ class Cluster:
             if id(plan) not in self._plans:
                 self._plans[id(plan)] = self._client.submit(hold_plan, flatten(plan)), plan
         future, _ = self._plans[id(plan)]
-        return fly_with_retries(lambda rows: self._attempt(future, rows, every), plan, parameters, every)
+        code = plan.source, plan.channels_source
+        return fly_with_retries(lambda rows: self._attempt(future, code, rows, every), plan, parameters, every)
 
-    def _attempt(self, plan: "Future", parameters: Floats, every: int | None) -> FlightBlock:
+    def _attempt(self, plan: "Future", code: Code, parameters: Floats, every: int | None) -> FlightBlock:
         from distributed import CancelledError, KilledWorker
 
         engine, limit = self._engine, time_limit(len(parameters), self.limit)
         source = engine.source if engine.checked else ""
-        future = self._client.submit(fly_remote, engine.fly, source, plan, parameters, every, limit, pure=False)
+        future = self._client.submit(fly_remote, engine.fly, source, plan, code, parameters, every, limit, pure=False)
         try:
             answer: FlightBlock | str = future.result()
         except KilledWorker as error:

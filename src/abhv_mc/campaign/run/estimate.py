@@ -12,12 +12,12 @@ from abhv_mc.campaign.envelopes.histogram import BINS, KEPT
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.run.batches import choose_batch
 from abhv_mc.campaign.run.retention import choose_kept
-from abhv_mc.campaign.run.setup import Engine, find_warnings, record_every
+from abhv_mc.campaign.run.setup import Engine, find_warnings, make_plans, record_every
 from abhv_mc.campaign.run.tally import Tally, make_tallies
 from abhv_mc.campaign.run.trial_flights import fly_trials
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.store.flights import FlightRows, flights_schema, write_block
+from abhv_mc.store.flights import END_TIME, FlightRows, flights_schema, write_block
 from abhv_mc.store.histories import write_histories
 from abhv_mc.store.provenance import count_cores
 
@@ -52,7 +52,7 @@ def estimate_campaign(campaign: CheckedCampaign, engine: Engine, workers: int | 
     Raises InputError for what only a flight shows, such as a dispersion that changes nothing.
     """
     model = campaign.model
-    plans = {n: engine.prepare(model.vehicle, model.mission, f, n) for n, f in model.controllers.items()}
+    plans = make_plans(campaign, model.controllers, engine)
     first = next(iter(plans.values()))
     every = record_every(campaign.document, first, model.keep.envelopes.rate, "envelopes")
     history_every = record_every(campaign.document, first, model.keep.histories.rate, "histories")
@@ -69,8 +69,9 @@ def estimate_campaign(campaign: CheckedCampaign, engine: Engine, workers: int | 
             seconds.append((time.perf_counter() - start) / number)
             outcomes = tuple(Outcome(code).code for code in block.outcome)
             table = np.column_stack([block.metrics, block.end_time])
-            rows = FlightRows(name, 0, tuple(source.names), values, outcomes, table)
-            write_block(Path(folder), rows, flights_schema(source.names, {}))
+            columns = (*campaign.metrics, END_TIME.name)
+            rows = FlightRows(name, 0, tuple(source.names), values, outcomes, table, columns)
+            write_block(Path(folder), rows, flights_schema(source.names, {}, (*plan.metrics, END_TIME)))
             rows_size += next(Path(folder).glob(f"{name}-*")).stat().st_size
             block = engine.fly(plan, parameters[:16], history_every)
             path = Path(folder) / "history.parquet"
@@ -94,5 +95,5 @@ def estimate_campaign(campaign: CheckedCampaign, engine: Engine, workers: int | 
         histories_bytes=histories_size * kept,
         kept=kept,
         envelope_bytes=cells * per_cell * len(plans),
-        warnings=tuple(find_warnings(plans)),
+        warnings=tuple(find_warnings(plans, campaign)),
     )

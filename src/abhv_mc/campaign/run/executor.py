@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from abhv_mc.campaign.file.config import PROCESSES, Execution
 from abhv_mc.campaign.run.batches import Fly
 from abhv_mc.campaign.run.cluster import Cluster
+from abhv_mc.campaign.run.every_tick import fly_every_tick
 from abhv_mc.campaign.run.retry import FlightLostError, fly_with_retries
 from abhv_mc.campaign.run.setup import Engine
 from abhv_mc.campaign.run.worker_pool import WorkerPool
@@ -46,14 +47,16 @@ def open_executor(
         with contextlib.closing(WorkerPool(engine.fly, number, limit)) as pool:
             yield Executor(pool.fly, number)
     else:
-        yield Executor(_in_this_process(engine.fly), number)
+        yield Executor(_in_this_process(engine), number)
 
 
-def _in_this_process(engine_fly: Fly) -> Fly:
+def _in_this_process(engine: Engine) -> Fly:
     def fly(plan: FlightPlan, parameters: Floats, every: int | None = None) -> FlightBlock:
         def attempt(rows: Floats) -> FlightBlock:
             try:
-                return engine_fly(plan, rows, every)
+                if engine.device != "cpu":  # its memory has no room for every tick of so many flights
+                    return engine.fly(plan, rows, every)
+                return fly_every_tick(engine.fly, plan, rows, every)
             except Exception as error:
                 raise FlightLostError(f"{type(error).__name__}: {error}") from error
 

@@ -2,6 +2,7 @@
 
 from abhv_mc.campaign.file.config import THREADS
 from abhv_mc.campaign.run.setup import Engine
+from abhv_mc.campaign.run.stability import describe_stability
 
 
 def make_gpu_engine() -> Engine:
@@ -19,4 +20,13 @@ def make_gpu_engine() -> Engine:
     from abhv_mc.flight.prepare import prepare
 
     source = f"{source_hash()}-gpu"
-    return Engine(prepare, fly_on_gpu, source, isolation=THREADS, device=device, batch=CAMPAIGN_BATCH, workers=2)
+    return Engine(
+        prepare,
+        fly_on_gpu,
+        source,
+        describe_stability,
+        isolation=THREADS,
+        device=device,
+        batch=CAMPAIGN_BATCH,
+        workers=2,
+    )

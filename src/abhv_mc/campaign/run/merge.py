@@ -77,6 +77,8 @@ def _check_parts(folders: Sequence[CampaignFolder], manifests: Sequence[dict[str
         shard = manifest.get("shard")
         if not shard:
             raise InputError(folder.root, None, None, "no shard of a campaign", "a folder flown with --shard i/n")
+        if not manifest.keys() >= {"digest", "wall_time_s", "controllers", "files"} or manifest["digest"] is None:
+            raise InputError(folder.manifest, None, None, "another kind of manifest", "a shard's")
         if manifest.get("state") != COMPLETE:
             raise InputError(folder.root, None, None, f"a shard that is {manifest.get('state')}", "a complete one")
         for key in _SAME:

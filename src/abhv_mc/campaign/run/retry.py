@@ -6,14 +6,15 @@ That flight has the outcome ``failed_to_run``, which says nothing about the vehi
 import math
 import sys
 from collections.abc import Callable
-from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.campaign.run.every_tick import join_binned
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
-from abhv_mc.flight.signals import CHANNELS, METRICS
+from abhv_mc.flight.signals import CHANNELS
+from abhv_mc.stability.metrics import count_metrics
 
 Floats = NDArray[np.float64]
 Attempt = Callable[[Floats], FlightBlock]
@@ -74,7 +75,7 @@ def make_failed(plan: FlightPlan, every: int | None) -> FlightBlock:
     return FlightBlock(
         outcome=np.array([Outcome.FAILED_TO_RUN], np.int64),
         end_time=np.full(1, np.nan),
-        metrics=np.full((1, len(METRICS)), np.nan),
+        metrics=np.full((1, count_metrics(plan)), np.nan),
         history=np.full((1, len(times), len(CHANNELS)), np.nan, np.float32),
         times=times.astype(np.float64),
     )
@@ -82,9 +83,4 @@ def make_failed(plan: FlightPlan, every: int | None) -> FlightBlock:
 
 def join_blocks(blocks: list[FlightBlock]) -> FlightBlock:
     """Blocks one after another as one; whole states, which a failed flight has none of, are left out."""
-    parts = {
-        field.name: np.concatenate([getattr(block, field.name) for block in blocks])
-        for field in fields(FlightBlock)
-        if field.name not in ("times", "states")
-    }
-    return FlightBlock(**parts, times=blocks[0].times)
+    return join_binned(blocks)

@@ -1,6 +1,7 @@
 """Fly a campaign: what is missing in its folder, in parallel, kept block by block; then envelopes and histories."""
 
 import contextlib
+import json
 import sys
 import time
 from contextlib import ExitStack
@@ -15,7 +16,9 @@ from abhv_mc.campaign.envelopes.collector import Cells, Collector, make_collecto
 from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.run.batches import Backpressure, Block, Mask, choose_batch, closing_quietly, cut_blocks, fly_block
 from abhv_mc.campaign.run.cluster import connect_cluster
+from abhv_mc.campaign.run.every_tick import BinnedBlock
 from abhv_mc.campaign.run.executor import Executor, open_executor
+from abhv_mc.campaign.run.heal import fly_again, heal_blocks
 from abhv_mc.campaign.run.interrupts import interrupts_deferred, sigterm_as_interrupt
 from abhv_mc.campaign.run.progress import Progress
 from abhv_mc.campaign.run.retention import HistoryFile, list_histories, write_kept_histories
@@ -29,15 +32,18 @@ from abhv_mc.campaign.run.setup import (
     record_every,
 )
 from abhv_mc.campaign.run.stopping import find_goal
-from abhv_mc.campaign.run.tally import Tally, judge_requirements, make_tallies
+from abhv_mc.campaign.run.tally import Tally, judge_requirements, make_rules, make_tallies
 from abhv_mc.campaign.run.worker_pool import start_fork_server
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.flight.signals import CHANNEL_INDEX
+from abhv_mc.stability.metrics import MARGIN_VALUES
+from abhv_mc.statistics.judgement import own_risks
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.envelopes import is_whole, write_envelopes
 from abhv_mc.store.flights import (
+    END_TIME,
     DamagedFileError,
     FlightRows,
     flights_schema,
@@ -45,7 +51,7 @@ from abhv_mc.store.flights import (
     read_block,
     write_block,
 )
-from abhv_mc.store.folder import hash_file
+from abhv_mc.store.folder import hash_file, write_text
 from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
 from abhv_mc.store.samples import SampleReader
 
@@ -97,15 +103,30 @@ class _Run:
         self.samples = SampleReader(self.folder.samples)
         self.tallies: dict[str, Tally] = make_tallies(self.campaign)
         self.done = {name: np.zeros(self.campaign.runs, bool) for name in model.controllers}
+        self.tried = {name: np.zeros(self.campaign.runs, bool) for name in model.controllers}  # a second time
+        self.left: dict[str, Mask] = {}  # what an earlier run could not compute
         self.collectors: dict[str, Collector] = {}
         provenance = {"seed": str(model.seed), "campaign_hash": self.manifest["campaign_hash"]}
-        self.schema = flights_schema(self.samples.names, provenance | {"version": self.manifest["versions"]["abhv_mc"]})
+        provenance["version"] = str(self.manifest["versions"].get("abhv_mc"))
+        values = (*self.campaign.metrics.values(), END_TIME, *(MARGIN_VALUES if model.margins else ()))
+        self.columns = tuple(signal.name for signal in values)
+        self.schema = flights_schema(self.samples.names, provenance, values)
+        self.margin_plans = opened.margin_plans
+        self.with_margins = model.margins.of(self.campaign.runs) if model.margins else 0
         self.start, self.wall_before = time.monotonic(), float(self.manifest.get("wall_time_s", 0.0))
 
     def run(self) -> RunResult:
         """Fly and finish."""
         self._take_stock()
-        flown = self.manifest["state"] == COMPLETE and self._whole() and (self.sharded or self._has_envelopes())
+        self.left = {name: tally.uncomputed.copy() for name, tally in self.tallies.items()}
+        flown = (
+            self.manifest["state"] == COMPLETE
+            and self._whole()
+            and not any(self._to_retry(self._goal()).values())
+            and (self.sharded or self._has_envelopes())
+        )
+        if self.files.knows(self.folder.margins) and not self.files.holds(self.folder.margins):
+            flown = False
         if not (flown and (self.sharded or all(file.whole for file in self._list_histories()))):
             check_source(self.folder, self.manifest, self.engine)
             try:
@@ -134,10 +155,26 @@ class _Run:
         """Number of flights to have: all, or up to the look at which a campaign that stops when proven stops."""
         if not self.campaign.looks:
             return self.stop
-        counts = [count for tally in self.tallies.values() for count in tally.requirements]
-        missed = [count.missed for count in counts if count.missed is not None]
-        demands = [(count.requirement.probability, count.requirement.consumer_risk) for count in counts]
-        return find_goal(self.campaign.looks, self.done, missed, demands)
+        counts = [(tally, count) for tally in self.tallies.values() for count in tally.requirements]
+        risks = own_risks([count.requirement.consumer_risk for _, count in counts], make_rules(self.campaign, ()))
+        bound = [(*pair, risk) for pair, risk in zip(counts, risks, strict=True) if pair[1].binds]
+        missed = [count.missed | tally.uncomputed for tally, count, _ in bound]
+        demands = [(count.requirement.probability, risk) for _, count, risk in bound]
+        untried = np.logical_or.reduce(list(self._untried().values()))
+        return find_goal(self.campaign.looks, self.done, missed, demands, untried)
+
+    def _untried(self) -> dict[str, Mask]:
+        """Flights [flight] of each controller that were not computed, and not flown again by this run."""
+        return {name: tally.uncomputed & ~self.tried[name] for name, tally in self.tallies.items()}
+
+    def _to_retry(self, goal: int) -> dict[str, list[int]]:
+        """Flights that have to be tried again: what earlier runs left, and all before a look settles anything."""
+        due = (
+            self._untried()
+            if self.campaign.looks
+            else {name: tally.uncomputed & self.left[name] & ~self.tried[name] for name, tally in self.tallies.items()}
+        )
+        return {name: np.flatnonzero(mask[:goal]).tolist() for name, mask in due.items() if name in self.asked}
 
     def _whole(self) -> bool:
         goal = self._goal()
@@ -145,6 +182,9 @@ class _Run:
 
     def _take_stock(self) -> None:
         """Read every block that is there; what is damaged, foreign or double is flown again."""
+        self.tallies = make_tallies(self.campaign)
+        for done in self.done.values():
+            done[:] = False
         for path in sorted(self.folder.flights.glob("*.parquet")):
             try:
                 controller, first, stop = parse_block_name(path)
@@ -154,6 +194,8 @@ class _Run:
                 if self.files.knows(path) and not self.files.holds(path):
                     raise DamagedFileError(f"{path.name} is not as it was written")
                 rows = read_block(path, self.samples.names)
+                if rows.columns != self.columns:
+                    raise DamagedFileError(f"{path.name} holds other metrics")
                 if not np.array_equal(rows.samples, self.samples.rows(first, stop)):
                     raise DamagedFileError(f"{path.name} was flown on other samples")
             except DamagedFileError:
@@ -187,8 +229,25 @@ class _Run:
             self.collectors[name] = make_collector(
                 self.folder.envelope_states, name, self.campaign.runs, self.cells, pilot
             )
-        while missing := self._find_missing():
-            self._fly_missing(missing)
+        while True:
+            if any((again := self._to_retry(self._goal())).values()):
+                self._try_again(again)
+            elif missing := self._find_missing():
+                self._fly_missing(missing)
+            else:
+                break
+
+    def _try_again(self, again: dict[str, list[int]]) -> None:
+        """Fly once more what could not be computed; what can be now takes its place in its block."""
+        self._write_manifest(RUNNING)
+        for name, flights in again.items():
+            self.tried[name][flights] = True
+        found = fly_again(self.fly, self.plans, again, self._parameters, self.workers)
+        with interrupts_deferred():
+            for name, rows in found.items():
+                heal_blocks(self.folder.flights, name, self.samples.names, rows, self.schema)
+            if found:
+                self._take_stock()
 
     def _find_missing(self) -> dict[str, tuple[Mask, Mask]]:
         """Rows and parts of the envelopes that are missing up to the goal, by controller; empty when none is."""
@@ -197,8 +256,14 @@ class _Run:
         below = (numbers >= self.first) & (numbers < self._goal())
         for name, done in self.done.items():
             wanted = ~done & below & (name in self.asked)  # what was flown and is in no envelope is wanted anyhow
-            missing[name] = wanted, ~self.collectors[name].covered & (done | wanted)
+            computed = ~self.tallies[name].uncomputed  # the others have nothing for the envelopes
+            missing[name] = wanted, ~self.collectors[name].covered & (done & computed | wanted)
         return missing if any(mask.any() for masks in missing.values() for mask in masks) else {}
+
+    def _plan_of(self, block: Block) -> FlightPlan:
+        """The plan with margins for the rows of flights that are to have them."""
+        margins = block.rows and block.first < self.with_margins
+        return (self.margin_plans if margins else self.plans)[block.controller]
 
     def _fly_missing(self, missing: dict[str, tuple[Mask, Mask]]) -> None:
         from joblib import Parallel, delayed
@@ -213,12 +278,12 @@ class _Run:
             delayed(backpressure.call)(
                 fly_block,
                 self.fly,
-                self.plans[block.controller],
+                self._plan_of(block),
                 block,
                 self._parameters(block.first, block.stop),
                 self.cells.every,
             )
-            for block in cut_blocks(missing, self.batch)
+            for block in cut_blocks(missing, self.batch, self.with_margins)
         )
         saved = time.monotonic()
         results = pool(tasks)
@@ -236,7 +301,10 @@ class _Run:
     def _keep(self, block: Block, flown: FlightBlock) -> None:
         """Write a finished block and count it."""
         if block.envelope:
-            self.collectors[block.controller].add(block.first, self.cells.cut(flown.history))
+            collector = self.collectors[block.controller]
+            history = self.cells.cut(flown.history)
+            collector.add(block.first, history, self._extremes(flown, history))
+            collector.covered[block.first : block.stop] &= flown.outcome != Outcome.FAILED_TO_RUN
         if block.rows:
             rows = FlightRows(
                 block.controller,
@@ -244,13 +312,30 @@ class _Run:
                 self.samples.names,
                 self.samples.rows(block.first, block.stop),
                 tuple(Outcome(code).code for code in flown.outcome),
-                np.column_stack([flown.metrics, flown.end_time]),
+                self._make_values(flown),
+                self.columns,
+                self.plans[block.controller].timing.duration,
             )
             digest = write_block(self.folder.flights, rows, self.schema)
             self.tallies[block.controller].add(rows, digest)
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
                 print(f"flight {flight} of {block.controller} failed to run", file=sys.stderr, flush=True)
             self.done[block.controller][block.first : block.stop] = True
+
+    def _extremes(self, flown: FlightBlock, history: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Smallest and largest values ``[side, cell]`` of a block: of every tick, or of the samples from a GPU."""
+        if isinstance(flown, BinnedBlock) and flown.low is not None and flown.high is not None:
+            return self.cells.cut(np.stack([flown.low, flown.high]))
+        return np.stack([np.fmin.reduce(history, axis=0), np.fmax.reduce(history, axis=0)])
+
+    def _make_values(self, flown: FlightBlock) -> NDArray[np.float64]:
+        """Values ``[flight, value]``; margins come last, nan where they were not asked for."""
+        count = len(self.campaign.metrics)
+        metrics, margins = flown.metrics[:, :count], flown.metrics[:, count:]
+        if self.campaign.model.margins is None:
+            return np.column_stack([metrics, flown.end_time])
+        missing = np.full((len(metrics), len(MARGIN_VALUES)), np.nan)
+        return np.column_stack([metrics, flown.end_time, margins if margins.size else missing])
 
     def _save(self) -> None:
         for collector in self.collectors.values():
@@ -268,14 +353,33 @@ class _Run:
         write_kept_histories(
             self.folder, flown, self.plans, self.tallies, self.samples, self.fly, self.workers, self.files
         )
-        for collector in self.collectors.values():
-            collector.finish()
+        self._write_stability()
+        for name, collector in self.collectors.items():
+            if self.tallies[name].uncomputed.any():
+                collector.save()  # the next run tries these flights again, and adds them
+            else:
+                collector.finish()
         if not self.folder.envelope_states.is_dir():
             self.files.forget(self.folder.envelope_states)
         self.files.check_presence()
 
+    def _write_stability(self) -> None:
+        """The margins in steady flight, of all controllers of the folder."""
+        if self.engine.find_stability is not None:
+            found = self.engine.find_stability(self.campaign)
+            write_text(self.folder.margins, json.dumps(found, indent=1, allow_nan=False) + "\n")
+
     def _list_histories(self) -> list[HistoryFile]:
         return list_histories(self.folder, replace(self.campaign, runs=self._goal()), self.tallies, self.files)
+
+    def _look(self, state: str, gapless: int) -> None:
+        """Write down at how many flights everything planned was there: verdicts are given there, and only there."""
+        looks = list(self.manifest.get("looks") or [])
+        if self.campaign.looks:
+            looks = [look for look in self.campaign.looks if look <= gapless]
+        elif state == COMPLETE and not self.sharded and gapless not in looks:
+            looks.append(gapless)
+        self.manifest["looks"] = looks
 
     def _write_manifest(self, state: str) -> None:
         failed_code = Outcome.FAILED_TO_RUN.code
@@ -295,9 +399,15 @@ class _Run:
                 | ({"failed_to_run": sorted(tally.not_computed)} if tally.not_computed else {})
                 for name, tally in self.tallies.items()
             },
-            "requirements": [] if self.sharded else judge_requirements(self.tallies, self.campaign, gapless),
         }
         self.manifest["files"] = self.files.listed()
+        self._look(state, gapless)
+        looks = tuple(self.manifest["looks"])
+        if self.sharded:
+            self.manifest["requirements"] = []
+        else:
+            judged = judge_requirements(self.tallies, self.campaign, gapless, looks, self._untried())
+            self.manifest["requirements"] = judged
         if self.campaign.looks:
             self.manifest["stopped_at"] = gapless if state == COMPLETE else None
         write_manifest(self.folder.manifest, self.manifest)

@@ -1,7 +1,7 @@
 """Before a campaign flies: everything checked, then its folder made, or found and proven to be the same campaign."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
+from abhv_mc.campaign.file.own_code import is_folder_copy, read_trusted_plan
+from abhv_mc.campaign.file.possible import find_impossible
 from abhv_mc.campaign.file.resolve import (
     ResolvedCampaign,
     check_inputs,
@@ -22,18 +24,26 @@ from abhv_mc.campaign.file.resolve import (
     resolve_campaign,
 )
 from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.run.margin_plans import make_margin_plans
+from abhv_mc.campaign.run.stability import describe_stability
 from abhv_mc.campaign.run.trial_flights import fly_trials
-from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.control.controller_file import PythonController, read_controller
+from abhv_mc.flight.own_law import open_law
+from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.io.documents import Document, InputError
+from abhv_mc.own.source import OwnSource, read_source
+from abhv_mc.own.trust import check_trusted, trust
+from abhv_mc.stability.metrics import MarginPlan
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import FileHashes, read_checked, record_hashes, refuse_links
 from abhv_mc.store.histories import write_nominal, write_reference
 from abhv_mc.store.lock import hold_lock
 from abhv_mc.store.manifest import COMPLETE, RUNNING, read_manifest, read_whole_manifest, write_manifest
-from abhv_mc.store.plans import pack_plan, read_plan, write_plan
+from abhv_mc.store.plans import pack_plan, write_plan
 from abhv_mc.store.provenance import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.store.samples import ROW_GROUP, SampleReader, write_samples
 
+_NEEDED = {"name", "campaign_hash", "source_hash", "inputs", "versions", "controllers"}  # to go on with a folder
 Prepare = Callable[[Path, Path, Path, str], FlightPlan]
 
 
@@ -51,6 +61,7 @@ class Request:
     scheduler: str | None = None  # address of a Dask cluster's scheduler
     shard: tuple[int, int] | None = None  # (i, n): fly only part i of n, from 1
     plans_from: Path | None = None  # a campaign's folder whose plans to fly instead of new ones
+    trust_code: bool = False  # run Python code of a folder that its user has not flown
 
 
 @dataclass(frozen=True)
@@ -60,6 +71,7 @@ class Engine:
     prepare: Prepare
     fly: Fly
     source: str  # hash of the code that flies: two of them never share a campaign
+    find_stability: Callable[[CheckedCampaign], dict[str, Any]] | None = None  # what margins.json holds
     checked: bool = False  # whether ``source`` is what cache.source_hash() must give on every machine
     isolation: str = THREADS  # where "auto" flies; processes need a ``fly`` that can be imported
     device: str = "cpu"  # or the name of a GPU
@@ -77,6 +89,7 @@ class OpenCampaign:
     manifest: dict[str, Any]
     asked: tuple[str, ...]  # controllers to fly now
     files: FileHashes
+    margin_plans: dict[str, MarginPlan]  # where the campaign asks for margins
 
     @property
     def part(self) -> tuple[int, int]:
@@ -88,10 +101,10 @@ class OpenCampaign:
 def make_engine() -> Engine:
     """The compiled flight."""
     from abhv_mc.cache import source_hash
-    from abhv_mc.flight.fly import fly
     from abhv_mc.flight.prepare import prepare
+    from abhv_mc.stability.metrics import fly_with_margins
 
-    return Engine(prepare, fly, source_hash(), checked=True, isolation=PROCESSES)
+    return Engine(prepare, fly_with_margins, source_hash(), describe_stability, checked=True, isolation=PROCESSES)
 
 
 def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -> int:
@@ -111,6 +124,11 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     """
     wanted = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
     folder = CampaignFolder(request.out or Path("reports") / wanted.model.name)
+    for source in _own_code(wanted):
+        if is_folder_copy(request.campaign):
+            check_trusted(source, request.trust_code)
+        else:  # his own file: he has flown it
+            trust(source)
     _check_shard(request, wanted)
     started = folder.manifest.exists()
     unknown = [] if started else folder.unknown_files()
@@ -129,10 +147,12 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
         files = stack.enter_context(record_hashes(folder.root, held or {}))
         if held is None:
             files.adopt()
-        return replace(_resume(folder, wanted, engine, request.shard, files), asked=asked)
+        return replace(_resume(folder, wanted, engine, request, files), asked=asked)
     resolved = resolve_campaign(wanted)
-    plans = _take_plans(request.plans_from, resolved, asked, engine) or _make_plans(wanted, asked, engine)
+    plans = _take_plans(request.plans_from, resolved, asked, engine, request.trust_code)
+    plans = plans or make_plans(wanted, asked, engine)
     nominal = _try_out(wanted, plans, engine)
+    margin_plans = make_margin_plans(wanted, plans, engine.device)
     if not started:
         stack.enter_context(hold_lock(folder.lock))
         if folder.manifest.exists():
@@ -145,12 +165,12 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
         write_plan(folder.plan(name), plan)
     _write_samples(folder, wanted, files)
     _write_nominal(folder, wanted, plans, nominal)
-    manifest = _new_manifest(wanted, resolved, engine) | {"warnings": find_warnings(plans)}
+    manifest = _new_manifest(wanted, resolved, engine) | {"warnings": find_warnings(plans, wanted)}
     if request.shard is not None:
         manifest["shard"] = list(request.shard)
     manifest["files"] = files.listed()
     write_manifest(folder.manifest, manifest)
-    return OpenCampaign(folder, wanted, plans, manifest, asked, files)
+    return OpenCampaign(folder, wanted, plans, manifest, asked, files, margin_plans)
 
 
 def _check_shard(request: Request, campaign: CheckedCampaign) -> None:
@@ -166,16 +186,15 @@ def _check_shard(request: Request, campaign: CheckedCampaign) -> None:
 
 
 def _resume(
-    folder: CampaignFolder,
-    wanted: CheckedCampaign,
-    engine: Engine,
-    shard: tuple[int, int] | None,
-    files: FileHashes,
+    folder: CampaignFolder, wanted: CheckedCampaign, engine: Engine, request: Request, files: FileHashes
 ) -> OpenCampaign:
     """Go on with a folder that holds the same campaign, perhaps with fewer flights or controllers."""
+    shard = request.shard
     manifest = read_manifest(folder.manifest)
     if "search" in manifest:
         raise InputError(folder.root, None, None, "a folder that holds a search's flights", "another folder (-o DIR)")
+    if not manifest.keys() >= _NEEDED:
+        raise InputError(folder.manifest, None, None, "another kind of manifest", "a campaign's")
     held_shard = manifest.get("shard")
     if held_shard != (list(shard) if shard else None):
         words = "the whole campaign" if held_shard is None else f"shard {held_shard[0]}/{held_shard[1]}"
@@ -203,7 +222,7 @@ def _resume(
     if added or longer or manifest.get("state") != COMPLETE:
         check_source(folder, manifest, engine)
     if added:
-        new = _make_plans(wanted, added, engine)
+        new = make_plans(wanted, added, engine)
         _try_out(wanted, new, engine)
         for name, plan in new.items():
             write_plan(folder.plan(name), plan)
@@ -219,11 +238,14 @@ def _resume(
     if added or longer:
         manifest["files"] = files.listed()
         write_manifest(folder.manifest, manifest)
-    plans = {name: _mend_plan(folder, campaign, name, engine, files) for name in campaign.model.controllers}
-    manifest["warnings"] = find_warnings(plans)
+    plans = {
+        name: _mend_plan(folder, campaign, name, engine, files, request.trust_code)
+        for name in campaign.model.controllers
+    }
+    manifest["warnings"] = find_warnings(plans, campaign)
     if added or not (files.holds(folder.nominal) and files.holds(folder.reference)):
         _write_nominal(folder, campaign, plans, _try_out(campaign, plans, engine))
-    return OpenCampaign(folder, campaign, plans, manifest, (), files)
+    return OpenCampaign(folder, campaign, plans, manifest, (), files, make_margin_plans(campaign, plans, engine.device))
 
 
 def check_source(folder: CampaignFolder, manifest: dict[str, Any], engine: Engine) -> None:
@@ -236,13 +258,30 @@ def check_source(folder: CampaignFolder, manifest: dict[str, Any], engine: Engin
         raise InputError(folder.root, None, None, found, "the same again, another folder (-o DIR), or --fresh")
 
 
-def _make_plans(campaign: CheckedCampaign, names: tuple[str, ...] | list[str], engine: Engine) -> dict[str, FlightPlan]:
+def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) -> dict[str, FlightPlan]:
+    """The plans of some of a campaign's controllers, with what it declares."""
     model = campaign.model
-    return {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
+    made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
+    plans = {name: replace(plan, declared=campaign.declared) for name, plan in made.items()}
+    if model.channels is None:
+        return plans
+    channels = read_source(model.channels)
+    plans = {name: replace(plan, channels_source=channels, channels_hash=channels.hash) for name, plan in plans.items()}
+    for plan in plans.values():
+        with open_law(plan, LANES):  # compiled now, before anything is written
+            pass
+    return plans
+
+
+def _own_code(campaign: CheckedCampaign) -> list[OwnSource]:
+    """The Python files of a campaign, not run."""
+    model = campaign.model
+    files = [law.file for law in map(read_controller, model.controllers.values()) if isinstance(law, PythonController)]
+    return [read_source(file) for file in (*files, *([model.channels] if model.channels else []))]
 
 
 def _take_plans(
-    root: Path | None, resolved: ResolvedCampaign, names: tuple[str, ...], engine: Engine
+    root: Path | None, resolved: ResolvedCampaign, names: tuple[str, ...], engine: Engine, trust_code: bool
 ) -> dict[str, FlightPlan]:
     """The plans of another folder of the same inputs; empty without one. Raises InputError where it does not fit."""
     if root is None:
@@ -254,27 +293,30 @@ def _take_plans(
     for place, content in resolved.hashes.items():
         if held.get(place) != content and not place.startswith("inputs/samples/"):
             raise InputError(root, None, None, f"plans made from another {place}", "plans of this campaign's files")
-    return {name: read_plan(source.plan(name)) for name in names}
+    return {name: read_trusted_plan(source, name, trust_code) for name in names}
 
 
 def _mend_plan(
-    folder: CampaignFolder, campaign: CheckedCampaign, name: str, engine: Engine, files: FileHashes
+    folder: CampaignFolder, campaign: CheckedCampaign, name: str, engine: Engine, files: FileHashes, trust_code: bool
 ) -> FlightPlan:
     """The stored plan; where it is damaged, a new one that is the same to the bit. Raises InputError without one."""
     path = folder.plan(name)
     if not files.holds(path) and files.knows(path):
-        again = _make_plans(campaign, [name], engine)[name]
+        again = make_plans(campaign, [name], engine)[name]
         if not files.is_content(path, pack_plan(again)):
             found = "a damaged plan, and here it comes out otherwise"
             wish = "the plan as it was written: restore it, or --fresh to delete what was flown and fly it anew"
             raise InputError(path, None, None, found, wish)
         write_plan(path, again)
-    return read_plan(path)
+    return read_trusted_plan(folder, name, trust_code)
 
 
-def find_warnings(plans: dict[str, FlightPlan]) -> list[str]:
-    """What the plans say about their mission, each sentence once."""
-    return list(dict.fromkeys(warning for plan in plans.values() for warning in plan.warnings.tolist()))
+def find_warnings(plans: dict[str, FlightPlan], campaign: CheckedCampaign) -> list[str]:
+    """What the plans say about their mission, and what of the campaign cannot come out, each sentence once."""
+    plain = [warning for plan in plans.values() for warning in plan.warnings.tolist()]
+    return list(
+        dict.fromkeys([*plain, *(f"{error.found}; wanted {error.wanted}" for error in find_impossible(campaign))])
+    )
 
 
 def _try_out(

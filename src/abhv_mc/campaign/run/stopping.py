@@ -15,15 +15,22 @@ Mask = NDArray[np.bool_]
 
 
 def find_goal(
-    looks: Sequence[int], done: Mapping[str, Mask], missed: Sequence[Mask], demands: Sequence[tuple[float, float]]
+    looks: Sequence[int],
+    done: Mapping[str, Mask],
+    missed: Sequence[Mask],
+    demands: Sequence[tuple[float, float]],
+    untried: Mask | None = None,
 ) -> int:
     """Number of flights to have: up to the first look that is not complete, or that settles everything.
 
     ``done`` [flight] of each controller; ``missed`` [flight] of each requirement on each controller that it binds,
-    beside its (probability, consumer's risk) in ``demands``.
+    beside its (probability, consumer's risk) in ``demands``. A look with ``untried`` [flight] flights, which could not
+    be computed and were not tried again, is not complete.
     """
     plans = [make_sequential_plan(tuple(looks), *demand) for demand in demands]
     complete = int(min(np.argmin(np.append(mask, False)) for mask in done.values()))
+    if untried is not None and untried.any():
+        complete = min(complete, int(np.argmax(untried)))
     for look in looks:
         if look > complete:
             return look

@@ -1,4 +1,4 @@
-"""What is counted of finished blocks, in any order: outcomes, the digest, failures, the worst flights."""
+"""What a campaign counts while it flies: outcomes, failures of requirements, the worst flights, the digest."""
 
 from array import array
 from collections import Counter
@@ -6,32 +6,33 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.signals import METRIC_INDEX
+from abhv_mc.statistics.judgement import Pair, Rules, judge_pairs
 from abhv_mc.statistics.requirement import measured_failures, requirement_failures
-from abhv_mc.statistics.sequential import SequentialVerdict, make_sequential_plan, sequential_verdict
-from abhv_mc.statistics.verdicts import Verdict, judge
+from abhv_mc.statistics.verdict_words import verdict_words
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.flights import FlightRows
 
 _OK, _FAILED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
+Mask = NDArray[np.bool_]
 
 
 @dataclass
 class RequirementCount:
-    """One requirement on one controller."""
+    """One requirement on one controller; flights that could not be computed are not in these counts."""
 
     requirement: Requirement
     limit: float
+    binds: bool  # whether it applies to this controller, or is only shown
+    missed: Mask  # [flight]
     flights: int = 0
-    failures: int = 0
     failures_ended_early: int = 0  # failures that are such because the flight ended early
     failures_measured: int = 0  # failures by the metric alone, up to wherever the flight came
-    missed: np.ndarray | None = None  # [flight] whether it failed, where the campaign stops when proven
 
     def add(self, values: np.ndarray, early: np.ndarray, flights: np.ndarray) -> None:
         """Count flights by their metric; not-a-number fails."""
@@ -40,10 +41,8 @@ class RequirementCount:
         failed = requirement_failures(values, early, *side, self.requirement.early_is_failure)
         self.failures_measured += int(measured.sum())
         self.failures_ended_early += int((failed & ~measured).sum())
-        if self.missed is not None:
-            self.missed[flights] = failed
+        self.missed[flights] = failed
         self.flights += len(values)
-        self.failures += int(failed.sum())
 
 
 @dataclass
@@ -54,10 +53,10 @@ class Tally:
     worst_kept: int
     worst_by: str
     requirements: list[RequirementCount]
+    uncomputed: Mask  # [flight] that the machine could not compute
     digest: Digest = field(default_factory=Digest)
     outcomes: Counter[str] = field(default_factory=Counter)
     failed: "array[int]" = field(default_factory=lambda: array("q"))  # flights that ended early; perhaps a million
-    not_computed: "array[int]" = field(default_factory=lambda: array("q"))  # flights that failed to run
     worst: list[tuple[bool, float, int]] = field(default_factory=list)  # ok?, -metric, flight: rising
 
     def add(self, rows: FlightRows, digest: Digest) -> None:
@@ -68,14 +67,21 @@ class Tally:
         flown = outcome != _FAILED
         early = (outcome != _OK) & flown
         self.failed.extend(rows.flights[early].tolist())
-        self.not_computed.extend(rows.flights[~flown].tolist())
+        self.uncomputed[rows.flights[~flown]] = True
         for count in self.requirements:
-            count.add(rows.values[flown, METRIC_INDEX[count.requirement.metric]], early[flown], rows.flights[flown])
+            column = rows.columns.index(count.requirement.metric)
+            count.add(rows.values[flown, column], early[flown], rows.flights[flown])
         if self.worst_kept:
-            metric = rows.values[:, METRIC_INDEX[self.worst_by]]
+            metric = rows.values[:, rows.columns.index(self.worst_by)]
             metric = np.where(np.isnan(metric), np.inf, metric)
             candidates = zip((~early).tolist(), (-metric).tolist(), rows.flights.tolist(), flown.tolist(), strict=True)
             self.worst = sorted([*self.worst, *(c[:3] for c in candidates if c[3])])[: self.worst_kept]
+
+    @property
+    def not_computed(self) -> list[int]:
+        """Numbers of the flights that could not be computed."""
+        found: list[int] = np.flatnonzero(self.uncomputed).tolist()
+        return found
 
     @property
     def worst_flights(self) -> list[int]:
@@ -92,39 +98,62 @@ def make_tallies(campaign: CheckedCampaign) -> dict[str, Tally]:
     tallies = {}
     for name in model.controllers:
         counts = [
-            # A flight that could not be computed stays a failure in a test: nothing shows that it held.
-            RequirementCount(entry, limit, missed=np.ones(campaign.runs, bool) if campaign.looks else None)
+            RequirementCount(entry, limit, name in (entry.controllers or (first,)), np.zeros(campaign.runs, bool))
             for entry, limit in zip(model.requirements, campaign.limits, strict=True)
-            if name in (entry.controllers or (first,))
         ]
-        tallies[name] = Tally(name, number, keep.by, counts)
+        tallies[name] = Tally(name, number, keep.by, counts, np.zeros(campaign.runs, bool))
     return tallies
 
 
-def judge_requirements(tallies: dict[str, Tally], campaign: CheckedCampaign, flown: int) -> list[dict[str, Any]]:
-    """Failure counts and verdicts, after so many flights without gaps, as the manifest holds them."""
+def make_rules(campaign: CheckedCampaign, looks: tuple[int, ...]) -> Rules:
+    """What the campaign's verdicts rest on, after so many looks."""
+    family = campaign.model.family
     independent = campaign.model.sampling.design == INDEPENDENT
+    return Rules(looks, campaign.looks, independent, family.risk if family else None)
+
+
+def judge_requirements(
+    tallies: dict[str, Tally], campaign: CheckedCampaign, flown: int, looks: tuple[int, ...], untried: dict[str, Mask]
+) -> list[dict[str, Any]]:
+    """Failure counts and verdicts of the requirements that bind, as the manifest holds them.
+
+    Verdicts are of the first ``flown`` flights, which have no gaps, with ``looks`` in the past; ``untried`` [flight]
+    of each controller were not computed and not tried again. All pairs of requirement and controller are one family.
+    """
+    counted = [(tally, count) for tally in tallies.values() for count in tally.requirements]
+    pairs = [
+        Pair(
+            count.missed[:flown],
+            tally.uncomputed[:flown],
+            count.requirement.probability,
+            count.requirement.consumer_risk,
+            untried[tally.controller][:flown],
+        )
+        for tally, count in counted
+    ]
     found = []
-    for name, tally in tallies.items():
-        for count in tally.requirements:
-            entry = count.requirement
-            side = "below" if entry.below is not None else "above"
-            asked = entry.probability, entry.consumer_risk
-            verdict: Verdict | SequentialVerdict = judge(count.failures, count.flights, *asked, independent)
-            if count.missed is not None:
-                verdict = sequential_verdict(count.missed[:flown], make_sequential_plan(campaign.looks, *asked))
-            found.append(
-                {
-                    "metric": entry.metric,
-                    side: count.limit,
-                    "probability": entry.probability,
-                    "consumer_risk": entry.consumer_risk,
-                    "controller": name,
-                    "flights": count.flights,
-                    "failures": count.failures,
-                    "failures_ended_early": count.failures_ended_early,
-                    "failures_measured": count.failures_measured,
-                    "verdict": verdict.status,
-                }
-            )
+    for (tally, count), verdict in zip(counted, judge_pairs(pairs, make_rules(campaign, looks)), strict=True):
+        if not count.binds:
+            continue
+        entry, uncomputed = count.requirement, int(tally.uncomputed.sum())
+        failures, flights = int(count.missed.sum()) + uncomputed, count.flights + uncomputed
+        found.append(
+            {
+                "metric": entry.metric,
+                "below" if entry.below is not None else "above": count.limit,
+                "probability": entry.probability,
+                "consumer_risk": entry.consumer_risk,
+                "controller": tally.controller,
+                "flights": flights,
+                "failures": failures,
+                "failures_ended_early": count.failures_ended_early,
+                "failures_measured": count.failures_measured,
+                "failures_not_computed": uncomputed,
+                "verdict": verdict.status,
+                "provisional": verdict.provisional,
+                "verdict_flights": verdict.runs,
+                "verdict_failures": verdict.failures,
+                "words": verdict_words(verdict, failures, flights),
+            }
+        )
     return found

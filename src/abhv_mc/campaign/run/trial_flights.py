@@ -27,7 +27,7 @@ def make_trials(campaign: CheckedCampaign) -> Floats:
     """
     names = campaign.names
     nominal = np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in names])
-    quantiles = np.stack([_quantiles(campaign, i) for i in range(len(names))]) if names else np.empty((0, _ROWS))
+    quantiles = np.stack([ends_of(campaign, i) for i in range(len(names))]) if names else np.empty((0, _ROWS))
     values = np.tile(quantiles[:, 1], (1 + _ROWS * len(names), 1))
     values[0] = nominal
     for i in range(len(names)):
@@ -35,8 +35,8 @@ def make_trials(campaign: CheckedCampaign) -> Floats:
     return spread_parameters(names, values)
 
 
-def _quantiles(campaign: CheckedCampaign, i: int) -> Floats:
-    """Low end, median and high end of one dispersion."""
+def ends_of(campaign: CheckedCampaign, i: int) -> Floats:
+    """Low end, median and high end of a dispersion."""
     if campaign.sample_file is not None:
         return np.quantile(campaign.sample_file.values[: campaign.runs, i], [0.0, 0.5, 1.0])
     return np.asarray(campaign.marginals[campaign.names[i]].at_fraction(np.array([0.0, 0.5, 1.0])))

@@ -7,6 +7,7 @@ from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 
 from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.run.every_tick import fly_every_tick
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 
@@ -30,7 +31,7 @@ def serve(connection: Connection, fly: Fly) -> None:
                 plans[key] = plan
                 fly(plan, nominal_parameters(), None)  # loads or compiles, which is no flight's time
             connection.send(None)
-            answer: FlightBlock | str = fly(plans[key], parameters, every)
+            answer: FlightBlock | str = fly_every_tick(fly, plans[key], parameters, every)
         except BrokenPipeError:
             return
         except Exception as error:

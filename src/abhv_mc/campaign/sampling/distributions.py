@@ -4,14 +4,15 @@ Values carry the parameter's unit; those of a factor are numbers or percentages.
 factor are relative to its nominal value 1, those of an error are in its unit about its nominal value 0.
 """
 
+import math
 from abc import abstractmethod
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, DiscreteMarginal, Marginal
+from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, DiscreteMarginal, Marginal, SometimesMarginal
 from abhv_mc.io.documents import Refusal, StrictModel, one_of
-from abhv_mc.io.units import parse_in_unit
+from abhv_mc.io.units import Fraction, parse_in_unit
 from abhv_mc.plant.parameters import Parameter
 
 Value = float | str  # a number, or text with a unit
@@ -22,9 +23,21 @@ _LOW, _HIGH = "lower end", "upper end"
 
 
 class _Distribution(StrictModel):
+    probability: Annotated[Fraction, Field(gt=0.0, le=1.0)] = Field(
+        1.0, description="with which the drawn value holds; else the nominal one"
+    )
+
     @abstractmethod
+    def draw_from(self, parameter: Parameter) -> Marginal:
+        """The distribution of the drawn value of ``parameter`` in SI. Raises Refusal."""
+
     def make_marginal(self, parameter: Parameter) -> Marginal:
-        """The distribution of ``parameter`` in SI. Raises Refusal."""
+        """The distribution of ``parameter`` in SI, the nominal value included where it holds now and then.
+
+        Raises Refusal.
+        """
+        drawn = self.draw_from(parameter)
+        return drawn if self.probability == 1.0 else SometimesMarginal(drawn, self.probability, parameter.nominal)
 
     def _read(self, key: str, parameter: Parameter) -> float | None:
         value = getattr(self, key)
@@ -42,6 +55,8 @@ class _Distribution(StrictModel):
         if getattr(self, "half_width", None) is not None:
             if low is not None or high is not None:
                 raise Refusal("half_width beside low or high", "either half_width, or low and high")
+            if not math.isfinite(center):
+                raise Refusal(f"a half_width about {center:g}", "low and high", ("half_width",))
             half_width = self._positive("half_width", parameter)
             return center - half_width, center + half_width
         if low is None or high is None:
@@ -59,7 +74,7 @@ class Uniform(_Distribution):
     low: Value | None = Field(None, description=_LOW)
     high: Value | None = Field(None, description=_HIGH)
 
-    def make_marginal(self, parameter: Parameter) -> Marginal:
+    def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
         low, high = self._range(parameter, parameter.nominal)
@@ -73,7 +88,7 @@ class Normal(_Distribution):
     sigma: Value = Field(description="standard deviation")
     mean: Value | None = Field(None, description="left out: the nominal value")
 
-    def make_marginal(self, parameter: Parameter) -> Marginal:
+    def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
         return ContinuousMarginal(
@@ -91,7 +106,7 @@ class TruncatedNormal(_Distribution):
     low: Value | None = Field(None, description=_LOW)
     high: Value | None = Field(None, description=_HIGH)
 
-    def make_marginal(self, parameter: Parameter) -> Marginal:
+    def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
         mean, sigma = _or(self._read("mean", parameter), parameter), self._positive("sigma", parameter)
@@ -111,7 +126,7 @@ class Triangular(_Distribution):
     mode: Value | None = Field(None, description="the most likely value; left out: the nominal value")
     high: Value | None = Field(None, description=_HIGH)
 
-    def make_marginal(self, parameter: Parameter) -> Marginal:
+    def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
         mode = _or(self._read("mode", parameter), parameter)
@@ -128,7 +143,7 @@ class Lognormal(_Distribution):
     sigma: Value = Field(description="standard deviation of the natural logarithm: a number or a percentage")
     median: Value | None = Field(None, description="left out: the nominal value")
 
-    def make_marginal(self, parameter: Parameter) -> Marginal:
+    def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
         sigma = _parse(self.sigma, "-", "sigma")
@@ -151,7 +166,7 @@ class Beta(_Distribution):
     low: Value | None = Field(None, description=_LOW)
     high: Value | None = Field(None, description=_HIGH)
 
-    def make_marginal(self, parameter: Parameter) -> Marginal:
+    def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy import stats
 
         low, high = self._range(parameter, parameter.nominal)
@@ -167,7 +182,7 @@ class Discrete(_Distribution):
         None, description="one for each value; left out: all alike"
     )
 
-    def make_marginal(self, parameter: Parameter) -> Marginal:
+    def draw_from(self, parameter: Parameter) -> Marginal:
         import numpy as np
 
         values = np.array([_parse(value, parameter.unit, "values", i) for i, value in enumerate(self.values)])
@@ -191,7 +206,7 @@ class Scipy(_Distribution):
     loc: Value | None = Field(None, description="location; left out: 0")
     scale: Value | None = Field(None, description="left out: 1, in SI")
 
-    def make_marginal(self, parameter: Parameter) -> Marginal:
+    def draw_from(self, parameter: Parameter) -> Marginal:
         import numpy as np
         from scipy import stats
 
@@ -224,4 +239,6 @@ def _parse(value: Value, unit: str, *keys: str | int) -> float:
 
 
 def _or(value: float | None, parameter: Parameter) -> float:
+    if value is None and not math.isfinite(parameter.nominal):
+        raise Refusal("a distribution about a nominal value that is infinite", "its mean, mode or median")
     return parameter.nominal if value is None else value

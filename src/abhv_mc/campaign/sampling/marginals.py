@@ -72,3 +72,37 @@ class DiscreteMarginal:
 
     def at_fraction(self, fraction: Floats) -> Floats:
         return self.values[np.rint(fraction * (len(self.values) - 1)).astype(np.int64)]
+
+
+@dataclass(frozen=True)
+class SometimesMarginal:
+    """A drawn value with a probability, else the nominal one: the mixture's quantiles, so that they still rise.
+
+    A flight's one uniform number says both whether the drawn value holds and which. Where the nominal value is
+    infinite (a failure that never comes), the flights below ``probability`` are those with the drawn value.
+    """
+
+    drawn: Marginal
+    probability: float
+    nominal: float
+
+    def ppf(self, probability: Floats) -> Floats:
+        below = np.array([np.nextafter(self.nominal, -np.inf)])
+        low = self.probability * float(self.drawn.cdf(below)[0])
+        high = low + 1.0 - self.probability
+        share = np.where(probability < low, probability, probability - (1.0 - self.probability)) / self.probability
+        values = self.drawn.ppf(np.clip(share, 2.0**-53, 1.0 - 2.0**-53))
+        return np.where((probability >= low) & (probability < high), self.nominal, values)
+
+    def cdf(self, value: Floats) -> Floats:
+        return self.probability * self.drawn.cdf(value) + (1.0 - self.probability) * (value >= self.nominal)
+
+    def density(self, value: Floats) -> Floats:
+        """Density of the drawn values, and the probability of the nominal one."""
+        with np.errstate(invalid="ignore"):
+            drawn = self.probability * self.drawn.density(value)
+        return np.where(value == self.nominal, 1.0 - self.probability, drawn)
+
+    def at_fraction(self, fraction: Floats) -> Floats:
+        """Values of the drawn distribution's extent: trial flights ask whether a failure matters when it comes."""
+        return self.drawn.at_fraction(fraction)

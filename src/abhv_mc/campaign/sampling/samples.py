@@ -11,6 +11,7 @@ from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.designs import FACTORIAL, NOMINAL, Design
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile
+from abhv_mc.campaign.sampling.seeds import Seeds
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 
 Floats = NDArray[np.float64]
@@ -73,6 +74,25 @@ class GivenSamples:
 
     def draw(self, first: int, stop: int) -> Floats:
         return self.file.values[first:stop]
+
+
+@dataclass(frozen=True)
+class SeededSamples:
+    """Samples with the seeds of the flights' noise in columns behind them."""
+
+    samples: SampleSource
+    seeds: Seeds
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return (*self.samples.names, *self.seeds.names)
+
+    @property
+    def flights(self) -> int:
+        return self.samples.flights
+
+    def draw(self, first: int, stop: int) -> Floats:
+        return np.column_stack([self.samples.draw(first, stop), self.seeds.draw(first, stop)])
 
 
 def spread_parameters(names: Sequence[str], values: Floats) -> Floats:

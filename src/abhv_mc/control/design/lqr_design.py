@@ -118,7 +118,7 @@ def make_nominal(mission: Mission, row: Floats) -> Nominal:
     value = dict(zip(REFERENCE, row.tolist(), strict=True))
     still = mission.make_earth()._replace(rotation_rate=0.0)
     return Nominal(
-        make_surroundings(still, value["altitude"], value["latitude"]),
+        make_surroundings(still, value["altitude"], value["latitude"], mission.make_air()),
         *(value[name] for name in Nominal._fields[1:]),
     )
 

@@ -26,60 +26,90 @@ class Profile(NamedTuple):
 
 def step_times(mission: m.Mission) -> tuple[float, ...]:
     """When the reference's acceleration steps, s; those within the mission."""
-    if not isinstance(mission.manoeuvre, m.SManoeuvre):
-        return ()
-    steps = (mission.start_time, mission.start_time + mission.manoeuvre.length)
-    return tuple(step for step in steps if step <= mission.duration)
+    return tuple(
+        step
+        for _, begin, manoeuvre in mission.moves()
+        if isinstance(manoeuvre, m.SManoeuvre)
+        for step in (begin, begin + manoeuvre.length)
+        if step <= mission.duration
+    )
 
 
 def make_profile(mission: m.Mission, times: Floats) -> Profile:
     """The mission's motion at evenly spaced times from 0; at a step the value is the one right of it.
 
-    Only the pull-up integrates: its altitude comes from the trapezoidal rule with the slopes' correction (order 4).
+    Manoeuvres add up. Only a flight path angle that is held is integrated: its altitude comes from the trapezoidal
+    rule with the slopes' correction (order 4).
     """
-    start, manoeuvre = mission.start, mission.manoeuvre
+    if isinstance(mission.manoeuvre, m.Recorded):
+        return _recorded(mission.manoeuvre, mission.duration, times)
+    start = mission.start
     nothing = np.zeros_like(times)
     altitude, climb, climb_rate = start.altitude + nothing, nothing, nothing
-    speed, speed_rate = start.speed + nothing, nothing
+    speed, speed_rate, speed_now = start.speed + nothing, nothing, start.speed
     heading, heading_rate = start.heading + nothing, nothing
-    since = times - mission.start_time
+    path, path_rate, path_now = start.flight_path_angle + nothing, nothing, start.flight_path_angle
 
-    if isinstance(manoeuvre, m.SManoeuvre):
-        wave = np.pi / manoeuvre.length
-        inside = (since >= -_SAME_TIME) & (since < manoeuvre.length - _SAME_TIME)
-        sideways = np.where(inside, 0.5 * manoeuvre.offset * wave * np.sin(wave * since), 0.0) / start.speed
-        sideways_rate = np.where(inside, 0.5 * manoeuvre.offset * wave**2 * np.cos(wave * since), 0.0) / start.speed
-        heading = start.heading - np.arcsin(sideways)
-        heading_rate = -sideways_rate / np.sqrt(1.0 - sideways**2)
-    elif isinstance(manoeuvre, m.Turn):
-        part, rate, _ = _smooth(since, manoeuvre.length)
-        heading = start.heading + manoeuvre.heading_change * part
-        heading_rate = manoeuvre.heading_change * rate
-    elif isinstance(manoeuvre, m.Waypoints):
-        for turn in manoeuvre.turns:
-            part, rate, _ = _smooth(since - turn.at, turn.length)
-            heading = heading + turn.heading_change * part
-            heading_rate = heading_rate + turn.heading_change * rate
-    elif isinstance(manoeuvre, m.Climb):
-        part, rate, acceleration = _smooth(since, manoeuvre.length)
-        altitude = start.altitude + manoeuvre.altitude_change * part
-        climb, climb_rate = manoeuvre.altitude_change * rate, manoeuvre.altitude_change * acceleration
-        speed, speed_rate = start.speed + manoeuvre.speed_change * part, manoeuvre.speed_change * rate
-    elif isinstance(manoeuvre, m.PullUp):
-        part, rate, _ = _smooth(since, manoeuvre.length)
-        gamma, gamma_rate = manoeuvre.flight_path_angle * part, manoeuvre.flight_path_angle * rate
-        climb, climb_rate = start.speed * np.sin(gamma), start.speed * np.cos(gamma) * gamma_rate
-        altitude = start.altitude + _integral(times, climb, climb_rate)
-    elif isinstance(manoeuvre, m.Recorded):
-        from scipy.interpolate import CubicSpline
+    for _, begin, manoeuvre in mission.moves():
+        since = times - begin
+        if isinstance(manoeuvre, m.SManoeuvre):
+            wave = np.pi / manoeuvre.length
+            inside = (since >= -_SAME_TIME) & (since < manoeuvre.length - _SAME_TIME)
+            sideways = np.where(inside, 0.5 * manoeuvre.offset * wave * np.sin(wave * since), 0.0) / speed_now
+            sideways_rate = np.where(inside, 0.5 * manoeuvre.offset * wave**2 * np.cos(wave * since), 0.0) / speed_now
+            heading = heading - np.arcsin(sideways)
+            heading_rate = heading_rate - sideways_rate / np.sqrt(1.0 - sideways**2)
+        elif isinstance(manoeuvre, m.Turn):
+            heading, heading_rate = _turned(heading, heading_rate, manoeuvre, since)
+        elif isinstance(manoeuvre, m.Waypoints):
+            for turn in manoeuvre.turns:
+                heading, heading_rate = _turned(heading, heading_rate, turn, since - turn.at)
+        elif isinstance(manoeuvre, m.Climb):
+            part, rate, acceleration = _smooth(since, manoeuvre.length)
+            altitude = altitude + manoeuvre.altitude_change * part
+            climb = climb + manoeuvre.altitude_change * rate
+            climb_rate = climb_rate + manoeuvre.altitude_change * acceleration
+            speed, speed_rate = speed + manoeuvre.speed_change * part, speed_rate + manoeuvre.speed_change * rate
+            speed_now += manoeuvre.speed_change
+        elif isinstance(manoeuvre, m.PullUp):
+            part, rate, _ = _smooth(since, manoeuvre.length)
+            change, path_now = manoeuvre.flight_path_angle - path_now, manoeuvre.flight_path_angle
+            path, path_rate = path + change * part, path_rate + change * rate
 
-        samples = read_trajectory(manoeuvre.file, mission.duration)
-        height, airspeed = CubicSpline(samples[:, 0], samples[:, 1]), CubicSpline(samples[:, 0], samples[:, 2])
-        course = CubicSpline(samples[:, 0], np.deg2rad(samples[:, 3]))
-        altitude, climb, climb_rate = height(times), height(times, 1), height(times, 2)
-        speed, speed_rate = airspeed(times), airspeed(times, 1)
-        heading, heading_rate = course(times), course(times, 1)
+    if path.any():
+        held, held_rate = speed * np.sin(path), speed * np.cos(path) * path_rate + speed_rate * np.sin(path)
+        altitude = altitude + _integral(times, held, held_rate)
+        climb, climb_rate = climb + held, climb_rate + held_rate
+    return _complete(altitude, climb, climb_rate, speed, speed_rate, heading, heading_rate)
 
+
+def _turned(
+    heading: Floats, heading_rate: Floats, turn: m.Turn | m.WaypointTurn, since: Floats
+) -> tuple[Floats, Floats]:
+    part, rate, _ = _smooth(since, turn.length)
+    return heading + turn.heading_change * part, heading_rate + turn.heading_change * rate
+
+
+def _recorded(recorded: m.Recorded, duration: float, times: Floats) -> Profile:
+    from scipy.interpolate import CubicSpline
+
+    samples = read_trajectory(recorded.file, duration)
+    height, airspeed = CubicSpline(samples[:, 0], samples[:, 1]), CubicSpline(samples[:, 0], samples[:, 2])
+    course = CubicSpline(samples[:, 0], np.deg2rad(samples[:, 3]))
+    motion = height(times), height(times, 1), height(times, 2), airspeed(times), airspeed(times, 1)
+    return _complete(*motion, course(times), course(times, 1))
+
+
+def _complete(
+    altitude: Floats,
+    climb: Floats,
+    climb_rate: Floats,
+    speed: Floats,
+    speed_rate: Floats,
+    heading: Floats,
+    heading_rate: Floats,
+) -> Profile:
+    """The profile with the flight path angle that belongs to the climb."""
     gamma = np.arcsin(np.clip(climb / speed, -1.0, 1.0))
     gamma_rate = (climb_rate - speed_rate * np.sin(gamma)) / (speed * np.cos(gamma))
     return Profile(altitude, climb, gamma, gamma_rate, speed, speed_rate, heading, heading_rate)

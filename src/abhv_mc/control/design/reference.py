@@ -5,7 +5,7 @@ import numpy as np
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.design.guidance_trim import GuidancePoints, GuidanceTrim, trim_along
 from abhv_mc.control.design.profile import Profile, make_profile, step_times
-from abhv_mc.control.design.surroundings import make_places
+from abhv_mc.control.design.surroundings import density_factor, make_places
 from abhv_mc.control.design.trim_tables import make_trim_tables
 from abhv_mc.control.mission import Mission
 from abhv_mc.plant.trim import FlightPoint, TrimPoint, trim
@@ -39,7 +39,7 @@ def solve_reference(
     half_ticks = make_profile(mission, np.arange(2 * ticks + 1, dtype=np.float64) * (0.5 * tick))
     profile = Profile(*(x[::2] for x in half_ticks))
     north, east, latitude = make_track(mission, still, half_ticks, tick)
-    places = make_places(still, profile.altitude, latitude)
+    places = make_places(still, profile.altitude, latitude, mission.make_air())
     points = GuidancePoints(
         profile.speed,
         places.density,
@@ -107,8 +107,16 @@ def _simpson(rate: Floats, tick: float) -> Floats:
 
 
 def make_start_trim(mission: Mission, vehicle: Vehicle) -> TrimPoint:
-    """Controls at the start: level, 1 g, bank zero, on the full tables, the Earth still as in the reference."""
+    """Controls at the start: steady flight, on the full tables, the Earth still as in the reference."""
     start = mission.start
     still = mission.make_earth()._replace(rotation_rate=0.0)
-    point = FlightPoint(start.altitude, start.speed, latitude=start.latitude, heading=start.heading)
+    point = FlightPoint(
+        start.altitude,
+        start.speed,
+        start.bank,
+        start.latitude,
+        start.heading,
+        start.flight_path_angle,
+        density_factor=float(density_factor(mission.make_air(), np.array([start.altitude]))[0]),
+    )
     return trim(vehicle, still, point)

@@ -21,20 +21,27 @@ class Places(NamedTuple):
     radius: Floats  # M + h
 
 
-def make_places(earth: Earth, altitude: Floats, latitude: Floats) -> Places:
-    """Air, gravity and radius at geodetic altitudes (m) and latitudes (rad)."""
+def density_factor(air: Floats, altitude: Floats) -> Floats:
+    """Factor on the standard density of a mission's nominal air (:mod:`abhv_mc.plant.air_profile`)."""
+    return np.interp(altitude, air[:, 0], air[:, 3]) if len(air) else np.ones_like(altitude)
+
+
+def make_places(earth: Earth, altitude: Floats, latitude: Floats, air: Floats | None = None) -> Places:
+    """Air, gravity and radius at geodetic altitudes (m) and latitudes (rad); ``air``: the mission's, not standard."""
     result = np.empty((4, altitude.size))
     for i, (height, angle) in enumerate(zip(altitude, latitude, strict=True)):
         sine, cosine = np.sin(angle), np.cos(angle)
         density, _, _, sound_speed = atmosphere(height)
         result[:, i] = density, sound_speed, gravity_ned(earth, height, sine, cosine)[1], radii(earth, sine)[0] + height
+    if air is not None and len(air):
+        result[0] *= density_factor(air, altitude)
     return Places(*result)
 
 
-def make_surroundings(earth: Earth, altitude: float, latitude: float) -> Surroundings:
+def make_surroundings(earth: Earth, altitude: float, latitude: float, air: Floats | None = None) -> Surroundings:
     """Air and Earth at one place with their slopes over altitude."""
     low, here, high = (
-        make_places(earth, np.array([altitude + rise]), np.array([latitude])) for rise in (-_RISE, 0.0, _RISE)
+        make_places(earth, np.array([altitude + rise]), np.array([latitude]), air) for rise in (-_RISE, 0.0, _RISE)
     )
 
     def slope(name: str) -> float:

@@ -156,3 +156,23 @@ def plot_front(
             near(low - 0.1 * abs(mark - low), max(low, mark) + 1.5 * max(abs(mark - low), 0.1 * abs(mark)))
     figure.legend(loc="outside right upper")
     return figure
+
+
+@styled
+def plot_gains(label: str, objective: Floats, allowed: NDArray[np.bool_]) -> Figure:
+    """The objective of candidates in their order, and the least so far of those within all limits; the first starts."""
+    figure = new_figure(2.4)
+    axes = figure.subplots()
+    number = np.arange(1, objective.size + 1)
+    within = np.minimum.accumulate(np.where(allowed, objective, np.inf))
+    for chosen, color, words in ((~allowed, "#BBBBBB", "beyond a limit"), (allowed, SKY, "within all limits")):
+        axes.plot(number[chosen], objective[chosen], ".", color=color, markersize=3, label=words)
+    axes.plot(number, np.where(np.isfinite(within), within, np.nan), color=VERMILION, label="least within all limits")
+    axes.set_xlabel("candidates")
+    axes.set_ylabel(label)
+    finite = objective[np.isfinite(objective)]
+    if finite.size and np.isfinite(objective[0]):  # far candidates would squeeze what matters into a corner
+        low = float(finite.min())
+        axes.set_ylim(low - 0.1 * abs(objective[0] - low) - 1e-12, low + 2.5 * max(objective[0] - low, 0.1 * abs(low)))
+    figure.legend(loc="outside right upper")
+    return figure

@@ -1,0 +1,31 @@
+"""Plans of the flights whose stability margins a campaign asks for."""
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.io.input_error import InputError
+from abhv_mc.stability.metrics import MarginPlan, add_margins
+
+
+def make_margin_plans(campaign: CheckedCampaign, plans: dict[str, FlightPlan], device: str) -> dict[str, MarginPlan]:
+    """The plans with margins; none where the campaign asks for none. Raises InputError where there can be none."""
+    model = campaign.model
+    if model.margins is None:
+        return {}
+    if device != "cpu":
+        found = f"margins of flights on {device}"
+        raise campaign.document.key_error(("margins",), found, "the processor, which linearises, or no 'margins'")
+
+    from abhv_mc.control.controller_file import read_controller
+    from abhv_mc.control.mission import read_mission
+    from abhv_mc.plant.vehicles import load_vehicle
+    from abhv_mc.stability.points import make_steady_plan
+
+    vehicle, mission = load_vehicle(model.vehicle), read_mission(model.mission)
+    if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
+        found = "margins of a vehicle without control surfaces or engine"
+        raise InputError(model.vehicle, None, None, found, "one with both")
+    laws = {name: read_controller(model.controllers[name]) for name in plans}
+    return {
+        name: add_margins(plan, make_steady_plan(vehicle, mission, laws[name], name), model.margins.at)
+        for name, plan in plans.items()
+    }

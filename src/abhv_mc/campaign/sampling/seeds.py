@@ -1,0 +1,58 @@
+"""Seeds of turbulence and sensor noise: a column of the samples as soon as there is such noise, and no dispersion.
+
+Without a seed of its own every flight would meet the same gusts, and the flights would not be independent.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.sampling.designs import FACTORIAL, SALTELLI, saltelli_group
+from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
+from abhv_mc.plant.parameters import PARAMETERS
+
+Floats = NDArray[np.float64]
+
+_NOISES = tuple(p.name for p in PARAMETERS if p.name.startswith("sensor.") and p.name.endswith("_noise"))
+NOISE_OF_SEED = {"wind.turbulence_seed": ("wind.turbulence",), "sensor.noise_seed": _NOISES}
+"""By seed, the parameters that make the noise that it belongs to."""
+
+
+def is_seed(name: str) -> bool:
+    """Whether a parameter says which noise a flight meets, and not how much of anything."""
+    return name in NOISE_OF_SEED
+
+
+def find_seeds(names: Sequence[str]) -> tuple[str, ...]:
+    """The seeds that flights need whose samples have columns of these names, and that are not among them."""
+    there = {*names, *(parameter.name for parameter in PARAMETERS if parameter.nominal != 0.0)}
+    return tuple(seed for seed, noises in NOISE_OF_SEED.items() if seed not in names and there.intersection(noises))
+
+
+@dataclass(frozen=True)
+class Seeds:
+    """The seeds of a campaign's flights."""
+
+    names: tuple[str, ...]
+    seed: int  # of the campaign
+    design: str
+    dispersed: int  # parameters of the design
+
+    def draw(self, first: int, stop: int) -> Floats:
+        """Values ``[flight, seed]`` in 0..1 of the flights ``first`` .. ``stop - 1``, each from (seed, name, flight).
+
+        Flights that are compared with each other by their design have a common one: all of a factorial design, and
+        those of one group of Saltelli's.
+        """
+        numbers = np.arange(first, stop)
+        if self.design in FACTORIAL:
+            numbers = np.zeros_like(numbers)
+        elif self.design == SALTELLI:
+            numbers //= saltelli_group(self.dispersed)
+        if not numbers.size:
+            return np.empty((0, len(self.names)))
+        low, count = int(numbers[0]), int(numbers[-1] - numbers[0]) + 1
+        columns = [draw_uniforms(stream_key(self.seed, name), low, count)[numbers - low] for name in self.names]
+        return np.column_stack(columns)

@@ -1,0 +1,148 @@
+"""What tuning learns of each candidate: its flights and its stability margins, kept in files as they are found."""
+
+import hashlib
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.tuning import MARGINS, Tune
+from abhv_mc.campaign.run.executor import Executor
+from abhv_mc.campaign.run.setup import Engine
+from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
+from abhv_mc.campaign.sampling.samples import DrawnSamples, spread_parameters
+from abhv_mc.campaign.search.controller_numbers import ControllerNumbers
+from abhv_mc.campaign.search.space import Space
+from abhv_mc.control.controller_file import read_controller
+from abhv_mc.control.mission import read_mission
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.signals import METRIC_INDEX
+from abhv_mc.io.documents import InputError
+from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.search.evaluation import Floats
+from abhv_mc.stability.analysis import Time, margins_of_flights
+from abhv_mc.stability.points import make_steady_plan
+from abhv_mc.store.folder import write_whole
+
+MOST_CORNERED = 7  # dispersions whose corners' margins are found: 128 vehicles
+_BLOCK = 128  # flights of one call
+_BOX = 3.0  # standard deviations at which laws without ends have their corners
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One candidate's flights and margins."""
+
+    metrics: Floats  # [flight, metric]; not-a-number in the rows of flights that are lost
+    margins: Floats  # [vehicle, MARGINS], the nominal one first; no rows where no limit asks for them
+
+
+def cornered_vehicles(space: Space, block: Tune) -> Floats:
+    """Parameter rows ``[vehicle, parameter]`` whose margins the limits ask for: nominal, then corners."""
+    asked = [limit.vehicles or "nominal" for limit in block.limits if limit.is_margin]
+    names, bounds = space.names, space.bounds(_BOX)
+    nominal = spread_parameters((), np.empty((1 if asked else 0, 0)))
+    if "corners" not in asked:
+        return nominal
+    corners = np.array(list(product(*bounds.tolist())))
+    return np.concatenate([nominal, spread_parameters(names, corners)])
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Flies candidates of one campaign and controller."""
+
+    campaign: CheckedCampaign
+    name: str  # of the controller
+    space: Space
+    numbers: ControllerNumbers
+    kept: Path  # folder
+    identity: str  # of all that the flights depend on besides point and parameters
+    engine: Engine
+    executor: Executor
+    vehicles: Floats  # [vehicle, parameter] whose margins are found
+    margins_at: tuple[Time, ...]
+
+    def draw(self, seed: int, flights: int) -> Floats:
+        """Parameter rows ``[flight, parameter]`` that all candidates fly."""
+        design = Design(INDEPENDENT, seed, self.space.names, flights, 2)
+        values = DrawnSamples(design, self.space.marginals, self.space.copula).draw(0, flights)
+        return spread_parameters(self.space.columns, self.space.complete(values, seed, 0))
+
+    def measure(self, points: Floats, parameters: Floats) -> list[Trial]:
+        """The trial of each candidate ``[candidate, dimension]``."""
+        different, places = np.unique(points, axis=0, return_inverse=True)
+        with ThreadPoolExecutor(self.executor.workers) as threads:
+            found = list(threads.map(lambda point: self._one(point, parameters), different))
+        return [found[place] for place in places.reshape(-1).tolist()]
+
+    def _one(self, point: Floats, parameters: Floats) -> Trial:
+        metrics = self._remember(point, parameters, lambda key: self._fly(point, parameters, key))
+        if not len(self.vehicles):
+            return Trial(metrics, np.empty((0, len(MARGINS))))
+        return Trial(metrics, self._remember(point, self.vehicles, lambda key: self._find_margins(point, key)))
+
+    def _remember(self, point: Floats, parameters: Floats, make: Callable[[str], Floats]) -> Floats:
+        key = hashlib.sha256(point.tobytes() + parameters.tobytes() + self.identity.encode()).hexdigest()[:32]
+        path = self.kept / f"{key}.npy"
+        if path.exists():
+            return np.asarray(np.load(path, allow_pickle=False), np.float64)
+        values = make(key)
+
+        def write(aside: Path) -> None:
+            with aside.open("wb") as file:
+                np.save(file, values, allow_pickle=False)
+
+        write_whole(path, write)
+        return values
+
+    def _fly(self, point: Floats, parameters: Floats, key: str) -> Floats:
+        def fly(file: Path) -> Floats:
+            plan = self._plan(file)
+            starts = range(0, len(parameters), _BLOCK)
+            pieces = [self.executor.fly(plan, parameters[start : start + _BLOCK], None) for start in starts]
+            metrics = np.concatenate([piece.metrics for piece in pieces])
+            lost = np.concatenate([piece.outcome for piece in pieces]) != Outcome.OK
+            return np.where(lost[:, None], np.nan, metrics)
+
+        return self._with_file(point, key, fly, np.full((len(parameters), len(METRIC_INDEX)), np.nan))
+
+    def _find_margins(self, point: Floats, key: str) -> Floats:
+        def find(file: Path) -> Floats:
+            return self.margins_of(file, self._plan(file))
+
+        return self._with_file(point, key, find, np.zeros((len(self.vehicles), len(MARGINS))))
+
+    def margins_of(self, file: Path, plan: FlightPlan) -> Floats:
+        """Least margins ``[vehicle, MARGINS]`` of a controller's file; zero where it does not stabilise."""
+        model = self.campaign.model
+        try:
+            steady = make_steady_plan(
+                load_vehicle(model.vehicle), read_mission(model.mission), read_controller(file), self.name
+            )
+        except np.linalg.LinAlgError:
+            return np.zeros((len(self.vehicles), len(MARGINS)))
+        found = margins_of_flights(plan, steady, self.vehicles, self.margins_at)
+        return np.column_stack([found.gain_db, found.phase_deg, found.delay_ms, found.disk])
+
+    def _with_file(self, point: Floats, key: str, use: Callable[[Path], Floats], none: Floats) -> Floats:
+        """What ``use`` makes of the candidate's file; ``none`` where its numbers make no controller."""
+        file = self.kept / f"{key}.yaml"
+        try:
+            self.numbers.write(file, point)
+            return use(file)
+        except InputError:
+            if not np.any(point):
+                raise
+            return none
+        finally:
+            file.unlink(missing_ok=True)
+
+    def _plan(self, file: Path) -> FlightPlan:
+        model = self.campaign.model
+        return self.engine.prepare(model.vehicle, model.mission, file, self.name)

@@ -1,0 +1,63 @@
+"""``abhv-mc plan``: what a campaign can show, before it flies."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+
+def command(
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.yaml", help="Campaign file.")],
+    out: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write the figure plan.png there.")
+    ] = None,
+    runs: Annotated[int | None, typer.Option(min=1, help="Flights of each controller.")] = None,
+    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the numbers as JSON.")] = None,
+) -> None:
+    """Say how many flights each requirement needs, and how likely it is to PASS at the planned number."""
+    from json import dumps
+
+    from abhv_mc.campaign.file.check import read_campaign
+    from abhv_mc.cli.announce import announce_warnings
+    from abhv_mc.report.planned import plan_numbers, write_plan_figure
+    from abhv_mc.store.folder import write_text
+
+    checked = read_campaign(campaign, runs)
+    if not checked.model.requirements:
+        raise checked.document.error((), "a campaign without requirements", "requirements that can PASS or FAIL")
+    numbers = plan_numbers(checked)
+    _print(numbers)
+    announce_warnings(numbers["problems"])
+    if json is not None:
+        write_text(json, dumps(numbers, indent=1, allow_nan=False) + "\n")
+    if out is not None:
+        write_plan_figure(numbers, out / "plan.png")
+        print(f"figure    {out / 'plan.png'}")
+
+
+def _print(numbers: dict[str, Any]) -> None:
+    from abhv_mc.cli.printing import new_table, print_table
+    from abhv_mc.report.words import percent, significant
+
+    flights, share = f"PASS at {numbers['runs']} flights", 0.2
+    heads = ("0 failures", "1", "2", "3", f"{flights} with at most", "chance at a fifth of the allowed failures",
+             "expected flights if it stops when proven")  # fmt: skip
+    table = new_table(("requirement",), heads, f"{numbers['name']}: flights needed for PASS")
+    place = min(range(len(numbers["rates_over_allowed"])), key=lambda k: abs(numbers["rates_over_allowed"][k] - share))
+    for entry in numbers["requirements"]:
+        most = entry["most_failures_at_runs"]
+        table.add_row(
+            f"{entry['words']} in {percent(entry['probability'])}",
+            *map(str, entry["flights_for_failures"].values()),
+            "never" if most < 0 else f"{most} failures",
+            percent(entry["pass_chance"][place], 2),
+            significant(entry["stop_when_proven"]["expected_flights"][place], 3),
+        )
+    print_table(table)
+    if len(numbers["requirements"]) > 1:
+        both = numbers["together"]["stop_when_proven" if numbers["stops_when_proven"] else "fixed"]
+        low, high = (percent(both[end][place], 2) for end in ("low", "high"))
+        print(f"All of them PASS with a chance between {low} and {high} at a fifth of the allowed failures each.")
+    print(f"The chance of any false PASS is at most {percent(numbers['any_false_pass'], 2)}.")
+    if not numbers["independent_flights"]:
+        print("Its flights are not independent draws: it gets estimates and no verdict. These numbers are for random.")

@@ -1,0 +1,97 @@
+"""What a user's own controller or channel is written with; ``docs/tutorials/own-controller.md`` shows how.
+
+A law sees one flight at one control tick: named tuples of floats in SI and radians, wired by name. What is imported
+from here works alike compiled in lanes and in plain Python, to the last bit.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from abhv_mc.control.laws.allocation import solve_3x3
+from abhv_mc.jit import scalar
+from abhv_mc.numerics.angles import clamp, larger, smaller, wrap
+from abhv_mc.numerics.lane_math import acos, asin, atan2, exp, log, power, sincos, tan
+from abhv_mc.own.source import CHANNEL, CONTROLLER, ChannelMark, ControllerMark
+from abhv_mc.own.table import Table as table  # noqa: N813  spoken as a function
+from abhv_mc.own.wires import Command, Inertia, Measured, Moment, Onboard, Reference
+
+__all__ = [
+    "Command",
+    "Inertia",
+    "Measured",
+    "Moment",
+    "Onboard",
+    "Reference",
+    "acos",
+    "allocate",
+    "asin",
+    "atan2",
+    "channel",
+    "clamp",
+    "controller",
+    "cos",
+    "exp",
+    "larger",
+    "log",
+    "power",
+    "sin",
+    "sincos",
+    "smaller",
+    "sqrt",
+    "table",
+    "tan",
+    "wrap",
+]
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def controller(function: F | None = None, *, units: dict[str, str] | None = None, compiled: bool = True) -> Any:
+    """Mark the one function of a file that is its control law.
+
+    ``units`` of the settings that have one: YAML must give them with it. ``compiled=False`` calls the law in plain
+    Python, a thousand times slower: for prototypes, with any library.
+    """
+
+    def mark(law: F) -> F:
+        setattr(law, CONTROLLER, ControllerMark(dict(units or {}), compiled))
+        return law
+
+    return mark if function is None else mark(function)
+
+
+def channel(*, unit: str) -> Callable[[F], F]:
+    """Mark a function that gives one number a control tick: a channel of the function's name and this unit."""
+
+    def mark(function: F) -> F:
+        doc = (function.__doc__ or function.__name__.replace("_", " ")).strip().splitlines()[0]
+        setattr(function, CHANNEL, ChannelMark(unit, function.__name__, doc))
+        return function
+
+    return mark
+
+
+@scalar
+def sqrt(x: float) -> float:
+    """Square root; NaN below zero."""
+    return math.sqrt(x) if x >= 0.0 else math.nan
+
+
+@scalar
+def sin(x: float) -> float:
+    """Sine of x in radians."""
+    return sincos(x)[0]
+
+
+@scalar
+def cos(x: float) -> float:
+    """Cosine of x in radians."""
+    return sincos(x)[1]
+
+
+@scalar
+def allocate(onboard: Onboard, roll: float, pitch: float, yaw: float) -> tuple[float, float, float]:
+    """Changes of aileron, rudder and elevator (rad) that add a moment (N m) to that of the last command."""
+    a, r, e = onboard.moment_by_aileron, onboard.moment_by_rudder, onboard.moment_by_elevator
+    return solve_3x3(a.roll, r.roll, e.roll, a.pitch, r.pitch, e.pitch, a.yaw, r.yaw, e.yaw, roll, pitch, yaw)  # type: ignore[no-any-return]

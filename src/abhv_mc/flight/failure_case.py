@@ -1,0 +1,49 @@
+"""What failed in a flight, in words: the case that verdicts and envelopes are shown for."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from abhv_mc.plant.parameters import FAILURE_TIMES
+from abhv_mc.vehicle.arrays import Floats
+
+NO_FAILURE = "none"
+UNSTART = "engine unstart"  # by the vehicle's own condition, at no drawn time
+_ENGINE = "failure.engine.time"
+_KINDS = {"stuck_time": "stuck", "loss_time": "loss", "slow_time": "slow"}
+
+
+def failure_words(name: str) -> str:
+    """'elevator stuck' for the parameter 'failure.elevator.stuck_time'."""
+    parts = name.split(".")
+    what = parts[-2].replace("_", " ")
+    if parts[1] == "sensor":
+        return f"{what} sensor"
+    return "engine failed" if name == _ENGINE else f"{what} {_KINDS[parts[-1]]}"
+
+
+def failure_cases(names: Sequence[str], samples: Floats, end_time: Floats, engine_failed: Floats) -> list[str]:
+    """The case of each flight: every failure before the mission's end, joined by ' + ', or ``none``.
+
+    A failure that was to come after the flight was lost counts too: so that all controllers have the same flights in
+    each case, and a case none that only the better controllers live to see. names: of the parameters in the columns
+    of ``samples`` [flight, parameter]. end_time: the mission's end, s, [flight]. engine_failed: time with a failed
+    engine, s, [flight]; without a drawn failure of the engine it was an unstart by the vehicle's own condition.
+    """
+    cases: list[list[str]] = [[] for _ in end_time]
+    timed = np.zeros(len(end_time), dtype=np.bool_)
+    for i, name in enumerate(names):
+        if name in FAILURE_TIMES:
+            came = samples[:, i] < end_time
+            timed |= came if name == _ENGINE else False
+            for flight in np.flatnonzero(came):
+                cases[flight].append(failure_words(name))
+    for flight in np.flatnonzero((engine_failed > 0.0) & ~timed):
+        cases[flight].append(UNSTART)
+    return [" + ".join(case) or NO_FAILURE for case in cases]
+
+
+def failure_times(names: Sequence[str], samples: Floats) -> Floats:
+    """Time of the first drawn failure of each flight, s; infinite without one."""
+    columns = [i for i, name in enumerate(names) if name in FAILURE_TIMES]
+    return samples[:, columns].min(axis=1, initial=np.inf)

@@ -1,0 +1,156 @@
+"""A Python file of the user's as text: run once as a module, and what it defines."""
+
+import functools
+import hashlib
+import inspect
+import linecache
+import math
+import traceback
+import types
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from abhv_mc.io.input_error import InputError, one_of
+
+CONTROLLER, CHANNEL = "_abhv_mc_controller", "_abhv_mc_channel"  # attributes that the decorators set
+
+
+@dataclass(frozen=True)
+class OwnSource:
+    """The text of a user's file. It travels with the work; no stored plan holds it."""
+
+    text: str
+    file: str  # what its user calls it
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of the text: what trust goes by."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class ControllerMark:
+    """What the decorator ``controller`` says."""
+
+    units: dict[str, str] = field(default_factory=dict)  # of settings
+    compiled: bool = True
+
+
+@dataclass(frozen=True)
+class ChannelMark:
+    """What the decorator ``channel`` says."""
+
+    unit: str
+    name: str
+    doc: str
+
+
+@dataclass(frozen=True)
+class Module:
+    """A user's file that was run."""
+
+    source: OwnSource
+    names: dict[str, Any]  # its globals
+
+    def marked(self, mark: str) -> dict[str, Callable[..., Any]]:
+        """The functions with a decorator of ours, by name."""
+        return {name: value for name, value in self.names.items() if hasattr(value, mark) and callable(value)}
+
+
+def read_source(path: Path) -> OwnSource:
+    """Read a user's file, without running it. Raises InputError."""
+    try:
+        return OwnSource(path.read_text(encoding="utf-8"), str(path))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(path, None, None, f"a file that cannot be read ({error})", "a Python file") from None
+
+
+@functools.lru_cache(maxsize=64)
+def run_module(source: OwnSource) -> Module:
+    """Run a user's file. Raises InputError, with the line, for whatever it raises."""
+    linecache.cache[source.file] = (len(source.text), None, source.text.splitlines(keepends=True), source.file)
+    module = types.ModuleType(f"abhv_mc_own_{source.hash[:16]}")
+    module.__file__ = source.file
+    try:
+        exec(compile(source.text, source.file, "exec", dont_inherit=True), module.__dict__)  # the user's own file
+    except SyntaxError as error:
+        raise InputError(source.file, error.lineno, error.offset, f"'{error.msg}'", "Python") from None
+    except InputError:
+        raise
+    except Exception as error:
+        line = line_in(error, source.file)
+        found = f"a file that raises {type(error).__name__}: {error}"
+        raise InputError(source.file, line, None, found, "a file that runs on its own") from None
+    return Module(source, module.__dict__)
+
+
+def line_in(error: BaseException, file: str) -> int | None:
+    """The last line of ``file`` in a traceback."""
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    return lines[-1] if lines else None
+
+
+@dataclass(frozen=True)
+class Law:
+    """The controller of a file: the function, what it names and what it is made of."""
+
+    module: Module
+    function: Callable[..., Any]
+    mark: ControllerMark
+    arguments: tuple[str, ...]
+    memory: Any  # class of its memory, None without
+    settings: Any  # class of its settings, None without
+    design: Callable[..., Any] | None
+
+    @property
+    def source(self) -> OwnSource:
+        return self.module.source
+
+
+@functools.lru_cache(maxsize=64)
+def load_law(source: OwnSource) -> Law:
+    """Run a controller's file and find what it defines; checked in the user's terms. Raises InputError."""
+    from abhv_mc.own.check import check_law
+
+    module = run_module(source)
+    found = module.marked(CONTROLLER)
+    if len(found) != 1:
+        words = f"{len(found)} functions with @controller" if found else "no function with @controller"
+        raise InputError(source.file, None, None, words, "one: from abhv_mc.extend import controller")
+    (function,) = found.values()
+    mark: ControllerMark = getattr(function, CONTROLLER)
+    law = Law(
+        module,
+        function,
+        mark,
+        tuple(inspect.signature(function).parameters),
+        module.names.get("Memory"),
+        module.names.get("Settings"),
+        module.names.get("design"),
+    )
+    check_law(law)
+    return law
+
+
+def check_defaults(law: Law, kind: Any, words: str, needed: bool, line_of: Callable[[str, str], int | None]) -> None:
+    """A class of numbers: a NamedTuple whose defaults are finite. Raises InputError."""
+    file = law.source.file
+    if not (isinstance(kind, type) and hasattr(kind, "_fields")):
+        line = line_of(words, "")
+        raise InputError(file, line, None, f"{words} that is no NamedTuple", f"class {words}(NamedTuple)")
+    defaults = kind._field_defaults
+    for name in kind._fields:
+        value = defaults.get(name, 0.0)
+        if name not in defaults and needed:
+            found = f"no value for '{name}' at the start"
+            raise InputError(file, line_of(words, name), None, found, f"{name}: float = 0.0")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            found = f"{value!r:.40} for '{name}'"
+            raise InputError(file, line_of(words, name), None, found, "a finite number")
+
+
+def field_error(file: str, line: int | None, column: int | None, of: str, name: str, known: Any) -> InputError:
+    """What to raise for a name that a named tuple does not have."""
+    return InputError(file, line, column, f"{of}.{name}, which there is not", one_of(known, name))

@@ -1,0 +1,92 @@
+"""What a law of one's own is given and what it gives back: named tuples of floats, SI and radians."""
+
+from typing import Any, NamedTuple
+
+from abhv_mc.control.columns import REFERENCE
+
+NOT_GIVEN = float("inf")  # of an optional command: then the reference's
+
+
+class Command(NamedTuple):
+    """What a law commands. The last three are what metrics and figures compare with, by default the reference."""
+
+    aileron: float  # rad
+    rudder: float
+    elevator: float
+    equivalence_ratio: float
+    flight_path_angle: float = NOT_GIVEN  # rad
+    angle_of_attack: float = NOT_GIVEN
+    bank: float = NOT_GIVEN
+
+
+class Measured(NamedTuple):
+    """What the sensors say."""
+
+    altitude: float  # m
+    speed: float  # m/s
+    flight_path_angle: float  # rad
+    heading: float
+    angle_of_attack: float
+    sideslip: float
+    bank: float
+    roll_rate: float  # rad/s
+    pitch_rate: float
+    yaw_rate: float
+
+
+Reference: Any = NamedTuple("Reference", [(name, float) for name in REFERENCE])  # type: ignore[misc]
+
+
+class Moment(NamedTuple):
+    """A moment about the centre of gravity in body axes, N m, or its slope, N m/rad."""
+
+    roll: float
+    pitch: float
+    yaw: float
+
+
+class Inertia(NamedTuple):
+    """The inertia matrix, kg m2; ``xz`` is its element 13."""
+
+    xx: float
+    yy: float
+    zz: float
+    xz: float
+
+
+class LastCommand(NamedTuple):
+    """What was commanded at the last tick, within the vehicle's limits."""
+
+    aileron: float  # rad
+    rudder: float
+    elevator: float
+    equivalence_ratio: float
+
+
+class Onboard(NamedTuple):
+    """The nominal vehicle at the measured state and the last command."""
+
+    mach: float
+    density: float  # kg/m3
+    dynamic_pressure: float  # Pa
+    moment: Moment
+    moment_by_aileron: Moment
+    moment_by_rudder: Moment
+    moment_by_elevator: Moment
+    lift: float  # N, across the velocity
+    drag: float
+    thrust: float
+    lift_by_angle_of_attack: float  # N/rad, thrust's part not in it
+    drag_by_angle_of_attack: float
+    thrust_by_angle_of_attack: float
+    lift_by_equivalence_ratio: float  # N
+    drag_by_equivalence_ratio: float
+    thrust_by_equivalence_ratio: float
+    inertia: Inertia
+    last: LastCommand
+
+
+# Arguments that a law may name, and the rest, which its file defines.
+GIVEN = {"measured": Measured, "reference": Reference, "onboard": Onboard}
+CLASSES = {"memory": "Memory", "settings": "Settings", "gains": "gains"}
+ARGUMENTS = ("measured", "reference", "memory", "settings", "gains", "onboard", "time", "dt")

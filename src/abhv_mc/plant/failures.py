@@ -1,0 +1,193 @@
+"""Failures of surfaces, engine and sensors at a control tick: from the flight's parameters to what the plant reads.
+
+A flight whose failure times are all infinite gets exact ones and zeros and its own commands, which leave its bits
+unchanged. A failure acts from the first control tick at or after its time.
+"""
+
+from typing import NamedTuple
+
+from abhv_mc.jit import lanes
+from abhv_mc.numerics.angles import clamp
+from abhv_mc.plant import state as s
+from abhv_mc.plant.disturbance import any_lane
+from abhv_mc.plant.parameters import AXES, EFFECTORS, FAILURE_TIMES, NEVER
+from abhv_mc.plant.state import XS, X, parameter_row, variable_row
+
+N_AXES, N_EFFECTORS = len(AXES), len(EFFECTORS)
+_SAME_TIME = 1e-9  # s: a tick that close before a failure's time is at it
+
+_TIMES = parameter_row(FAILURE_TIMES[0])  # three of each surface and effector: stuck, loss, slow
+_EFFECTOR_TIMES = parameter_row(f"failure.{EFFECTORS[0]}.stuck_time")
+_ENGINE_TIME = parameter_row("failure.engine.time")
+_SENSOR_TIMES = parameter_row("failure.sensor.altitude.time")
+_HOW = parameter_row("failure.aileron.stuck_at")  # three of each: stuck_at, effectiveness, rate_limit
+_EFFECTOR_HOW = parameter_row(f"failure.{EFFECTORS[0]}.stuck_at")
+_DURATION = parameter_row("failure.engine.duration")
+_THRUST = parameter_row("failure.engine.thrust")
+_DRAG = parameter_row("failure.engine.drag_increment")
+_PITCH = parameter_row("failure.engine.pitching_moment_increment")
+_BIAS = parameter_row("failure.sensor.altitude.bias")
+_RATE_LIMIT = parameter_row("actuator.rate_limit")
+_EFFECTIVENESS = parameter_row("control.aileron_effectiveness")
+_MACH = variable_row("mach")
+_ALPHA = variable_row("angle_of_attack")
+_BETA = variable_row("sideslip")
+
+
+class Failures(NamedTuple):
+    """Failures that any lane has in its flight; the others are never computed."""
+
+    surfaces: bool
+    effectors: bool
+    engine: bool
+    sensors: bool
+
+
+@lanes
+def possible_failures(Z, width, constants):
+    """From the parameters, which are constant over a flight, and whether the vehicle's inlet may unstart."""
+    return Failures(
+        any_lane(Z, width, _TIMES, 3 * N_AXES, NEVER),
+        any_lane(Z, width, _EFFECTOR_TIMES, 3 * N_EFFECTORS, NEVER),
+        any_lane(Z, width, _ENGINE_TIME, 1, NEVER) or constants.inlet.unstarts > 0.0,
+        any_lane(Z, width, _SENSOR_TIMES, s.N_MEASURED, NEVER),
+    )
+
+
+@lanes
+def start_failures(Z, width):
+    """Nothing has failed."""
+    for lane in range(width):
+        for i in range(N_AXES):
+            Z[s.RATE_FACTOR + i, lane] = 1.0
+            Z[s.EFFECT + i, lane] = 1.0
+            Z[s.STUCK_SURFACE + i, lane] = NEVER
+        for i in range(N_EFFECTORS):
+            Z[s.EFFECTOR_GAIN + i, lane] = 1.0
+            Z[s.STUCK_EFFECTOR + i, lane] = NEVER
+            Z[s.SLOW_EFFECTOR + i, lane] = NEVER
+        Z[s.ENGINE_THRUST, lane] = 1.0
+
+
+@lanes
+def fail_sensors(Z, width, time):
+    """Measurements that have failed: what they were at the tick before, or off by the bias that the flight gives."""
+    for i in range(s.N_MEASURED):
+        for lane in range(width):
+            failed = time >= Z[_SENSOR_TIMES + i, lane] - _SAME_TIME
+            measured, bias = Z[s.MEASURED + i, lane], Z[_BIAS + i, lane]
+            frozen = Z[s.FROZEN + i, lane] if failed and time > 0.0 else measured
+            Z[s.FROZEN + i, lane] = frozen
+            Z[s.MEASURED + i, lane] = (measured + bias if bias != 0.0 else frozen) if failed else measured
+
+
+@lanes
+def fail_plant(Z, width, failures, vehicle, time, tick):
+    """Commands as the actuators get them, and the factors and increments of the tick that begins at ``time`` (s).
+
+    ``tick`` is its length. Call it after the control law.
+    """
+    for i in range(4):
+        for lane in range(width):
+            Z[s.ACTUATED + i, lane] = Z[s.CMD + i, lane]
+    if failures.surfaces:
+        fail_surfaces(Z, width, vehicle.constants, time)
+    if failures.effectors:
+        fail_effectors(Z, width, vehicle, time, tick)
+    if failures.engine:
+        fail_engine(Z, width, vehicle.constants, time)
+
+
+@lanes
+def fail_surfaces(Z, width, constants, time):
+    """Aileron, rudder and elevator.
+
+    A surface that sticks where it is stops there at once; one that sticks elsewhere is driven there by its actuator.
+    """
+    for i in range(N_AXES):
+        for lane in range(width):
+            stuck = time >= Z[_TIMES + 3 * i, lane] - _SAME_TIME
+            lost = time >= Z[_TIMES + 3 * i + 1, lane] - _SAME_TIME
+            slow = time >= Z[_TIMES + 3 * i + 2, lane] - _SAME_TIME
+            factor = Z[_HOW + 3 * i + 2, lane] if slow else 1.0
+            Z[s.EFFECT + i, lane] = Z[_HOW + 3 * i + 1, lane] if lost else 1.0
+            Z[s.RATE_FACTOR + i, lane] = factor
+            fastest = constants.surface_rate_limit * Z[_RATE_LIMIT, lane] * factor
+            rate = Z[X + s.AILERON_RATE + i, lane]
+            rate = clamp(rate, -fastest, fastest) if slow else rate
+            asked, held = Z[_HOW + 3 * i, lane], Z[s.STUCK_SURFACE + i, lane]
+            here = asked == NEVER
+            held = (Z[X + s.AILERON + i, lane] if held == NEVER else held) if here else asked
+            Z[s.STUCK_SURFACE + i, lane] = held if stuck else NEVER
+            Z[s.ACTUATED + i, lane] = held if stuck else Z[s.ACTUATED + i, lane]
+            Z[X + s.AILERON_RATE + i, lane] = 0.0 if stuck and here else rate
+            Z[XS + s.AILERON_RATE + i, lane] = Z[X + s.AILERON_RATE + i, lane]
+
+
+@lanes
+def fail_effectors(Z, width, vehicle, time, tick):
+    """The vehicle's own surfaces, which the three axis deflections are mixed to.
+
+    A slow one follows its mix no faster than the surfaces' rate limit allows, and is held over the tick.
+    """
+    constants, mix = vehicle.constants, vehicle.effector_mix
+    for e in range(N_EFFECTORS):
+        reach = abs(mix[e, 0]) + abs(mix[e, 1]) + abs(mix[e, 2])
+        for lane in range(width):
+            mixed = 0.0
+            for i in range(N_AXES):
+                mixed += mix[e, i] * (Z[_EFFECTIVENESS + i, lane] * Z[s.EFFECT + i, lane] * Z[X + s.AILERON + i, lane])
+            stuck = time >= Z[_EFFECTOR_TIMES + 3 * e, lane] - _SAME_TIME
+            lost = time >= Z[_EFFECTOR_TIMES + 3 * e + 1, lane] - _SAME_TIME
+            slow = time >= Z[_EFFECTOR_TIMES + 3 * e + 2, lane] - _SAME_TIME
+            factor = Z[_EFFECTOR_HOW + 3 * e + 2, lane]
+            farthest = constants.surface_rate_limit * Z[_RATE_LIMIT, lane] * factor * reach * tick
+            last = Z[s.SLOW_EFFECTOR + e, lane]
+            near = mixed if last == NEVER else clamp(mixed, last - farthest, last + farthest)
+            Z[s.SLOW_EFFECTOR + e, lane] = near if slow else NEVER
+            gain = Z[_EFFECTOR_HOW + 3 * e + 1, lane] if lost else 1.0
+            asked, held = Z[_EFFECTOR_HOW + 3 * e, lane], Z[s.STUCK_EFFECTOR + e, lane]
+            where = gain * (near if slow else mixed)
+            held = (where if held == NEVER else held) if asked == NEVER else asked
+            Z[s.STUCK_EFFECTOR + e, lane] = held if stuck else NEVER
+            Z[s.EFFECTOR_GAIN + e, lane] = 0.0 if stuck or slow else gain
+            Z[s.EFFECTOR_OFFSET + e, lane] = held if stuck else (gain * near if slow else 0.0)
+
+
+@lanes
+def fail_engine(Z, width, constants, time):
+    """Thrust, drag and pitching moment of an engine that has failed, at its time or by its inlet's condition."""
+    inlet = constants.inlet
+    for lane in range(width):
+        since = time - Z[_ENGINE_TIME, lane]
+        timed = since >= -_SAME_TIME and since < Z[_DURATION, lane] - _SAME_TIME
+        unstarted = Z[s.UNSTARTED, lane] > 0.0
+        failed = timed or unstarted
+        Z[s.ENGINE_THRUST, lane] = Z[_THRUST, lane] if failed else 1.0
+        Z[s.ENGINE_DRAG, lane] = (Z[_DRAG, lane] if failed else 0.0) + (inlet.drag_increment if unstarted else 0.0)
+        Z[s.ENGINE_PITCH, lane] = (Z[_PITCH, lane] if failed else 0.0) + (
+            inlet.pitching_moment_increment if unstarted else 0.0
+        )
+        Z[s.ENGINE_FAILED, lane] = 1.0 if failed else 0.0
+
+
+@lanes
+def watch_inlet(Z, width, inlet, time):
+    """Whether the flow at the tick's air data leaves the inlet started; what follows acts from the next tick on.
+
+    It starts again when the flow has been inside its range for the restart delay.
+    """
+    for lane in range(width):
+        alpha, beta, mach = Z[_ALPHA, lane], Z[_BETA, lane], Z[_MACH, lane]
+        inside = (
+            alpha >= inlet.angle_of_attack_min
+            and alpha <= inlet.angle_of_attack_max
+            and abs(beta) <= inlet.sideslip_max
+            and mach >= inlet.mach_min
+            and mach <= inlet.mach_max
+        )
+        last = Z[s.UNSTART_TIME, lane] if inside else time
+        over = time - last >= inlet.restart_delay - _SAME_TIME
+        before = Z[s.UNSTARTED, lane]
+        Z[s.UNSTART_TIME, lane] = last
+        Z[s.UNSTARTED, lane] = (0.0 if over else before) if inside else 1.0

@@ -1,0 +1,37 @@
+"""Chance of PASS against the true failure rate, before a campaign flies."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
+
+from abhv_mc.report.figures.style import BLUE, INK, VERMILION, label_lowest, legend_below, new_panels, styled
+
+
+@styled
+def plot_planned(numbers: Mapping[str, Any]) -> Figure:
+    """One panel a requirement, and one for all of them together where there are several."""
+    rates, entries = numbers["rates_over_allowed"], numbers["requirements"]
+    count = len(entries) + (len(entries) > 1)
+    figure, grid = new_panels(count, min(2, count), 0.5, 2.2, sharex=True, sharey=True)
+    for axes, entry in zip(grid.flat, entries, strict=False):
+        axes.plot(rates, entry["pass_chance"], color=BLUE, label=f"all {numbers['runs']} flights")
+        stop = entry["stop_when_proven"]["pass_chance"]
+        axes.plot(rates, stop, color=VERMILION, linestyle=(0, (5, 1.5)), label="stop when proven")
+        axes.axhline(entry["risk_used"], color=INK, linewidth=0.8, linestyle=(0, (1, 1)), label="consumer's risk")
+        axes.set_title(f"{entry['words']} in {100.0 * entry['probability']:g} %", fontsize=8)
+    if len(entries) > 1:
+        axes = grid.flat[len(entries)]
+        for kind, color in (("fixed", BLUE), ("stop_when_proven", VERMILION)):
+            band = numbers["together"][kind]
+            axes.fill_between(rates, band["low"], band["high"], color=color, alpha=0.25, linewidth=0)
+        axes.set_title("all requirements PASS (bounds)", fontsize=8)
+    for axes in grid.flat[:count]:
+        axes.axvline(1.0, color=INK, linewidth=0.8)
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+    for row in grid:
+        row[0].set_ylabel("chance of PASS")
+    label_lowest(grid, count, "true failure rate over the allowed one")
+    legend_below(figure, grid.flat[0])
+    return figure

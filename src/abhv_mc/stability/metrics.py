@@ -1,0 +1,83 @@
+"""Margins of a flight as numbers beside its metrics: their names, and flights that carry them."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from abhv_mc.flight.fly import fly
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.signals import Signal
+from abhv_mc.vehicle.arrays import Floats
+
+if TYPE_CHECKING:
+    from abhv_mc.stability.analysis import Time
+
+AT_TRIM = -1.0  # of MarginPlan.times
+_GROUP = 32  # flights that are linearised together: always as many, as sums of matrices depend on it in the last bits
+_DIGITS = 6  # that are kept of a margin, which is not known better: the last bits depend on the machine's libraries
+
+# The least over loops and points; nan for flights that were not asked for.
+MARGINS = (
+    Signal("gain_margin_min_db", "dB", "least gain margin, the smaller of both sides, over loops and points"),
+    Signal("phase_margin_min_deg", "deg", "least phase margin over loops and points"),
+    Signal("delay_margin_min_ms", "ms", "least delay margin over loops and points"),
+    Signal("disk_margin_min", "-", "least disk margin of all loops at once over the points"),
+)
+# Why there is none, which counts as a margin of zero.
+MARGIN_FAULTS = (
+    Signal("margin_points_unstable", "-", "points at which the closed loop is unstable"),
+    Signal("margin_points_at_limit", "-", "points at which a command, a surface or the engine stands at a limit"),
+)
+MARGIN_VALUES = (*MARGINS, *MARGIN_FAULTS)
+MARGIN_NAMES = tuple(signal.name for signal in MARGINS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarginPlan(FlightPlan):
+    """A plan whose flights are linearised too: their metrics have the columns of MARGIN_VALUES at the end."""
+
+    steady: FlightPlan  # of :func:`abhv_mc.stability.points.make_steady_plan`
+    margin_times: Floats  # [time] s, AT_TRIM for the trim
+
+
+def add_margins(plan: FlightPlan, steady: FlightPlan, times: "tuple[Time, ...]") -> MarginPlan:
+    """The plan with margins at these times."""
+    at = np.array([AT_TRIM if time == "trim" else time for time in times], np.float64)
+    return MarginPlan(
+        **{name: getattr(plan, name) for name in plan.__dataclass_fields__}, steady=steady, margin_times=at
+    )
+
+
+def count_metrics(plan: FlightPlan) -> int:
+    """Columns of the metrics of this plan's flights."""
+    return len(plan.metrics) + (len(MARGIN_VALUES) if isinstance(plan, MarginPlan) else 0)
+
+
+def fly_with_margins(plan: FlightPlan, parameters: Floats, record_every: int | None = None) -> FlightBlock:
+    """As :func:`abhv_mc.flight.fly.fly`; flights of a :class:`MarginPlan` are linearised too.
+
+    A flight's margins depend on its own row alone.
+    """
+    block = fly(plan, parameters, record_every)
+    if not isinstance(plan, MarginPlan):
+        return block
+    found = [_find(plan, parameters[first : first + _GROUP]) for first in range(0, len(parameters), _GROUP)]
+    values = np.concatenate(found) if found else np.empty((0, len(MARGIN_VALUES)))
+    values[block.outcome == Outcome.FAILED_TO_RUN] = np.nan
+    return replace(block, metrics=np.hstack([block.metrics, values]))
+
+
+def _find(plan: MarginPlan, parameters: Floats) -> Floats:
+    """Values ``[flight, value]`` of a group, filled up with copies of its last flight."""
+    from abhv_mc.stability.analysis import margins_of_flights
+
+    count = len(parameters)
+    rows = np.vstack([parameters, np.tile(parameters[-1], (_GROUP - count, 1))])
+    times: list[Time] = ["trim" if time == AT_TRIM else time for time in plan.margin_times.tolist()]
+    found = margins_of_flights(plan, plan.steady, rows, times)
+    faults = np.array(found.faults)  # [time, flight]
+    columns = [found.gain_db, found.phase_deg, found.delay_ms, found.disk]
+    columns += [(faults == "unstable").sum(axis=0), (np.char.find(faults, "limit") >= 0).sum(axis=0)]
+    return np.array([[float(f"{value:.{_DIGITS}g}") for value in row] for row in np.column_stack(columns)[:count]])

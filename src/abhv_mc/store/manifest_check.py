@@ -1,0 +1,88 @@
+"""Whether a manifest is one that a campaign may have written: its entries are printed, compared and counted with."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from abhv_mc.io.input_error import is_printable
+from abhv_mc.store.folder import is_inside
+
+
+def _check_printable(text: str) -> str:
+    if not is_printable(text):
+        raise ValueError("not printable")
+    return text
+
+
+def _check_inside(name: str) -> str:
+    if not is_inside(name):
+        raise ValueError("no path in the folder")
+    return name
+
+
+Text = Annotated[str, Field(max_length=2000), AfterValidator(_check_printable)]
+Place = Annotated[str, AfterValidator(_check_inside)]
+Hash = Annotated[str, Field(pattern=r"^[0-9a-f]*$")]
+Count = Annotated[int, Field(ge=0, le=10**12)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Part = Annotated[int, Field(ge=1)]
+
+
+class _Entries(BaseModel):
+    """Entries that somebody reads: others may be there, and those with a default may be missing."""
+
+    model_config = ConfigDict(extra="allow", strict=True)
+
+
+class _Controller(_Entries):
+    flights_done: Count
+    outcomes: dict[Text, Count]
+    failed_to_run: list[Count] = []
+
+
+class _Requirement(_Entries):
+    metric: Text
+    below: Number = 0.0
+    above: Number = 0.0
+    probability: Number
+    controller: Text
+    flights: Count
+    failures: Count
+    verdict: Text
+
+
+class _Machine(_Entries):
+    device: Text = ""
+
+
+class _Manifest(_Entries):
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)] = ""
+    state: Literal["running", "complete", "interrupted"] = "running"
+    runs_planned: Count = 0
+    runs_done: Count = 0
+    runs_failed: Count = 0
+    seed: Annotated[int, Field(ge=0)] = 0
+    campaign_hash: Hash = ""
+    source_hash: Text = ""
+    started: Text = ""
+    wall_time_s: Number = 0.0
+    digest: Hash | None = None
+    digests: dict[Text, Hash] = {}
+    controllers: dict[Text, _Controller] = {}
+    requirements: list[_Requirement] = []
+    versions: dict[Text, Any] = {}
+    machine: _Machine = _Machine()
+    inputs: dict[Place, Hash] = {}
+    files: dict[Place, Hash] = {}
+    warnings: list[Text] = []
+    shard: Annotated[list[Part], Field(min_length=2, max_length=2)] | None = None
+
+
+def find_fault(manifest: dict[str, Any]) -> str | None:
+    """The first entry that is of another type, or out of range, in words; None where there is none."""
+    try:
+        _Manifest.model_validate(manifest)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False, include_context=False)[0]
+        return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+    return None

@@ -1,0 +1,73 @@
+"""Limits on loads, heat, bank and oscillation: what a vehicle file and a mission file may both name."""
+
+import math
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import BeforeValidator, Field
+
+from abhv_mc.io.documents import StrictModel
+from abhv_mc.io.units import Angle, Pressure, dimension_of, parse_in_unit
+
+_HEAT_FLUX = dimension_of("W/m2")
+Positive = Field(gt=0.0)
+
+
+class LoadBounds(NamedTuple):
+    """Greatest values in a flight, SI and radians; infinite where there is no limit."""
+
+    dynamic_pressure: float = math.inf  # Pa
+    load_factor: float = math.inf  # g
+    heat_flux: float = math.inf  # W/m2
+    bank: float = math.inf  # rad, to either side
+    bank_ripple: float = math.inf  # rad, see abhv_mc.flight.ripple
+    angle_of_attack_ripple: float = math.inf
+    sideslip_ripple: float = math.inf
+
+
+class Oscillation(StrictModel):
+    """Greatest ripple of each angle."""
+
+    bank: Annotated[Angle, Positive] | None = Field(None, description="greatest ripple of the bank")
+    angle_of_attack: Annotated[Angle, Positive] | None = Field(
+        None, description="greatest ripple of the angle of attack"
+    )
+    sideslip: Annotated[Angle, Positive] | None = Field(None, description="greatest ripple of the sideslip")
+
+
+def _oscillation(value: Any) -> Any:
+    return dict.fromkeys(Oscillation.model_fields, value) if isinstance(value, str | int | float) else value
+
+
+class LoadLimits(StrictModel):
+    """A flight ends above; left out: no limit."""
+
+    dynamic_pressure: Annotated[Pressure, Positive] | None = Field(None, description="greatest dynamic pressure")
+    load_factor: Annotated[float, Positive] | None = Field(
+        default=None, description="magnitude of the specific force, in g: a plain number"
+    )
+    heat_flux: Annotated[float, BeforeValidator(lambda value: parse_in_unit(value, "W/m2")), Positive] | None = Field(
+        default=None, description="at the stagnation point; needs the vehicle's reference.nose_radius"
+    )
+    bank: Annotated[Angle, Positive] | None = Field(default=None, description="about the velocity, to either side")
+    oscillation: (
+        Annotated[Oscillation, BeforeValidator(_oscillation, json_schema_input_type=str | Oscillation)] | None
+    ) = Field(default=None, description="greatest ripple: an angle for bank, angle of attack and sideslip, or each")
+
+    def bounds(self) -> LoadBounds:
+        """The limits as numbers."""
+        ripple = self.oscillation or Oscillation()
+        given = (
+            self.dynamic_pressure,
+            self.load_factor,
+            self.heat_flux,
+            self.bank,
+            ripple.bank,
+            ripple.angle_of_attack,
+            ripple.sideslip,
+        )
+        return LoadBounds(*(math.inf if value is None else value for value in given))
+
+
+def tighter(one: LoadBounds, other: LoadBounds) -> LoadBounds:
+    """The smaller of two bounds, each."""
+    return LoadBounds(*map(min, one, other))

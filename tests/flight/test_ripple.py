@@ -1,0 +1,76 @@
+"""Ripples against numpy: of the definition on made-up signals, and of recorded flights."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from abhv_mc.control import columns as ref
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.flight.ripple import N_RIPPLE_ROWS, follow_ripple
+from abhv_mc.flight.signals import CHANNEL_INDEX, METRIC_INDEX
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.shipped import shipped_configs
+
+
+def expected_ripple(error, settled) -> float:
+    """Largest swing between turning points with an opposite one of at least half its size after it, by definition."""
+    starts = np.flatnonzero(settled & ~np.concatenate([[False], settled[:-1]]))
+    stops = np.flatnonzero(settled & ~np.concatenate([settled[1:], [False]])) + 1
+    found = 0.0
+    for stretch in (error[start:stop] for start, stop in zip(starts, stops, strict=True)):
+        moves = np.diff(stretch)
+        moving = np.flatnonzero(moves)
+        turns = moving[1:][np.sign(moves[moving[1:]]) != np.sign(moves[moving[:-1]])]
+        points = stretch[turns]
+        for i in range(1, len(points)):
+            after = stretch[turns[i] : turns[i + 1] + 1 if i + 1 < len(points) else None]
+            if np.abs(after - points[i]).max() >= 0.5 * abs(points[i] - points[i - 1]):
+                found = max(found, abs(points[i] - points[i - 1]))
+    return float(found)
+
+
+def follow(error, settled) -> float:
+    Z, largest = np.zeros((N_RIPPLE_ROWS, 1)), 0.0
+    for value, calm in zip(error.tolist(), settled.tolist(), strict=True):
+        largest = max(largest, follow_ripple(Z, 0, 0, value, calm))
+    return largest
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_it_is_the_definition_on_any_signal(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    error = np.cumsum(generator.normal(size=120)) if seed % 2 else np.round(generator.normal(size=120), 1)
+    settled = np.repeat(generator.uniform(size=12) < 0.8, 10)
+    assert follow(error, settled) == expected_ripple(error, settled)
+
+
+def test_a_cycle_is_a_ripple_of_its_peak_to_peak_and_a_slow_decay_is_none() -> None:
+    time = np.arange(0.0, 10.0, 0.01)
+    settled = np.ones(time.size, dtype=bool)
+    assert follow(1.5 * np.sin(4.0 * time), settled) == pytest.approx(3.0, abs=1e-3)
+    assert follow(np.exp(-time), settled) == 0.0
+    assert follow(np.exp(-3.0 * time) * np.sin(6.0 * time), settled) < 0.2  # each swing a fifth of the one before
+
+
+@pytest.mark.parametrize("name", ["tlc", "lqr"])
+def test_the_metrics_are_those_of_the_recorded_flight(name: str) -> None:
+    configs = Path(shipped_configs())
+    plan = prepare(
+        configs / "vehicle/ghame_x.yaml", configs / "mission/s_manoeuvre.yaml", configs / f"control/{name}.yaml", name
+    )
+    parameters = nominal_parameters(3)
+    parameters[:, PARAMETER_INDEX["atmosphere.density"]] = 1.0, 0.92, 1.07
+    parameters[:, PARAMETER_INDEX["initial.sideslip"]] = 0.0, 0.01, -0.01
+    block = fly(plan, parameters, record_every=1)
+    settled = plan.reference[: plan.timing.ticks + 1, ref.SETTLED] > 0.0
+    for row, metrics in zip(block.history.astype(np.float64), block.metrics, strict=True):
+        for angle in ("bank", "angle_of_attack"):
+            error = row[:, CHANNEL_INDEX[f"{angle}_deg"]] - row[:, CHANNEL_INDEX[f"{angle}_command_deg"]]
+            wanted = expected_ripple(error, settled)  # histories are float32
+            assert metrics[METRIC_INDEX[f"{angle}_ripple_deg"]] == pytest.approx(wanted, abs=2e-5, rel=1e-5)
+        wanted = expected_ripple(row[:, CHANNEL_INDEX["sideslip_deg"]], settled)
+        assert metrics[METRIC_INDEX["sideslip_ripple_deg"]] == pytest.approx(wanted, abs=2e-5, rel=1e-5)
+    if name == "lqr":  # it cycles in angle of attack, which nobody sees in its rms
+        assert block.metrics[0, METRIC_INDEX["angle_of_attack_ripple_deg"]] > 5.0
