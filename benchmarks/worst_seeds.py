@@ -1,13 +1,16 @@
 """How `abhv-mc worst` compares with as many random flights in the same box, seed by seed, and how fast it flies.
 
     python benchmarks/worst_seeds.py [--campaign FILE] [--metric NAME] [--controller NAME] [--seeds 20] [--flights 2000]
+        [--json FILE]
 
 One line for each seed: the worst value of the search and of the random flights (those that `worst` flies for its page).
+In the JSON a flight that ended early has 1e9 and the seconds that it had left.
 The last line counts the seeds in which the search is not below, and gives the flights a second of the search over those
 of plain blocks of 128 flights on the same executor, medians over the seeds.
 """
 
 import argparse
+import json
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -19,12 +22,12 @@ import numpy as np
 from abhv_mc.campaign.run.setup import make_engine
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.campaign.search.flights import SearchFlights, SearchRequest, open_search
-from abhv_mc.campaign.search.severity import Severity
+from abhv_mc.campaign.search.severity import ENDED_EARLY, Severity
 from abhv_mc.search.worst import search_worst
 
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = 128
-PLAIN = 2048
+PLAIN = 512
 
 
 def fly_plain(search: SearchFlights, values: np.ndarray) -> float:
@@ -36,6 +39,11 @@ def fly_plain(search: SearchFlights, values: np.ndarray) -> float:
     return PLAIN / (time.monotonic() - start)
 
 
+def shown(severity: float) -> str:
+    """A severity as its metric, or that the flight ended early, which is worse the earlier."""
+    return f"{severity:.6g}" if severity < ENDED_EARLY else f"ended early ({severity - ENDED_EARLY:.4g} s left)"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--campaign", type=Path, default=ROOT / "campaigns/s_manoeuvre.yaml")
@@ -44,8 +52,9 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--flights", type=int, default=2000)
     parser.add_argument("--box", type=float, default=3.0)
+    parser.add_argument("--json", type=Path, default=None)
     arguments = parser.parse_args()
-    held, ratios = 0, []
+    held, ratios, rows = 0, [], []
     with tempfile.TemporaryDirectory() as folder:
         request = SearchRequest(arguments.campaign, Path(folder) / "search", arguments.controller)
         with open_search(request, {"kind": "benchmark"}, 1, make_engine()) as search:
@@ -69,8 +78,20 @@ def main() -> None:
                     for i in range(0, len(values), 256)
                 )
                 held += found.value >= random
-                print(f"seed {seed}: search {found.value:.6g}, random {random:.6g}", flush=True)
+                rows.append({"seed": seed, "search": found.value, "random": random})
+                print(f"seed {seed}: search {shown(found.value)}, random {shown(random)}", flush=True)
     print(f"not below in {held} of {arguments.seeds} seeds; {median(ratios):.2f} times the plain flights a second")
+    if arguments.json:
+        result = {
+            "campaign": arguments.campaign.stem,
+            "controller": request.controller or "the first",
+            "metric": arguments.metric,
+            "flights": arguments.flights,
+            "not_below": held,
+            "rate_over_plain": median(ratios),
+            "seeds": rows,
+        }
+        arguments.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -131,24 +131,24 @@ def section(vehicle: str, retuned: str, parameters: Floats, summary: list[str]) 
 
 HEAD = """# Does TLC track better with nearly the same control usage?
 
-Zhu and Shen (2014) close with: "with nearly the same amount of control surface usage, TLC has a better performance in \
-tracking angle of attack, sideslip angle and bank angle commands". Made by `studies/claim.py`, which flies the S, \
+Zhu and Shen (2014) close with: "with nearly the same amount of control surface usage, TLC has a better performance \
+in tracking angle of attack, sideslip angle and bank angle commands". Made by `studies/claim.py`, which flies the S, \
 {flights} flights of each controller, the same samples for all.
 
 @@ANSWER@@
 
 Errors are against each controller's own commands, as in the paper's figures. Numbers in brackets are TLC's error over \
 the LQR's, median over the flights. Intervals are 95 %: medians of the paired ratio exactly, shares of flights by \
-Clopper and Pearson, for the three errors together (Bonferroni). A flight that ends early counts as infinitely far off. \
-A controller is better where it is closer on more than half of the flights, not worse in the 95 % and 99.73 % quantiles, \
-and loses no more flights.
+Clopper and Pearson, for the three errors together (Bonferroni). A flight that ends early counts as infinitely far \
+off. A controller is better where it is closer on more than half of the flights, not worse in the 95 % and 99.73 % \
+quantiles, and loses no more flights.
 
 ## Table 1 against the paper's weights and the retuned LQR, paper's box
 
-TLC is Table 1. LQR flies with the paper's weights, which stabilise none of these vehicles ([margins](margins.md)), and \
-retuned for each by `studies/retune_lqr.py`, which searches for weights of small errors at no more than {allowed} times \
-TLC's usage (each surface's rms from trim, and its travel, nominal S) and asks for no margins: its throttle loop bears \
-10 ms of delay.
+TLC is Table 1. LQR flies with the paper's weights, which stabilise none of these vehicles ([margins](margins.md)), \
+and retuned for each by `studies/retune_lqr.py`, which searches for weights of small errors at no more than {allowed} \
+times TLC's usage (each surface's rms from trim, and its travel, nominal S) and asks for no margins: its throttle loop \
+bears 10 ms of delay.
 
 """
 

@@ -25,9 +25,13 @@ from abhv_mc.control.design.lqr_design import attitude_slopes, gains_at, lateral
 from abhv_mc.control.design.profile import step_times
 from abhv_mc.control.design.reference import SETTLING, make_mission_trim_tables, solve_reference
 from abhv_mc.control.mission import read_mission
+from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.report.figures.style import write_png
 from abhv_mc.report.results import Results, read_results
+from abhv_mc.stability.analysis import analyse
+from abhv_mc.stability.linearize import linearise
+from abhv_mc.stability.points import make_steady_plan, trim_points
 
 # Table 1 of the paper: damping and bandwidth (rad/s).
 TABLE_1 = {
@@ -81,7 +85,12 @@ def find_facts(results: Results, steps: tuple[float, ...]) -> dict[str, float]:
     ours = rudder.ours(tlc["rudder_deg"])
     outside = tlc["time"][(ours < rudder.low) | (ours > rudder.high)]
     turn = float(np.rad2deg(np.arcsin(0.5 * 5e3 * np.pi / 50.0 / 1400.0)))
+    steady = make_steady_plan(vehicle, mission, lqr_file, "lqr")
+    undispersed = nominal_parameters()
+    (closed,) = analyse(linearise(steady, undispersed, trim_points(steady, undispersed).points)).poles
     return {
+        "growing": float(closed[0].real),
+        "cycling": float(abs(closed[0].imag)),
         "guidance_pole": float(guidance.min()),
         "attitude_pole": float(pitch.min()),
         "acceleration": asked,

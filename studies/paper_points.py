@@ -36,8 +36,9 @@ class Point:
 
 LQR_CYCLE = (
     "the paper's weights do not fit this vehicle: the fastest pole of its guidance, {guidance_pole:.1f} /s, is faster "
-    "than those of the angle of attack, {attitude_pole:.1f} /s, and angle of attack and elevator keep cycling; the "
-    "retuned LQR's do not"
+    "than those of the angle of attack, {attitude_pole:.1f} /s. As flown they do not stabilise it even straight and "
+    "level: the closed loop's poles are +{growing:.3f} \N{PLUS-MINUS SIGN} {cycling:.2f}j per second, so angle of "
+    "attack and elevator keep cycling; the retuned LQR's do not"
 )
 STEP = (
     "at a step of the bank command Table 1 asks for {acceleration:.0f} deg/s2 of roll at once, before its "

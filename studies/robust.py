@@ -129,11 +129,24 @@ def search_flights() -> Floats:
 
 
 def ripple(error: NDArray[np.float64]) -> float:
-    """The largest swing of ``error`` [time] between turning points that one of at least half its size follows."""
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(error)))) + 1
-    swings = np.abs(np.diff(np.append(error[turns], error[-1:])))
-    followed = swings[:-1][swings[1:] >= 0.5 * swings[:-1]]
-    return float(followed.max(initial=0.0))
+    """The largest swing of ``error`` [time] that a swing back of at least half its size follows, deg.
+
+    Turning points count from half of RIPPLE on, so that no wiggle hides a slow cycle; 0 without such a pair. The first
+    swing begins at no turning point and does not count.
+    """
+    least, swings, way, extreme, turn = 0.5 * RIPPLE, [], 0.0, float(error[0]), float(error[0])
+    for value in error.tolist():
+        if way == 0.0:
+            way = float(np.sign(value - extreme)) if abs(value - extreme) >= least else 0.0
+            extreme = value if way else extreme
+        elif way * (value - extreme) > 0.0:
+            extreme = value
+        elif way * (extreme - value) >= least:
+            swings.append(abs(extreme - turn))
+            turn, extreme, way = extreme, value, -way
+    swings.append(abs(extreme - turn))
+    pairs = zip(swings[1:-1], swings[2:], strict=True)
+    return max((one for one, back in pairs if back >= 0.5 * one), default=0.0)
 
 
 @dataclass(frozen=True)

@@ -47,6 +47,8 @@ def test_tables(flown):
     assert results.complete and repr(results) == "<CampaignResults fake: 200 of 200 flights, complete>"
     table = results.flights
     assert list(table.controller) == ["one"] * 200 + ["two"] * 200 and list(table.flight[:200]) == list(range(200))
+    assert table.attrs["units"]["fuel_used_kg"] == "kg" and table.attrs["units"]["aero.lift"] == "-"
+    assert results.samples.attrs["units"]["aero.lift"] == "-"
     np.testing.assert_array_equal(table["aero.lift"][:200], results.samples["aero.lift"])
     assert {"controller", "channel", "time", "q50"} <= set(results.envelopes)
     assert set(results.histories.controller) == {"one", "two"} and len(results.reference) == 21

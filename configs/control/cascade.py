@@ -47,7 +47,7 @@ class Gains(NamedTuple):
     rudder_by_yaw_rate: np.ndarray
 
 
-def design(model, settings):  # noqa: ARG001
+def design(model, settings):
     """Gains along the mission. Runs once, as plain Python: any library may be used here, and only here."""
     times = np.arange(0.0, model.time[-1] + 5.0, 5.0)
     rows = []

@@ -55,7 +55,7 @@ before, has 0.
 {_signals(MARGIN_VALUES)}
 ## Of your own
 
-[Metrics of your own](../../how-to/own-metrics.md) are declared in the campaign and are metrics like any other.
+[Metrics of your own](../own-laws.md#metrics-of-your-own) are declared in the campaign and are metrics like any other.
 """
 
 

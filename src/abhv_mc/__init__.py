@@ -6,6 +6,8 @@ In a notebook::
 
     results = abhv_mc.Campaign.read("campaign.yaml").run()
     results = abhv_mc.open_results("reports/campaign")  # what was flown before
+    flight = abhv_mc.fly("turn", "ghame_x", {"base": "tlc", "limits.bank": "60 deg"}, {"aero.drag": 1.1})
+    table = abhv_mc.trim("ghame_x", bank=["0 deg", "50 deg"])
 
 Importing this package is cheap: what is heavy is imported where it is used.
 """
@@ -13,18 +15,21 @@ Importing this package is cheap: what is heavy is imported where it is used.
 from typing import Any
 
 __version__ = "0.1.0"
-__all__ = ["Campaign", "CampaignResults", "__version__", "open_results"]
+__all__ = ["Campaign", "CampaignResults", "__version__", "fly", "open_results", "trim"]
 
-_NOTEBOOK = ("Campaign", "CampaignResults", "open_results")
+_HOMES = {
+    **dict.fromkeys(("Campaign", "CampaignResults", "open_results"), "abhv_mc.notebook"),
+    **dict.fromkeys(("fly", "trim"), "abhv_mc.flying"),
+}
 
 
 def __getattr__(name: str) -> Any:
-    if name in _NOTEBOOK:
+    if name in _HOMES:
         from importlib import import_module
 
-        return getattr(import_module("abhv_mc.notebook"), name)
+        return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module 'abhv_mc' has no attribute '{name}'")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_NOTEBOOK])
+    return sorted([*globals(), *_HOMES])

@@ -94,4 +94,4 @@ def cos(x: float) -> float:
 def allocate(onboard: Onboard, roll: float, pitch: float, yaw: float) -> tuple[float, float, float]:
     """Changes of aileron, rudder and elevator (rad) that add a moment (N m) to that of the last command."""
     a, r, e = onboard.moment_by_aileron, onboard.moment_by_rudder, onboard.moment_by_elevator
-    return solve_3x3(a.roll, r.roll, e.roll, a.pitch, r.pitch, e.pitch, a.yaw, r.yaw, e.yaw, roll, pitch, yaw)  # type: ignore[no-any-return]
+    return solve_3x3(a.roll, r.roll, e.roll, a.pitch, r.pitch, e.pitch, a.yaw, r.yaw, e.yaw, roll, pitch, yaw)

@@ -1,11 +1,18 @@
 """Campaigns in a notebook: a file to fly, and a folder's results as pandas tables and figures."""
 
+import os
+import shutil
+import weakref
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any, Literal
 
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.file.resolve import find_references
+from abhv_mc.flying import make_document
+from abhv_mc.io.documents import write_document
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import data_files, read_checked
 from abhv_mc.store.manifest import COMPLETE
@@ -35,6 +42,24 @@ class Campaign:
     def read(cls, path: Paths) -> "Campaign":
         """Read a campaign file. Raises :class:`abhv_mc.io.documents.InputError` with everything that is wrong."""
         return cls(Path(path), read_campaign(path))
+
+    @classmethod
+    def make(cls, data: Mapping[str, Any], **overrides: Any) -> "Campaign":
+        """A campaign from its file's content: ``Campaign.make({"name": "study", "mission": "turn", ...})``.
+
+        Vehicle, mission and controllers are shipped names, paths or mappings, with ``base`` and the entries that differ
+        (see :func:`abhv_mc.fly`): so a gain sweep is a dict of controllers. ``overrides`` replace entries, such as
+        ``runs=200``. Raises :class:`abhv_mc.io.documents.InputError` with everything that is wrong.
+        """
+        place = mkdtemp(prefix="abhv-mc-")
+        try:
+            path = write_inputs({**data, **overrides}, Path(place))
+            made = cls(path, read_campaign(path))
+        except BaseException:
+            shutil.rmtree(place, ignore_errors=True)
+            raise
+        weakref.finalize(made, shutil.rmtree, place, ignore_errors=True)  # a flown campaign has copies in its folder
+        return made
 
     def draw_samples(self, flights: int | None = None) -> "pd.DataFrame":
         """The dispersions that the first flights will have (all by default), SI, one column a parameter."""
@@ -75,7 +100,10 @@ class Campaign:
 
 
 class CampaignResults:
-    """What a campaign's folder holds; every table is a pandas DataFrame, SI except angles in degrees."""
+    """What a campaign's folder holds; every table is a pandas DataFrame, SI except angles in degrees.
+
+    ``attrs["units"]`` of a table has the unit of each column that says it.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -271,12 +299,51 @@ class CampaignResults:
         import pyarrow.parquet as pq
 
         tables = [pq.read_table(file, partitioning=None) for file in files]
-        return pa.concat_tables(tables, promote_options="default").to_pandas()
+        whole = pa.concat_tables(tables, promote_options="default")
+        table = whole.to_pandas()
+        units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in whole.schema}
+        table.attrs["units"] = {name: unit for name, unit in units.items() if unit}
+        return table
 
     def __repr__(self) -> str:
         facts = self.manifest
         flights = f"{facts['runs_done']} of {facts['runs_planned']} flights"
         return f"<CampaignResults {facts['name']}: {flights}, {facts['state']}>"
+
+
+def write_inputs(data: Mapping[str, Any], folder: Path) -> Path:
+    """Write a campaign and all that it refers to into a folder; the campaign's path. Raises InputError."""
+    content = dict(data)
+    for key, kind in (("vehicle", "vehicle"), ("mission", "mission")):
+        if key in content:
+            content[key] = _write_input(kind, content[key], folder, key)
+    controllers = content.get("controllers")
+    if isinstance(controllers, str):
+        controllers = {Path(controllers).stem: controllers}
+    if isinstance(controllers, Mapping):
+        content["controllers"] = {
+            str(name): _write_input("control", given, folder, f"controllers/{number}")
+            for number, (name, given) in enumerate(controllers.items())
+        }
+    path = folder / "campaign.yaml"
+    write_document(path, content)
+    return path
+
+
+def _write_input(kind: str, given: Any, folder: Path, place: str) -> str:
+    """Write an input and the files that it names, these as they lie to each other; its path from the folder."""
+    document = make_document(kind, given)
+    path = document.path.resolve()
+    files = list(find_references(path)) if path.is_file() else []
+    root = Path(os.path.commonpath([file.parent for file in (path, *files)]))
+    for file in files:
+        target = folder / place / file.relative_to(root)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, target)
+    name = path.relative_to(root) if path.is_file() else Path(f"{kind}.yaml")
+    (folder / place / name).parent.mkdir(parents=True, exist_ok=True)
+    write_document(folder / place / name, document.data)
+    return f"{place}/{name.as_posix()}"
 
 
 def open_results(folder: Paths) -> CampaignResults:

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from abhv_mc.io.input_error import InputError, one_of
+
 _PACKAGE = Path(__file__).parent
 
 
@@ -19,3 +21,25 @@ def shipped_configs() -> Path:
 def shipped_campaigns() -> Path:
     """The folder of the campaign files."""
     return shipped_folder() / "campaigns"
+
+
+def shipped_files(kind: str) -> dict[str, Path]:
+    """The shipped files of a kind by name: ``campaign``, ``vehicle``, ``mission`` or ``control``."""
+    folder = shipped_campaigns() if kind == "campaign" else shipped_configs() / kind
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def find_input(name: str | Path, *kinds: str) -> Path:
+    """The file that is meant: a path, or the name of a shipped one of these kinds, the first kind that has it.
+
+    Raises :class:`abhv_mc.io.input_error.InputError` for a name that none has.
+    """
+    text = str(name)
+    if Path(text).exists() or "/" in text or "\\" in text or text.endswith((".yaml", ".yml")):
+        return Path(text)
+    known = [shipped_files(kind) for kind in kinds]
+    for files in known:
+        if text in files:
+            return files[text]
+    names = sorted({shipped for files in known for shipped in files})
+    raise InputError(text, None, None, "no such file", f"a file, or {one_of(names, text)}")

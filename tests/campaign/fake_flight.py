@@ -12,6 +12,7 @@ import numpy as np
 
 from abhv_mc.campaign.run.setup import Engine
 from abhv_mc.control.columns import REFERENCE, TLC_GAINS, TLC_SETTINGS
+from abhv_mc.flight.declared import NO_METRICS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Limits, Timing
 from abhv_mc.flight.signals import CHANNELS, METRICS
@@ -49,6 +50,8 @@ def make_plan(name: str, gain: float = 1.0) -> FlightPlan:
         "gains": np.full((TICKS + 1, len(TLC_GAINS)), gain),
         "settings": np.zeros(len(TLC_SETTINGS)),
         "warnings": np.empty(0, dtype=np.str_),
+        "declared": NO_METRICS,
+        **{"source_hash": "", "channels_hash": "", "source": None, "channels_source": None},
     }
     return FlightPlan(**parts)
 

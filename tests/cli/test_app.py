@@ -104,6 +104,42 @@ def test_interrupt_leaves_with_incomplete(moment: str) -> None:
     assert answer.stderr.startswith("interrupted") and "Traceback" not in answer.stderr
 
 
+def test_threads_without_memory_a_working_folder_that_went_and_long_names_are_no_defects(capsys, tmp_path, monkeypatch):
+    for words in ("can't start new thread", "Unknown error: Failed to launch worker thread: Resource unavailable"):
+        assert exit_code_of(RuntimeError(words)) == ExitCode.INCOMPLETE
+    assert exit_code_of(OSError(errno.ENAMETOOLONG, "File name too long", "a" * 5000)) == ExitCode.BAD_INPUT
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(FileNotFoundError) as error:
+        Path.cwd()
+    assert exit_code_of(error.value) == ExitCode.BAD_INPUT
+    said = capsys.readouterr().err
+    assert "not enough memory" in said and "was deleted" in said and "Traceback" not in said
+
+
+def test_a_name_that_is_not_utf_8_is_refused(capsys):
+    from abhv_mc.store.folder import CampaignFolder
+
+    with pytest.raises(InputError, match="UTF-8"):
+        CampaignFolder(Path("out\udcff"))
+
+
+def test_a_second_interrupt_while_the_first_is_told_ends_with_incomplete():
+    code = (
+        "import os, signal, sys\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from abhv_mc.cli import app\n"
+        "first = app.exit_code_of\n"
+        "def told(error):\n    os.kill(os.getpid(), signal.SIGINT)\n    return first(error)\n"
+        "app.exit_code_of = told\n"
+        "app.app.command('wait')(lambda: os.kill(os.getpid(), signal.SIGINT))\n"
+        "sys.argv = ['abhv-mc', 'wait']; app.main()\n"
+    )
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert answer.returncode == ExitCode.INCOMPLETE and "Traceback" not in answer.stderr
+
+
 def test_no_memory_and_a_cluster_that_dies_are_no_defects(capsys):
     class CommClosedError(OSError):
         pass

@@ -233,17 +233,16 @@ def test_onboard_is_the_nominal_vehicle(make):
     text = HEAD + "@controller\ndef law(onboard, reference):\n"
     text += "    return Command(0.0, 0.01, reference.elevator, reference.equivalence_ratio,\n"
     text += "        1e-6 * onboard.{0}, onboard.{1} * 1e-9, onboard.{2} * 1e-9)\n"
-    import itertools
-
     from abhv_mc.control.design.design_model import wrench_at
     from abhv_mc.control.design.lqr_design import make_nominal
     from abhv_mc.control.mission import read_mission
     from abhv_mc.flight.signals import CHANNEL_INDEX
 
     names = ["dynamic_pressure", "moment.pitch", "moment_by_elevator.pitch", "moment_by_aileron.roll",
-             "moment_by_rudder.yaw", "thrust_by_equivalence_ratio", "thrust", "lift_by_angle_of_attack", "inertia.yy"]  # fmt: skip
+             "moment_by_rudder.yaw", "thrust_by_equivalence_ratio", "thrust", "lift_by_angle_of_attack",
+             "inertia.yy"]  # fmt: skip
     found = {}
-    for three in itertools.batched(names, 3) if hasattr(itertools, "batched") else zip(*[iter(names)] * 3, strict=True):
+    for three in (names[:3], names[3:6], names[6:]):
         plan = make(text.format(*three), seconds=0.01)
         history = fly(plan, nominal_parameters(), 1).history[0, 0]
         channels = ("flight_path_angle_command_deg", "angle_of_attack_command_deg", "bank_command_deg")
@@ -339,7 +338,7 @@ def test_what_cannot_be_compiled_is_said_in_the_users_terms(make, tmp_path, text
     assert found in error.found, str(error)
     assert wanted in error.wanted or wanted in error.found, str(error)
     assert error.file == str(tmp_path / "law.py")
-    assert error.line == line or error.line is None and "something" in found, str(error)
+    assert error.line == line or (error.line is None and "something" in found), str(error)
 
 
 @pytest.mark.parametrize(

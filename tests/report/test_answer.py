@@ -5,7 +5,8 @@ from abhv_mc.report.answer import answer_sentences, joined, sureness_sentence
 
 def test_the_first_sentence_says_who_wins_and_at_what_usage(report_json):
     first = answer_sentences(report_json)[0]
-    assert "TLC holds the angle-of-attack command, zero sideslip, the bank command and speed closer than LQR" in first
+    assert first.startswith("TLC is better: against LQR, on the same")
+    assert "TLC has the smaller errors in angle of attack, sideslip, bank and speed" in first
     assert "no difference is shown in altitude" in first
     assert "TLC uses 10\u202f% more aileron, 10\u202f% more rudder and 10\u202f% more elevator (rms)" in first
 
@@ -14,15 +15,16 @@ def test_early_ends_are_told(failing_numbers):
     sentences = answer_sentences(failing_numbers)
     start = "LQR ended 12 of 100 flights early, most of all where atmosphere.density >"
     assert any(text.startswith(start) for text in sentences)
-    assert sentences[0].startswith("12 flights ended early under LQR alone, 0 under TLC alone")
+    assert sentences[1].startswith("12 flights ended early under LQR alone, 0 under TLC alone")
 
 
 def test_tails_and_lost_flights_that_contradict_the_median_make_no_winner(report_json):
     numbers = copy.deepcopy(report_json)
     for pair in numbers["paired"].values():
-        pair["metrics"]["sideslip_rms_deg"] |= {"winner": None, "mixed": True}
+        pair["metrics"]["sideslip_rms_deg"] |= {"winner": None, "mixed": True, "closer": "tlc", "loses_more": True}
     first = answer_sentences(numbers)[0]
-    assert "in zero sideslip the one that is closer in the median is worse in its tails or loses more flights" in first
+    assert first.startswith("Mixed: ")
+    assert "undecided in sideslip (TLC has the smaller median but more flights lost)" in first
     assert "no difference is shown in altitude;" in first
 
 
@@ -45,3 +47,26 @@ def test_dependent_flights_are_told(report_json):
 def test_lists_read_as_english():
     assert joined([]) == ""
     assert joined(["a", "b", "c"]) == "a, b and c"
+
+
+def test_the_strongest_rival_comes_first(report_json):
+    numbers = copy.deepcopy(report_json)
+    pair = numbers["paired"]["tlc - lqr_retuned"]
+    for metric in ("sideslip_rms_deg", "speed_error_max_mps"):
+        pair["metrics"][metric] |= {"winner": "lqr_retuned", "mixed": False}
+    sentences = answer_sentences(numbers)
+    assert sentences[0].startswith("Mixed: against LQR retuned") and "it has the larger errors in" in sentences[0]
+    assert any(text.startswith("Against LQR, on the same") for text in sentences[1:])
+
+
+def test_saturation_and_cycles_are_told(report_json):
+    numbers = copy.deepcopy(report_json)
+    numbers["noteworthy"]["tlc"] |= {"saturated": 80}
+    numbers["noteworthy"]["lqr"] |= {"cycling": {"angle_of_attack": 7, "bank": 0}}
+    text = " ".join(answer_sentences(numbers))
+    assert "Surfaces reach a limit of deflection or rate in 80 of 80 flights of TLC." in text
+    assert "LQR in angle of attack (7 of 80 flights)" in text and "bank (0" not in text
+
+
+def test_all_verdicts_together_have_a_bound(report_json):
+    assert "Among all 9 verdicts the chance of any false PASS is at most 90" in sureness_sentence(report_json)

@@ -41,6 +41,20 @@ def test_finds_a_corner(dimension, seed):
     assert found.at_bounds.all()
 
 
+@pytest.mark.parametrize("dimension", [12, 24])
+@pytest.mark.parametrize("seed", [1, 3, 6])
+def test_finds_a_corner_behind_a_broad_hill(dimension, seed):
+    """From most of the box uphill leads to the hill inside; the corner is higher."""
+    draw = np.random.default_rng(seed)
+    corner, top = draw.choice([-1.0, 1.0], dimension), draw.uniform(-0.3, 0.3, dimension)
+
+    def value(x):
+        return np.maximum(1.0 - ((x - top) ** 2).mean(axis=1), 1.3 - (1.0 - x * corner).mean(axis=1))
+
+    found = search_worst(value, dimension, seed=seed)
+    np.testing.assert_array_equal(found.place, corner)
+
+
 @pytest.mark.parametrize("dimension", [3, 12])
 def test_never_below_as_many_random_points(dimension):
     for seed in range(20):

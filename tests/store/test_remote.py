@@ -95,6 +95,25 @@ def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path):
     assert code == 0 and (tmp_path / "here/report.html").is_file() and list((tmp_path / "here/figures").iterdir())
 
 
+@pytest.mark.parametrize("name", ["../../planted", "flights/../../planted", "/planted"])
+def test_an_object_whose_name_leads_out_of_the_folder_is_refused(tmp_path, name):
+    """In an object store a name is any text: one with '..' would be written anywhere on this machine."""
+
+    class Store:
+        type_name = "s3"
+
+        def get_file_info(self, selector):
+            return [fs.FileInfo(f"{selector.base_dir}/{name}", fs.FileType.File)]
+
+        def open_input_stream(self, path):
+            raise AssertionError("read")
+
+    (tmp_path / "a/b").mkdir(parents=True)
+    with pytest.raises(InputError, match="leads out"):
+        remote.Remote("s3://bucket/first", Store(), "bucket/first", tmp_path / "a/b").pull()
+    assert [path.name for path in tmp_path.rglob("*")] == ["a", "b"]
+
+
 def test_what_was_flown_is_there_while_it_flies(bucket, tmp_path):
     """The loss of this machine costs what came since the last copy, not the campaign."""
     store, address, base = bucket

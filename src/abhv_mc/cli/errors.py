@@ -21,6 +21,7 @@ class ExitCode(IntEnum):
 
 
 _TYPER_INTERRUPTED = 130
+_NO_THREAD = ("can't start new thread", "Failed to launch worker thread")  # no memory for a stack: Python's and Arrow's
 
 
 def exit_code_of(error: BaseException) -> int | str | None:
@@ -33,7 +34,7 @@ def exit_code_of(error: BaseException) -> int | str | None:
         return ExitCode.INCOMPLETE
     if isinstance(error, OSError):
         error = _explain(error)
-    if isinstance(error, MemoryError):
+    if isinstance(error, MemoryError) or any(words in str(error) for words in _NO_THREAD):
         print("not enough memory: what was flown is kept; fewer workers or smaller blocks need less", file=sys.stderr)
         return ExitCode.INCOMPLETE
     if type(error).__module__.partition(".")[0] == "distributed":  # of many kinds, as a scheduler or its host dies
@@ -51,8 +52,18 @@ def exit_code_of(error: BaseException) -> int | str | None:
     return ExitCode.DEFECT
 
 
+def _working_folder_is_gone() -> bool:
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return True
+    return False
+
+
 def _explain(error: OSError) -> Exception:
     """A full disk or a closed folder as what it is, wherever it was met; other errors as they are."""
+    if isinstance(error, FileNotFoundError) and error.filename is None and _working_folder_is_gone():
+        return InputError(".", None, None, "a working folder that was deleted", "one that is there (cd)")
     try:
         with told_plainly(Path(error.filename or ".")):
             raise error

@@ -23,14 +23,15 @@ def command(
     """Fly a mission once with each controller, nothing dispersed, and print how it went."""
     from abhv_mc.cli.announce import announce_compiling, announce_warnings
     from abhv_mc.io.input_error import InputError
+    from abhv_mc.shipped import find_input
 
-    files = [find_file("control", name) for name in controller or ("tlc", "lqr")]
+    files = [find_input(name, "control") for name in controller or ("tlc", "lqr")]
     names = [file.stem for file in files]
     if len(set(names)) < len(names):
         raise InputError("--controller", None, None, ", ".join(names), "files of different names")
     if out is not None and out.exists() and not out.is_dir():
         raise InputError(out, None, None, "a file", "a folder, or the name of a new one")
-    paths = find_file("vehicle", vehicle), find_file("mission", mission)
+    paths = find_input(vehicle, "vehicle"), find_input(mission, "mission")
     announce_compiling()
     from abhv_mc.flight.fly import fly, nominal_parameters
     from abhv_mc.flight.prepare import prepare
@@ -46,20 +47,6 @@ def command(
 
         for path in write_nominal_report(out, plans, {name: block.history[0] for name, block in blocks.items()}):
             print(path)
-
-
-def find_file(kind: str, name: str) -> Path:
-    """The file that is meant: a path, or the name of one that comes with the program."""
-    from abhv_mc.io.input_error import InputError
-    from abhv_mc.shipped import shipped_configs
-
-    shipped = shipped_configs() / kind / f"{name}.yaml"
-    if Path(name).exists() or "/" in name or name.endswith(".yaml"):
-        return Path(name)
-    if not shipped.exists():
-        known = ", ".join(sorted(path.stem for path in shipped.parent.glob("*.yaml")))
-        raise InputError(name, None, None, "no such file", f"a file, or one of {known}")
-    return shipped
 
 
 def _print_table(title: str, blocks: "dict[str, FlightBlock]") -> None:

@@ -147,8 +147,8 @@ def _find_files(
 ) -> tuple[tuple[Path, Path], dict[str, Path]]:
     """Files of the vehicle and the mission, and those of the controllers by name."""
     from abhv_mc.campaign.file.inputs import find_kind
-    from abhv_mc.cli.fly import find_file
     from abhv_mc.io.input_error import InputError, one_of
+    from abhv_mc.shipped import find_input
 
     names = [name.strip() for name in controllers.split(",")] if controllers else []
     if Path(mission).is_file() and find_kind(Path(mission)) == "campaign":
@@ -159,12 +159,12 @@ def _find_files(
         for name in names:
             if name not in known:
                 raise InputError("--controller", None, None, f"'{name}'", one_of(known, name))
-        paths = Path(model.vehicle) if vehicle is None else find_file("vehicle", vehicle), Path(model.mission)
+        paths = Path(model.vehicle) if vehicle is None else find_input(vehicle, "vehicle"), Path(model.mission)
         return paths, {name: known[name] for name in names or known}
-    files = [find_file("control", name) for name in names or ("tlc", "lqr")]
+    files = [find_input(name, "control") for name in names or ("tlc", "lqr")]
     if len({file.stem for file in files}) < len(files):
         raise InputError("--controller", None, None, str(controllers), "files of different names")
-    paths = find_file("vehicle", vehicle or "ghame_x"), find_file("mission", mission)
+    paths = find_input(vehicle or "ghame_x", "vehicle"), find_input(mission, "mission")
     return paths, {file.stem: file for file in files}
 
 

@@ -6,10 +6,18 @@ from typing import Annotated
 import typer
 
 
-def command(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or an empty folder.")]) -> None:
+def command(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or an empty folder.")],
+    source: Annotated[
+        str, typer.Option("--from", metavar="NAME", help="Name of a shipped campaign, such as wide or failures.")
+    ] = "s_manoeuvre",
+    law: Annotated[bool, typer.Option("--law", help="Add a commented control law of your own in Python.")] = False,
+) -> None:
     """Write a commented campaign with its vehicle, mission and control files to start from."""
     from abhv_mc.campaign.file.new_campaign import write_new_campaign
 
-    campaign, *others = write_new_campaign(folder)
+    campaign, *others = write_new_campaign(folder, source, law)
     print(f"{campaign} and {len(others)} files that it needs. Next:")
+    if law:
+        print(f"  cd {folder} && abhv-mc fly level --controller control/my_law.yaml   # after each edit of my_law.py")
     print(f"  cd {folder} && abhv-mc run {campaign.name}")

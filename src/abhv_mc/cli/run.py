@@ -27,7 +27,7 @@ class Device(StrEnum):
 
 
 def command(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.yaml", help="Campaign file.")],
+    campaign: Annotated[str, typer.Argument(metavar="CAMPAIGN", help="Campaign file, or the name of a shipped one.")],
     out: Annotated[
         Path | None,
         typer.Option(
@@ -65,8 +65,10 @@ def command(
     from abhv_mc.campaign.run.retry import UnusableError
     from abhv_mc.campaign.run.runner import run_campaign
     from abhv_mc.campaign.run.setup import Request
+    from abhv_mc.shipped import find_input
     from abhv_mc.store.remote import mirrored
 
+    file = find_input(campaign, "campaign")
     names = parse_names(controllers)
     part = _parse_shard(shard) if shard else None
     engine = None
@@ -78,7 +80,7 @@ def command(
         engine = make_gpu_engine()
     try:
         with mirrored(out) if out else nullcontext() as folder:
-            request = Request(campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code)
+            request = Request(file, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code)
             finish(run_campaign(request, engine), no_report or part is not None, out)
     except UnusableError as error:
         print(error, file=sys.stderr)
@@ -100,9 +102,10 @@ def finish(result: "RunResult", no_report: bool, place: Path | None = None) -> N
         print("incomplete: the same command goes on where this one ended", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
     if not no_report:
-        from abhv_mc.report.build import build_report
+        from abhv_mc.report.build import build_report, is_up_to_date
 
-        print(f"report    {named}/{build_report(result.folder).name}")
+        made = is_up_to_date(result.folder)
+        print(f"report    {named}/{'report.html, up to date' if made else build_report(result.folder).name}")
     if lost := sum(facts["outcomes"].get("failed_to_run", 0) for facts in result.manifest["controllers"].values()):
         count = "1 flight" if lost == 1 else f"{lost} flights"
         print(f"{count} could not be computed: the same command tries again", file=sys.stderr)

@@ -23,7 +23,7 @@ _COLUMNS = (
 
 
 def command(
-    vehicle: Annotated[Path, typer.Argument(metavar="VEHICLE.yaml", help="Vehicle file.")],
+    vehicle: Annotated[str, typer.Argument(metavar="VEHICLE", help="Vehicle file, or the name of a shipped one.")],
     altitude: Annotated[str, typer.Option(help="Geodetic altitude, m or with a unit.")] = "20 km",
     speed: Annotated[str, typer.Option(help="Speed, m/s or with a unit.")] = "1400 m/s",
     bank: Annotated[str, typer.Option(help="Bank angles, deg, separated by commas.")] = "0",
@@ -38,12 +38,12 @@ def command(
 
     No sideslip, aileron or rudder; Earth at rest unless told. Exit code 1 where a bank angle has no trim.
     """
-    import math
-
+    from abhv_mc.flying import trim_rows
     from abhv_mc.io.documents import InputError
     from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED
-    from abhv_mc.plant.trim import FlightPoint, trim
+    from abhv_mc.plant.trim import FlightPoint
     from abhv_mc.plant.vehicles import load_vehicle
+    from abhv_mc.shipped import find_input
     from abhv_mc.world.earth import WGS84
 
     height = _quantity("--altitude", altitude, LENGTH, -500.0, 86e3)
@@ -54,36 +54,17 @@ def command(
     course = _quantity("--heading", heading, ANGLE, -7.0, 7.0)
     kilograms = None if mass is None else _quantity("--mass", mass, MASS, 1e-3, 1e7)
 
-    packed = load_vehicle(vehicle)
+    file = find_input(vehicle, "vehicle")
+    packed = load_vehicle(file)
     if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
-        raise InputError(vehicle, None, None, "a vehicle without surfaces or engine", "one with both, to trim it")
+        raise InputError(file, None, None, "a vehicle without surfaces or engine", "one with both, to trim it")
     earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
-    points: list[dict[str, Any]] = []
-    for angle in banks:
-        found = trim(packed, earth, FlightPoint(height, velocity, angle, north, course, climb), kilograms)
-        points.append(
-            {
-                "bank_deg": math.degrees(angle),
-                "angle_of_attack_deg": math.degrees(found.angle_of_attack),
-                "elevator_deg": math.degrees(found.elevator),
-                "equivalence_ratio": found.equivalence_ratio,
-                "thrust_n": found.thrust,
-                "lift_n": found.lift,
-                "drag_n": found.drag,
-                "lift_to_drag": found.lift / found.drag,
-                "c_tn": found.c_tn,
-                "load_factor_g": found.load_factor,
-                "fuel_flow_kgps": found.fuel_flow,
-                "mach": found.mach,
-                "dynamic_pressure_pa": found.dynamic_pressure,
-                "trimmed": not found.fault,
-                "fault": found.fault or None,
-            }
-        )
+    point = FlightPoint(height, velocity, 0.0, north, course, climb)
+    points = list(trim_rows(packed, earth, point, banks, kilograms))
     if json:
-        _print_json(vehicle, height, velocity, packed.constants.mass_start if kilograms is None else kilograms, points)
+        _print_json(file, height, velocity, packed.constants.mass_start if kilograms is None else kilograms, points)
     else:
-        _print_table(vehicle, height, velocity, points)
+        _print_table(file, height, velocity, points)
     if not all(point["trimmed"] for point in points):
         raise typer.Exit(1)
 

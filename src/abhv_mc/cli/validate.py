@@ -7,7 +7,10 @@ import typer
 
 
 def command(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Campaign, vehicle, mission or controller.")],
+    files: Annotated[
+        list[str],
+        typer.Argument(metavar="FILE...", help="Campaign, vehicle, mission, controller; or a shipped name."),
+    ],
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Fly a few flights of each campaign; say what all of them will cost.")
     ] = False,
@@ -15,9 +18,11 @@ def command(
     """Check files, and the files that they name, without flying."""
     from abhv_mc.campaign.file.inputs import check_inputs
     from abhv_mc.io.documents import InputError, InputErrors
+    from abhv_mc.shipped import find_input
 
     errors: list[InputError] = []
-    for file in files:
+    paths = [find_input(file, "campaign", "vehicle", "mission", "control") for file in files]
+    for file in paths:
         try:
             checked = check_inputs(file)
         except InputErrors as several:
@@ -30,7 +35,7 @@ def command(
     if errors:
         raise InputErrors(errors)
     if dry_run:
-        for file in files:
+        for file in paths:
             _estimate(file)
 
 

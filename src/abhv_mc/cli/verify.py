@@ -18,12 +18,20 @@ _REFERENCES = Path("tests/reference")
 @app.command("campaign")
 def campaign(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a campaign.")]) -> None:
     """Make every number of a campaign's report again from its Parquet; exit 1 at the first that differs."""
+    from abhv_mc.report.searched import search_command
     from abhv_mc.report.verify import verify_campaign
+    from abhv_mc.store.folder import CampaignFolder
+    from abhv_mc.store.manifest import read_manifest
 
     for difference in verify_campaign(folder):
         print(difference)
         raise typer.Exit(1)
-    print(f"{folder}: every number of the report follows from the data")
+    manifest = read_manifest(CampaignFolder(folder).manifest)
+    if "search" in manifest:
+        print(f"{folder}: the search's flights are whole, and its counts and worst flights follow from them")
+        print(f"its estimate and page are made again from these flights by: {search_command(folder, manifest)}")
+    else:
+        print(f"{folder}: every number of the report follows from the data")
 
 
 @app.command("nesc")

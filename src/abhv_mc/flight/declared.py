@@ -181,7 +181,7 @@ def calculate(Z, T, code, constant, width):
         elif operation == _ROOT:
             for lane in range(width):
                 x = a[lane]
-                out[lane] = math.sqrt(x if x >= 0.0 else 0.0) if x >= 0.0 else math.nan
+                out[lane] = math.sqrt(x) if x >= 0.0 else math.nan
         else:
             for lane in range(width):
                 sine, cosine = sincos(a[lane])
@@ -214,7 +214,7 @@ def count_value(O, row, value, counted, statistic, limit, tick, dt, width):
     elif statistic in (_INTEGRAL, _TRAVEL):  # nothing across a gap between settled stretches
         for lane in range(width):
             x = value[lane]
-            follows = counted[lane] > 0.0 and last[lane] == now
+            follows = counted[lane] > 0.0 and count[lane] > 0.0 and last[lane] == now
             step = abs(x - c[lane]) if statistic == _TRAVEL else 0.5 * dt * (x + c[lane])
             a[lane] += step if follows else 0.0
             c[lane] = x

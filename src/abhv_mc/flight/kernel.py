@@ -33,7 +33,7 @@ from abhv_mc.plant import state as s
 from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
 from abhv_mc.plant.aerodynamics import build_up, look_up
 from abhv_mc.plant.air_data import air_data, deflections, move_air
-from abhv_mc.plant.air_profile import nominal_air
+from abhv_mc.plant.air_profile import nominal_density, nominal_wind
 from abhv_mc.plant.disturbance import active_disturbances, any_lane, disturb
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
 from abhv_mc.plant.failures import fail_plant, fail_sensors, possible_failures, start_failures, watch_inlet
@@ -47,6 +47,7 @@ def evaluate(plan, memory, width, stage, windy, failing):
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
     if windy:
         move_air(Z, width)
+        nominal_wind(Z, width, plan.profile)
     air_data(Z, width, vehicle, plan.earth)
     deflections(Z, width, vehicle, failing)
     look_up(Z, T, width, vehicle.tables, memory.cells)
@@ -103,7 +104,7 @@ def fly_ticks(plan, memory, results, width, law, first_tick, end, flights, n):
     for tick in range(first_tick, end):
         navigate(Z, width, tick_length, tick == 0)
         disturb(Z, width, disturbances, tick * tick_length, tick_length, tick == 0)
-        nominal_air(Z, width, plan.profile)
+        nominal_density(Z, width, plan.profile)
         sense(Z, width, sensor_errors, tick_length, tick)
         if failures.sensors:
             fail_sensors(Z, width, tick * tick_length)

@@ -75,8 +75,13 @@ class Document:
         return self.path.parent / text
 
 
-def read_document(path: str | Path) -> Document:
-    """Read one YAML file. Raises :class:`InputError` for whatever keeps it from being plain data."""
+def read_document(path: "str | Path | Document") -> Document:
+    """Read one YAML file; a document is what was read already.
+
+    Raises :class:`InputError` for whatever keeps it from being plain data.
+    """
+    if isinstance(path, Document):
+        return path
     path = Path(path)
     try:
         raw = path.read_bytes()

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.control.laws.own import MAX_MEMORY
-from abhv_mc.io.input_error import InputError, one_of
-from abhv_mc.io.units import Refusal, parse_unit
+from abhv_mc.io.input_error import InputError, Refusal, one_of
+from abhv_mc.io.units import parse_unit
 from abhv_mc.own.source import Law, check_defaults, field_error
 from abhv_mc.own.wires import ARGUMENTS, CLASSES, GIVEN
 
@@ -150,14 +150,13 @@ _BUILTINS = set(dir(__builtins__)) if isinstance(__builtins__, types.ModuleType)
 
 def _check_fields(law: Law, function: ast.FunctionDef) -> None:
     """Fields of the arguments that there are not."""
-    kinds = {name: kind for name, kind in GIVEN.items() if name in law.arguments}
+    kinds: dict[str, Any] = {name: kind for name, kind in GIVEN.items() if name in law.arguments}
     kinds |= {name: getattr(law, name) for name in ("memory", "settings") if name in law.arguments}
     for node in _walk(function):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in kinds:
             known = kinds[node.value.id]._fields
             if node.attr not in known:
-                place = node.lineno, node.end_col_offset
-                place = node.lineno, node.value.end_col_offset and node.value.end_col_offset + 2
+                place = node.lineno, (node.value.end_col_offset or 0) + 2
                 raise field_error(law.source.file, *place, node.value.id, node.attr, known)
 
 
@@ -173,7 +172,8 @@ def _check_returns(law: Law, function: ast.FunctionDef) -> None:
         if isinstance(node, ast.Return):
             value = node.value
             pair = isinstance(value, ast.Tuple)
-            lone = value is None or isinstance(value, ast.Constant) or (pair and len(value.elts) != 2)  # type: ignore[union-attr]
+            lone = value is None or isinstance(value, ast.Constant)
+            lone = lone or (isinstance(value, ast.Tuple) and len(value.elts) != 2)
             alone = isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id == "Command"
             if lone or (pair and "memory" not in law.arguments) or (alone and "memory" in law.arguments):
                 text = ast.unparse(node)

@@ -84,7 +84,7 @@ class PlainLaw:
 
 
 def _row(pointer: Any, tick: int, columns: int) -> list[float]:
-    return pointer[tick * columns : (tick + 1) * columns]  # type: ignore[no-any-return]
+    return pointer[tick * columns : (tick + 1) * columns]
 
 
 def _nest(kind: Any, numbers: Any) -> Any:

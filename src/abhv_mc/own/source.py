@@ -140,8 +140,9 @@ def check_defaults(law: Law, kind: Any, words: str, needed: bool, line_of: Calla
     if not (isinstance(kind, type) and hasattr(kind, "_fields")):
         line = line_of(words, "")
         raise InputError(file, line, None, f"{words} that is no NamedTuple", f"class {words}(NamedTuple)")
-    defaults = kind._field_defaults
-    for name in kind._fields:
+    fields: Any = kind
+    defaults = fields._field_defaults
+    for name in fields._fields:
         value = defaults.get(name, 0.0)
         if name not in defaults and needed:
             found = f"no value for '{name}' at the start"

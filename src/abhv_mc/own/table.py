@@ -36,7 +36,8 @@ class Table:
         """The look-up as a function that compiled laws call; numbers of the table are constants of it."""
         if len(self.grids) == 1:
             return _make_1d(self.grids[0], self.values)
-        return _make_2d(*self.grids, self.values)
+        first, second = self.grids
+        return _make_2d(first, second, self.values)
 
 
 def _make_1d(grid: Any, values: Any) -> Any:

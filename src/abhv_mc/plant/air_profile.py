@@ -1,6 +1,6 @@
 """The mission's nominal air: wind and a factor on the standard density over altitude, from a table.
 
-Taken once a control tick and held over it. Without a table nothing is computed.
+Without a table nothing is computed. The density's factor is held over a control tick, as a dispersed profile's is.
 """
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.quaternion import rotate_to_body
 from abhv_mc.plant import state as s
-from abhv_mc.plant.state import X
+from abhv_mc.plant.state import XS, X
 from abhv_mc.vehicle.arrays import Floats
 
 PROFILE = ("altitude", "wind_north", "wind_east", "density")  # m, m/s towards north and east, factor
@@ -34,21 +34,28 @@ def between_knots(profile, column, altitude):
 
 
 @lanes
-def nominal_air(Z, width, profile):
-    """Add the profile's wind to the air's motion of the tick, in body axes, and multiply the density's factor."""
+def nominal_density(Z, width, profile):
+    """Multiply the factor on the density of the tick by the profile's."""
     if profile.shape[0] > 0:
         for lane in range(width):
-            altitude = Z[X + s.ALTITUDE, lane]
+            Z[s.DENSITY_PROFILE, lane] *= between_knots(profile, _DENSITY, Z[X + s.ALTITUDE, lane])
+
+
+@lanes
+def nominal_wind(Z, width, profile):
+    """Add the profile's wind to the velocity of the air at the stage's state ``XS``."""
+    if profile.shape[0] > 0:
+        for lane in range(width):
+            altitude = Z[XS + s.ALTITUDE, lane]
             u, v, w = rotate_to_body(
-                Z[X + s.Q0, lane],
-                Z[X + s.Q1, lane],
-                Z[X + s.Q2, lane],
-                Z[X + s.Q3, lane],
+                Z[XS + s.Q0, lane],
+                Z[XS + s.Q1, lane],
+                Z[XS + s.Q2, lane],
+                Z[XS + s.Q3, lane],
                 between_knots(profile, _NORTH, altitude),
                 between_knots(profile, _EAST, altitude),
                 0.0,
             )
-            Z[s.GUST_U, lane] += u
-            Z[s.GUST_V, lane] += v
-            Z[s.GUST_W, lane] += w
-            Z[s.DENSITY_PROFILE, lane] *= between_knots(profile, _DENSITY, altitude)
+            Z[s.AIR_U, lane] += u
+            Z[s.AIR_V, lane] += v
+            Z[s.AIR_W, lane] += w

@@ -10,14 +10,15 @@ from abhv_mc.report.words import count_of, fixed, p_value, percent, significant
 from abhv_mc.statistics.verdict_words import risk_words
 
 _SHORT = {
-    "angle_of_attack_error_rms_deg": "the angle-of-attack command",
-    "sideslip_rms_deg": "zero sideslip",
-    "bank_error_rms_deg": "the bank command",
+    "angle_of_attack_error_rms_deg": "angle of attack",
+    "sideslip_rms_deg": "sideslip",
+    "bank_error_rms_deg": "bank",
     "altitude_error_max_m": "altitude",
     "speed_error_max_mps": "speed",
 }
 _NAMED = 2  # drivers of an error
 _MOVED = 2  # controllers whose drivers are told
+_LOST_RISK = 0.05  # of saying that one controller loses more flights where both are as good
 _LEAST_SHARE = 0.05  # of the variance, by the lower end of the total index
 
 
@@ -38,27 +39,114 @@ def _requirements_sentence(numbers: Mapping[str, Any]) -> str:
     return f"Requirements: {'; '.join(parts)}."
 
 
+def _standing(pair: Mapping[str, Any]) -> dict[str, list[str]]:
+    """What the first controller of a pair is better in, worse in, mixed, and where no difference is shown."""
+    found: dict[str, list[str]] = {"better": [], "worse": [], "mixed": [], "open": []}
+    for metric in (*FOLLOWING, *HOLDING):
+        if metric in pair["metrics"]:
+            entry = pair["metrics"][metric]
+            won = {pair["a"]: "better", pair["b"]: "worse"}.get(entry["winner"], "open")
+            words = _SHORT[metric]
+            if entry["mixed"]:
+                won, words = "mixed", f"{words} ({_contradiction(entry)})"
+            found[won].append(words)
+    return found
+
+
+def _contradiction(entry: Mapping[str, Any]) -> str:
+    """Why the controller that is closer in the median is no winner."""
+    closer = controller_label(entry["closer"]) if entry.get("closer") else "one"
+    reasons = [f"larger {100.0 * level:.4g} % quantile" for level in entry.get("worse_tails", [])[:1]]
+    reasons += ["more flights lost"] if entry.get("loses_more") else []
+    return f"{closer} has the smaller median but {joined(reasons)}" if reasons else f"{closer} in the median alone"
+
+
+def _verdict_of(pair: Mapping[str, Any]) -> str:
+    """'better', 'worse', 'mixed' or 'open' over all errors of a pair, lost flights among them."""
+    found, lost = _standing(pair), pair["ended_early"]
+    sides = {side for side in ("better", "worse") if found[side]}
+    if found["mixed"] or len(sides) == 2:
+        return "mixed"
+    if lost["p_value"] <= _LOST_RISK and lost["only_a"] != lost["only_b"]:
+        sides.add("worse" if lost["only_a"] > lost["only_b"] else "better")
+    return "mixed" if len(sides) == 2 else next(iter(sides), "open")
+
+
+def _by_strength(numbers: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The pairs, the rival first against which the first controller stands worst."""
+    order = {"worse": 0, "mixed": 1, "open": 2, "better": 3}
+    pairs = list(numbers["paired"].values())
+    return sorted(
+        pairs, key=lambda p: (order[_verdict_of(p)], len(_standing(p)["better"]) - len(_standing(p)["worse"]))
+    )
+
+
+def _pair_sentences(numbers: Mapping[str, Any]) -> list[str]:
+    """Against each rival, the strongest first; the first sentence begins with the answer over all rivals."""
+    pairs = [pair for pair in _by_strength(numbers) if any(_standing(pair).values())]
+    if not pairs:
+        return []
+    verdicts = {_verdict_of(pair) for pair in pairs}
+    name = controller_label(pairs[0]["a"])
+    overall = {"better": f"{name} is better: ", "worse": f"{name} is worse: ", "open": "No difference is shown: "}
+    head = overall.get(next(iter(verdicts)), "Mixed: ") if len(verdicts) == 1 else "Mixed: "
+    sentences = [_pair_sentence(pair) for pair in pairs]
+    return [f"{head}{sentences[0]}", *(f"{text[0].upper()}{text[1:]}" for text in sentences[1:])]
+
+
 def _pair_sentence(pair: Mapping[str, Any]) -> str:
-    a, b = pair["a"], pair["b"]
-    metrics = [m for m in (*FOLLOWING, *HOLDING) if m in pair["metrics"]]
-    if not metrics:
-        return ""
-    won: dict[str | None, list[str]] = {a: [], b: [], None: []}
-    mixed = [_SHORT[metric] for metric in metrics if pair["metrics"][metric]["mixed"]]
-    for metric in metrics:
-        if _SHORT[metric] not in mixed:
-            won[pair["metrics"][metric]["winner"]].append(_SHORT[metric])
+    found = _standing(pair)
     parts = []
-    for name, other in ((a, b), (b, a)):
-        if won[name]:
-            parts.append(f"{controller_label(name)} holds {joined(won[name])} closer than {controller_label(other)}")
-    if won[None]:
-        parts.append(f"no difference is shown in {joined(won[None])}")
-    if mixed:
-        parts.append(
-            f"in {joined(mixed)} the one that is closer in the median is worse in its tails or loses more flights"
-        )
-    return f"On the same {fixed(pair['pairs'], 0)} flights {'; '.join(parts)}{_usage_words(pair)}."
+    if found["better"]:
+        parts.append(f"it has the smaller errors in {joined(found['better'])}")
+    if found["worse"]:
+        parts.append(f"it has the larger errors in {joined(found['worse'])}")
+    if found["mixed"]:
+        parts.append(f"undecided in {joined(found['mixed'])}")
+    if found["open"]:
+        parts.append(f"no difference is shown in {joined(found['open'])}")
+    text = "; ".join(parts).replace("it has", f"{controller_label(pair['a'])} has", 1) + _tails_words(pair)
+    flights = f"on the same {fixed(pair['pairs'], 0)} flights"
+    return f"against {controller_label(pair['b'])}, {flights}, {text}{_usage_words(pair)}."
+
+
+def _tails_words(pair: Mapping[str, Any]) -> str:
+    """'; tails not compared ...' where the flights are too few to compare the tails of an error with a winner."""
+    metrics = [m for m in (*FOLLOWING, *HOLDING) if m in pair["metrics"]]
+    entries = [pair["metrics"][m] for m in metrics if pair["metrics"][m]["winner"]]
+    levels = sorted({level for entry in entries for level in entry.get("uncompared_tails", [])})
+    if not levels:
+        return ""
+    shown = joined([f"{100.0 * level:.4g} %" for level in levels])
+    return f"; tails not compared at {shown}, for which the flights are too few"
+
+
+def _noteworthy_sentences(numbers: Mapping[str, Any]) -> list[str]:
+    """Saturated surfaces, flights that cycle, and flights beyond the tables, all controllers in one sentence each."""
+    found = numbers.get("noteworthy", {})
+    texts = []
+    kinds = (
+        ("saturated", "Surfaces reach a limit of deflection or rate in"),
+        ("outside_tables", "The vehicle's tables are left in"),
+    )
+    for key, words in kinds:
+        parts = [
+            f"{count_of(part[key], part['flown'], 'flights')} of {controller_label(name)}"
+            for name, part in found.items()
+            if part[key]
+        ]
+        if parts:
+            texts.append(f"{words} {joined(parts)}.")
+    parts = [
+        f"{controller_label(name)} in {channel.replace('_', ' ')} ({count_of(count, part['flown'], 'flights')})"
+        for name, part in found.items()
+        for channel, count in part["cycling"].items()
+        if count
+    ]
+    if parts:
+        least = next(iter(found.values()))["ripple_deg"]
+        texts.append(f"Some flights cycle (swing by more than {least:g} deg about a steady command): {joined(parts)}.")
+    return texts
 
 
 def _usage_words(pair: Mapping[str, Any]) -> str:
@@ -113,14 +201,16 @@ def _driver_sentence(numbers: Mapping[str, Any], name: str) -> str:
         else:
             found = [e["parameter"] for e in ranks.get(metric, {}).get("parameters", []) if e["driver"]]
             words = [spoken_name(parameter) for parameter in dict.fromkeys(found)][:_NAMED]
+            if not words and metric in ranks:
+                words = ["no single parameter"]
         if words:
             parts.append(f"{_SHORT[metric]}: {joined(words)}")
     if not parts:
         return ""
-    how = "largest rank regression coefficients first"
+    how = ""
     if sobol:
-        how = f"share of the variance that involves them, within {percent(round(max(widths), 2), 2)} or closer"
-    return f"What moves {controller_label(name)}'s errors most ({how}): {'; '.join(parts)}."
+        how = f" (share of the variance that involves them, within {percent(round(max(widths), 2), 2)} or closer)"
+    return f"What moves {controller_label(name)}'s errors most{how}: {'; '.join(parts)}."
 
 
 def _first_drivers_sentence(numbers: Mapping[str, Any]) -> str:
@@ -148,11 +238,12 @@ def _share(index: Sequence[float]) -> str:
 
 
 def answer_sentences(numbers: Mapping[str, Any]) -> list[str]:
-    """What a reader with two minutes should know, most important first: flights lost, then who wins, then why.
+    """What a reader with two minutes should know, most important first: the answer against the strongest rival, what
+    endangers flights, the other rivals and requirements, then why.
 
     A Saltelli campaign was flown to learn what moves the errors, and says that before who wins.
     """
-    wins = [_pair_sentence(pair) for pair in numbers["paired"].values()]
+    wins = _pair_sentences(numbers)
     if numbers["requirements"]:
         wins.append(_requirements_sentence(numbers))
     drivers = [_first_drivers_sentence(numbers)]
@@ -160,7 +251,8 @@ def answer_sentences(numbers: Mapping[str, Any]) -> list[str]:
     for name, part in numbers["sobol"].get("controllers", {}).items():
         if part["refused"]:
             drivers.append(f"{controller_label(name)} has no Sobol indices: {part['refused']}.")
-    sentences = _early_sentences(numbers) + (drivers + wins if numbers["sobol"] else wins + drivers)
+    known = _early_sentences(numbers) + _noteworthy_sentences(numbers)
+    sentences = drivers + wins + known if numbers["sobol"] else wins[:1] + known + wins[1:] + drivers
     return [sentence for sentence in sentences if sentence]
 
 
@@ -194,6 +286,13 @@ def sureness_sentence(numbers: Mapping[str, Any]) -> str:
         risks = sorted({entry["consumer_risk"] for entry in numbers["requirements"]})
         rule = risk_words(risks[-1], bool(campaign["looks"]))  # the largest holds for all
         text += f" {rule[0].upper()}{rule[1:]}."
+        count = sum(len(entry["controllers"]) for entry in numbers["requirements"])
+        if numbers.get("any_false_pass") is not None and count > 1:
+            bound = percent(numbers["any_false_pass"], 2)
+            held = (
+                "held by the campaign's family of verdicts" if numbers.get("family_risk") else "each has its own risk"
+            )
+            text += f" Among all {count} verdicts the chance of any false PASS is at most {bound} ({held})."
     if campaign["looks"] and len(flown) == 1:
         text += " " + _stopping_sentence(campaign, flown.pop())
     for warning in numbers["warnings"]:

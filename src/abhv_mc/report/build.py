@@ -1,5 +1,6 @@
 """From a campaign's folder to its report: numbers, figures and a page."""
 
+import hashlib
 import json
 from collections.abc import Iterable
 from pathlib import Path
@@ -33,10 +34,39 @@ def _read_pages(path: Path, numbers: dict[str, Any]) -> dict[str, Any]:
     try:
         held = json.loads(path.read_text(encoding="utf-8"))
         pages: dict[str, Any] = held.pop("pages", {})
-        held.pop("pictures", None)
+        for name in ("pictures", "key"):
+            held.pop(name, None)
     except (OSError, ValueError, AttributeError):
         return {}
     return pages if held == json.loads(json.dumps(numbers)) else {}
+
+
+def make_key(folder: Path) -> str:
+    """What a report follows from: the folder's data and manifest, and the program that makes it."""
+    import abhv_mc
+
+    source = Path(abhv_mc.__file__).parent
+    parts = sorted(path for name in ("report", "statistics") for path in (source / name).rglob("*") if path.is_file())
+    code = {path.relative_to(source).as_posix(): hash_file(path) for path in parts if path.suffix != ".pyc"}
+    manifest = folder / "manifest.json"
+    held = hash_file(manifest) if manifest.is_file() else None
+    text = json.dumps([abhv_mc.__version__, code, hash_files(folder), held], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def is_up_to_date(folder: Path, page: str = "report.html") -> bool:
+    """Whether the page and its figures are there as this program would make them again from the same data."""
+    try:
+        written = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+        pages, pictures = written["pages"], written["pictures"]
+        return bool(
+            written["key"] == make_key(folder)
+            and page in pages
+            and hash_pages(folder, pages) == pages
+            and hash_pages(folder, pictures) == pictures
+        )
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
@@ -49,8 +79,11 @@ def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
     from abhv_mc.report.gallery import make_figures
     from abhv_mc.report.numbers import make_numbers
     from abhv_mc.report.page import PageFigure, make_markdown, make_page
+    from abhv_mc.report.searched import refuse_search
     from abhv_mc.store.folder import write_text
+    from abhv_mc.store.manifest import read_manifest
 
+    refuse_search(folder, read_manifest(CampaignFolder(folder).manifest))
     results = read_results(folder)
     numbers = {**make_numbers(results), "files": hash_files(folder)}
     figures_folder = folder / "figures"
@@ -71,9 +104,11 @@ def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
     report = folder / "report.json"
     names = [*_read_pages(report, numbers), page.name]
     pictures = [path.relative_to(folder).as_posix() for path in sorted(kept)]
-    numbers |= {
+    numbers = {
+        **numbers,
         "pages": hash_pages(folder, dict.fromkeys(names)),
         "pictures": hash_pages(folder, pictures),
+        "key": make_key(folder),
     }
     write_text(report, write_json(numbers))
     return page

@@ -86,6 +86,7 @@ def _coefficients(results: Results, controller: str, rows: NDArray[np.intp]) -> 
         order = np.argsort(-np.abs(np.nan_to_num(drivers.srrc[:, column])), kind="stable")[:_LISTED]
         table[metric] = {
             "explained": plain(drivers.explained[column]),
+            "tells": bool(drivers.tells[column]),
             "parameters": [
                 {
                     "parameter": names[row % len(names)],
@@ -93,8 +94,9 @@ def _coefficients(results: Results, controller: str, rows: NDArray[np.intp]) -> 
                     **{kind: interval_at(drivers, kind, row, column) for kind in ("srrc", "prcc")},
                     "p_value": plain(drivers.p_value[row, column]),
                     "driver": bool(drivers.found[row, column]),
+                    "moves_with": names[partner % len(names)] if partner >= 0 else None,
                 }
-                for row in order
+                for row, partner in zip(order, drivers.moves_with[order, column].tolist(), strict=True)
             ],
         }
     return table

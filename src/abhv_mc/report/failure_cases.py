@@ -131,20 +131,17 @@ def failure_case_rows(numbers: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def failure_case_sentences(numbers: dict[str, Any]) -> list[str]:
-    """Which single failures each controller survives, in words: all flights, most, few or none of them."""
-    kinds = ("survives", "loses some flights to", "loses most flights to", "loses every flight to")
-    found: dict[str, dict[str, list[str]]] = {}
+    """How many flights each controller lost to each single failure, in words."""
+    found: dict[str, list[str]] = {}
     for entry in numbers.get("cases", []):
-        if entry["case"] == NO_FAILURE:
+        if entry["case"] == NO_FAILURE or " + " in entry["case"]:
             continue
         for name, cell in entry["controllers"].items():
-            share = cell["survived"]["value"]
-            kind = kinds[0] if share == 1.0 else kinds[3] if share == 0.0 else kinds[1] if share > 0.5 else kinds[2]
-            detail = "" if share in (0.0, 1.0) else f" ({percent(share, 0)} survive)"
-            found.setdefault(name, {}).setdefault(kind, []).append(f"{entry['case']}{detail}")
+            flights, lost = cell["flights"], cell["lost"]
+            many = f"none of {flights}" if not lost else f"all {flights}" if lost == flights else f"{lost} of {flights}"
+            found.setdefault(name, []).append(f"{entry['case']}, {many}")
     return [
-        f"{controller_label(name)} " + "; ".join(f"{kind} {', '.join(by[kind])}" for kind in kinds if kind in by) + "."
-        for name, by in found.items()
+        f"Flights that {controller_label(name)} lost to one failure: {'; '.join(by)}." for name, by in found.items()
     ]
 
 

@@ -43,7 +43,7 @@ class ControllerFlights:
 
     def count_outcomes(self) -> dict[str, int]:
         """How many flights ended in each way that occurred, by its code."""
-        counts = np.bincount(self.outcome, minlength=len(Outcome)).tolist()
+        counts = np.bincount(self.outcome, minlength=max(Outcome) + 1).tolist()
         return {code: counts[number] for code, number in sorted(_CODES.items()) if counts[number]}
 
 

@@ -7,7 +7,12 @@ from abhv_mc.flight.signals import METRICS
 from abhv_mc.stability.metrics import MARGIN_NAMES, MARGIN_VALUES
 from abhv_mc.statistics.estimates import Sense
 
-_UNIT_SUFFIXES = ("_mps", "_deg", "_dps", "_kg", "_pa", "_g", "_m", "_s", "_db", "_ms")
+_UNITS_BY_SUFFIX = {
+    "_j_m2": "J/m2", "_w_m2": "W/m2", "_mps": "m/s", "_deg": "deg", "_dps": "deg/s", "_kg": "kg", "_pa": "Pa",
+    "_n": "N", "_j": "J", "_g": "g", "_m": "m", "_s": "s",
+    "_db": "dB", "_ms": "ms",
+}  # fmt: skip
+_UNIT_SUFFIXES = tuple(_UNITS_BY_SUFFIX)
 _LOW = ("angle_of_attack_min_deg", "equivalence_ratio_min", *MARGIN_NAMES)
 _SIGNED = ("cross_track_error_final_m",)
 _TRACKING = ("altitude", "speed", "heading", "cross_track", "angle_of_attack_error", "bank_error", "sideslip")
@@ -63,8 +68,9 @@ _METRIC_WORDS = {signal.name: _describe(signal.name, signal.unit, signal.doc) fo
 
 
 def words_of(name: str) -> MetricWords:
-    """The words for a metric; for one that is in no signal table, what its name says."""
-    return _METRIC_WORDS.get(name) or _describe(name)
+    """The words for a metric; for one that a campaign declared, what its name says."""
+    suffix = next(filter(name.endswith, _UNIT_SUFFIXES), "")
+    return _METRIC_WORDS.get(name) or _describe(name, _UNITS_BY_SUFFIX.get(suffix, "-"))
 
 
 _KNOWN_NAMES = {

@@ -13,6 +13,7 @@ from abhv_mc.report.drivers import driver_numbers
 from abhv_mc.report.failure_cases import failure_case_numbers
 from abhv_mc.report.failures import judge_all, requirement_failures, requirement_words
 from abhv_mc.report.metrics import words_of
+from abhv_mc.report.noteworthy import noteworthy_numbers
 from abhv_mc.report.paired import paired_numbers
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.results import Requirement, Results
@@ -132,6 +133,7 @@ def make_numbers(results: Results) -> dict[str, Any]:
         "requirements": _requirements(results),
         "metrics": _metric_table(results),
         "paired": paired_numbers(results),
+        "noteworthy": noteworthy_numbers(results),
         "worst": worst_numbers(results),
         "failure_cases": failure_case_numbers(results),
         "ranges": _ranges(results),

@@ -202,18 +202,36 @@ def read_results(root: Path) -> Results:
     """Read a campaign's folder. Raises InputError where a file is missing or unreadable."""
     folder = CampaignFolder(root)
     manifest = read_checked(folder)
+    samples = FileColumns(folder.samples, "the samples of a campaign", without="flight")
+    campaign, flights = read_facts(folder.campaign), read_flights(folder.flights, data_files(folder, manifest))
+    _check_numbers(folder, samples, campaign, flights)
     reference = _columns(read_table(folder.reference, "the mission's reference"))
     return Results(
         folder=root,
-        campaign=read_facts(folder.campaign),
+        campaign=campaign,
         manifest=manifest,
-        samples=FileColumns(folder.samples, "the samples of a campaign", without="flight"),
-        flights=read_flights(folder.flights, data_files(folder, manifest)),
+        samples=samples,
+        flights=flights,
         envelopes=_read_envelopes(folder.envelopes),
         reference={name: value.astype(np.float64) for name, value in reference.items()},
         nominal=_read_nominal(folder.nominal),
         stability=_read_stability(folder.margins),
     )
+
+
+def _check_numbers(
+    folder: CampaignFolder, samples: FileColumns, campaign: CampaignFacts, flights: Mapping[str, ControllerFlights]
+) -> None:
+    """Raises InputError where parameters have no samples, or flights other numbers than the samples."""
+    missing = [name for name in campaign.dispersions if name not in samples]
+    if missing:
+        raise InputError(folder.samples, None, None, f"no column '{missing[0]}'", "a column of each dispersion")
+    rows = pq.read_metadata(folder.samples).num_rows
+    for name, flown in flights.items():
+        number = flown.flight
+        if number.min() < 0 or number.max() >= rows or (np.diff(number) <= 0).any():
+            wish = f"numbers from 0 to {rows - 1}, each once"
+            raise InputError(folder.flights, None, None, f"flights of '{name}' with other numbers", wish)
 
 
 def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:

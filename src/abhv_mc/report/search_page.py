@@ -150,7 +150,7 @@ def write_rare_page(found: RareFound, path: Path) -> Path:
             "mixing",
             "How the chains mix",
             "Share of accepted moves (0.44 is aimed at, dashed) and size of the moves at each level. Chains that "
-            "accept next to nothing, or creep, explore little.",
+            "accept next to nothing, or move by little, explore little.",
             plot_mixing(
                 [np.array([level.acceptance for level in levels]) for levels in later],
                 [np.array([level.spread for level in levels]) for levels in later],
@@ -163,14 +163,21 @@ def write_rare_page(found: RareFound, path: Path) -> Path:
                 "failures",
                 "Where failures live",
                 "Each parameter as the standard normal number behind it, among failures, beside all flights. A "
-                "parameter whose failures look like all flights does not matter. Correlations are not applied yet.",
+                "parameter whose failures look like all flights does not matter. Correlations are left out.",
                 plot_failures(found.names, estimate.failures),
             )
         )
     shown.append(_flights_figure(found.drawn))
     worst = rank_distinct(found.severities, found.flights.samples, _LISTED)
     table = _flight_table(found.flights, worst, metric, found.controller, path.parent)
-    return write_answer_page(path, f"P(not {asked})", "Rare event", answers, shown, [table])
+    return write_answer_page(
+        path,
+        f"Probability that {controller_label(found.controller)} breaks: {asked}",
+        "Rare event",
+        answers,
+        shown,
+        [table],
+    )
 
 
 def _plain_flights(found: RareFound) -> float:

@@ -45,6 +45,10 @@ def verdict_rows(numbers: Mapping[str, Any]) -> list[Row]:
                 "failures": count_of(verdict["failures"], verdict["runs"]),
                 "needed": _needed(verdict),
                 "ended_early": verdict["ended_early"],
+                "not_computed": verdict["uncomputed"],
+                "provisional": verdict["provisional"],
+                "note": verdict["note"],
+                "met": percent(verdict["met"], 3),
                 **{key: percent(verdict[key]) for key in ("lower_bound", "consumer_risk", "producer_risk")},
             }
             for name, verdict in entry["controllers"].items()
@@ -198,6 +202,7 @@ def driver_rows(numbers: Mapping[str, Any]) -> list[Row]:
                     "explained": percent(table["explained"], 2),
                     "drivers": [
                         {
+                            "moves_with": entry["moves_with"],
                             "parameter": entry["parameter"],
                             "either_way": entry["either_way"],
                             "doc": parameter_doc(entry["parameter"]),
@@ -229,6 +234,12 @@ def sobol_rows(numbers: Mapping[str, Any]) -> list[Row]:
     return rows
 
 
+def _dispersion_words(entry: Mapping[str, Any]) -> str:
+    """'lift +8.1 % (1.6 sigma)'."""
+    sigma = fixed(entry["sigma"], 1)
+    return f"{spoken_name(entry['parameter'])} {shown_value(entry['parameter'], entry['value'])} ({sigma} sigma)"
+
+
 def worst_tables(numbers: Mapping[str, Any], folder: str) -> list[Row]:
     """The worst flights of each controller, each with the command that replays it."""
     tables = []
@@ -240,7 +251,7 @@ def worst_tables(numbers: Mapping[str, Any], folder: str) -> list[Row]:
                 "by": words_of(entry["by"]).label if entry["by"] else "",
                 "share": percent(entry["share"], 2),
                 "values": [significant(entry["metrics"].get(m)) for m in (*FOLLOWING, *HOLDING)],
-                "samples": ", ".join(f"{spoken_name(k)} {shown_value(k, v)}" for k, v in entry["samples"].items()),
+                "samples": ", ".join(_dispersion_words(dispersion) for dispersion in entry["largest"]),
                 "command": f"abhv-mc replay {folder} --flight {entry['flight']} --controller {name}",
             }
             for entry in flights

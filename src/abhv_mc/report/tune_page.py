@@ -36,7 +36,8 @@ def write_tune_page(found: TuneFound, path: Path) -> Path:
             plot_gains(aim, scores.objective, scores.allowed),
         ),
     ]
-    title = f"{controller_label(found.controller)} tuned for {words_of(block.minimise.metric).label}"
+    label = words_of(block.minimise.metric).label
+    title = f"{controller_label(found.controller)} tuned for {label[:1].lower()}{label[1:]}"
     folder = path.with_suffix(".tuning") / "figures"
     return write_answer_page(path, title, "Tuning", _answers(found), shown, [_sides(found), _numbers(found)], folder)
 
@@ -46,23 +47,35 @@ def _answers(found: TuneFound) -> list[str]:
     interval = f"difference {gain.value:.4g}, 95 % interval {gain.low:.4g} .. {gain.high:.4g}"
     fresh = f"On {block.validation} fresh flights the {100 * block.minimise.quantile:g} % quantile of {aim.metric}"
     broken = [side.words for side in found.sides if not side.keeps]
-    if found.tuning.best == 0:
-        answers = ["No candidate was better than the start on the common flights: no file is written."]
-    elif found.shown:
-        answers = [f"{fresh} is {aim.best:.4g} instead of {aim.start:.4g} ({interval})."]
+    change = f"{fresh} is {aim.best:.4g} instead of {aim.start:.4g} ({interval})."
+    if found.shown:
+        answers = [change]
+    elif found.tuning.best == 0:
+        answers = ["No file is written: no candidate was better than the start on the common flights."]
+    elif not found.tuning.scores.allowed.any():
+        answers = [
+            "No file is written: no candidate kept every limit. The nearest to it is shown, which breaks: "
+            f"{'; '.join(broken)}.",
+            change,
+        ]
     else:
-        why = f"these limits do not hold: {', '.join(broken)}" if broken else "the interval does not leave out zero"
-        answers = [f"{fresh} is {aim.best:.4g} instead of {aim.start:.4g} ({interval}); {why}: no file is written."]
+        why = (
+            f"beyond its limits on fresh flights: {'; '.join(broken)}"
+            if broken
+            else "the interval is not all below zero"
+        )
+        answers = [f"No file is written: {why}.", change]
     ends = found.numbers.at_ends(found.tuning.place)
     if ends:
         answers.append(
             f"At an end of their range: {', '.join(ends)}. Better numbers may lie beyond: give these a larger factor, "
             "unless the limit of the range is meant."
         )
-    answers.append(
-        "It is shown for this campaign's dispersions, mission and vehicle, and within the limits asked for; not "
-        "that nothing is better, nor that it holds elsewhere."
-    )
+    if found.shown:
+        answers.append(
+            "It is shown for this campaign's dispersions, mission and vehicle, and within the limits asked for; not "
+            "that nothing is better, nor that it holds elsewhere."
+        )
     return answers
 
 

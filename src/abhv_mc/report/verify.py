@@ -9,6 +9,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.report.build import hash_files, hash_pages, write_json
 from abhv_mc.report.numbers import make_numbers
 from abhv_mc.report.results import read_results
+from abhv_mc.report.searched import verify_search
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.flights import DamagedFileError, read_block
 from abhv_mc.store.folder import CampaignFolder
@@ -59,6 +60,9 @@ def verify_campaign(root: Path) -> Iterator[str]:
     """
     folder = CampaignFolder(root)
     manifest = read_whole_manifest(folder.manifest)
+    if "search" in manifest:
+        yield from verify_search(folder, manifest)
+        return
     yield from (f"{path.relative_to(root).as_posix()}: {found}" for path, found in find_damage(folder, manifest))
     path = root / "report.json"
     if not path.is_file():
@@ -81,6 +85,7 @@ def _differences(folder: CampaignFolder, written: dict[str, Any]) -> Iterator[st
     # Cheap and sharp first: one flipped byte in any file changes its hash.
     yield from differences(written.pop("files", {}), hash_files(root), "files")
     pages = written.pop("pages", {})
+    written.pop("key", None)
     yield from differences(pages, hash_pages(root, pages), "pages")
     pictures = written.pop("pictures", {})
     yield from differences(pictures, hash_pages(root, pictures), "pictures")

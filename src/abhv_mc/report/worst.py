@@ -1,11 +1,12 @@
 """The worst flights of each controller."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.report.flights import ControllerFlights, severities
 from abhv_mc.report.metrics import HEADLINE, USAGE
@@ -14,6 +15,7 @@ from abhv_mc.report.results import Requirement, Results
 from abhv_mc.vehicle.arrays import Floats
 
 _LISTED = 10
+_LARGEST = 3  # dispersions of a flight that are told
 
 
 def _scores(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -> Iterator[tuple[str, Floats]]:
@@ -58,6 +60,15 @@ def worst_share(flights: ControllerFlights, requirements: tuple[Requirement, ...
     return np.where(flights.failed, np.inf, share)
 
 
+def _largest(samples: Mapping[str, float], spread: Mapping[str, tuple[float, float]]) -> list[dict[str, Any]]:
+    """The dispersions furthest from the campaign's mean in its standard deviations (its sigma), furthest first."""
+    moved: list[dict[str, Any]] = [
+        {"parameter": key, "value": samples[key], "sigma": (samples[key] - mean) / sigma if sigma > 0.0 else 0.0}
+        for key, (mean, sigma) in spread.items()
+    ]
+    return sorted(moved, key=lambda entry: -abs(entry["sigma"]))[:_LARGEST]
+
+
 def worst_numbers(results: Results) -> dict[str, Any]:
     """The ten worst flights of each controller, with what they were worst in."""
     worst = {}
@@ -70,6 +81,7 @@ def worst_numbers(results: Results) -> dict[str, Any]:
         table = np.stack(list(scores.values())) if scores else np.zeros((0, 0))
         metrics = {m: flights.metrics[m][rows] for m in (*HEADLINE, *USAGE) if m in flights.metrics}
         samples = {key: value[numbers] for key, value in results.samples.items()}
+        spread = {key: (float(np.mean(v)), float(np.std(v))) for key, v in results.samples.items() if not is_seed(key)}
         worst[name] = [
             {
                 "flight": int(numbers[i]),
@@ -78,6 +90,7 @@ def worst_numbers(results: Results) -> dict[str, Any]:
                 "share": plain(float(table[:, i].max())) if scores else None,
                 "metrics": {metric: plain(values[i]) for metric, values in metrics.items()},
                 "samples": {key: plain(values[i]) for key, values in samples.items()},
+                "largest": _largest({key: float(values[i]) for key, values in samples.items()}, spread),
             }
             for i, row in enumerate(rows)
         ]

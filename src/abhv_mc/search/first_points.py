@@ -8,7 +8,7 @@ from abhv_mc.search.evaluation import LANES, Floats
 from abhv_mc.search.record import Record
 
 _MOST_CORNERS = 512  # up to so many corners are all evaluated
-_CLIMBS = 4  # batches of neighbouring corners
+_CLIMBS = 3  # pairs of batches of corners: neighbours, and what they suggest
 
 
 def sobol_points(dimension: int, number: int, seed: int) -> Floats:
@@ -47,22 +47,53 @@ def explore(record: Record, dimension: int, seed: int, batch: int) -> None:
 
 
 def _climb_corners(record: Record, star: Floats, batch: int, fill: Callable[[Floats], Floats]) -> None:
-    """The corner that the slopes point to, and its neighbours uphill."""
+    """Uphill from the corner that the slopes point to: all neighbours, then all signs at once that gained alone.
+
+    Where that leads no further, the climb begins again at the opposite corner.
+    """
     dimension = len(star) // 2
     slopes = star[1 : dimension + 1] - star[dimension + 1 :]
     slopes = np.where(np.isfinite(slopes), slopes, 0.0)
     order = np.argsort(np.abs(slopes), kind="stable")  # least certain first
     corner, best, tried = np.where(slopes >= 0.0, 1.0, -1.0), -np.inf, set[bytes]()
-    for _ in range(_CLIMBS):
-        candidates = [c for c in _neighbours(corner, order) if c.tobytes() not in tried][:batch]
-        if not candidates or record.left < batch:
-            return
-        tried |= {c.tobytes() for c in candidates}
+    opposite = [-corner]
+    share = record.used + _CLIMBS * 2 * batch
+
+    def call(wanted: list[Floats]) -> tuple[list[Floats], Floats]:
+        """Those of the corners that were not tried, as many as fit, and their values; the best of all moves along."""
+        nonlocal corner, best
+        candidates = [c for c in wanted if c.tobytes() not in tried][:batch]
+        if not candidates:
+            return [], np.empty(0)
+        tried.update(c.tobytes() for c in candidates)
         values = record.call(fill(np.array(candidates)), "corners")[: len(candidates)]
-        top = int(np.argmax(values))
-        if values[top] <= best:
-            return
-        best, corner = float(values[top]), candidates[top]
+        if values.max() > best:
+            best, corner = float(values.max()), candidates[int(np.argmax(values))]
+        return candidates, values
+
+    while record.used < share and record.left >= 2 * batch:
+        middle, before = corner, best
+        candidates, values = call(_neighbours(middle, order))
+        if not candidates or best <= before:
+            if not opposite:
+                return
+            corner, best = opposite.pop(), -np.inf
+            continue
+        # Signs by what their change alone gained; the middle itself is among the first candidates, or was the best.
+        at_middle = before if np.isfinite(before) else values[0]
+        alone = {
+            int(np.flatnonzero(c != middle)[0]): float(v - at_middle)
+            for c, v in zip(candidates, values, strict=True)
+            if np.count_nonzero(c != middle) == 1 and v > at_middle
+        }
+        gained = sorted(alone, key=lambda i: -alone[i])
+        together = []
+        for count in range(len(gained), 1, -1):
+            changed = middle.copy()
+            changed[gained[:count]] *= -1.0
+            together.append(changed)
+        if len(together) > 1 and record.used < share:
+            call([*together, *_neighbours(together[0], order)])
 
 
 def _neighbours(corner: Floats, order: np.ndarray) -> list[Floats]:

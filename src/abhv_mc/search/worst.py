@@ -77,13 +77,13 @@ def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int)
 
     if dimension == 1:  # CMA-ES wants two; even points and the polish find a maximum on a line
         return 4.0 / record.used
-    abreast = batch // LANES
+    side_by_side = batch // LANES
     bounds = np.tile([-1.0, 1.0], (dimension, 1))
     starts = list(record.best_places(64, _APART))
     running: list[tuple[CMA, float, int]] = []  # optimiser, its best value, generations since then
     begun, last = 0, _STEP
     while record.left - reserve >= batch:
-        while len(running) < abreast:
+        while len(running) < side_by_side:
             start = starts[begun % len(starts)]
             number = int(make_generator(seed, 0, begun).integers(2**32))
             # What lies outside is drawn once more, then moved to the bound: many worst cases lie there.
@@ -91,7 +91,7 @@ def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int)
             running.append((cma, -np.inf, 0))
             begun += 1
         asked = [np.array([cma.ask() for _ in range(LANES)]) for cma, _, _ in running]
-        values = record.call(np.concatenate(asked), "CMA-ES").reshape(abreast, LANES)
+        values = record.call(np.concatenate(asked), "CMA-ES").reshape(side_by_side, LANES)
         going = []
         for (cma, before, age), points, found in zip(running, asked, values, strict=True):
             # An infinite value would spoil the ranks' weights: it is the worst of the others.

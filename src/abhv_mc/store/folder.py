@@ -10,9 +10,9 @@ from abhv_mc.io.atomic_write import ASIDE, atomic_write
 from abhv_mc.io.input_error import InputError, is_printable
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the last: a limit on a file's size (ulimit -f)
-_CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
+_CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.ELOOP)
 _UNWRITABLE = (
-    *_CLOSED, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT, errno.ELOOP, errno.ENAMETOOLONG, errno.EINVAL,
+    *_CLOSED, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT, errno.EINVAL,
 )  # fmt: skip
 _recorders: list[Callable[[Path, str], None]] = []  # told of every file that is put whole
 
@@ -29,6 +29,10 @@ class CampaignFolder:
     """Paths of a campaign's folder."""
 
     def __init__(self, root: Path) -> None:
+        try:
+            str(root).encode()
+        except UnicodeEncodeError:
+            raise InputError(root, None, None, "a name that is not UTF-8", "another name of the folder") from None
         # pyarrow takes a relative path with a colon for an address.
         self.root = root = root.absolute() if ":" in str(root) else root
         self.campaign = root / "campaign.yaml"

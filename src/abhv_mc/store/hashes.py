@@ -11,6 +11,7 @@ from typing import Any
 from abhv_mc.io.input_error import InputError
 from abhv_mc.store.folder import CampaignFolder, FolderLostError, hash_file, recording
 from abhv_mc.store.manifest import COMPLETE, read_whole_manifest
+from abhv_mc.store.table_check import check_table
 
 _DAMAGED = "a file that is not as the campaign wrote it: damaged, or changed since"
 _GONE = "no such file, but the manifest names it"
@@ -145,6 +146,9 @@ def read_checked(folder: CampaignFolder, paths: Iterable[Path] | None = None) ->
     for path, found in find_damage(folder, manifest, paths):
         wish = f"the file as it was written: restore it, or make it anew (abhv-mc run CAMPAIGN.yaml -o {folder.root})"
         raise InputError(path, None, None, found, wish)
+    for path in data_files(folder, manifest) if paths is None else paths:
+        if path.suffix == ".parquet":
+            check_table(path)
     if "files" not in manifest and "campaign_hash" in manifest:
         note = "written by an older version, without hashes of its files: damage to them cannot be seen"
         print(f"{folder.root}: {note}", file=sys.stderr)

@@ -15,8 +15,10 @@ import pyarrow.parquet as pq
 import pytest
 from campaign.fake_flight import DENSITY, ENGINE, fly, write_campaign
 
+from abhv_mc.campaign.run.retry import UnusableError
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request, make_engine
+from abhv_mc.cli.errors import ExitCode, exit_code_of
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import shipped_campaigns
 
@@ -39,7 +41,7 @@ class Dask:
     """A cluster on this machine."""
 
     def __init__(self, folder: Path) -> None:
-        self._file, self._processes = folder / "scheduler.json", []
+        self._file, self.processes = folder / "scheduler.json", []
         # One worker that dies is enough to fly a block in parts: the tests need not wait for four.
         self._environment = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
         self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
@@ -49,8 +51,8 @@ class Dask:
     def start(self, *words):
         command = [sys.executable, "-m", "dask", *words, "--scheduler-file", str(self._file)]
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
-        self._processes.append(subprocess.Popen(command, env=self._environment, **quiet))
-        return self._processes[-1]
+        self.processes.append(subprocess.Popen(command, env=self._environment, **quiet))
+        return self.processes[-1]
 
     def start_worker(self):
         return self.start("worker", "--nthreads", "1", "--host", "127.0.0.1", "--no-dashboard")
@@ -64,7 +66,7 @@ class Dask:
         process.wait()
 
     def close(self):
-        for process in self._processes:
+        for process in self.processes:
             if process.poll() is None:
                 self.kill(process)
 
@@ -167,6 +169,27 @@ def test_one_worker_killed_and_one_late_give_the_same_digest(dask, tmp_path):
         assert pq.read_table(tmp_path / "a" / name).equals(pq.read_table(tmp_path / "b" / name))
 
 
+def test_a_scheduler_that_dies_ends_the_campaign_in_words_and_the_same_command_goes_on(dask, tmp_path):
+    dask.start_worker()
+    campaign, out = write_campaign(tmp_path / "f", execution="{batch: 8}"), tmp_path / "out"
+
+    def kill_it():
+        wait_for_flights(out, 5)
+        for process in dask.processes:
+            dask.kill(process)
+
+    killer = threading.Thread(target=kill_it)
+    killer.start()
+    with pytest.raises(BaseException) as ended:  # noqa: PT011  # of many kinds
+        run_campaign(Request(campaign, out, scheduler=dask.address), replace(ENGINE, fly=fly_slowly))
+    killer.join()
+    assert isinstance(ended.value, UnusableError) or exit_code_of(ended.value) == ExitCode.INCOMPLETE
+    kept = sum(1 for _ in (out / "flights").glob("*.parquet"))
+    assert 5 <= kept < 76 and json.loads((out / "manifest.json").read_text())["state"] == "interrupted"
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    assert run_campaign(Request(campaign, out), ENGINE).manifest["digest"] == whole["digest"]
+
+
 def test_a_flight_that_hangs_costs_its_row_there_too(dask, tmp_path):
     dask.start_worker()
     execution = "{batch: 16, flight_time_limit: 0.5 s}"
@@ -181,8 +204,6 @@ def test_a_flight_that_hangs_costs_its_row_there_too(dask, tmp_path):
 
 
 def test_workers_with_other_code_stop_the_campaign(dask, tmp_path):
-    from abhv_mc.campaign.run.retry import UnusableError
-
     dask.start_worker()
     request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=dask.address)
     with pytest.raises(UnusableError, match="another version of the program"):

@@ -335,7 +335,8 @@ def test_envelopes_are_numpys_over_all_flights(tmp_path):
             assert row["count"] == len(values)
             wanted = np.quantile(values.astype(float), [0, 0.00135, 0.05, 0.5, 0.95, 0.99865, 1])
             found = row[["min", "q0.135", "q5", "q50", "q95", "q99.865", "max"]].to_numpy(float)
-            np.testing.assert_allclose(found, wanted, rtol=1e-12)
+            np.testing.assert_allclose(found[1:-1], wanted[1:-1], rtol=1e-12)
+            assert found[0] <= wanted[0] and found[-1] >= wanted[-1]  # of every tick, see test_every_tick
     assert list(CHANNEL_INDEX) and (envelope["quantile_error"] == 0).all()
 
 

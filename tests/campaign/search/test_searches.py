@@ -142,7 +142,7 @@ def test_another_search_in_the_same_folder_is_refused(tmp_path, line):
     request = SearchRequest(line, tmp_path / "out")
     find_worst(request, WorstSettings(METRIC, flights=400), LINE)
     before = (tmp_path / "out/manifest.json").read_bytes()
-    with pytest.raises(InputError, match="flights: 400 -> 500"):
+    with pytest.raises(InputError, match=r"flights: 400 -> 500; wanted another folder .*from its beginning"):
         find_worst(request, WorstSettings(METRIC, flights=500), LINE)
     with pytest.raises(InputError, match="another search"):
         find_rare(request, RareSettings(METRIC, flights=8000), LINE)

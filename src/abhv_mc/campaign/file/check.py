@@ -133,9 +133,7 @@ def check_campaign(document: Document) -> CheckedCampaign:
 def name_effectors(document: Document) -> Document:
     """The campaign with failures of the vehicle's own effectors by their place: ``failure.right_elevon.stuck_time``
     becomes ``failure.effector_0.stuck_time`` where the vehicle file lists right_elevon first."""
-    data = document.data
-    if not isinstance(data, dict):
-        return document
+    data: dict[str, Any] = document.data if isinstance(document.data, dict) else {}
     held, vehicle = data.get("dispersions"), data.get("vehicle")
     if not isinstance(held, dict) or not isinstance(vehicle, str):
         return document

@@ -9,7 +9,13 @@ from pydantic import BaseModel
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.possible import find_impossible
-from abhv_mc.control.controller_file import ControllerFile, LqrController, TlcController, read_controller
+from abhv_mc.control.controller_file import (
+    ControllerFile,
+    LqrController,
+    PythonController,
+    TlcController,
+    read_controller,
+)
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.io.documents import InputError, InputErrors, describe, one_of, read_document
 from abhv_mc.plant.vehicles import load_vehicle
@@ -24,8 +30,10 @@ MODELS: dict[str, type[BaseModel]] = {
 }
 _KEYS: dict[str, set[str]] = {
     **{kind: set(model.model_fields) for kind, model in MODELS.items()},
-    "controller": {*TlcController.model_fields, *LqrController.model_fields},
+    "controller": {*TlcController.model_fields, *LqrController.model_fields, *PythonController.model_fields},
 }
+
+Pending = list[tuple[Path, str | None, tuple[Path, Path] | None]]  # file, kind, vehicle and mission of its campaign
 
 
 @dataclass(frozen=True)
@@ -55,16 +63,16 @@ def check_inputs(path: Path) -> list[CheckedInput]:
     """
     checked: list[CheckedInput] = []
     errors: list[InputError] = []
-    pending: list[tuple[Path, str | None]] = [(path, None)]
+    pending: Pending = [(path, None, None)]
     seen: set[Path] = set()
     while pending:
-        file, kind = pending.pop(0)
+        file, kind, flown = pending.pop(0)
         if file.resolve() in seen:
             continue
         seen.add(file.resolve())
         try:
             kind = kind or find_kind(file)
-            warnings = tuple(_check(file, kind, pending))
+            warnings = tuple(_check(file, kind, flown, pending))
             checked.append(CheckedInput(file, kind, warnings))
         except InputErrors as several:
             errors.extend(several.errors)
@@ -75,7 +83,7 @@ def check_inputs(path: Path) -> list[CheckedInput]:
     return checked
 
 
-def _check(file: Path, kind: str, pending: list[tuple[Path, str | None]]) -> Iterator[str]:
+def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pending) -> Iterator[str]:
     """Check one file, yield its warnings and add the files that it names to ``pending``."""
     if kind == "campaign":
         checked = read_campaign(file)
@@ -83,11 +91,17 @@ def _check(file: Path, kind: str, pending: list[tuple[Path, str | None]]) -> Ite
         problems = find_impossible(checked, load_vehicle(campaign.vehicle))
         if problems:
             raise InputErrors(problems)
-        pending += [(campaign.vehicle, "vehicle"), (campaign.mission, "mission")]
-        pending += [(controller, "controller") for controller in campaign.controllers.values()]
+        flown = campaign.vehicle, campaign.mission
+        pending += [(campaign.vehicle, "vehicle", None), (campaign.mission, "mission", None)]
+        pending += [(controller, "controller", flown) for controller in campaign.controllers.values()]
     elif kind == "vehicle":
         yield from find_vehicle_warnings(load_vehicle(file))
     elif kind == "mission":
         read_mission(file)
     else:
-        yield from read_controller(file).warnings()
+        controller = read_controller(file)
+        yield from controller.warnings()
+        if isinstance(controller, PythonController):
+            from abhv_mc.campaign.file.try_law import try_law
+
+            yield from try_law(file, controller, *(flown or (None, None)))

@@ -2,40 +2,48 @@
 
 import json
 import os
+import re
 import shutil
 from pathlib import Path
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.inputs import MODELS, find_kind
+from abhv_mc.campaign.file.resolve import find_references
 from abhv_mc.campaign.file.schema import make_schema
-from abhv_mc.io.documents import InputError
-from abhv_mc.shipped import shipped_campaigns, shipped_configs
-from abhv_mc.vehicle.file import read_vehicle_file
+from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.shipped import shipped_configs, shipped_files
 
-_CAMPAIGN = "s_manoeuvre.yaml"
+DEFAULT = "s_manoeuvre"
+_LAW = "cascade"
 _SCHEMAS = "schemas"
 
 
-def write_new_campaign(folder: Path) -> list[Path]:
-    """Fill a new or empty folder, and name the files written; the campaign, ``campaign.yaml``, comes first.
+def write_new_campaign(folder: Path, name: str = DEFAULT, law: bool = False) -> list[Path]:
+    """Fill a new or empty folder with the shipped campaign ``name`` and all that it refers to; name what was written.
 
-    Raises :class:`InputError` where the folder holds something already.
+    The campaign, ``campaign.yaml``, comes first; ``law`` adds a commented controller of one's own to it.
+    Raises :class:`InputError` for an unknown name, or where the folder holds something already.
     """
+    known = shipped_files("campaign")
+    if name not in known:
+        raise InputError("--from", None, None, f"'{name}'", one_of(known, name))
     if folder.exists() and not folder.is_dir():
         raise InputError(folder, None, None, "a file", "a new or an empty folder")
     if folder.is_dir() and any(folder.iterdir()):
         raise InputError(folder, None, None, "a folder that is not empty", "a new or an empty one")
-    source = shipped_campaigns() / _CAMPAIGN
+    source = known[name]
     campaign = read_campaign(source).model
-    vehicle = read_vehicle_file(campaign.vehicle)
-    files = {campaign.vehicle, campaign.mission, *campaign.controllers.values(), *vehicle.files}
+    named = (campaign.vehicle, campaign.mission, *campaign.controllers.values())
+    files = {file for path in named for file in (path, *find_references(path.resolve()))}
     written = [folder / "campaign.yaml"]
-    for file in sorted(path.resolve() for path in files):
+    for file in sorted({path.resolve() for path in files}):
         target = folder / file.relative_to(shipped_configs().resolve())
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, target)
         written.append(target)
     written[0].write_text(source.read_text(encoding="utf-8").replace("../configs/", ""), encoding="utf-8")
+    if law:
+        written += _add_law(folder, written[0])
     return written + _write_schemas(folder, [file for file in written if file.suffix == ".yaml"])
 
 
@@ -51,3 +59,16 @@ def _write_schemas(folder: Path, files: list[Path]) -> list[Path]:
         line = f"# yaml-language-server: $schema={schema.as_posix()}\n"
         file.write_text(line + file.read_text(encoding="utf-8"), encoding="utf-8")
     return written
+
+
+def _add_law(folder: Path, campaign: Path) -> list[Path]:
+    """The shipped example of a controller of one's own, by the name ``my_law``."""
+    source, target = shipped_configs() / "control", folder / "control"
+    files = [target / "my_law.py", target / "my_law.yaml"]
+    shutil.copyfile(source / f"{_LAW}.py", files[0])
+    text = (source / f"{_LAW}.yaml").read_text(encoding="utf-8").replace(f"{_LAW}.py", files[0].name)
+    files[1].write_text(text, encoding="utf-8")
+    text = campaign.read_text(encoding="utf-8")
+    mine = "  my_law: control/my_law.yaml # your own: control/my_law.py\n"
+    campaign.write_text(re.sub(r"(?m)^(controllers:.*\n)", rf"\1{mine}", text), encoding="utf-8")
+    return files

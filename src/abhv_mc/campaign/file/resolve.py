@@ -14,7 +14,7 @@ from typing import Any
 from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, select_requirements
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
 from abhv_mc.store.folder import CampaignFolder, hash_file, is_inside, write_bytes, write_whole
-from abhv_mc.store.hashes import FileHashes
+from abhv_mc.store.hashes import FileHashes, refuse_links
 
 _YAML = (".yaml", ".yml")
 _DATA = (".csv", ".parquet", ".pq", ".json", ".gz", ".py")
@@ -75,7 +75,7 @@ def resolve_campaign(campaign: CheckedCampaign) -> ResolvedCampaign:
 
 def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
     """Put ``path`` and all that it refers to under ``place``, in the same positions to each other."""
-    files = {path.resolve(): None, **dict.fromkeys(_references(path.resolve()))}
+    files = {path.resolve(): None, **dict.fromkeys(find_references(path.resolve()))}
     root = Path(os.path.commonpath([file.parent for file in files]))
     for file in files:
         copy = f"{place}/{file.relative_to(root).as_posix()}"
@@ -85,7 +85,7 @@ def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
     return f"{place}/{path.resolve().relative_to(root).as_posix()}"
 
 
-def _references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Path]:
+def find_references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Path]:
     """Files that a YAML file names by relative paths, and those that they name."""
     if path.suffix.lower() not in _YAML or path in seen:
         return
@@ -94,7 +94,7 @@ def _references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Pat
             file = (path.parent / text).resolve()
             if file.is_file():
                 yield file
-                yield from _references(file, seen | {path})
+                yield from find_references(file, seen | {path})
 
 
 def _named_files(value: Any) -> Iterator[str]:
@@ -173,6 +173,7 @@ def read_held(folder: CampaignFolder, manifest: dict[str, Any]) -> ResolvedCampa
 
 def read_own_campaign(folder: CampaignFolder) -> CheckedCampaign:
     """The campaign of a results folder. Raises InputError where it is none, or refers to files outside the folder."""
+    refuse_links(folder.root)
     document = read_document(folder.campaign)
     _refuse_outside(folder, document, _references_of(document.data))
     return check_campaign(document)

@@ -13,13 +13,13 @@ class Progress:
 
     def __init__(self, label: str, total: int, stream: TextIO | None = None) -> None:
         self._label, self._total = label, total
-        self._stream = stream or sys.stderr
+        self._stream = stream or sys.stderr  # None where it was closed before the start
         self._done = 0
         self._start = self._last = time.monotonic()
         self._bar: Any = None
 
     def __enter__(self) -> "Progress":
-        if self._total and self._stream.isatty():
+        if self._total and self._stream is not None and self._stream.isatty():
             from rich.console import Console
             from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
             from rich.progress import Progress as Bar

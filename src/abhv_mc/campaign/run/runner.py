@@ -38,6 +38,7 @@ from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.flight.signals import CHANNEL_INDEX
+from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.metrics import MARGIN_VALUES
 from abhv_mc.statistics.judgement import own_risks
 from abhv_mc.store.digest import Digest
@@ -54,6 +55,7 @@ from abhv_mc.store.flights import (
 from abhv_mc.store.folder import hash_file, write_text
 from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
 from abhv_mc.store.samples import SampleReader
+from abhv_mc.store.table_check import check_table
 
 _SAVE_INTERVAL = 5.0  # s between states on disk: what a kill costs the envelopes of a large campaign
 
@@ -183,8 +185,8 @@ class _Run:
     def _take_stock(self) -> None:
         """Read every block that is there; what is damaged, foreign or double is flown again."""
         self.tallies = make_tallies(self.campaign)
-        for done in self.done.values():
-            done[:] = False
+        for flown in self.done.values():
+            flown[:] = False
         for path in sorted(self.folder.flights.glob("*.parquet")):
             try:
                 controller, first, stop = parse_block_name(path)
@@ -193,12 +195,13 @@ class _Run:
                     raise DamagedFileError(f"{path.name} belongs to no part of this campaign")
                 if self.files.knows(path) and not self.files.holds(path):
                     raise DamagedFileError(f"{path.name} is not as it was written")
+                check_table(path)
                 rows = read_block(path, self.samples.names)
                 if rows.columns != self.columns:
                     raise DamagedFileError(f"{path.name} holds other metrics")
                 if not np.array_equal(rows.samples, self.samples.rows(first, stop)):
                     raise DamagedFileError(f"{path.name} was flown on other samples")
-            except DamagedFileError:
+            except (DamagedFileError, InputError):
                 path.rename(path.with_name(f"_{path.name}.damaged"))  # kept, but hidden from readers of the folder
                 self.files.forget(path)
                 continue

@@ -1,5 +1,6 @@
 """Before a campaign flies: everything checked, then its folder made, or found and proven to be the same campaign."""
 
+import contextlib
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
-from abhv_mc.campaign.file.own_code import is_folder_copy, read_trusted_plan
+from abhv_mc.campaign.file.own_code import is_in_a_folder, read_own_code, read_trusted_plan
 from abhv_mc.campaign.file.possible import find_impossible
 from abhv_mc.campaign.file.resolve import (
     ResolvedCampaign,
@@ -27,11 +28,10 @@ from abhv_mc.campaign.run.batches import Fly
 from abhv_mc.campaign.run.margin_plans import make_margin_plans
 from abhv_mc.campaign.run.stability import describe_stability
 from abhv_mc.campaign.run.trial_flights import fly_trials
-from abhv_mc.control.controller_file import PythonController, read_controller
 from abhv_mc.flight.own_law import open_law
 from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.io.documents import Document, InputError
-from abhv_mc.own.source import OwnSource, read_source
+from abhv_mc.own.source import read_source
 from abhv_mc.own.trust import check_trusted, trust
 from abhv_mc.stability.metrics import MarginPlan
 from abhv_mc.store.folder import CampaignFolder
@@ -42,6 +42,7 @@ from abhv_mc.store.manifest import COMPLETE, RUNNING, read_manifest, read_whole_
 from abhv_mc.store.plans import pack_plan, write_plan
 from abhv_mc.store.provenance import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.store.samples import ROW_GROUP, SampleReader, write_samples
+from abhv_mc.store.table_check import check_table
 
 _NEEDED = {"name", "campaign_hash", "source_hash", "inputs", "versions", "controllers"}  # to go on with a folder
 Prepare = Callable[[Path, Path, Path, str], FlightPlan]
@@ -124,8 +125,8 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     """
     wanted = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
     folder = CampaignFolder(request.out or Path("reports") / wanted.model.name)
-    for source in _own_code(wanted):
-        if is_folder_copy(request.campaign):
+    for source in read_own_code(wanted.model):
+        if is_in_a_folder(Path(source.file)):
             check_trusted(source, request.trust_code)
         else:  # his own file: he has flown it
             trust(source)
@@ -273,13 +274,6 @@ def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) 
     return plans
 
 
-def _own_code(campaign: CheckedCampaign) -> list[OwnSource]:
-    """The Python files of a campaign, not run."""
-    model = campaign.model
-    files = [law.file for law in map(read_controller, model.controllers.values()) if isinstance(law, PythonController)]
-    return [read_source(file) for file in (*files, *([model.channels] if model.channels else []))]
-
-
 def _take_plans(
     root: Path | None, resolved: ResolvedCampaign, names: tuple[str, ...], engine: Engine, trust_code: bool
 ) -> dict[str, FlightPlan]:
@@ -351,7 +345,11 @@ def _write_samples(folder: CampaignFolder, campaign: CheckedCampaign, files: Fil
     try:
         if not files.holds(folder.samples):
             raise OSError("not as it was written")
-        held = SampleReader(folder.samples)
+        with contextlib.suppress(InputError):
+            check_table(folder.samples)
+            held = SampleReader(folder.samples)
+        if held is None:
+            raise OSError("no table of samples")
         held.verify()
         if held.names == tuple(source.names) and held.flights == campaign.runs:
             return

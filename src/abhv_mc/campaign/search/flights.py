@@ -40,7 +40,7 @@ from abhv_mc.store.samples import write_samples
 
 DRAWN = 3  # flights whose histories a page shows
 _DRAWN_STEP = 0.1  # s
-_MOST_ABREAST = 128  # flights of one call
+_LARGEST_CALL = 128  # flights of one call
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class SearchFlights:
 
     def _fly(self, first: int, samples: Floats) -> FlightRows:
         parameters = spread_parameters(self.space.columns, samples)
-        share = min(_MOST_ABREAST, round_up(-(-len(samples) // self.executor.workers), LANES))
+        share = min(_LARGEST_CALL, round_up(-(-len(samples) // self.executor.workers), LANES))
         pieces = [parameters[start : start + share] for start in range(0, len(samples), share)]
         with ThreadPoolExecutor(self.executor.workers) as threads:
             blocks = list(threads.map(lambda piece: self.executor.fly(self.plan, piece, None), pieces))
@@ -254,6 +254,8 @@ def _check_same(folder: CampaignFolder, settings: dict[str, Any], identity: str,
     if manifest.get("campaign_hash") != identity:
         raise InputError(folder.root, None, None, "a folder that holds a search of another campaign", wish)
     changes = [f"{key}: {held.get(key)} -> {value}" for key, value in settings.items() if held.get(key) != value]
+    if changes and changes[0].startswith("flights:") and len(changes) == 1:
+        wish = "another folder (-o DIR): where a search goes depends on how many flights it has from its beginning"
     if changes:
         raise InputError(folder.root, None, None, "a folder that holds another search: " + ", ".join(changes), wish)
     check_source(folder, manifest, engine)

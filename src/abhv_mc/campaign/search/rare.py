@@ -9,15 +9,13 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
 from abhv_mc.campaign.run.setup import Engine, make_engine
 from abhv_mc.campaign.search.flights import DRAWN, DrawnFlights, SearchRequest, open_search, read_searched
-from abhv_mc.campaign.search.severity import Severity, ended_early, rank_distinct
+from abhv_mc.campaign.search.severity import FAILS_ABOVE, Severity, ended_early, rank_distinct
 from abhv_mc.campaign.search.space import make_space
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.search.evaluation import Floats
 from abhv_mc.search.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains, estimate_rare
 from abhv_mc.search.subset import SubsetPlan
 from abhv_mc.store.flights import FlightRows
-
-_LIMIT = -float(np.finfo(np.float64).tiny)  # a severity of zero, a metric just at its limit, fails
 
 
 @dataclass(frozen=True)
@@ -47,7 +45,7 @@ class RareFound:
     @property
     def failures(self) -> int:
         """How many of the flights fail."""
-        return int((self.severities > _LIMIT).sum())
+        return int((self.severities > FAILS_ABOVE).sum())
 
     def numbers(self) -> dict[str, Any]:
         """The result as JSON holds it."""
@@ -81,6 +79,7 @@ class RareFound:
             else {"probability": check.probability, "cov": check.cov, "flights": check.flights},
             "refusal": found.refusal,
             "ended_early": int(ended_early(self.flights).sum()),
+            "ended_early_fails": self.requirement.ended_early == "failure",
             "failed_to_run": self.failed_to_run,
             "failures": self.failures,
             "worst_flights": rank_distinct(self.severities, self.flights.samples, 20),
@@ -106,7 +105,7 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
             found = severity.of(search.fly(space.from_normal(points), common_seed=False))
             return np.where(np.isnan(found), np.inf, found)
 
-        plan = SubsetPlan(len(space.names), _LIMIT, search.seed, chains)
+        plan = SubsetPlan(len(space.names), FAILS_ABOVE, search.seed, chains)
         estimate = estimate_rare(evaluate, plan, settings.target_cov, settings.flights)
         rows = search.rows()
         severities = np.where(np.isnan(severity.of(rows)), -np.inf, severity.of(rows))

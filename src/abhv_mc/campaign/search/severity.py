@@ -12,6 +12,8 @@ from abhv_mc.store.flights import FlightRows
 
 # A flight that ends early is worse than every other; the earlier the worse, in seconds on top of this.
 ENDED_EARLY = 1e9
+# Above it a requirement is broken: a severity of zero, a metric just at its limit, is a failure.
+FAILS_ABOVE = -float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,9 @@ def plot_envelopes(rows: Sequence[EnvelopeRow], titles: Sequence[str], colors: S
             if row.note:
                 axes.text(0.98, 0.96, row.note, transform=axes.transAxes, ha="right", va="top", fontsize=7, color=INK)
         first = grid[r, 0]
-        first.set_xlim(*(row.x_range or (float(row.panels[0].x[0]), float(row.panels[0].x[-1]))))
+        flown = np.concatenate([panel.x[np.isfinite(panel.x)] for panel in row.panels])
+        if row.x_range or flown.size:  # every flight may have ended early
+            first.set_xlim(*(row.x_range or (float(flown.min()), float(flown.max()) or 1.0)))
         _set_y_limits(first, row)
     _legend(figure, rows)
     return figure

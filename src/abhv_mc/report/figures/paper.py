@@ -12,7 +12,10 @@ from abhv_mc.report.metrics import controller_label
 from abhv_mc.report.results import Results
 from abhv_mc.vehicle.arrays import Floats
 
-_BANDS = "Bands over the flights that still fly: all, 0.135 to 99.865 %, 5 to 95 %; line: median."
+_BANDS = (
+    "Bands hold at each moment by itself, over the flights that still fly then: all of them (every control tick), "
+    "0.135 to 99.865 %, 5 to 95 %; line: median."
+)
 _SIGN = "The paper plots the mirrored sign (its first bank is positive); its time is ours plus 180 s."
 
 

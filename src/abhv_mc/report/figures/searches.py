@@ -147,7 +147,7 @@ def plot_front(
     axes.plot(usage[shown & allowed], error[shown & allowed], ".", color=SKY, label="within all limits")
     axes.plot(usage[front], error[front], color=BLUE, linewidth=1.2, drawstyle="steps-post", label="not beaten in both")
     axes.plot(usage[0], error[0], "s", color=INK, label="start")
-    axes.plot(usage[best], error[best], "o", color=VERMILION, label="best error")
+    axes.plot(usage[best], error[best], "o", color=VERMILION, label="result")
     axes.set_xlabel(labels[0])
     axes.set_ylabel(labels[1])
     if shown.any():  # far candidates would squeeze what matters into a corner

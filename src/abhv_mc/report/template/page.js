@@ -66,7 +66,7 @@
       return `${controller.label} ${text(low)} to ${text(high)} ${channel.unit}`.trim();
     };
     words.textContent = controllers.length
-      ? `${channel.label} (${channel.doc}) over all flights and times: ${controllers.map(range).join("; ")}.`
+      ? `${channel.label} (${channel.doc}) over all flights and times: ${controllers.map(range).join("; ")}. Bands hold at each moment by itself, over the flights that still fly then.`
       : "No controller is chosen.";
   };
 
@@ -78,16 +78,20 @@
     for (const controller of controllers) traces.push(...lineTraces(controller, controller.curves[channel.name], channel));
     if (isOn("reference") && data.reference[channel.reference]) {
       traces.push({ x: data.reference.time, y: data.reference[channel.reference], name: "reference", mode: "lines",
-        line: { color: "#1b1b1b", width: 1.2 } });
+        line: { color: getComputedStyle(document.documentElement).getPropertyValue("--ink").trim(), width: 1.2 } });
     }
     const narrow = plot.clientWidth < 560;
+    const style = getComputedStyle(document.documentElement);
+    const ink = style.getPropertyValue("--ink").trim();
+    const line = style.getPropertyValue("--line").trim();
     Plotly.react(plot, traces, {
       margin: { l: narrow ? 52 : 70, r: 12, t: 10, b: 46 },
-      xaxis: { title: { text: "time (s)" }, zeroline: false },
-      yaxis: { title: { text: channel.unit ? `${channel.label} (${channel.unit})` : channel.label }, zeroline: false, exponentformat: "none" },
+      xaxis: { title: { text: "time (s)" }, zeroline: false, gridcolor: line },
+      yaxis: { title: { text: channel.unit ? `${channel.label} (${channel.unit})` : channel.label }, zeroline: false, exponentformat: "none", gridcolor: line },
       hovermode: narrow ? "closest" : "x unified",
       legend: { orientation: "h", y: -0.16 },
-      font: { family: "system-ui, Segoe UI, Liberation Sans, Arial, sans-serif", size: 13, color: "#1b1b1b" },
+      font: { family: "system-ui, Segoe UI, Liberation Sans, Arial, sans-serif", size: 13, color: ink }, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+      hoverlabel: { bgcolor: style.getPropertyValue("--paper").trim(), font: { color: ink } },
       height: narrow ? 400 : 480,
       uirevision: channel.name,
     }, { responsive: true, displaylogo: false, plotlyServerURL: "", modeBarButtons: [tools] });
@@ -129,7 +133,5 @@
     start();
   }
 
-  // Print everything, folded or not.
-  addEventListener("beforeprint", () => document.querySelectorAll("details").forEach((d) => { d.dataset.was = d.open; d.open = true; }));
-  addEventListener("afterprint", () => document.querySelectorAll("details").forEach((d) => { d.open = d.dataset.was === "true"; }));
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (!controls.hidden) draw(); });
 })();

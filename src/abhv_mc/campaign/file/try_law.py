@@ -1,0 +1,37 @@
+"""A controller of one's own tried before it flies: read, compiled, and one control tick of a nominal flight."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from abhv_mc.campaign.file.own_code import is_in_a_folder
+from abhv_mc.control.controller_file import PythonController
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.io.documents import InputError
+from abhv_mc.own.source import read_source
+from abhv_mc.own.trust import is_trusted
+from abhv_mc.shipped import shipped_configs
+
+_BROKEN = {
+    Outcome.NOT_FINITE: "a law whose command at the first tick is not a number",
+    Outcome.LAW_FAILED: "a law that raises an exception at the first tick (above)",
+}
+
+
+def try_law(file: Path, controller: PythonController, vehicle: Path | None, mission: Path | None) -> list[str]:
+    """Compile a controller and fly one tick, on the campaign's vehicle and mission or shipped ones; its warnings.
+
+    Code of a campaign's folder that this user has not flown is not run. Raises InputError.
+    """
+    if is_in_a_folder(controller.file) and not is_trusted(read_source(controller.file)):
+        return ["its Python code was not run: it is a folder's, and you have not flown it"]
+    configs = shipped_configs()
+    vehicle = vehicle or configs / "vehicle" / "ghame_x.yaml"
+    mission = mission or configs / "mission" / "level.yaml"
+    plan = prepare(vehicle, mission, file, file.stem)
+    block = fly(replace(plan, timing=plan.timing._replace(ticks=0)), nominal_parameters())
+    found = _BROKEN.get(Outcome(int(block.outcome[0])))
+    if found is not None:
+        raise InputError(controller.file, None, None, found, "finite commands")
+    return []

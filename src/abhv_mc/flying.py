@@ -1,0 +1,211 @@
+"""Single flights and trims from Python: inputs by shipped name, path or mapping, results as pandas tables.
+
+A mapping is the file's content; with ``base`` it is that file (or shipped name) with entries replaced, nested ones by
+dotted keys: ``{"base": "tlc", "guidance.path.bandwidth": 0.9}``. Nothing is written.
+"""
+
+import copy
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from abhv_mc.io.documents import Document, InputError, Refusal, one_of, read_document
+from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED, Dimension, parse_in_unit, parse_quantity
+from abhv_mc.shipped import find_input
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
+    from numpy.typing import NDArray
+
+    from abhv_mc.flight.plan import FlightPlan
+    from abhv_mc.plant.trim import FlightPoint
+    from abhv_mc.vehicle.model import Vehicle
+    from abhv_mc.world.earth import Earth
+
+Input = str | Path | Mapping[str, Any]
+Quantity = float | str  # a number in SI (angles in rad), or text with a unit
+
+TRIM_UNITS = {
+    "bank_deg": "deg",
+    "angle_of_attack_deg": "deg",
+    "elevator_deg": "deg",
+    "equivalence_ratio": "-",
+    "thrust_n": "N",
+    "lift_n": "N",
+    "drag_n": "N",
+    "lift_to_drag": "-",
+    "c_tn": "-",
+    "load_factor_g": "g",
+    "fuel_flow_kgps": "kg/s",
+    "mach": "-",
+    "dynamic_pressure_pa": "Pa",
+}
+
+
+def make_document(kind: str, given: Input) -> Document:
+    """An input of a kind (``vehicle``, ``mission``, ``control``) as a document. Raises InputError."""
+    if not isinstance(given, Mapping):
+        return read_document(find_input(given, kind))
+    changes = {str(key): value for key, value in given.items()}
+    base = changes.pop("base", None)
+    if base is None:
+        return Document(Path(f"<{kind}>"), changes, {(): (1, 1)}, {})
+    document = read_document(find_input(base, kind))
+    data: Any = copy.deepcopy(document.data)
+    for key, value in changes.items():
+        *path, last = key.split(".")
+        place = data
+        for i, name in enumerate(path):
+            if not isinstance(place, dict) or name not in place:
+                known = place if isinstance(place, dict) else ()
+                found = f"no entry '{'.'.join(path[: i + 1])}'"
+                raise InputError(document.path, None, None, found, one_of(known, name) if known else "a mapping")
+            place = place[name]
+        if not isinstance(place, dict):
+            raise InputError(document.path, None, None, f"no entry '{key}'", "the key of a mapping")
+        place[last] = value
+    return Document(document.path, data, document.value_places, document.key_places)
+
+
+def make_flight_plan(mission: Input, vehicle: Input = "ghame_x", controller: Input = "tlc") -> "FlightPlan":
+    """The plan that a controller flies: reference, gains, start. Raises InputError."""
+    from abhv_mc.flight.prepare import prepare
+
+    craft: Any = make_document("vehicle", vehicle)  # read as the files that they stand for
+    asked: Any = make_document("mission", mission)
+    law: Any = make_document("control", controller)
+    return prepare(craft, asked, law, law.path.stem)
+
+
+def make_parameters(dispersions: Mapping[str, Quantity]) -> "NDArray[np.float64]":
+    """One row of all parameters [1, parameter], those named replaced. Raises InputError for an unknown one."""
+    from abhv_mc.flight.fly import nominal_parameters
+    from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+
+    row = nominal_parameters()
+    for name, value in dispersions.items():
+        if name not in PARAMETER_INDEX or name == PARAMETERS[0].name:
+            raise InputError("dispersions", None, None, f"parameter '{name}'", one_of(list(PARAMETER_INDEX)[1:], name))
+        try:
+            unit = PARAMETERS[PARAMETER_INDEX[name]].unit
+            row[0, PARAMETER_INDEX[name]] = parse_in_unit(value, unit) if isinstance(value, str) else float(value)
+        except Refusal as refusal:
+            raise InputError("dispersions", None, None, f"{name}: {refusal.found}", refusal.wanted) from None
+    return row
+
+
+def fly(
+    mission: Input,
+    vehicle: Input = "ghame_x",
+    controller: Input = "tlc",
+    dispersions: Mapping[str, Quantity] | None = None,
+    every: int = 1,
+) -> "pd.DataFrame":
+    """Fly one flight: a table of ``time`` (s) and every recorded channel, a row each ``every`` control ticks.
+
+    dispersions: parameters of this flight (``abhv-mc parameters`` lists them), the others nominal; a number is a
+    factor or SI, text has its unit, as in ``{"aero.drag": "110 %", "wind.north": 12.0}``.
+    The table's ``attrs`` hold ``units`` (of the columns), ``outcome``, ``sentence``, ``end_time_s``, ``metrics`` and
+    ``metric_units`` by name, and ``warnings``. A flight that ends early has fewer rows. Raises
+    :class:`abhv_mc.io.documents.InputError` for what is wrong with an input.
+    """
+    import pandas as pd
+
+    from abhv_mc.flight.fly import fly as fly_plan
+    from abhv_mc.flight.outcome import SENTENCES, Outcome
+    from abhv_mc.flight.signals import CHANNELS, METRICS
+
+    plan = make_flight_plan(mission, vehicle, controller)
+    block = fly_plan(plan, make_parameters(dispersions or {}), every)
+    outcome = Outcome(int(block.outcome[0]))
+    table = pd.DataFrame(block.history[0].astype("float64"), columns=[channel.name for channel in CHANNELS])
+    table.insert(0, "time", block.times)
+    table = table[table["time"] <= block.end_time[0] + 1e-9].reset_index(drop=True)
+    table.attrs = {
+        "units": {"time": "s"} | {channel.name: channel.unit for channel in CHANNELS},
+        "outcome": outcome.code,
+        "sentence": SENTENCES[outcome],
+        "end_time_s": float(block.end_time[0]),
+        "metrics": {metric.name: float(block.metrics[0, i]) for i, metric in enumerate(METRICS)},
+        "metric_units": {metric.name: metric.unit for metric in METRICS},
+        "warnings": plan.warnings.tolist(),
+    }
+    return table
+
+
+def trim(
+    vehicle: Input = "ghame_x",
+    altitude: Quantity = "20 km",
+    speed: Quantity = "1400 m/s",
+    bank: Quantity | Sequence[Quantity] = 0.0,
+    *,
+    flight_path_angle: Quantity = 0.0,
+    latitude: Quantity = "29.3 deg",
+    heading: Quantity = "90 deg",
+    mass: Quantity | None = None,
+    rotating: bool = False,
+) -> "pd.DataFrame":
+    """The controls of steady flight: one row a bank angle, indexed by ``bank_deg``; ``attrs["units"]`` by column.
+
+    Numbers are SI and radians, text has its unit. ``trimmed`` is False where the vehicle's limits allow no balance,
+    and ``fault`` says why. The Earth is at rest unless ``rotating``. Raises InputError.
+    """
+    import pandas as pd
+
+    from abhv_mc.plant.trim import FlightPoint
+    from abhv_mc.plant.vehicles import load_vehicle
+    from abhv_mc.world.earth import WGS84
+
+    document: Any = make_document("vehicle", vehicle)
+    banks = [bank] if isinstance(bank, str | int | float) else list(bank)
+    point = FlightPoint(
+        _si(altitude, LENGTH, "altitude"),
+        _si(speed, SPEED, "speed"),
+        0.0,
+        _si(latitude, ANGLE, "latitude"),
+        _si(heading, ANGLE, "heading"),
+        _si(flight_path_angle, ANGLE, "flight_path_angle"),
+    )
+    earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
+    angles = [_si(angle, ANGLE, "bank") for angle in banks]
+    kilograms = None if mass is None else _si(mass, MASS, "mass")
+    rows = list(trim_rows(load_vehicle(document), earth, point, angles, kilograms))
+    table = pd.DataFrame(rows).set_index("bank_deg")
+    table.attrs = {"units": dict(TRIM_UNITS)}
+    return table
+
+
+def trim_rows(
+    vehicle: "Vehicle", earth: "Earth", point: "FlightPoint", banks: Sequence[float], mass: float | None
+) -> Iterator[dict[str, Any]]:
+    """The trim at each bank angle (rad) by the names of TRIM_UNITS, whether there is one, and why not."""
+    from abhv_mc.plant.trim import trim as balance
+
+    for angle in banks:
+        found = balance(vehicle, earth, point._replace(bank=angle), mass)
+        yield {
+            "bank_deg": math.degrees(angle),
+            "angle_of_attack_deg": math.degrees(found.angle_of_attack),
+            "elevator_deg": math.degrees(found.elevator),
+            "equivalence_ratio": found.equivalence_ratio,
+            "thrust_n": found.thrust,
+            "lift_n": found.lift,
+            "drag_n": found.drag,
+            "lift_to_drag": found.lift / found.drag,
+            "c_tn": found.c_tn,
+            "load_factor_g": found.load_factor,
+            "fuel_flow_kgps": found.fuel_flow,
+            "mach": found.mach,
+            "dynamic_pressure_pa": found.dynamic_pressure,
+            "trimmed": not found.fault,
+            "fault": found.fault or None,
+        }
+
+
+def _si(value: Quantity, dimension: Dimension, name: str) -> float:
+    try:
+        return parse_quantity(value, dimension, dimension.unit)
+    except Refusal as refusal:
+        raise InputError(name, None, None, refusal.found, refusal.wanted) from None

@@ -1,0 +1,113 @@
+"""What `report` and `verify campaign` say of a folder that a search wrote."""
+
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.campaign.search.severity import FAILS_ABOVE, Severity, ended_early
+from abhv_mc.flight.signals import METRIC_INDEX
+from abhv_mc.io.documents import InputError
+from abhv_mc.search.evaluation import Floats
+from abhv_mc.store.flights import DamagedFileError, FlightRows, read_block
+from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.manifest import COMPLETE
+from abhv_mc.store.plans import read_plan
+from abhv_mc.store.samples import SampleReader
+
+
+def refuse_search(root: Path, manifest: dict[str, Any]) -> None:
+    """Raise InputError for a search's folder, naming the command that makes its page again."""
+    if "search" in manifest:
+        wanted = f"the search's own command, which makes its page again from them: {search_command(root, manifest)}"
+        raise InputError(root, None, None, "the flights of a search, of which there is no campaign's report", wanted)
+
+
+def search_command(root: Path, manifest: dict[str, Any]) -> str:
+    """The command that answers the search again from what the folder holds."""
+    held = manifest["search"]
+    words = ["abhv-mc", held["kind"], str(root / "campaign.yaml"), "--controller", held["controller"]]
+    if held["kind"] == "worst":
+        words += ["--metric", held["metric"], "--above" if held["largest"] else "--below", "--box", f"{held['box']:g}"]
+    else:
+        words += ["--requirement", held["requirement"], "--target-cov", f"{held['target_cov']:g}"]
+    return shlex.join([*words, "--flights", str(held["flights"]), "-o", str(root)])
+
+
+def verify_search(folder: CampaignFolder, manifest: dict[str, Any]) -> Iterator[str]:
+    """What of a search's result its flights do not confirm: that they are whole, are these, and give these counts.
+
+    Raises InputError where the search is not complete.
+    """
+    if manifest.get("state") != COMPLETE:
+        wanted = f"a complete one; this goes on with it: {search_command(folder.root, manifest)}"
+        raise InputError(folder.root, None, None, f"a search that is {manifest.get('state')}", wanted)
+    samples = SampleReader(folder.samples)
+    try:
+        blocks = [read_block(path, samples.names) for path in sorted(folder.flights.glob("*.parquet"))]
+    except DamagedFileError as error:
+        yield f"flights/{error}"
+        return
+    blocks.sort(key=lambda block: block.first)
+    if not blocks or [block.first for block in blocks] != [0, *(block.stop for block in blocks[:-1])]:
+        yield "flights: some are missing"
+        return
+    rows = FlightRows(
+        blocks[0].controller,
+        0,
+        samples.names,
+        np.concatenate([block.samples for block in blocks]),
+        tuple(code for block in blocks for code in block.outcome),
+        np.concatenate([block.values for block in blocks]),
+    )
+    if str(rows.digest()) != manifest["digest"]:
+        yield f"digest: {manifest['digest']} in the manifest, {rows.digest()} from the flights"
+    if samples.flights != rows.stop or not np.array_equal(samples.rows(0, rows.stop), rows.samples):
+        yield "samples.parquet: not the samples that the flights have"
+    remade = _worst(folder, rows, manifest) if manifest["search"]["kind"] == "worst" else _rare(folder, rows, manifest)
+    result = manifest["result"]
+    yield from (f"{key}: {result[key]} in the result, {value} from the flights" for key, value in remade.items()
+                if result[key] != value)  # fmt: skip
+
+
+def _worst(folder: CampaignFolder, rows: FlightRows, manifest: dict[str, Any]) -> dict[str, Any]:
+    held, searched = manifest["search"], manifest["result"]["flights"]
+    severities = _severities(folder, rows, held["controller"], held["metric"], 1.0 if held["largest"] else -1.0)
+    worst, random = int(np.argmax(severities[:searched])), searched + int(np.argmax(severities[searched:]))
+    metric = rows.values[:, METRIC_INDEX[held["metric"]]]
+    return {
+        "flight": worst,
+        "value": float(metric[worst]),
+        "random_flight": random,
+        "random_worst": float(metric[random]),
+        "ended_early": int(ended_early(rows)[:searched].sum()),
+    }
+
+
+def _rare(folder: CampaignFolder, rows: FlightRows, manifest: dict[str, Any]) -> dict[str, Any]:
+    held, result = manifest["search"], manifest["result"]
+    limit, sign = (result["below"], 1.0) if "below" in result else (result["above"], -1.0)
+    severities = _severities(
+        folder, rows, held["controller"], held["requirement"], sign, limit, result["ended_early_fails"]
+    )
+    return {
+        "flights": rows.stop,
+        "failures": int((severities > FAILS_ABOVE).sum()),
+        "ended_early": int(ended_early(rows).sum()),
+    }
+
+
+def _severities(
+    folder: CampaignFolder,
+    rows: FlightRows,
+    controller: str,
+    metric: str,
+    sign: float,
+    limit: float = 0.0,
+    early_is_worse: bool = True,
+) -> Floats:
+    duration = read_plan(folder.plan(controller)).timing.duration
+    severities = Severity(metric, sign, duration, limit, early_is_worse).of(rows)
+    return np.where(np.isnan(severities), -np.inf, severities)

@@ -1,0 +1,56 @@
+"""Whether a Parquet file has the columns that a campaign writes: readers take them for numbers without another look."""
+
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from abhv_mc.flight.signals import CHANNELS, METRICS
+from abhv_mc.io.input_error import InputError
+from abhv_mc.store.flights import END_TIME, DamagedFileError, parse_block_name
+
+_WISH = "a table as a campaign writes it: restore it, or make it anew (abhv-mc run)"
+_KEYS = {
+    "flight": pa.int64(),
+    "controller": pa.string(),
+    "outcome": pa.string(),
+    "channel": pa.string(),
+    "time": pa.float64(),
+    "count": pa.int64(),
+}
+_NEEDED = {
+    "flights": ("flight", "controller", "outcome", END_TIME.name, *(signal.name for signal in METRICS)),
+    "samples": ("flight",),
+    "histories": ("flight", "controller", "time"),
+    "envelopes": ("controller", "channel", "time", "count", "min", "q0.135", "q5", "q50", "q95", "q99.865", "max"),
+    "nominal": ("controller", "time", *(signal.name for signal in CHANNELS)),
+    "reference": ("time",),
+}
+_MOST_ROWS = 2**31
+
+
+def check_table(path: Path) -> None:
+    """Raises InputError for a file of a campaign's folder whose columns, types or size are not a campaign's."""
+    kind = path.stem if path.stem in _NEEDED else path.parent.name
+    try:
+        with pq.ParquetFile(path) as file:
+            schema, rows = file.schema_arrow, file.metadata.num_rows
+        if kind == "flights":
+            _, first, stop = parse_block_name(path)
+            if rows != stop - first:
+                raise InputError(path, None, None, f"{rows} rows", f"the {stop - first} of its name")
+    except (pa.ArrowException, OSError, ValueError, DamagedFileError) as error:
+        raise InputError(path, None, None, str(error).splitlines()[0], _WISH) from None
+    names = schema.names
+    if len(set(names)) < len(names):
+        raise InputError(path, None, None, "two columns of one name", _WISH)
+    missing = [name for name in _NEEDED.get(kind, ()) if name not in names]
+    if missing:
+        raise InputError(path, None, None, f"no column '{missing[0]}'", _WISH)
+    if not (rows <= _MOST_ROWS and (rows or kind == "histories")):
+        raise InputError(path, None, None, f"{rows} rows", _WISH)
+    for field in schema:
+        wanted = _KEYS.get(field.name)
+        right = field.type == wanted if wanted else pa.types.is_float32(field.type) or pa.types.is_float64(field.type)
+        if not right:
+            raise InputError(path, None, None, f"a column '{field.name}' of {field.type}", _WISH)

@@ -1,0 +1,166 @@
+"""A campaign with code of its own: the same digest however it is flown, and nobody's code runs unasked."""
+
+import dataclasses
+import shutil
+from pathlib import Path
+
+import pytest
+
+from abhv_mc.campaign.analysis.replay import replay_flight
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request, make_engine
+from abhv_mc.flight.fly import fly
+from abhv_mc.io.documents import InputError, InputErrors
+from abhv_mc.report.build import build_report
+from abhv_mc.report.results import read_results
+from abhv_mc.store.manifest import read_manifest
+
+CAMPAIGN = """\
+name: own
+vehicle: {configs}/vehicle/ghame_x.yaml
+mission: mission.yaml
+controllers: {{mine: law.yaml, lqr: {configs}/control/lqr.yaml}}
+runs: {runs}
+seed: 3
+dispersions:
+  atmosphere.density: {{distribution: uniform, half_width: 10 %}}
+  aero.lift: {{distribution: uniform, half_width: 10 %}}
+channels: channels.py
+metrics:
+  late_bank_swing_deg: {{of: bank_error_deg, statistic: peak_to_peak, from: 1 s}}
+  twist_max: {{of: twist, statistic: max_abs}}
+  ran: {{of: "1 + 0 * mach", statistic: max}}
+requirements:
+  - {{metric: late_bank_swing_deg, below: 30 deg, probability: 0.9}}
+keep: {{histories: {{flights: worst 3, by: twist_max}}}}
+execution: {{workers: 2, batch: 16}}
+"""
+CHANNELS = """\
+from abhv_mc.extend import channel
+{line}
+@channel(unit="deg/s")
+def twist(actual, command):
+    return (actual.bank - command.bank) * actual.roll_rate
+"""
+
+
+@pytest.fixture
+def study(repository, tmp_path, monkeypatch):
+    """A user's folder; ``write(runs)`` makes the campaign."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    configs = repository / "configs"
+    mission = (configs / "mission" / "s_manoeuvre.yaml").read_text()
+    lines = ["duration: 2 s" if line.startswith("duration") else line for line in mission.splitlines()]
+    (tmp_path / "mission.yaml").write_text("\n".join(lines) + "\n")
+    shutil.copy(configs / "control" / "cascade.py", tmp_path / "law.py")
+    text = (configs / "control" / "cascade.yaml").read_text().replace("cascade.py", "law.py")
+    (tmp_path / "law.yaml").write_text(text)
+    (tmp_path / "channels.py").write_text(CHANNELS.format(line=""))
+
+    def write(runs=40):
+        (tmp_path / "campaign.yaml").write_text(CAMPAIGN.format(configs=configs, runs=runs))
+        return tmp_path / "campaign.yaml"
+
+    write()
+    return write
+
+
+def threads():
+    return dataclasses.replace(make_engine(), isolation="threads")
+
+
+def test_workers_resume_and_replay_give_the_same_digest(study, tmp_path):
+    one = run_campaign(Request(study(), tmp_path / "one", workers=1), threads()).manifest
+    two = run_campaign(Request(study(24), tmp_path / "two"), make_engine()).manifest  # processes
+    assert two["digest"] != one["digest"]
+    two = run_campaign(Request(study(40), tmp_path / "two"), make_engine()).manifest
+    assert two["digest"] == one["digest"]
+    assert {"inputs/controllers/mine/law.py", "inputs/channels/channels.py"} <= set(two["inputs"])
+    assert replay_flight(tmp_path / "two", "mine", 7, fly).differences == ()
+    results = read_results(tmp_path / "two")
+    assert {"late_bank_swing_deg", "twist_max"} <= set(results.metrics)
+    assert results.flights["mine"].metrics["twist_max"].min() > 0.0
+    entry = read_manifest(tmp_path / "two" / "manifest.json")["requirements"][0]
+    assert (entry["metric"], entry["verdict"]) == ("late_bank_swing_deg", "PASS")
+    assert "Late bank swing" in build_report(tmp_path / "two").read_text()
+
+
+def test_another_text_is_another_campaign(study, tmp_path):
+    run_campaign(Request(study(), tmp_path / "out", runs=4), threads())
+    law = tmp_path / "law.py"
+    law.write_text(law.read_text() + "\n# changed\n")
+    with pytest.raises(InputError, match=r"inputs/controllers/mine/law.py: other content"):
+        run_campaign(Request(study(), tmp_path / "out", runs=4), threads())
+
+
+def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):
+    """A folder from elsewhere: reading it runs nothing; flying it again is refused until its user trusts it."""
+    ran = tmp_path / "ran"
+    line = f"open({str(ran)!r}, 'w').close()"
+    (tmp_path / "channels.py").write_text(CHANNELS.format(line=line))
+    law = tmp_path / "law.py"
+    law.write_text(law.read_text() + f"\n{line}\n")
+    out = tmp_path / "out"
+    run_campaign(Request(study(), out, runs=4), threads())
+    assert ran.exists()
+    ran.unlink()
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "somebody_else"))
+    from abhv_mc.campaign.file.inputs import check_inputs
+    from abhv_mc.own.channels import compile_channels
+    from abhv_mc.own.compiled import compile_law
+    from abhv_mc.own.source import load_law, run_module
+
+    for kept in (run_module, load_law, compile_law, compile_channels):
+        kept.cache_clear()
+    read_campaign(out / "campaign.yaml")
+    read_results(out)
+    build_report(out)
+    checked = check_inputs(out / "campaign.yaml")
+    assert any("was not run" in warning for found in checked for warning in found.warnings)
+    with pytest.raises(InputError, match="--trust-code"):
+        replay_flight(out, "mine", 1, fly)
+    with pytest.raises(InputError, match="--trust-code"):
+        run_campaign(Request(out / "campaign.yaml", tmp_path / "again", runs=4), threads())
+    assert not ran.exists()
+    assert not (tmp_path / "again").exists()
+    assert replay_flight(out, "mine", 1, fly, trust_code=True).differences == ()
+    assert ran.exists()
+
+
+BAD = [
+    ("bank_error_deg", "{of: bank_eror_deg, statistic: min}", "channel 'bank_eror_deg'"),
+    ("x", "{of: '__import__(\"os\")', statistic: min}", "wanted channels, numbers"),
+    ("x", "{of: 'bank_deg.real', statistic: min}", "wanted channels, numbers"),
+    ("x", "{of: 'bank_deg +', statistic: min}", "found 'bank_deg +'"),
+    ("x", "{of: sin(bank_deg), statistic: min}", "which is in degrees"),
+    ("x", "{of: bank_deg, statistic: median}", "found 'median'"),
+    ("x", "{of: bank_deg, statistic: time_outside}", "'time_outside' without 'limit'"),
+    ("x", "{of: bank_deg, statistic: min, from: 3 m}", "'3 m', a length"),
+    ("sideslip_max_deg", "{of: bank_deg, statistic: min}", "'sideslip_max_deg', a metric of the program"),
+]
+
+
+@pytest.mark.parametrize(("name", "entry", "words"), BAD, ids=[entry[2] for entry in BAD])
+def test_a_wrong_metric_is_refused_in_place(study, name, entry, words):
+    file: Path = study()
+    file.write_text(file.read_text().replace("  twist_max: {of: twist, statistic: max_abs}", f"  {name}: {entry}"))
+    file.write_text(file.read_text().replace(", by: twist_max", ""))
+    with pytest.raises(InputErrors) as caught:
+        read_campaign(file)
+    assert words in str(caught.value)
+    assert f"{file}:13:" in str(caught.value)
+
+
+def test_metrics_from_a_file_of_their_own(study, tmp_path):
+    file: Path = study()
+    head, rest = file.read_text().split("metrics:\n")
+    entries, tail = rest.split("requirements:\n")
+    (tmp_path / "metrics.yaml").write_text("\n".join(line.strip() for line in entries.splitlines()) + "\n")
+    inline = read_campaign(file).declared
+    file.write_text(f"{head}metrics: metrics.yaml\nrequirements:\n{tail}")
+    read = read_campaign(file).declared
+    assert read.names.tolist() == inline.names.tolist()
+    assert read.units.tolist() == ["deg", "-", "-"] or read.units.tolist()[0] == "deg"
+    out = run_campaign(Request(file, tmp_path / "out", runs=3), threads()).folder
+    assert read_campaign(out / "campaign.yaml").declared.names.tolist() == inline.names.tolist()

@@ -1,0 +1,171 @@
+"""Declared metrics against numpy on the recorded channels of the same flights."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from abhv_mc.campaign.file.own_metrics import MetricEntry, compile_metrics, known_channels
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import LANES
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.flight.signals import CHANNEL_INDEX, METRIC_INDEX, METRICS
+from abhv_mc.io.documents import Document
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+
+TICKS = 800
+
+
+def declare(plan, **entries):
+    errors = []
+    models = {name: MetricEntry(**entry) for name, entry in entries.items()}
+    document = Document("metrics.yaml", {}, {(): (1, 1)}, {})
+    declared = compile_metrics(models, known_channels(), document, (), errors)
+    assert not errors
+    return dataclasses.replace(plan, declared=declared)
+
+
+@pytest.fixture(scope="module")
+def plan(repository):
+    """The first 8 s of the S: the bank steps at once, so that 5 s are not settled."""
+    configs = repository / "configs"
+    files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
+    made = prepare(*files, configs / "control" / "lqr_retuned.yaml", "lqr")
+    return dataclasses.replace(made, timing=made.timing._replace(ticks=TICKS))
+
+
+@pytest.fixture(scope="module")
+def parameters():
+    rows = nominal_parameters(LANES + 3)
+    generator = np.random.default_rng(4)
+    rows[:, PARAMETER_INDEX["aero.lift"]] = generator.uniform(0.8, 1.2, len(rows))
+    rows[::4, PARAMETER_INDEX["actuator.deflection_limit"]] = 0.05  # some lose control and end early
+    rows[1, PARAMETER_INDEX["initial.angle_of_attack"]] = 0.5  # at the first tick
+    return rows
+
+
+def values(block, flight, name):
+    column = block.history[flight, :, CHANNEL_INDEX[name]].astype(np.float64)
+    return column[: np.isfinite(column).sum()]
+
+
+ENTRIES = {
+    "least": {"of": "pitch_rate_dps", "statistic": "min"},
+    "most": {"of": "pitch_rate_dps", "statistic": "max"},
+    "size": {"of": "pitch_rate_dps", "statistic": "max_abs"},
+    "middle": {"of": "bank_deg", "statistic": "mean"},
+    "root": {"of": "bank_error_deg", "statistic": "rms"},
+    "last": {"of": "bank_error_deg", "statistic": "final"},
+    "sum": {"of": "mach", "statistic": "integral"},
+    "swing": {"of": "bank_error_deg", "statistic": "peak_to_peak", "from": "2 s", "to": "6 s"},
+    "path": {"of": "elevator_deg", "statistic": "travel"},
+    "outside": {"of": "bank_error_deg", "statistic": "time_outside", "limit": 1.0},
+    "settling": {"of": "bank_error_deg", "statistic": "last_outside", "limit": 1.0},
+    "begins": {"of": "altitude_error_m", "statistic": "first_outside", "limit": 0.05},
+    "turns": {"of": "pitch_rate_dps", "statistic": "reversals"},
+    "large_turns": {"of": "bank_error_deg", "statistic": "reversals", "limit": 0.5},
+    "late_swing": {"of": "bank_error_deg", "statistic": "peak_to_peak", "settled": True},
+    "mixed": {"of": "sqrt(abs(pitch_rate_dps) + 1) * min(mach, 3, 5) - -bank_deg / 2", "statistic": "max"},
+    "wave": {"of": "max(sin(bank_deg * 0.02), cos(mach))", "statistic": "min"},
+    "never": {"of": "mach", "statistic": "mean", "from": "100 s"},
+}
+
+
+def reversals(x, limit):
+    """Turning points by a walk over the samples."""
+    turn, sense, count = x[0], 0, 0
+    for value in x[1:]:
+        moved = value - turn
+        if sense == 0:
+            if abs(moved) > limit:
+                sense, turn = np.sign(moved), value
+        elif moved * sense > 0:
+            turn = value
+        elif abs(moved) > limit and moved != 0:
+            sense, turn, count = -sense, value, count + 1
+    return count
+
+
+def expected(name, get, settled):
+    t = 0.01 * np.arange(len(get("mach")))
+    error, rate = get("bank_error_deg"), get("pitch_rate_dps")
+    outside = np.abs(error) > 1.0
+    early = np.flatnonzero(np.abs(get("altitude_error_m")) > 0.05)
+    window = (t >= 2.0 - 1e-9) & (t <= 6.0 + 1e-9)
+    with np.errstate(invalid="ignore"):
+        return {
+            "least": rate.min,
+            "most": rate.max,
+            "size": lambda: np.abs(rate).max(),
+            "middle": get("bank_deg").mean,
+            "root": lambda: np.sqrt((error**2).mean()),
+            "last": lambda: error[-1],
+            "sum": lambda: np.trapezoid(get("mach"), t),
+            "swing": lambda: np.ptp(error[window]) if window.any() else np.nan,
+            "path": lambda: np.abs(np.diff(get("elevator_deg"))).sum(),
+            "outside": lambda: 0.01 * outside.sum(),
+            "settling": lambda: t[np.flatnonzero(outside)[-1]] if outside.any() else 0.0,
+            "begins": lambda: t[early[0]] if early.size else t[-1],
+            "turns": lambda: reversals(rate, 0.0),
+            "large_turns": lambda: reversals(error, 0.5),
+            "late_swing": lambda: np.ptp(error[settled[: len(t)]]) if settled[: len(t)].any() else np.nan,
+            "mixed": (np.sqrt(np.abs(rate) + 1) * np.minimum(get("mach"), 3) + get("bank_deg") / 2).max,
+            "wave": lambda: np.maximum(np.sin(0.02 * get("bank_deg")), np.cos(get("mach"))).min(),
+            "never": lambda: np.nan,
+        }[name]()
+
+
+def test_every_statistic_is_what_numpy_makes_of_the_channels(plan, parameters):
+    block = fly(declare(plan, **ENTRIES), parameters, 1)
+    ended = block.outcome != Outcome.OK
+    assert 0 < ended.sum() < len(ended)
+    settled = plan.reference[:, 16] > 0.0
+    assert 0 < settled[: TICKS + 1].sum() < TICKS
+    for flight in range(len(parameters)):
+        for i, name in enumerate(ENTRIES):
+            want = expected(name, lambda channel, k=flight: values(block, k, channel), settled)
+            found = block.metrics[flight, len(METRICS) + i]
+            near = 2 if name == "turns" else 0  # of noise that float32 rounds away
+            assert np.isclose(found, want, rtol=2e-5, atol=2e-4 + near, equal_nan=True), (flight, name, found, want)
+
+
+def test_built_in_metrics_do_not_change_and_declared_ones_equal_them(plan, parameters):
+    same = {
+        "a": {"of": "altitude_error_m", "statistic": "rms"},
+        "b": {"of": "load_factor_g", "statistic": "max"},
+        "c": {"of": "cross_track_m", "statistic": "final"},
+    }
+    declared, plain = fly(declare(plan, **same), parameters), fly(plan, parameters)
+    assert np.array_equal(declared.metrics[:, : len(METRICS)], plain.metrics)
+    for i, name in enumerate(("altitude_error_rms_m", "load_factor_max_g", "cross_track_error_final_m")):
+        found, known = declared.metrics[:, len(METRICS) + i], plain.metrics[:, METRIC_INDEX[name]]
+        assert np.allclose(found, known, rtol=1e-14, atol=0.0), name
+
+
+def test_declared_metrics_do_not_depend_on_lanes(plan, parameters):
+    made = declare(plan, **ENTRIES)
+    one = fly(made, parameters[:5], lanes=1)
+    assert np.array_equal(one.metrics, fly(made, parameters).metrics[:5], equal_nan=True)
+
+
+def test_thrust_and_heat_flux_channels(repository, tmp_path):
+    """Thrust is what the specific force and the drag leave; heat flux is Sutton and Graves' formula."""
+    from abhv_mc.world.atmosphere import atmosphere
+
+    configs = repository / "configs"
+    text = (configs / "vehicle" / "ghame_x.yaml").read_text().replace("ghame/", f"{configs}/vehicle/ghame/")
+    text = text.replace("reference:\n", "reference:\n  nose_radius: 0.5 m\n", 1)
+    (tmp_path / "vehicle.yaml").write_text(text)
+    plan = prepare(
+        tmp_path / "vehicle.yaml", configs / "mission" / "level.yaml", configs / "control" / "lqr.yaml", "lqr"
+    )
+    block = fly(dataclasses.replace(plan, timing=plan.timing._replace(ticks=10)), nominal_parameters(), 1)
+    get = lambda name: float(block.history[0, 0, CHANNEL_INDEX[name]])  # noqa: E731
+    density = atmosphere(get("altitude_m"))[0]
+    assert np.isclose(
+        get("stagnation_heat_flux_w_m2"), 1.7415e-4 * np.sqrt(density / 0.5) * get("speed_mps") ** 3, rtol=1e-4
+    )
+    assert 1e4 < get("thrust_n") < 1e7
+    assert np.isclose(get("speed_measured_mps"), get("speed_mps"))
+    assert np.isclose(get("bank_measured_deg"), get("bank_deg"))

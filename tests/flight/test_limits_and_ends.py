@@ -1,0 +1,189 @@
+"""Limits on loads, heat, bank and oscillation, and the mission's own end: each ends the flight where it says."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.outcome import EndBounds, Outcome
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.prepare import make_plan, prepare
+from abhv_mc.flight.signals import CHANNEL_INDEX, METRIC_INDEX
+from abhv_mc.io.documents import InputError, read_document, validate
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.shipped import find_input, shipped_configs
+from abhv_mc.vehicle.document import FlightLimits
+from abhv_mc.vehicle.limits import LoadBounds, tighter
+
+
+def _prepare(controller: str, mission: str = "s_manoeuvre") -> FlightPlan:
+    configs = Path(shipped_configs())
+    files = (configs / "vehicle" / "ghame_x.yaml", configs / "mission" / f"{mission}.yaml")
+    return prepare(*files, configs / "control" / f"{controller}.yaml", controller)
+
+
+@pytest.fixture(scope="module")
+def plan() -> FlightPlan:
+    return _prepare("tlc")
+
+
+def _limited(plan: FlightPlan, **bounds: float) -> FlightPlan:
+    return replace(plan, limits=plan.limits._replace(loads=LoadBounds(**bounds)))
+
+
+def _ended(plan: FlightPlan):
+    block = fly(plan, nominal_parameters(), record_every=1)
+    last = round(block.end_time[0] / plan.timing.tick)
+    return block, Outcome(int(block.outcome[0])), last
+
+
+def test_no_limit_changes_no_bit(plan: FlightPlan) -> None:
+    free, limited = (fly(p, nominal_parameters()) for p in (plan, _limited(plan, load_factor=1e6, bank=3.2)))
+    assert np.array_equal(free.metrics, limited.metrics)
+
+
+@pytest.mark.parametrize(
+    ("name", "outcome", "channel", "scale"),
+    [
+        ("dynamic_pressure", Outcome.DYNAMIC_PRESSURE_LIMIT, "dynamic_pressure_pa", 1.0),
+        ("bank", Outcome.BANK_LIMIT, "bank_deg", math.pi / 180.0),
+    ],
+)
+def test_a_channel_ends_the_flight_at_the_first_tick_beyond(
+    plan: FlightPlan, name: str, outcome: Outcome, channel: str, scale: float
+) -> None:
+    whole = np.abs(fly(plan, nominal_parameters(), 1).history[0, :, CHANNEL_INDEX[channel]].astype(np.float64))
+    limit = 0.5 * (whole[0] + whole.max())
+    _, ended, last = _ended(_limited(plan, **{name: float(limit * scale)}))
+    assert ended is outcome
+    assert last == np.argmax(whole > limit) > 0
+
+
+def test_the_load_factor_ends_it(plan: FlightPlan) -> None:
+    block, ended, _ = _ended(_limited(plan, load_factor=1.2))
+    assert ended is Outcome.LOAD_FACTOR_LIMIT
+    assert 1.2 < block.metrics[0, METRIC_INDEX["load_factor_max_g"]] < 1.25
+
+
+def test_the_heat_flux_is_sutton_and_graves(plan: FlightPlan) -> None:
+    constants = plan.vehicle.constants._replace(nose_radius=0.02)
+    nosed = replace(plan, vehicle=plan.vehicle._replace(constants=constants))
+    flux = 1.7415e-4 * math.sqrt(0.0880349 / 0.02) * 1400.0**3  # 20 km
+    _, above, _ = _ended(_limited(nosed, heat_flux=1.02 * flux))
+    _, below, last = _ended(_limited(nosed, heat_flux=0.98 * flux))
+    assert (above, below, last) == (Outcome.OK, Outcome.HEAT_FLUX_LIMIT, 0)
+
+
+def test_an_oscillation_ends_it_where_the_ripple_exceeds_the_limit() -> None:
+    lqr = _prepare("lqr")  # cycles by more than 10 deg of angle of attack
+    block, ended, last = _ended(_limited(lqr, angle_of_attack_ripple=math.radians(4.0)))
+    assert ended is Outcome.OSCILLATION_LIMIT
+    assert 4.0 < block.metrics[0, METRIC_INDEX["angle_of_attack_ripple_deg"]] < 12.0
+    assert last > 500  # not before the reference has settled
+
+
+def test_the_files_say_them(tmp_path: Path) -> None:
+    path = tmp_path / "limits.yaml"
+    path.write_text(
+        "angle_of_attack: [-3 deg, 21 deg]\nsideslip: 15 deg\ndynamic_pressure: 95 kPa\nload_factor: 4\n"
+        "heat_flux: 1.5 MW/m2\nbank: 80 deg\noscillation: {bank: 5 deg}\n",
+        encoding="utf-8",
+    )
+    bounds = validate(read_document(path), FlightLimits).bounds()
+    assert bounds == LoadBounds(95e3, 4.0, 1.5e6, math.radians(80.0), math.radians(5.0))
+    assert tighter(bounds, LoadBounds(bank=1.0)).bank == 1.0
+    path.write_text("angle_of_attack: [-3 deg, 21 deg]\nsideslip: 15 deg\noscillation: 2 deg\n", encoding="utf-8")
+    assert validate(read_document(path), FlightLimits).bounds()[4:] == (math.radians(2.0),) * 3
+    path.write_text("angle_of_attack: [-3 deg, 21 deg]\nsideslip: 15 deg\nload_factor: 0\n", encoding="utf-8")
+    with pytest.raises(InputError):
+        validate(read_document(path), FlightLimits)
+
+
+def _mission(tmp_path: Path, text: str, name: str = "s_manoeuvre") -> Mission:
+    path = tmp_path / "mission.yaml"
+    shipped = find_input(name, "mission").read_text(encoding="utf-8")
+    replaced = {line.split(":")[0] for line in text.splitlines()}
+    kept, key = [], ""
+    for line in shipped.splitlines():
+        key = line.split(":")[0] if line[:1].isalpha() else key
+        kept += [] if key in replaced else [line]
+    path.write_text("\n".join([*kept, text]), encoding="utf-8")
+    return read_mission(path)
+
+
+def _made(mission: Mission, controller: str = "tlc") -> FlightPlan:
+    from abhv_mc.control.controller_file import read_controller
+
+    law = read_controller(find_input(controller, "control"))
+    return make_plan(load_vehicle(find_input("ghame_x", "vehicle")), mission, law, controller)
+
+
+def test_a_heat_flux_limit_needs_a_nose(tmp_path: Path) -> None:
+    mission = _mission(tmp_path, "limits: {heat_flux: 1 MW/m2}\n")
+    with pytest.raises(InputError, match="nose radius"):
+        _made(mission)
+
+
+def test_a_mission_ends_by_condition_and_has_been_flown(tmp_path: Path) -> None:
+    plan = _made(_mission(tmp_path, "end: {altitude_above: 20.5 km}\n", "climb"))
+    assert plan.limits.end == EndBounds(altitude=(-math.inf, 20500.0))
+    block, ended, last = _ended(plan)
+    altitude = block.history[0, :, CHANNEL_INDEX["altitude_m"]]
+    assert ended is Outcome.OK
+    assert altitude[last] > 20500.0 >= altitude[last - 1]
+    assert np.isnan(altitude[last + 1 :]).all()
+
+
+def test_a_limit_outranks_the_end(plan: FlightPlan) -> None:
+    both = _limited(plan, load_factor=0.5)
+    both = replace(both, limits=both.limits._replace(end=EndBounds(altitude=(-math.inf, 100.0))))
+    assert _ended(both)[1] is Outcome.LOAD_FACTOR_LIMIT
+
+
+def test_it_starts_in_a_bank_in_steady_turning_flight(tmp_path: Path) -> None:
+    plan = _made(_mission(tmp_path, "start: {altitude: 20 km, speed: 1400 m/s, heading: 90 deg, latitude: 29.3 deg, "
+                          "longitude: -78 deg, bank: 40 deg}\n", "level"))  # fmt: skip
+    block = fly(plan, nominal_parameters(), record_every=1)
+    history = block.history[0].astype(np.float64)
+    assert history[0, CHANNEL_INDEX["bank_deg"]] == pytest.approx(40.0, abs=1e-5)
+    assert history[0, CHANNEL_INDEX["flight_path_angle_deg"]] == pytest.approx(0.0, abs=1e-5)
+    assert history[0, CHANNEL_INDEX["sideslip_deg"]] == pytest.approx(0.0, abs=1e-9)
+    # Over the first tick nothing but the law's next command disturbs the steady turn.
+    turn = np.diff(history[:4, CHANNEL_INDEX["heading_deg"]])[0] / 0.01
+    assert turn == pytest.approx(math.degrees(9.7 * math.tan(math.radians(40.0)) / 1400.0), rel=0.05)
+    assert abs(np.diff(history[:2, CHANNEL_INDEX["angle_of_attack_deg"]])[0]) < 0.002
+
+
+def test_it_starts_in_a_climb_and_keeps_it(tmp_path: Path) -> None:
+    plan = _made(_mission(tmp_path, "start: {altitude: 20 km, speed: 1400 m/s, heading: 90 deg, latitude: 29.3 deg, "
+                          "longitude: -78 deg, flight_path_angle: 2 deg}\nduration: 20 s\n", "level"))  # fmt: skip
+    block = fly(plan, nominal_parameters(), record_every=1)
+    height = block.history[0, :, CHANNEL_INDEX["altitude_m"]]
+    assert block.history[0, 0, CHANNEL_INDEX["flight_path_angle_deg"]] == pytest.approx(2.0, abs=1e-5)
+    assert height[-1] - height[0] == pytest.approx(20.0 * 1400.0 * math.sin(math.radians(2.0)), rel=0.02)
+    assert block.metrics[0, METRIC_INDEX["altitude_error_max_m"]] < 10.0
+
+
+def test_a_wind_table_is_the_wind_that_a_parameter_would_make(tmp_path: Path) -> None:
+    (tmp_path / "wind.csv").write_text("altitude_m,wind_north_mps,wind_east_mps\n0,0,5\n40000,40,5\n")
+    (tmp_path / "air.csv").write_text("altitude_m,density_factor\n10000,1.03\n30000,1.03\n")
+    mission = _mission(tmp_path, "wind: {file: wind.csv}\ndensity: {file: air.csv}\nduration: 15 s\n", "turn")
+    plan = _made(mission)
+    parameters = nominal_parameters(1)
+    block = fly(plan, parameters, record_every=1)
+    for name, value in (("shear_north", 1e-3), ("east", 5.0)):
+        parameters[0, PARAMETER_INDEX[f"wind.{name}"]] = value
+    parameters[0, PARAMETER_INDEX["atmosphere.density"]] = 1.03
+    still = fly(replace(plan, profile=plan.profile[:0]), parameters, record_every=1)
+    for name in ("altitude_m", "angle_of_attack_deg", "bank_deg", "sideslip_deg"):
+        mine, theirs = (b.history[0, :, CHANNEL_INDEX[name]] for b in (block, still))
+        assert mine == pytest.approx(theirs, rel=1e-6, abs=1e-6)
+    assert abs(block.history[0, 0, CHANNEL_INDEX["sideslip_deg"]]) > 0.5  # 20 m/s across
+    # The controllers know the density: the reference has it.
+    known = _made(_mission(tmp_path, "duration: 15 s\n", "turn"))
+    assert plan.reference[:, 19] == pytest.approx(1.03 * known.reference[:, 19])

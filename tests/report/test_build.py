@@ -1,0 +1,48 @@
+"""Reports are made when something is new, and of campaigns that lost every flight."""
+
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from report.synthetic import write_campaign
+
+from abhv_mc.report.build import build_report, is_up_to_date
+from abhv_mc.store.flights import flights_schema, read_block, write_block
+from abhv_mc.store.samples import SampleReader
+
+
+@pytest.fixture(scope="module")
+def lost(tmp_path_factory):
+    """A campaign whose flights all ended early; no flight was there after 5 s."""
+    folder = write_campaign(tmp_path_factory.mktemp("lost"), runs=30)
+    names = SampleReader(folder / "samples.parquet").names
+    for path in sorted((folder / "flights").glob("*.parquet")):
+        rows = read_block(path, names)
+        ended = replace(rows, outcome=("sideslip_limit",) * len(rows.outcome))
+        write_block(folder / "flights", ended, flights_schema(names, {}))
+    table = pq.read_table(folder / "envelopes.parquet")
+    late = table["time"].to_numpy() > 5.0
+    for i, name in enumerate(table.column_names[3:], 3):
+        values = table[name].to_numpy()
+        table = table.set_column(
+            i, name, [np.where(late, 0 if name == "count" else np.nan, values).astype(values.dtype)]
+        )
+    pq.write_table(table, folder / "envelopes.parquet")
+    return folder
+
+
+def test_a_campaign_without_a_whole_flight_gets_its_report(lost):
+    assert build_report(lost).is_file() and (lost / "figures/fig02_ground_track.png").is_file()
+
+
+def test_a_report_is_up_to_date_until_something_changes(lost):
+    build_report(lost)
+    assert is_up_to_date(lost)
+    page = lost / "report.html"
+    page.write_text(page.read_text(encoding="utf-8") + " ", encoding="utf-8")
+    assert not is_up_to_date(lost)
+    build_report(lost)
+    manifest = lost / "manifest.json"
+    manifest.write_text(manifest.read_text() + " ")
+    assert not is_up_to_date(lost)

@@ -1,0 +1,266 @@
+"""A campaign's folder made to harm its reader: refused in words, by every command, and nothing outside is touched.
+
+Whoever writes such a folder writes its hashes too: all of them are right here.
+"""
+
+import json
+import os
+import shutil
+import signal
+import sys
+import zipfile
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from campaign.fake_flight import ENGINE, write_campaign
+
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
+from abhv_mc.cli.app import main
+from abhv_mc.io.input_error import InputError
+from abhv_mc.report.results import read_results
+from abhv_mc.store.folder import hash_file
+from abhv_mc.store.manifest import write_manifest
+
+BLOCK = "flights/one-000000000-000000020.parquet"
+LIMIT = 20  # s; a command that waits for a pipe would wait for ever
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    root = tmp_path_factory.mktemp("flown")
+    keep = "{envelopes: {rate: 2 Hz, channels: [altitude_m]}}"
+    campaign = write_campaign(root / "f", runs="40", keep=keep, execution="{batch: 20}")
+    run_campaign(Request(campaign, root / "out"), ENGINE)
+    return campaign, root / "out"
+
+
+@pytest.fixture
+def folder(flown, tmp_path):
+    return shutil.copytree(flown[1], tmp_path / "x" / "out")
+
+
+@pytest.fixture
+def abhv_mc(monkeypatch, capfd, tmp_path):
+    """Run the program within a time limit; gives exit code and all that it said."""
+    for place in ("runner", "setup"):
+        monkeypatch.setattr(f"abhv_mc.campaign.run.{place}.make_engine", lambda: ENGINE)
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["abhv-mc", *map(str, words)])
+        before = signal.signal(signal.SIGALRM, stop)
+        signal.alarm(LIMIT)
+        try:
+            with pytest.raises(SystemExit) as caught:
+                main()
+        finally:
+            signal.alarm(0)
+            signal.signal(signal.SIGALRM, before)
+        return caught.value.code or 0, "".join(capfd.readouterr())
+
+    return call
+
+
+def stop(number, frame):
+    raise AssertionError(f"not done in {LIMIT} s")
+
+
+def commands(campaign, folder):
+    """What people do with a folder that they were given; writing goes elsewhere."""
+    yield "status", folder
+    yield "list", folder.parent
+    yield "query", folder, "select * from flights"
+    yield "export", folder, "-o", "csv"
+    yield "verify", "campaign", folder
+    yield "compare", folder, folder
+    yield "whatif", folder, "--set", "aero.lift.sigma=4%"
+    yield "replay", folder, "--flight", 3, "--controller", "one"
+    yield "explain", folder, "--flight", 3
+    yield "merge", folder, "-o", "merged", "--no-report"
+    yield "run", campaign, "-o", folder, "--no-report"
+
+
+def sign(folder, **entries):
+    """Hashes that fit what the folder holds, and entries of its manifest."""
+    manifest = json.loads((folder / "manifest.json").read_text())
+    held = {name: hash_file(folder / name) for name in manifest["files"] if (folder / name).is_file()}
+    manifest |= {"files": manifest["files"] | held} | entries
+    write_manifest(folder / "manifest.json", {key: value for key, value in manifest.items() if value is not ...})
+
+
+def refuse(abhv_mc, campaign, folder, taken=()):
+    """Every command ends in words; those that are not ``taken`` with exit code 2."""
+    for words in commands(campaign, folder):
+        copy = shutil.copytree(folder, folder.parent / "copy" / "out", symlinks=True)
+        code, said = abhv_mc(*(copy if word == folder else word for word in words))
+        assert "Traceback" not in said and "\x1b" not in said, (words, said)
+        assert code in ((0, 1, 2) if words[0] in (*taken, "list", "merge", "compare") else (2,)), (words, code, said)
+        shutil.rmtree(folder.parent / "copy")
+
+
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, '{"a":' * 100_000, "[]", '{"runs_done": ' + "9" * 5000 + "}", "\x00", '{"seed": NaN}']
+)
+def test_a_manifest_that_is_none(flown, folder, abhv_mc, text):
+    (folder / "manifest.json").write_text(text)
+    refuse(abhv_mc, flown[0], folder)
+
+
+@pytest.mark.parametrize(
+    "entries",
+    [
+        {"controllers": ["one"]},
+        {"controllers": {"one": 3}},
+        {"digest": 5},
+        {"shard": "abc"},
+        {"shard": [0, 0]},
+        {"wall_time_s": float("nan")},
+        {"machine": []},
+        {"inputs": {"../../../../etc/passwd": "0"}},
+        {"inputs": {"/etc/passwd": "0"}},
+        {"files": {"../x": "0"}},
+        {"files": {"a\x00b": "0"}},
+        {"name": "\x1b]0;title\x07"},
+        {"name": "../../evil"},
+        {"state": "\x1b[31mred"},
+        {"requirements": [{}]},
+        {"runs_done": "many"},
+        {"warnings": 5},
+        {"seed": "<script>alert(1)</script>"},
+    ],
+)
+def test_a_manifest_of_wrong_entries(flown, folder, abhv_mc, entries):
+    sign(folder, **entries)
+    refuse(abhv_mc, flown[0], folder)
+
+
+@pytest.mark.parametrize("entry", ["campaign_hash", "versions", "inputs", "source_hash"])
+def test_a_manifest_without_an_entry_is_not_gone_on_with(flown, folder, abhv_mc, entry):
+    sign(folder, **{entry: ...})
+    code, said = abhv_mc("run", flown[0], "-o", folder, "--no-report")
+    assert code == 2 and "Traceback" not in said
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "campaign.yaml", "samples.parquet", ".lock", BLOCK])
+def test_pipes_are_refused_and_not_waited_for(flown, folder, abhv_mc, name):
+    (folder / name).unlink(missing_ok=True)
+    os.mkfifo(folder / name)
+    for words in commands(flown[0], folder):
+        code, said = abhv_mc(*words)
+        assert "Traceback" not in said and code in (
+            (0, 1, 2) if words[0] in ("status", "list", "merge", "verify") else (2,)
+        )
+
+
+@pytest.mark.parametrize("kind", ["symbolic", "hard"])
+@pytest.mark.parametrize("fresh", [(), ("--fresh",)])
+def test_the_lock_empties_no_file_that_it_leads_to(flown, folder, abhv_mc, tmp_path, kind, fresh):
+    victim = tmp_path / "victim"
+    victim.write_text("kept")
+    (folder / ".lock").unlink(missing_ok=True)
+    (os.symlink if kind == "symbolic" else os.link)(victim, folder / ".lock")
+    code, said = abhv_mc("run", flown[0], "-o", folder, "--no-report", *fresh)
+    assert code == 2 and "Traceback" not in said and victim.read_text() == "kept"
+
+
+@pytest.mark.parametrize("name", ["flights", "figures", "campaign.yaml", "plans"])
+@pytest.mark.parametrize("target", ["{name}", "/dev/zero", "../..", "nowhere"])
+def test_links_in_circles_to_devices_and_to_nothing(flown, folder, abhv_mc, name, target):
+    place = folder / name
+    shutil.rmtree(place) if place.is_dir() else place.unlink(missing_ok=True)
+    place.symlink_to(target.format(name=name))
+    for words in commands(flown[0], folder):
+        code, said = abhv_mc(*words)
+        assert "Traceback" not in said and code in (0, 1, 2), (words, said)
+
+
+@pytest.mark.parametrize("key", ["vehicle", "mission", "controllers", "sampling"])
+@pytest.mark.parametrize("place", ["{outside}", "../../../{outside.name}"])
+def test_a_campaign_that_leads_out_of_its_folder(flown, folder, abhv_mc, tmp_path, key, place):
+    outside = tmp_path / "secret.yaml"
+    outside.write_text("gain: 1.0\n")
+    text = (folder / "campaign.yaml").read_text()
+    where = place.format(outside=outside)
+    if key == "controllers":
+        changed = text.replace("inputs/controllers/one/one.yaml", where)
+    elif key == "sampling":
+        changed = text.replace("sampling: random", f"sampling: {{design: file, path: {where}}}")
+    else:
+        changed = text.replace(f"inputs/{key}/{key}.yaml", where)
+    assert changed != text
+    (folder / "campaign.yaml").write_text(changed)
+    sign(folder)
+    with pytest.raises(InputError):
+        read_results(folder)
+    for words in commands(flown[0], folder):
+        if words[0] in ("compare", "whatif", "verify", "explain", "run"):
+            code, said = abhv_mc(*words)
+            healed = words[0] == "run" and code == 0  # the campaign's own file is put there again
+            assert (code == 2 or healed) and "Traceback" not in said and "gain" not in said, (words, said)
+
+
+def change(table, name, values):
+    return table.set_column(table.column_names.index(name), name, values)
+
+
+TABLES = {
+    "texts": lambda t: change(t, t.column_names[-1], pa.array(["x"] * len(t))),
+    "lists": lambda t: change(t, t.column_names[-1], pa.array([[1.0]] * len(t))),
+    "nothing": lambda t: change(t, t.column_names[0], pa.nulls(len(t))),
+    "missing values": lambda t: change(t, t.column_names[-1], pa.array([None] * len(t), pa.float64())),
+    "no rows": lambda t: t.slice(0, 0),
+    "no columns": lambda t: t.select([]),
+    "half the columns": lambda t: t.select(t.column_names[: len(t.column_names) // 2]),
+    "more rows": lambda t: pa.concat_tables([t, t]),
+    "huge numbers": lambda t: change(t, t.column_names[0], pa.array([2**62] * len(t))),
+}
+
+
+@pytest.mark.parametrize("kind", TABLES)
+@pytest.mark.parametrize(
+    "name", [BLOCK, "samples.parquet", "envelopes.parquet", "nominal.parquet", "reference.parquet"]
+)
+def test_tables_of_wrong_types_and_sizes(flown, folder, abhv_mc, name, kind):
+    pq.write_table(TABLES[kind](pq.read_table(folder / name, partitioning=None)), folder / name)
+    sign(folder)
+    for words in commands(flown[0], folder):
+        if words[0] not in ("status", "list", "merge"):
+            code, said = abhv_mc(*words)
+            assert code in (0, 1, 2) and "Traceback" not in said, (words, code, said)
+
+
+def test_a_plan_that_unpacks_to_gigabytes_or_runs_code(flown, folder, abhv_mc, monkeypatch):
+    monkeypatch.setattr("abhv_mc.store.plans._MAX_BYTES", 2**20)
+    plan = folder / "plans/one.npz"
+    parts = dict(np.load(plan, allow_pickle=False))
+
+    class Evil:
+        def __reduce__(self):
+            return os.mkdir, (str(folder.parent / "executed"),)
+
+    def bomb():
+        with zipfile.ZipFile(plan, "w", zipfile.ZIP_DEFLATED) as packed, packed.open("gains.npy", "w") as member:
+            for _ in range(2):
+                member.write(bytes(2**20))
+
+    def pickled():
+        np.savez(plan, **parts | {"gains": np.array([Evil()], object)})
+
+    def huge():
+        header = (
+            b"\x93NUMPY\x01\x00v\x00"
+            + b"{'descr': '<f8', 'fortran_order': False, 'shape': (999999999999,), }".ljust(117)
+            + b"\n"
+        )
+        with zipfile.ZipFile(plan, "w") as packed:
+            packed.writestr("gains.npy", header)
+
+    for damage in (bomb, pickled, huge):
+        damage()
+        sign(folder)
+        code, said = abhv_mc("replay", folder, "--flight", 3, "--controller", "one")
+        assert code == 2 and "damaged plan" in said and "Traceback" not in said
+    assert not (folder.parent / "executed").exists()

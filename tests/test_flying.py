@@ -1,0 +1,70 @@
+"""Flights, trims and campaigns from Python without files."""
+
+import pandas as pd
+import pytest
+
+import abhv_mc
+from abhv_mc.flight.signals import CHANNELS, METRICS
+from abhv_mc.io.documents import InputError
+
+
+def test_a_flight_is_a_table_with_units_and_metrics():
+    table = abhv_mc.fly("level", every=10)
+    assert list(table.columns) == ["time", *(channel.name for channel in CHANNELS)]
+    assert table.attrs["units"] == {"time": "s"} | {channel.name: channel.unit for channel in CHANNELS}
+    assert table.time.iloc[-1] == 60.0 and table.attrs["outcome"] == "ok"
+    assert set(table.attrs["metrics"]) == {metric.name for metric in METRICS}
+
+
+def test_dispersions_and_overrides_change_the_flight_as_their_files_would():
+    nominal = abhv_mc.fly("level", every=100)
+    draggy = abhv_mc.fly("level", dispersions={"aero.drag": "110 %"}, every=100)
+    same = abhv_mc.fly({"base": "level", "duration": "60 s"}, {"base": "ghame_x"}, {"base": "tlc"}, {}, every=100)
+    pd.testing.assert_frame_equal(nominal, same)
+    assert draggy.attrs["metrics"]["fuel_used_kg"] > 1.05 * nominal.attrs["metrics"]["fuel_used_kg"]
+    heavy = abhv_mc.fly("level", {"base": "ghame_x", "mass.start": "1450 kg"}, every=100)
+    assert heavy.mass_kg.iloc[0] == pytest.approx(1450.0)
+    short = abhv_mc.fly({"base": "level", "duration": "5 s"}, dispersions={"failure.engine.time": 1.0})
+    assert len(short) == 501 and short.attrs["metrics"]["engine_failed_s"] == pytest.approx(4.01)  # both ends count
+
+
+def test_what_is_wrong_is_said():
+    with pytest.raises(InputError, match=r"parameter 'aero\.darg'.*aero\.drag"):
+        abhv_mc.fly("level", dispersions={"aero.darg": 1.1})
+    with pytest.raises(InputError, match=r"wind\.north"):
+        abhv_mc.fly("level", dispersions={"wind.north": "10 kg"})
+    with pytest.raises(InputError, match="no such file"):
+        abhv_mc.fly("levle")
+    with pytest.raises(InputError, match="no entry 'limit'"):
+        abhv_mc.fly("level", controller={"base": "tlc", "limit.bank": "60 deg"})
+
+
+def test_trims_are_a_table_by_bank():
+    table = abhv_mc.trim("ghame", bank=["0 deg", "50 deg"])
+    assert table.angle_of_attack_deg.to_list() == pytest.approx([3.59, 4.47], abs=0.01)
+    assert table.elevator_deg.to_list() == pytest.approx([-3.91, -5.49], abs=0.01)
+    assert table.attrs["units"]["thrust_n"] == "N" and table.trimmed.all()
+    with pytest.raises(InputError, match="altitude"):
+        abhv_mc.trim(altitude="20 kg")
+
+
+def test_a_gain_sweep_needs_no_files(tmp_path):
+    campaign = abhv_mc.Campaign.make(
+        {
+            "name": "sweep",
+            "vehicle": {"base": "ghame_x", "mass.start": "1400 kg"},
+            "mission": {"base": "level", "duration": "3 s"},
+            "controllers": {f"bank_{bank}": {"base": "tlc", "limits.bank": f"{bank} deg"} for bank in (50, 70)},
+            "runs": 500,
+            "dispersions": {"aero.drag": {"distribution": "uniform", "half_width": "10 %"}},
+        },
+        runs=40,
+    )
+    assert campaign.runs == 40 and campaign.controllers == ("bank_50", "bank_70")
+    results = campaign.run(tmp_path / "out", workers=1)
+    assert results.complete and len(results.flights) == 80
+    assert set(results.flights["failure.case"]) == {"none"}
+    again = abhv_mc.Campaign.read(tmp_path / "out" / "campaign.yaml")  # the folder stands alone
+    assert again.controllers == campaign.controllers
+    with pytest.raises(InputError, match="controllers"):
+        abhv_mc.Campaign.make({"name": "x", "vehicle": "ghame_x", "mission": "level"})
