@@ -1,6 +1,8 @@
 # make run     fly the S manoeuvre and make its report      make verify       the proof: check-cases, references, loops
 # make test    lint, types, import rules, tests             make bench        speed on this machine
-# make lock    renew requirements.lock                      make bench-peers  speed beside other simulators
+# make docs    the site, in docs/_build/html                make bench-peers  speed beside other simulators
+# make lock    renew both lock files                        make example      renew reports/example
+# make dist    build and check what a release publishes
 # make newest-numba  a short flight with the newest numba, pre-releases included: reports, never fails
 #
 # PYTHON=python3.12 make test chooses the interpreter that .venv is made with.
@@ -8,12 +10,13 @@
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/installed
+DEV_INSTALLED := .venv/installed-dev
 CAMPAIGN := campaigns/s_manoeuvre.yaml
 REPORT := reports/s_manoeuvre/report.html
 TEST_WORKERS ?= 2
-SELF_CHECKS := tests/verification tests/world tests/control/test_retuned.py
+SELF_CHECKS := tests/verification tests/world tests/control/design/test_retuned.py
 
-.PHONY: run test verify bench bench-peers newest-numba lock clean
+.PHONY: run test docs example verify bench bench-peers newest-numba lock dist clean
 .DELETE_ON_ERROR:
 
 run: $(INSTALLED)
@@ -24,15 +27,30 @@ run: $(INSTALLED)
 	    echo "no display here: open $(REPORT) in any browser"; \
 	fi
 
-test: $(INSTALLED)
+test: $(DEV_INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/check-jsonschema --quiet --builtin-schema vendor.github-workflows .github/workflows/*.yml
+	$(BIN)/check-jsonschema --quiet --builtin-schema vendor.citation-file-format CITATION.cff
+	$(BIN)/zizmor --offline --quiet .github/workflows
 	$(BIN)/python -m pytest -n $(TEST_WORKERS)
 	$(BIN)/python -m benchmarks.watch
 
-verify: $(INSTALLED)
+# The pages' examples are flown and run; a warning is an error.
+docs: $(DEV_INSTALLED)
+	$(BIN)/python -m sphinx -b html -E -W --keep-going -q -d docs/_build/doctrees docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
+# The default campaign's report in reports/example, flown again.
+example: $(DEV_INSTALLED)
+	$(BIN)/python studies/example.py
+
+dist: $(DEV_INSTALLED)
+	.ci/dist $(BIN)/python
+
+verify: $(DEV_INSTALLED)
 	$(BIN)/abhv-mc verify all --references tests/reference
 	$(BIN)/python -m pytest -s $(SELF_CHECKS)
 
@@ -45,12 +63,15 @@ bench-peers: $(INSTALLED)
 newest-numba: $(INSTALLED)
 	$(BIN)/python .ci/newest_numba.py
 
-# The lock names versions for every Python that the project supports, and no index.
+# A lock names versions for every Python that the project supports, and no index.
+LOCK := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --no-header --no-annotate pyproject.toml
+
 lock: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet uv
-	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --extra dev --no-header --no-annotate \
-	    --output-file requirements.lock pyproject.toml
+	$(LOCK) --extra build --output-file requirements.lock
+	$(LOCK) --extra dev --constraint requirements.lock --output-file requirements-dev.lock
 
+# What a run needs; what tests and pages need besides comes on top of it.
 $(INSTALLED): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(None if (3, 11) <= sys.version_info < (3, 15) else "$(PYTHON) is Python " + sys.version.split()[0] + "; 3.11 to 3.14 is needed: make PYTHON=...")'
 	$(PYTHON) -m venv .venv
@@ -58,5 +79,9 @@ $(INSTALLED): requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
+$(DEV_INSTALLED): requirements-dev.lock $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements-dev.lock
+	@touch $@
+
 clean:
-	rm -rf .venv dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf .venv docs/_build docs/reference/generated dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

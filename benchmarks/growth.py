@@ -4,7 +4,8 @@
 
 Every command runs in processes of its own, one worker for each core, as a user starts it. Kept are the metrics of all
 flights, the envelopes and the histories of the worst 20. A line is fitted to each quantity, deviations counting in per
-cent. Writes ``benchmarks/results/growth.json``, ``docs/images/growth.png`` and a table of ``docs/performance.md``.
+cent. Writes ``benchmarks/results/growth.json``, ``docs/images/growth.png`` and a table of
+``docs/explanation/performance.md``.
 
 ``--million`` measures instead 1e4, 1e5 and 1e6 flights of the manoeuvre's first 2 s: all that a campaign does beside
 flying, in minutes. Writes ``benchmarks/results/million.json`` and its own table.
@@ -26,7 +27,7 @@ CAMPAIGN = ROOT / "campaigns" / "s_manoeuvre.yaml"
 MISSION = ROOT / "configs" / "mission" / "s_manoeuvre.yaml"
 RESULTS = ROOT / "benchmarks" / "results"
 FIGURE = ROOT / "docs" / "images" / "growth.png"
-DOCUMENT = ROOT / "docs" / "performance.md"
+DOCUMENT = ROOT / "docs" / "explanation" / "performance.md"
 
 MILLION = [10_000, 100_000, 1_000_000]
 SHORT = 2  # s, of a flight of the million

@@ -2,7 +2,7 @@
 
     python -m benchmarks.limit [--processes 3] [--json FILE]
 
-Writes ``benchmarks/results/bench.json`` and a table of ``docs/performance.md``.
+Writes ``benchmarks/results/bench.json`` and a table of ``docs/explanation/performance.md``.
 """
 
 import os
@@ -61,7 +61,7 @@ def main() -> None:
         "| figure | median | lowest to highest | goal |",
         "|---|---|---|---|",
     ]
-    replace_part(ROOT / "docs" / "performance.md", "bench", "\n".join([*head, *make_rows(runs)]))
+    replace_part(ROOT / "docs" / "explanation" / "performance.md", "bench", "\n".join([*head, *make_rows(runs)]))
 
 
 if __name__ == "__main__":

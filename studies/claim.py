@@ -1,4 +1,4 @@
-"""Is it true that 'with nearly the same control usage TLC tracks better'? Writes docs/claim.md.
+"""Is it true that 'with nearly the same control usage TLC tracks better'? Writes docs/explanation/claim.md.
 
     python studies/claim.py [--flights 400]
 
@@ -145,7 +145,7 @@ quantiles, and loses no more flights.
 
 ## Table 1 against the paper's weights and the retuned LQR, paper's box
 
-TLC is Table 1. LQR flies with the paper's weights, which stabilise none of these vehicles (see `docs/margins.md`), \
+TLC is Table 1. LQR flies with the paper's weights, which stabilise none of these vehicles ([margins](margins.md)), \
 and retuned for each by `studies/retune_lqr.py`, which searches for weights of small errors at no more than {allowed} \
 times TLC's usage (each surface's rms from trim, and its travel, nominal S) and asks for no margins: its throttle loop \
 bears 10 ms of delay.
@@ -169,7 +169,7 @@ def main() -> None:
     print("robust designs flown", flush=True)
     lines = [*head, *summary, "", *robust, *sections]
     text = "\n".join(wrapped(line) for line in lines)
-    (ROOT / "docs/claim.md").write_text(text.rstrip() + "\n", encoding="utf-8")
+    (ROOT / "docs/explanation/claim.md").write_text(text.rstrip() + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

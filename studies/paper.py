@@ -1,4 +1,4 @@
-"""Set our Figures 2 to 11 beside what the paper prints: writes docs/paper.md and docs/images/paper_*.png.
+"""Set our Figures 2 to 11 beside what the paper prints: writes docs/explanation/paper.md and docs/images/paper_*.png.
 
     abhv-mc run campaigns/paper.yaml && python studies/paper.py [reports/paper]
 
@@ -216,7 +216,7 @@ def page(results: Results, steps: tuple[float, ...], images: dict[str, str]) -> 
         "",
     ]
     for name, title in images.items():
-        lines += [f"![{title}](images/{name}.png)", ""]
+        lines += [f"![{title}](../images/{name}.png)", ""]
     return "\n".join(wrapped(line) for line in lines)
 
 
@@ -237,7 +237,7 @@ def main() -> None:
     write_png(plot_track(results), folder / "paper_fig02.png")
     for point, name in names.items():
         write_png(plot_point(results, point), folder / f"{name}.png")
-    (ROOT / "docs/paper.md").write_text(text, encoding="utf-8")
+    (ROOT / "docs/explanation/paper.md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

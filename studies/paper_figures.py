@@ -1,4 +1,4 @@
-"""The figures of docs/paper.md."""
+"""The figures of docs/explanation/paper.md."""
 
 from matplotlib.figure import Figure
 from paper_points import Point

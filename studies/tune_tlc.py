@@ -1,4 +1,4 @@
-"""Section 6 of Zhu and Shen (2014) repeated for TLC: writes docs/tuning.md and docs/images/tuning_*.png.
+"""Section 6 of Zhu and Shen (2014) repeated for TLC: writes docs/explanation/tuning.md and docs/images/tuning_*.png.
 
     python studies/tune_tlc.py [--vehicle FILE]
 
@@ -252,7 +252,7 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         ),
         *rows,
         "",
-        "![Swings over the differentiator's bandwidth](images/tuning_differentiators.png)",
+        "![Swings over the differentiator's bandwidth](../images/tuning_differentiators.png)",
         "",
         "## How much depends on each bandwidth",
         "",
@@ -262,7 +262,7 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         *header(("bandwidth", "Table 1 rad/s"), units=False),
         *sensitivity_rows(tuning, found),
         "",
-        "![Errors over the bandwidths](images/tuning_sensitivity.png)",
+        "![Errors over the bandwidths](../images/tuning_sensitivity.png)",
         "",
     ]
     figures = {"tuning_differentiators": plot_differentiators(curves), "tuning_sensitivity": plot_sensitivities(found)}
@@ -279,7 +279,7 @@ def main() -> None:
     folder.mkdir(exist_ok=True)
     for name, figure in figures.items():
         write_png(figure, folder / f"{name}.png")
-    (ROOT / "docs/tuning.md").write_text(text, encoding="utf-8")
+    (ROOT / "docs/explanation/tuning.md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

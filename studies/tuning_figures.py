@@ -1,4 +1,4 @@
-"""The figures of docs/tuning.md."""
+"""The figures of docs/explanation/tuning.md."""
 
 import numpy as np
 from experiment import Floats

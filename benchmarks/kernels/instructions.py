@@ -3,7 +3,7 @@
     python -m benchmarks.kernels.instructions [--processes 3] [--json FILE]      or, of one process each, --once
 
 No clock is read, so a busy machine counts the same. Linux on x86-64, with gcc and objdump. Writes
-``benchmarks/results/instructions.json`` and a table of ``docs/performance.md``.
+``benchmarks/results/instructions.json`` and a table of ``docs/explanation/performance.md``.
 """
 
 import json
@@ -24,7 +24,7 @@ from benchmarks.spread import Spread, describe_machine, find_spreads, make_note,
 
 ROOT = Path(__file__).parents[2]
 RESULT = ROOT / "benchmarks" / "results" / "instructions.json"
-DOCUMENT = ROOT / "docs" / "performance.md"
+DOCUMENT = ROOT / "docs" / "explanation" / "performance.md"
 SOURCE = Path(__file__).with_name("single_step.c")
 LAWS = ("tlc", "lqr")
 STEPS = 250_000  # some ticks of a group of flights

@@ -3,7 +3,7 @@
     python -m benchmarks.kernels.parts [--processes 3] [--json FILE]      or, of one process and to the screen, --once
 
 A part alone runs from the nearest cache; in a flight all parts take turns, and lanes stand in different cells: what the
-sum leaves over. Writes ``benchmarks/results/parts.json`` and a table of ``docs/performance.md``.
+sum leaves over. Writes ``benchmarks/results/parts.json`` and a table of ``docs/explanation/performance.md``.
 """
 
 import json
@@ -42,7 +42,7 @@ from benchmarks.timing import measure_time
 
 ROOT = Path(__file__).parents[2]
 RESULT = ROOT / "benchmarks" / "results" / "parts.json"
-DOCUMENT = ROOT / "docs" / "performance.md"
+DOCUMENT = ROOT / "docs" / "explanation" / "performance.md"
 REPEATS = 9
 
 # name: (number in the kernel, calls in a tick, laws that fly it)

@@ -2,7 +2,7 @@
 
     python -m benchmarks.kernels.run [--processes 3] [--json FILE]      or, of one process and to the screen, --once
 
-Writes ``benchmarks/results/kernels.json`` and a table of ``docs/performance.md``.
+Writes ``benchmarks/results/kernels.json`` and a table of ``docs/explanation/performance.md``.
 """
 
 import json
@@ -20,7 +20,7 @@ from benchmarks.watch import measure_gain
 
 ROOT = Path(__file__).parents[2]
 RESULT = ROOT / "benchmarks" / "results" / "kernels.json"
-DOCUMENT = ROOT / "docs" / "performance.md"
+DOCUMENT = ROOT / "docs" / "explanation" / "performance.md"
 
 
 def measure_ratios() -> dict[str, float]:

@@ -3,9 +3,9 @@
     make bench-peers          or          python -m benchmarks.peers.run [--rounds 3] [--repeats 5] [--flights 256]
 
 The peers are the extra ``peers`` of pyproject.toml, installed into ``benchmarks/peers/.venv``; the twin needs g++.
-Writes ``benchmarks/results/peers.json`` and the table of ``docs/performance.md``. Times are processor time, so that
-other programs on the machine count for little; a number is the median over every repeat of every process. A peer that
-fails is named, and the others go on; the exit code is then 1.
+Writes ``benchmarks/results/peers.json`` and the table of ``docs/explanation/performance.md``. Times are processor time,
+so that other programs on the machine count for little; a number is the median over every repeat of every process. A
+peer that fails is named, and the others go on; the exit code is then 1.
 """
 
 import argparse
@@ -28,7 +28,7 @@ from benchmarks.spread import describe_machine
 
 ROOT = Path(__file__).parents[2]
 RESULT = ROOT / "benchmarks" / "results" / "peers.json"
-DOCUMENT = ROOT / "docs" / "performance.md"
+DOCUMENT = ROOT / "docs" / "explanation" / "performance.md"
 ENVIRONMENT = Path(__file__).parent / ".venv"
 
 MODULES = ("ours", "twin", "jax_vmap", "diffrax_steps", "jsbsim_x15", "rocketpy_flight")

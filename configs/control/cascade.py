@@ -2,7 +2,7 @@
 
 A flight calls ``law`` at every control tick. What it names as an argument it gets: ``measured`` (what the sensors say),
 ``reference`` (the mission), ``memory``, ``settings``, ``gains``, ``onboard`` (the nominal vehicle), ``time``, ``dt``.
-Everything is a number in SI and radians. See docs/own-laws.md.
+Everything is a number in SI and radians. See docs/tutorials/own-controller.md.
 """
 
 from typing import NamedTuple

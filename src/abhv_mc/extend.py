@@ -1,4 +1,4 @@
-"""What a user's own controller or channel is written with; ``docs/own_laws.md`` shows how.
+"""What a user's own controller or channel is written with; ``docs/tutorials/own-controller.md`` shows how.
 
 A law sees one flight at one control tick: named tuples of floats in SI and radians, wired by name. What is imported
 from here works alike compiled in lanes and in plain Python, to the last bit.

@@ -10,8 +10,8 @@ Rules for compiled functions (measured; the benchmark ``abhv-mc bench`` holds th
 - data (tables, gains, references) are arguments, never globals: numba freezes globals silently.
 
 numba's own passes compile, and its own disk cache keeps kernels. A few subclasses of its private classes tell it that
-all functions here are inlined into a few kernels (``docs/performance.md`` has what each saves). Where they do not work,
-or with ``ABHV_MC_PUBLIC_NUMBA=1``, numba's public interface makes the same bits, slower.
+all functions here are inlined into a few kernels (``docs/explanation/performance.md`` has what each saves). Where
+they do not work, or with ``ABHV_MC_PUBLIC_NUMBA=1``, numba's public interface makes the same bits, slower.
 """
 
 import contextlib

@@ -21,6 +21,6 @@ def test_a_missing_part_is_refused_and_the_page_kept(tmp_path, text):
 
 
 def test_the_page_has_a_part_for_every_benchmark(repository):
-    page = (repository / "docs" / "performance.md").read_text(encoding="utf-8")
+    page = (repository / "docs" / "explanation" / "performance.md").read_text(encoding="utf-8")
     for name in ("bench", "peers", "parts", "growth", "million", "kernels"):
         assert page.index(f"<!-- {name} -->") < page.index(f"<!-- /{name} -->")

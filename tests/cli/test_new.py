@@ -1,11 +1,12 @@
 """A new folder is complete in itself."""
 
+import json
 from pathlib import Path
 
 import pytest
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.inputs import check_inputs
+from abhv_mc.campaign.file.inputs import check_inputs, find_kind
 from abhv_mc.campaign.file.new_campaign import write_new_campaign
 from abhv_mc.io.documents import InputError
 from abhv_mc.shipped import find_input, shipped_campaigns, shipped_files
@@ -20,6 +21,15 @@ def test_new_folder_stands_alone(tmp_path: Path) -> None:
         assert file.resolve().is_relative_to(folder)
     assert made.dispersions == shipped.dispersions
     assert "#" in written[0].read_text()
+
+
+def test_editors_find_the_schema_of_every_file(tmp_path: Path) -> None:
+    files = [file for file in write_new_campaign(tmp_path / "study") if file.suffix == ".yaml"]
+    assert len(files) > 4
+    for file in files:
+        name = file.read_text().splitlines()[0].removeprefix("# yaml-language-server: $schema=")
+        schema = json.loads((file.parent / name).read_text())
+        assert schema["$id"].endswith(f":{find_kind(file)}")
 
 
 @pytest.mark.parametrize("name", sorted(shipped_files("campaign")))

@@ -1,4 +1,4 @@
-"""The vehicle of docs/vehicles.md, written from the page, is valid and flies."""
+"""The vehicle of docs/tutorials/own-vehicle.md, written from the page, is valid and flies."""
 
 import re
 
@@ -14,7 +14,7 @@ from abhv_mc.flight.signals import METRIC_INDEX
 def arrow(repository, tmp_path_factory):
     folder = tmp_path_factory.mktemp("own")
     (folder / "arrow").mkdir()
-    page = (repository / "docs/vehicles.md").read_text()
+    page = (repository / "docs/tutorials/own-vehicle.md").read_text()
     for name, text in re.findall(r"```\w+\n# (arrow[\w/]*\.(?:yaml|csv))(.*?)```", page, re.DOTALL):
         (folder / name).write_text(f"# {name}{text}")
     return folder / "arrow.yaml"

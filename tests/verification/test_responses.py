@@ -4,7 +4,7 @@ A flight that starts with one error, minus one that starts without, is the loop'
 whose inner loop is infinitely fast answers an initial error of 1 with ``(l1 exp(l1 t) - l2 exp(l2 t)) / (l1 - l2)``,
 l the roots of ``s^2 + 2 zeta wn s + wn^2`` (the integral is part of the state). Table 1 of Zhu and Shen (2014) keeps
 its loops only 3 to 5 times apart; here each loop is slowed until it is 15 and more times slower than the one inside it.
-docs/closed-loop.md has the table of Table 1 itself, and why the cases left out here differ.
+docs/explanation/closed-loop.md has the table of Table 1 itself, and why the cases left out here differ.
 """
 
 import json

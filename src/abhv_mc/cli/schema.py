@@ -17,8 +17,7 @@ class Kind(StrEnum):
 
 def command(kind: Annotated[Kind, typer.Argument(help="The kind of file.")]) -> None:
     """Print the JSON Schema of a kind of file."""
-    from abhv_mc.campaign.file.inputs import MODELS
+    from abhv_mc.campaign.file.schema import make_schema
     from abhv_mc.cli.printing import print_json
 
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | MODELS[kind.value].model_json_schema()
-    print_json(schema)
+    print_json(make_schema(kind.value))

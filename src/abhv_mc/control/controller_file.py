@@ -14,22 +14,24 @@ Positive = Field(gt=0.0)
 class TimePoint(StrictModel):
     """Bandwidth at a time."""
 
-    time: Annotated[Time, Field(ge=0.0)]
-    bandwidth: Annotated[AngularRate, Positive]
+    time: Annotated[Time, Field(ge=0.0)] = Field(description="time since the start of the flight")
+    bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency at that time")
 
 
 class PressurePoint(StrictModel):
     """Bandwidth at a dynamic pressure of the reference."""
 
-    dynamic_pressure: Annotated[Pressure, Positive]
-    bandwidth: Annotated[AngularRate, Positive]
+    dynamic_pressure: Annotated[Pressure, Positive] = Field(description="dynamic pressure of the reference")
+    bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency at that dynamic pressure")
 
 
 class Schedule(StrictModel):
     """A bandwidth that changes: linear between points, held outside."""
 
-    over_time: list[TimePoint] | None = Field(None, min_length=2)
-    over_dynamic_pressure: list[PressurePoint] | None = Field(None, min_length=2)
+    over_time: list[TimePoint] | None = Field(None, min_length=2, description="points by rising time")
+    over_dynamic_pressure: list[PressurePoint] | None = Field(
+        None, min_length=2, description="points by rising dynamic pressure; in place of over_time"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "Schedule":
@@ -55,11 +57,11 @@ def _bandwidth_kind(value: Any) -> str:
 class Channel(StrictModel):
     """Second-order PD spectrum of one channel, equation (20)."""
 
-    damping: Annotated[float, Positive]
+    damping: Annotated[float, Positive] = Field(description="damping ratio zeta of the closed loop")
     bandwidth: Annotated[
         Annotated[AngularRate, Positive, Tag("number")] | Annotated[Schedule, Tag("schedule")],
         Discriminator(_bandwidth_kind),
-    ]
+    ] = Field(description="natural frequency of the closed loop, fixed or scheduled")
 
     def largest(self) -> float:
         """The greatest bandwidth that the channel ever has, rad/s."""
@@ -77,39 +79,43 @@ class Channel(StrictModel):
 class VelocityLoop(StrictModel):
     """Sub-loop 2."""
 
-    flight_path_angle: Channel
-    heading: Channel
-    speed: Channel
+    flight_path_angle: Channel = Field(description="poles of the flight path angle's error")
+    heading: Channel = Field(description="poles of the heading's error")
+    speed: Channel = Field(description="poles of the speed's error")
 
 
 class AttitudeLoop(StrictModel):
     """Sub-loop 3."""
 
-    angle_of_attack: Channel
-    sideslip: Channel
-    bank: Channel
+    angle_of_attack: Channel = Field(description="poles of the angle of attack's error")
+    sideslip: Channel = Field(description="poles of the sideslip's error")
+    bank: Channel = Field(description="poles of the bank's error")
 
 
 class RateLoop(StrictModel):
     """Sub-loop 4, body axes forward, right, down."""
 
-    roll_rate: Channel
-    pitch_rate: Channel
-    yaw_rate: Channel
+    roll_rate: Channel = Field(description="poles of the roll rate's error")
+    pitch_rate: Channel = Field(description="poles of the pitch rate's error")
+    yaw_rate: Channel = Field(description="poles of the yaw rate's error")
 
 
 class Differentiators(StrictModel):
     """Bandwidths of the pseudo-differentiators (21)."""
 
-    attitude: Annotated[AngularRate, Positive] = Field(0.3, description="of the commands to sub-loop 3")
-    rates: Annotated[AngularRate, Positive] = Field(1.5, description="of the commands to sub-loop 4")
+    attitude: Annotated[AngularRate, Positive] = Field(0.3, description="bandwidth for the commands to sub-loop 3")
+    rates: Annotated[AngularRate, Positive] = Field(1.5, description="bandwidth for the commands to sub-loop 4")
 
 
 class CommandLimits(StrictModel):
     """Limits of the guidance's commands; those of the surfaces and the engine are the vehicle's."""
 
-    angle_of_attack: tuple[Angle, Angle] = Field((-0.017453292519943295, 0.20943951023931956))
-    bank: Annotated[Angle, Field(gt=0.0, lt=1.5)] = Field(1.2217304763960306, description="to either side")
+    angle_of_attack: tuple[Angle, Angle] = Field(
+        (-0.017453292519943295, 0.20943951023931956), description="least and greatest that is commanded"
+    )
+    bank: Annotated[Angle, Field(gt=0.0, lt=1.5)] = Field(
+        1.2217304763960306, description="greatest that is commanded, to either side"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "CommandLimits":
@@ -121,14 +127,14 @@ class CommandLimits(StrictModel):
 class TlcController(StrictModel):
     """Trajectory linearization control."""
 
-    law: Literal["tlc"]
-    rate: Annotated[Frequency, Positive] = 100.0
-    altitude: Channel
-    velocity: VelocityLoop
-    attitude: AttitudeLoop
-    rates: RateLoop
-    differentiators: Differentiators = Differentiators()
-    limits: CommandLimits = CommandLimits()
+    law: Literal["tlc"] = Field(description="the control law")
+    rate: Annotated[Frequency, Positive] = Field(100.0, description="control ticks per second")
+    altitude: Channel = Field(description="sub-loop 1: poles of the altitude's error")
+    velocity: VelocityLoop = Field(description="sub-loop 2: flight path angle, heading, speed")
+    attitude: AttitudeLoop = Field(description="sub-loop 3: angle of attack, sideslip, bank")
+    rates: RateLoop = Field(description="sub-loop 4: roll, pitch and yaw rate")
+    differentiators: Differentiators = Field(Differentiators(), description="bandwidths of the pseudo-differentiators")
+    limits: CommandLimits = Field(CommandLimits(), description="limits of the guidance's commands")
 
     def warnings(self) -> list[str]:
         """Sentences on outer loops that are not slower than the inner loop that they rely on."""
@@ -156,80 +162,96 @@ class TlcController(StrictModel):
 class GuidanceStates(StrictModel):
     """Weights of the deviations, SI and radians."""
 
-    altitude: Annotated[float, Field(ge=0.0)]
-    flight_path_angle: Annotated[float, Field(ge=0.0)]
-    heading: Annotated[float, Field(ge=0.0)]
-    speed: Annotated[float, Field(ge=0.0)]
+    altitude: Annotated[float, Field(ge=0.0)] = Field(
+        description="weight of the squared deviation of the altitude, 1/m2"
+    )
+    flight_path_angle: Annotated[float, Field(ge=0.0)] = Field(
+        description="weight of the squared deviation of the flight path angle, 1/rad2"
+    )
+    heading: Annotated[float, Field(ge=0.0)] = Field(
+        description="weight of the squared deviation of the heading, 1/rad2"
+    )
+    speed: Annotated[float, Field(ge=0.0)] = Field(description="weight of the squared deviation of the speed, s2/m2")
 
 
 class GuidanceInputs(StrictModel):
     """Weights of the inputs, radians."""
 
-    angle_of_attack: Annotated[float, Positive]
-    bank: Annotated[float, Positive]
-    equivalence_ratio: Annotated[float, Positive]
+    angle_of_attack: Annotated[float, Positive] = Field(description="weight of the squared angle of attack, 1/rad2")
+    bank: Annotated[float, Positive] = Field(description="weight of the squared bank, 1/rad2")
+    equivalence_ratio: Annotated[float, Positive] = Field(description="weight of the squared equivalence ratio")
 
 
 class GuidanceWeights(StrictModel):
     """Weights of the guidance regulator (22)."""
 
-    states: GuidanceStates
-    inputs: GuidanceInputs
+    states: GuidanceStates = Field(description="Q, by the deviation that is weighted")
+    inputs: GuidanceInputs = Field(description="R, by the input that is weighted")
 
 
 class LongitudinalStates(StrictModel):
     """Weights of the deviations, radians."""
 
-    angle_of_attack: Annotated[float, Field(ge=0.0)]
-    pitch_rate: Annotated[float, Field(ge=0.0)]
+    angle_of_attack: Annotated[float, Field(ge=0.0)] = Field(
+        description="weight of the squared deviation of the angle of attack, 1/rad2"
+    )
+    pitch_rate: Annotated[float, Field(ge=0.0)] = Field(
+        description="weight of the squared deviation of the pitch rate, s2/rad2"
+    )
 
 
 class LongitudinalInputs(StrictModel):
     """Weight of the input in degrees."""
 
-    elevator: Annotated[float, Positive]
+    elevator: Annotated[float, Positive] = Field(description="weight of the squared elevator, 1/deg2")
 
 
 class LongitudinalWeights(StrictModel):
     """Weights of the pitch regulator (23)."""
 
-    states: LongitudinalStates
-    inputs: LongitudinalInputs
+    states: LongitudinalStates = Field(description="Q, by the deviation that is weighted")
+    inputs: LongitudinalInputs = Field(description="R, by the input that is weighted")
 
 
 class LateralStates(StrictModel):
     """Weights of the deviations, radians."""
 
-    bank: Annotated[float, Field(ge=0.0)]
-    sideslip: Annotated[float, Field(ge=0.0)]
-    roll_rate: Annotated[float, Field(ge=0.0)]
-    yaw_rate: Annotated[float, Field(ge=0.0)]
+    bank: Annotated[float, Field(ge=0.0)] = Field(description="weight of the squared deviation of the bank, 1/rad2")
+    sideslip: Annotated[float, Field(ge=0.0)] = Field(
+        description="weight of the squared deviation of the sideslip, 1/rad2"
+    )
+    roll_rate: Annotated[float, Field(ge=0.0)] = Field(
+        description="weight of the squared deviation of the roll rate, s2/rad2"
+    )
+    yaw_rate: Annotated[float, Field(ge=0.0)] = Field(
+        description="weight of the squared deviation of the yaw rate, s2/rad2"
+    )
 
 
 class LateralInputs(StrictModel):
     """Weights of the inputs in degrees."""
 
-    aileron: Annotated[float, Positive]
-    rudder: Annotated[float, Positive]
+    aileron: Annotated[float, Positive] = Field(description="weight of the squared aileron, 1/deg2")
+    rudder: Annotated[float, Positive] = Field(description="weight of the squared rudder, 1/deg2")
 
 
 class LateralWeights(StrictModel):
     """Weights of the roll and yaw regulator (23)."""
 
-    states: LateralStates
-    inputs: LateralInputs
+    states: LateralStates = Field(description="Q, by the deviation that is weighted")
+    inputs: LateralInputs = Field(description="R, by the input that is weighted")
 
 
 class LqrController(StrictModel):
     """Linear quadratic regulator along the reference."""
 
-    law: Literal["lqr"]
-    rate: Annotated[Frequency, Positive] = 100.0
-    guidance: GuidanceWeights
-    longitudinal: LongitudinalWeights
-    lateral: LateralWeights
-    spacing: Annotated[Time, Field(gt=0.0)] = Field(1.0, description="between the points where gains are computed")
-    limits: CommandLimits = CommandLimits()
+    law: Literal["lqr"] = Field(description="the control law")
+    rate: Annotated[Frequency, Positive] = Field(100.0, description="control ticks per second")
+    guidance: GuidanceWeights = Field(description="weights of the guidance regulator")
+    longitudinal: LongitudinalWeights = Field(description="weights of the pitch regulator")
+    lateral: LateralWeights = Field(description="weights of the roll and yaw regulator")
+    spacing: Annotated[Time, Field(gt=0.0)] = Field(1.0, description="time between the points where gains are computed")
+    limits: CommandLimits = Field(CommandLimits(), description="limits of the guidance's commands")
 
     def warnings(self) -> list[str]:
         """Nothing that a file alone shows."""
@@ -239,9 +261,9 @@ class LqrController(StrictModel):
 class PythonController(StrictModel):
     """A law of one's own, in a Python file."""
 
-    law: Literal["python"]
+    law: Literal["python"] = Field(description="the control law")
     file: File = Field(description="the law, see abhv_mc.extend")
-    rate: Annotated[Frequency, Positive] = 100.0
+    rate: Annotated[Frequency, Positive] = Field(100.0, description="control ticks per second")
     settings: dict[str, Any] = Field({}, description="of the file's class Settings; with units where the file says so")
 
     def warnings(self) -> list[str]:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Discriminator, Field, PlainSerializer, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, PlainSerializer, Tag, WithJsonSchema, model_validator
 
 from abhv_mc.control.air_file import DENSITY, WIND, join_air, read_air_table
 from abhv_mc.control.trajectory_file import read_trajectory
@@ -16,10 +16,13 @@ from abhv_mc.vehicle.limits import LoadLimits
 from abhv_mc.world.earth import WGS84, Earth
 
 Positive = Field(gt=0.0)
+_KIND = "the kind of manoeuvre"
+_LENGTH = "how long it takes"
 GravitationalParameter = Annotated[
     float,
     BeforeValidator(lambda value: parse_in_unit(value, "m3/s2")),
     PlainSerializer(lambda value: f"{value!r} m3/s2", when_used="json"),
+    WithJsonSchema({"type": "string", "examples": ["3.986004418e14 m3/s2"]}),
 ]
 
 
@@ -30,44 +33,46 @@ class Start(StrictModel):
     vehicle's alone, such as that which the first manoeuvre asks for at once.
     """
 
-    altitude: Length = Field(description="geodetic")
-    speed: Annotated[Speed, Positive] = Field(description="relative to the Earth")
-    heading: Angle = Field(description="of the velocity, clockwise from north")
-    latitude: Annotated[Angle, Field(gt=-1.55, lt=1.55)] = Field(description="geodetic")
-    longitude: Angle = 0.0
-    flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = Field(0.0, description="of a start in a climb")
+    altitude: Length = Field(description="geodetic altitude")
+    speed: Annotated[Speed, Positive] = Field(description="speed relative to the Earth")
+    heading: Angle = Field(description="direction of the velocity, clockwise from north")
+    latitude: Annotated[Angle, Field(gt=-1.55, lt=1.55)] = Field(description="geodetic latitude")
+    longitude: Angle = Field(0.0, description="positive to the east")
+    flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = Field(
+        0.0, description="of a start in a climb or a descent"
+    )
     bank: Annotated[Angle, Field(gt=-1.4, lt=1.4)] = Field(0.0, description="about the velocity, positive to the right")
 
 
 class Level(StrictModel):
     """Straight and level."""
 
-    kind: Literal["level"]
+    kind: Literal["level"] = Field(description=_KIND)
 
 
 class Climb(StrictModel):
     """Another altitude, and another speed if wanted; smooth: rate and acceleration begin and end at zero."""
 
-    kind: Literal["climb"]
-    altitude_change: Length
-    length: Annotated[Time, Positive]
-    speed_change: Speed = 0.0
+    kind: Literal["climb"] = Field(description=_KIND)
+    altitude_change: Length = Field(description="positive upwards")
+    length: Annotated[Time, Positive] = Field(description=_LENGTH)
+    speed_change: Speed = Field(0.0, description="over the same time")
 
 
 class PullUp(StrictModel):
     """Another flight path angle, held afterwards; smooth."""
 
-    kind: Literal["pull_up"]
-    flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)]
-    length: Annotated[Time, Positive]
+    kind: Literal["pull_up"] = Field(description=_KIND)
+    flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = Field(description="at its end, positive upwards")
+    length: Annotated[Time, Positive] = Field(description=_LENGTH)
 
 
 class Turn(StrictModel):
     """Another heading; smooth. Positive to the right."""
 
-    kind: Literal["turn"]
-    heading_change: Angle
-    length: Annotated[Time, Positive]
+    kind: Literal["turn"] = Field(description=_KIND)
+    heading_change: Angle = Field(description="positive to the right")
+    length: Annotated[Time, Positive] = Field(description=_LENGTH)
 
 
 class SManoeuvre(StrictModel):
@@ -76,38 +81,38 @@ class SManoeuvre(StrictModel):
     The lateral acceleration steps to its maximum at the beginning and back to zero at the end.
     """
 
-    kind: Literal["s_manoeuvre"]
+    kind: Literal["s_manoeuvre"] = Field(description=_KIND)
     offset: Length = Field(description="positive to the left of the start's heading (to the north, flying east)")
-    length: Annotated[Time, Positive]
+    length: Annotated[Time, Positive] = Field(description=_LENGTH)
 
 
 class WaypointTurn(StrictModel):
     """One heading change among several."""
 
-    at: Annotated[Time, Field(ge=0.0)] = Field(description="after start_time")
-    heading_change: Angle
-    length: Annotated[Time, Positive]
+    at: Annotated[Time, Field(ge=0.0)] = Field(description="when it begins, counted from start_time")
+    heading_change: Angle = Field(description="positive to the right")
+    length: Annotated[Time, Positive] = Field(description=_LENGTH)
 
 
 class Waypoints(StrictModel):
     """Several heading changes; where they overlap, they add."""
 
-    kind: Literal["waypoints"]
-    turns: list[WaypointTurn] = Field(min_length=1)
+    kind: Literal["waypoints"] = Field(description=_KIND)
+    turns: list[WaypointTurn] = Field(min_length=1, description="the heading changes")
 
 
 class Recorded(StrictModel):
     """A trajectory from a CSV file with the columns time_s, altitude_m, speed_mps, heading_deg."""
 
-    kind: Literal["recorded"]
-    file: File
+    kind: Literal["recorded"] = Field(description=_KIND)
+    file: File = Field(description="the CSV file, relative to this file")
 
 
 class LevelPhase(StrictModel):
     """Nothing for a while: the flight path angle and the heading are held."""
 
-    kind: Literal["level"]
-    length: Annotated[Time, Positive]
+    kind: Literal["level"] = Field(description=_KIND)
+    length: Annotated[Time, Positive] = Field(description=_LENGTH)
 
 
 Phase = Annotated[LevelPhase | Climb | PullUp | Turn | SManoeuvre, Field(discriminator="kind")]
@@ -116,8 +121,8 @@ Phase = Annotated[LevelPhase | Climb | PullUp | Turn | SManoeuvre, Field(discrim
 class Phases(StrictModel):
     """Manoeuvres one after another: each begins where the last one ends, and what the last one leaves is held."""
 
-    kind: Literal["phases"]
-    phases: Annotated[tuple[Phase, ...], Field(min_length=1)]
+    kind: Literal["phases"] = Field(description=_KIND)
+    phases: Annotated[tuple[Phase, ...], Field(min_length=1)] = Field(description="the manoeuvres in their order")
 
 
 Manoeuvre = Annotated[
@@ -128,7 +133,7 @@ Manoeuvre = Annotated[
 class MissionLimits(LoadLimits):
     """A flight ends outside."""
 
-    altitude: tuple[Length, Length] = (10e3, 40e3)
+    altitude: tuple[Length, Length] = Field((10e3, 40e3), description="lowest and highest")
 
     @model_validator(mode="after")
     def _check(self) -> "MissionLimits":
@@ -140,17 +145,17 @@ class MissionLimits(LoadLimits):
 class End(StrictModel):
     """The mission is done, before its duration, where any of these holds."""
 
-    altitude_above: Length | None = None
-    altitude_below: Length | None = None
-    speed_above: Speed | None = None
-    speed_below: Speed | None = None
-    mach_above: float | None = None
-    mach_below: float | None = None
-    dynamic_pressure_above: Pressure | None = None
-    dynamic_pressure_below: Pressure | None = None
-    flight_path_angle_above: Angle | None = None
-    flight_path_angle_below: Angle | None = None
-    mass_below: Mass | None = None
+    altitude_above: Length | None = Field(None, description="done where the altitude is above it")
+    altitude_below: Length | None = Field(None, description="done where the altitude is below it")
+    speed_above: Speed | None = Field(None, description="done where the speed is above it")
+    speed_below: Speed | None = Field(None, description="done where the speed is below it")
+    mach_above: float | None = Field(None, description="done where the Mach number is above it")
+    mach_below: float | None = Field(None, description="done where the Mach number is below it")
+    dynamic_pressure_above: Pressure | None = Field(None, description="done where the dynamic pressure is above it")
+    dynamic_pressure_below: Pressure | None = Field(None, description="done where the dynamic pressure is below it")
+    flight_path_angle_above: Angle | None = Field(None, description="done where the flight path angle is above it")
+    flight_path_angle_below: Angle | None = Field(None, description="done where the flight path angle is below it")
+    mass_below: Mass | None = Field(None, description="done where the mass is below it")
 
     def range_of(self, name: str) -> tuple[float, float]:
         """The range of a quantity within which the flight goes on."""
@@ -161,23 +166,33 @@ class End(StrictModel):
 class WindTable(StrictModel):
     """Wind of the nominal flight: CSV with altitude_m, wind_north_mps, wind_east_mps (where it blows towards)."""
 
-    file: File
+    file: File = Field(description="the CSV file, relative to this file")
 
 
 class DensityTable(StrictModel):
     """Nominal density: CSV with altitude_m, density_factor, on the standard atmosphere's; controllers know it."""
 
-    file: File
+    file: File = Field(description="the CSV file, relative to this file")
 
 
 class EarthNumbers(StrictModel):
     """The Earth as numbers; what is left out is WGS-84's."""
 
-    equatorial_radius: Annotated[Length, Positive] = WGS84.equatorial_radius
-    flattening: Annotated[float, Field(ge=0.0, lt=0.1)] = WGS84.flattening
-    gravitational_parameter: Annotated[GravitationalParameter, Positive] = WGS84.gravitational_parameter
-    j2: Annotated[float, Field(ge=0.0, lt=0.01)] = WGS84.j2
-    rotation_rate: AngularRate = WGS84.rotation_rate
+    equatorial_radius: Annotated[Length, Positive] = Field(
+        WGS84.equatorial_radius, description="equatorial radius of the ellipsoid"
+    )
+    flattening: Annotated[float, Field(ge=0.0, lt=0.1)] = Field(
+        WGS84.flattening, description="flattening of the ellipsoid; 0: a sphere"
+    )
+    gravitational_parameter: Annotated[GravitationalParameter, Positive] = Field(
+        WGS84.gravitational_parameter, description="gravitational constant times the mass of the Earth"
+    )
+    j2: Annotated[float, Field(ge=0.0, lt=0.01)] = Field(
+        WGS84.j2, description="second zonal harmonic; 0: a central field"
+    )
+    rotation_rate: AngularRate = Field(
+        WGS84.rotation_rate, description="angular rate of the Earth; 0 rad/s: it does not turn"
+    )
 
 
 def _earth_kind(value: Any) -> str:
@@ -191,24 +206,24 @@ def _table_kind(value: Any) -> str:
 class Mission(StrictModel):
     """What a flight is asked to do."""
 
-    name: str
-    start: Start
-    duration: Annotated[Time, Field(gt=0.0, le=3600.0)] = 60.0
+    name: str = Field(description="name of the mission")
+    start: Start = Field(description="where and how fast a flight starts")
+    duration: Annotated[Time, Field(gt=0.0, le=3600.0)] = Field(60.0, description="how long a flight lasts")
     start_time: Annotated[Time, Field(ge=0.0)] = Field(0.0, description="when the manoeuvre begins")
-    manoeuvre: Manoeuvre
-    limits: MissionLimits = MissionLimits()
+    manoeuvre: Manoeuvre = Field(description="what is flown")
+    limits: MissionLimits = Field(MissionLimits(), description="a flight ends outside")
     earth: Annotated[
         Annotated[Literal["wgs84"], Tag("name")] | Annotated[EarthNumbers, Tag("numbers")],
         Discriminator(_earth_kind),
-    ] = "wgs84"
-    end: End = End()
+    ] = Field("wgs84", description="wgs84, or numbers of its own")
+    end: End = Field(End(), description="conditions that end a flight before its duration")
     wind: Annotated[
         Annotated[Literal["none"], Tag("name")] | Annotated[WindTable, Tag("table")], Discriminator(_table_kind)
-    ] = Field("none", description="in the nominal flight, added to wind.north and so on; nominal controls know none")
+    ] = Field("none", description="of the nominal flight, added to wind.north and so on; nominal controls know none")
     density: Annotated[
         Annotated[Literal["standard"], Tag("name")] | Annotated[DensityTable, Tag("table")], Discriminator(_table_kind)
-    ] = Field("standard", description="nominal")
-    step: Annotated[Time, Field(ge=1e-4, le=0.1)] = Field(0.01, description="of the integrator")
+    ] = Field("standard", description="density of the nominal air")
+    step: Annotated[Time, Field(ge=1e-4, le=0.1)] = Field(0.01, description="time step of the integrator")
 
     @model_validator(mode="after")
     def _check(self) -> "Mission":

@@ -14,6 +14,7 @@ from typing import Annotated
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
 from abhv_mc.io.input_error import Refusal, describe, one_of
+from abhv_mc.io.unit_pattern import quantity_pattern
 
 Exponents = tuple[int, int, int, int]  # of metre, kilogram, second, radian
 
@@ -193,7 +194,13 @@ def _writer(dimension: Dimension) -> PlainSerializer:
 
 
 def _schema(dimension: Dimension) -> WithJsonSchema:
-    text = {"type": "string", "description": dimension.wanted, "examples": [dimension.example]}
+    symbols = {symbol: exponents for symbol, (_, exponents) in _UNITS.items()}
+    text = {
+        "type": "string",
+        "description": dimension.wanted,
+        "examples": [dimension.example],
+        "pattern": quantity_pattern(dimension.exponents, symbols),
+    }
     return WithJsonSchema({"anyOf": [{"type": "number"}, text]} if dimension is FRACTION else text)
 
 

@@ -47,22 +47,24 @@ Positive = Field(gt=0.0)
 class Reference(StrictModel):
     """Reference area and lengths of the coefficients."""
 
-    area: Annotated[Area, Positive]
-    span: Annotated[Length, Positive] = Field(description="of rolling and yawing moment")
-    chord: Annotated[Length, Positive] = Field(description="of pitching moment")
+    area: Annotated[Area, Positive] = Field(description="reference area of all coefficients")
+    span: Annotated[Length, Positive] = Field(description="length of the rolling and yawing moment")
+    chord: Annotated[Length, Positive] = Field(description="length of the pitching moment")
     nose_radius: Annotated[Length, Positive] | None = Field(default=None, description="of the stagnation heat flux")
 
 
 class MassPoint(StrictModel):
     """Mass properties at one mass. The centre of gravity is measured from the moment reference."""
 
-    mass: Annotated[Mass, Positive]
-    inertia_xx: Annotated[Inertia, Positive]
-    inertia_yy: Annotated[Inertia, Positive]
-    inertia_zz: Annotated[Inertia, Positive]
-    inertia_matrix_element_13: Inertia = 0.0
-    center_of_gravity_x: Length = Field(default=0.0, description="forward")
-    center_of_gravity_z: Length = Field(default=0.0, description="down")
+    mass: Annotated[Mass, Positive] = Field(description="at which the following hold")
+    inertia_xx: Annotated[Inertia, Positive] = Field(description="moment of inertia about body x (forward)")
+    inertia_yy: Annotated[Inertia, Positive] = Field(description="moment of inertia about body y (right)")
+    inertia_zz: Annotated[Inertia, Positive] = Field(description="moment of inertia about body z (down)")
+    inertia_matrix_element_13: Inertia = Field(
+        default=0.0, description="element of the inertia matrix: minus the integral of x z dm"
+    )
+    center_of_gravity_x: Length = Field(default=0.0, description="forward of the moment reference")
+    center_of_gravity_z: Length = Field(default=0.0, description="below the moment reference")
 
     @model_validator(mode="after")
     def _check(self) -> "MassPoint":
@@ -83,9 +85,13 @@ def check_inertia(point: MassPoint) -> None:
 class MassModel(StrictModel):
     """Mass at the start of a flight and properties against mass: linear between the points, held outside."""
 
-    start: Annotated[Mass, Positive]
-    empty: Annotated[Mass, Positive] | None = Field(default=None, description="left out: no fuel is burnt")
-    points: tuple[MassPoint, ...] | None = Field(default=None, min_length=1, description="by rising mass")
+    start: Annotated[Mass, Positive] = Field(description="at the start of a flight, within the points")
+    empty: Annotated[Mass, Positive] | None = Field(
+        default=None, description="without fuel: the engine stops there; left out: no fuel is burnt"
+    )
+    points: tuple[MassPoint, ...] | None = Field(
+        default=None, min_length=1, description="mass properties by rising mass"
+    )
     file: File | None = Field(default=None, description="the points as CSV: mass_kg,inertia_xx_kg_m2,...")
 
     @model_validator(mode="after")
@@ -103,11 +109,13 @@ class MassModel(StrictModel):
 class TableEntry(StrictModel):
     """One table: a CSV file or a constant."""
 
-    file: File | None = None
-    constant: float | None = None
+    file: File | None = Field(default=None, description="CSV with one column per axis and the column 'value'")
+    constant: float | None = Field(default=None, description="one value everywhere, in place of a file")
     unit: str = Field(default="-", description="of the values, such as 1/deg, 1/rad, s, m2")
     scale: float = Field(default=1.0, description="multiplies the values")
-    columns: dict[str, str] = Field(default_factory=dict, description="what its header does not say")
+    columns: dict[str, str] = Field(
+        default_factory=dict, description="names of the columns whose header says something else"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "TableEntry":
@@ -125,9 +133,9 @@ class TableEntry(StrictModel):
 class Term(StrictModel):
     """A part of a coefficient: table, times a variable where one is named."""
 
-    table: str
-    times: str | None = None
-    scale: float = 1.0
+    table: str = Field(description="name of a table")
+    times: str | None = Field(default=None, description="variable that multiplies it, such as elevator or pitch_rate")
+    scale: float = Field(default=1.0, description="number that multiplies it")
 
 
 class Aerodynamics(StrictModel):
@@ -136,35 +144,35 @@ class Aerodynamics(StrictModel):
     force_axes: Literal["stability", "wind"] = Field(
         default="stability", description="of lift and drag; wind: drag opposes the velocity at any sideslip"
     )
-    lift: tuple[Term, ...] = ()
-    drag: tuple[Term, ...] = ()
-    side_force: tuple[Term, ...] = ()
-    rolling_moment: tuple[Term, ...] = ()
-    pitching_moment: tuple[Term, ...] = ()
-    yawing_moment: tuple[Term, ...] = ()
+    lift: tuple[Term, ...] = Field((), description="terms of the lift coefficient, positive up")
+    drag: tuple[Term, ...] = Field((), description="terms of the drag coefficient, positive backwards")
+    side_force: tuple[Term, ...] = Field((), description="terms of the side-force coefficient, positive to the right")
+    rolling_moment: tuple[Term, ...] = Field((), description="terms of the rolling moment, positive right wing down")
+    pitching_moment: tuple[Term, ...] = Field((), description="terms of the pitching moment, positive nose up")
+    yawing_moment: tuple[Term, ...] = Field((), description="terms of the yawing moment, positive nose right")
 
 
 class Effector(StrictModel):
     """Deflection of one surface per deflection of each axis."""
 
-    aileron: float = 0.0
-    rudder: float = 0.0
-    elevator: float = 0.0
+    aileron: float = Field(0.0, description="deflection per aileron command")
+    rudder: float = Field(0.0, description="deflection per rudder command")
+    elevator: float = Field(0.0, description="deflection per elevator command")
 
 
 class Surfaces(StrictModel):
     """Second-order actuators of the three axis deflections."""
 
-    bandwidth: Annotated[AngularRate, Positive]
-    damping: Annotated[float, Positive]
-    limit: Annotated[Angle, Positive]
-    rate_limit: Annotated[AngularRate, Positive]
+    bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency")
+    damping: Annotated[float, Positive] = Field(description="damping ratio")
+    limit: Annotated[Angle, Positive] = Field(description="greatest deflection, to either side")
+    rate_limit: Annotated[AngularRate, Positive] = Field(description="greatest rate of deflection")
 
 
 class ThrustLine(StrictModel):
     """Where the thrust acts, from the moment reference."""
 
-    inclination: Angle = Field(default=0.0, description="upward")
+    inclination: Angle = Field(default=0.0, description="of the thrust, upward")
     offset: Length = Field(default=0.0, description="below the moment reference: positive pitches nose up")
 
 
@@ -204,14 +212,18 @@ class Unstart(StrictModel):
 
 
 class _Propulsion(StrictModel):
-    specific_impulse: str = Field(description="table")
-    standard_gravity: Annotated[Acceleration, Positive] = Field(default=9.80665, description="of the specific impulse")
-    thrust_line: ThrustLine = ThrustLine()
+    specific_impulse: str = Field(description="name of the table of the specific impulse")
+    standard_gravity: Annotated[Acceleration, Positive] = Field(
+        default=9.80665, description="gravity in the specific impulse"
+    )
+    thrust_line: ThrustLine = Field(ThrustLine(), description="where the thrust acts; left out: along body x")
     equivalence_ratio: tuple[float, float] = Field(description="least and greatest")
-    bandwidth: Annotated[AngularRate, Positive]
-    damping: Annotated[float, Positive]
-    rate_limit: Annotated[Frequency, Positive]
-    unstart: Unstart | None = Field(default=None, description="left out: the inlet stays started in any flow")
+    bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency of the equivalence ratio")
+    damping: Annotated[float, Positive] = Field(description="damping ratio of the equivalence ratio")
+    rate_limit: Annotated[Frequency, Positive] = Field(description="greatest rate of the equivalence ratio")
+    unstart: Unstart | None = Field(
+        default=None, description="flow outside which the engine fails; left out: the inlet stays started in any flow"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "_Propulsion":
@@ -223,17 +235,17 @@ class _Propulsion(StrictModel):
 class Capture(_Propulsion):
     """T = stoichiometric ratio * eta * Isp * g0 * rho * V * capture area ratio * cowl area."""
 
-    kind: Literal["capture"]
-    stoichiometric_ratio: Annotated[Fraction, Positive] = Field(description="fuel to air")
-    cowl_area: Annotated[Area, Positive]
-    capture_area_ratio: str = Field(description="table")
+    kind: Literal["capture"] = Field(description="how thrust is computed")
+    stoichiometric_ratio: Annotated[Fraction, Positive] = Field(description="fuel to air, by mass")
+    cowl_area: Annotated[Area, Positive] = Field(description="of the inlet")
+    capture_area_ratio: str = Field(description="name of the table of captured area over cowl area")
 
 
 class ThrustArea(_Propulsion):
     """T = dynamic pressure * thrust area."""
 
-    kind: Literal["thrust_area"]
-    area: str = Field(description="table of thrust over dynamic pressure")
+    kind: Literal["thrust_area"] = Field(description="how thrust is computed")
+    area: str = Field(description="name of the table of thrust over dynamic pressure")
 
 
 Propulsion = Annotated[
@@ -257,16 +269,20 @@ class FlightLimits(LoadLimits):
 class VehicleDocument(StrictModel):
     """A vehicle: its numbers, its tables and how its coefficients are built from them."""
 
-    name: str
-    description: str = ""
-    reference: Reference
-    mass: MassModel
-    surfaces: Surfaces | None = Field(default=None, description="left out: no control surfaces")
-    effectors: dict[str, Effector] = Field(default_factory=dict, max_length=4, description="mixed from the axes")
-    propulsion: Propulsion | None = Field(default=None, description="left out: no engine")
-    limits: FlightLimits | None = Field(default=None, description="left out: any attitude")
-    tables: dict[str, TableEntry] = Field(default_factory=dict)
-    aerodynamics: Aerodynamics = Aerodynamics()
+    name: str = Field(description="name of the vehicle")
+    description: str = Field("", description="what it is and where its numbers come from")
+    reference: Reference = Field(description="area and lengths of the coefficients")
+    mass: MassModel = Field(description="mass, inertia and centre of gravity")
+    surfaces: Surfaces | None = Field(default=None, description="actuators of the control surfaces; left out: none")
+    effectors: dict[str, Effector] = Field(
+        default_factory=dict, max_length=4, description="surfaces of its own, mixed from aileron, rudder and elevator"
+    )
+    propulsion: Propulsion | None = Field(default=None, description="the engine; left out: none")
+    limits: FlightLimits | None = Field(
+        default=None, description="attitudes outside which a flight ends; left out: any attitude"
+    )
+    tables: dict[str, TableEntry] = Field(default_factory=dict, description="tables by name; each must be used")
+    aerodynamics: Aerodynamics = Field(Aerodynamics(), description="terms of the six coefficients")
 
     def uses(self) -> list[tuple[str, str | None, tuple[str | int, ...]]]:
         """Every use of a table: its name, what it is (a propulsion quantity or the ``times`` of a term), the place."""

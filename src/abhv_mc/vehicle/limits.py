@@ -27,9 +27,11 @@ class LoadBounds(NamedTuple):
 class Oscillation(StrictModel):
     """Greatest ripple of each angle."""
 
-    bank: Annotated[Angle, Positive] | None = None
-    angle_of_attack: Annotated[Angle, Positive] | None = None
-    sideslip: Annotated[Angle, Positive] | None = None
+    bank: Annotated[Angle, Positive] | None = Field(None, description="greatest ripple of the bank")
+    angle_of_attack: Annotated[Angle, Positive] | None = Field(
+        None, description="greatest ripple of the angle of attack"
+    )
+    sideslip: Annotated[Angle, Positive] | None = Field(None, description="greatest ripple of the sideslip")
 
 
 def _oscillation(value: Any) -> Any:
@@ -39,7 +41,7 @@ def _oscillation(value: Any) -> Any:
 class LoadLimits(StrictModel):
     """A flight ends above; left out: no limit."""
 
-    dynamic_pressure: Annotated[Pressure, Positive] | None = None
+    dynamic_pressure: Annotated[Pressure, Positive] | None = Field(None, description="greatest dynamic pressure")
     load_factor: Annotated[float, Positive] | None = Field(
         default=None, description="magnitude of the specific force, in g: a plain number"
     )

@@ -12,7 +12,7 @@ from abhv_mc.campaign.sampling.designs import DESIGNS
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
 from abhv_mc.flight.signals import CHANNEL_INDEX, STANDARD_CHANNELS
 from abhv_mc.io.documents import File, Refusal, StrictModel, describe, one_of
-from abhv_mc.io.units import FREQUENCY, TIME, Time, parse_quantity
+from abhv_mc.io.units import FREQUENCY, TIME, Frequency, Time, parse_quantity
 
 PROCESSES, THREADS = "processes", "threads"
 _ALL_CHANNELS = tuple(CHANNEL_INDEX)
@@ -47,9 +47,13 @@ DesignName = Literal["random", "lhs", "sobol", "halton", "saltelli", "corners", 
 class Sampling(StrictModel):
     """The design; in the file, its name alone will do."""
 
-    design: DesignName = "random"
-    levels: Annotated[int, Field(ge=2, le=1000)] = 2  # of each parameter in a grid or one_at_a_time
-    path: File | None = None  # CSV or Parquet with one column per parameter, for the design "file"
+    design: DesignName = Field("random", description="how the samples are drawn")
+    levels: Annotated[int, Field(ge=2, le=1000)] = Field(
+        2, description="values of each parameter in a grid or one_at_a_time"
+    )
+    path: File | None = Field(
+        None, description="for the design 'file': CSV or Parquet with one column per parameter, SI"
+    )
 
     @model_validator(mode="after")
     def _path_for_a_file(self) -> "Sampling":
@@ -71,9 +75,13 @@ def _sampling(value: Any) -> Any:
 class Correlation(StrictModel):
     """Correlation of two parameters, of their ranks (Spearman) or of the normal numbers behind them."""
 
-    between: tuple[str, str]
-    rank: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = None
-    normal: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = None
+    between: tuple[str, str] = Field(description="the two parameters")
+    rank: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = Field(
+        None, description="correlation of their ranks (Spearman); either this or 'normal'"
+    )
+    normal: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = Field(
+        None, description="correlation of the normal variables of the Gaussian copula"
+    )
 
     @model_validator(mode="after")
     def _one_of_both(self) -> "Correlation":
@@ -87,13 +95,21 @@ class Correlation(StrictModel):
 class Requirement(StrictModel):
     """Probability with which a metric must be below (or above) a limit."""
 
-    metric: str
-    below: Value | None = None
-    above: Value | None = None
-    probability: Annotated[float, Field(gt=0.0, lt=1.0)]
-    consumer_risk: Annotated[float, Field(gt=0.0, lt=0.5)] = 0.10
-    controllers: tuple[str, ...] | None = None  # the first of the campaign by default
-    ended_early: Literal["failure", "as_measured"] = "failure"  # what a flight that ended early counts as
+    metric: str = Field(description="the metric that is limited")
+    below: Value | None = Field(None, description="what it must be below, in its unit; either this or 'above'")
+    above: Value | None = Field(None, description="what it must be above, in its unit")
+    probability: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(
+        description="share of flights that must meet it, such as 0.9973"
+    )
+    consumer_risk: Annotated[float, Field(gt=0.0, lt=0.5)] = Field(
+        0.10, description="largest chance that a system which just misses the requirement passes"
+    )
+    controllers: tuple[str, ...] | None = Field(
+        None, description="controllers that have to meet it; left out: the campaign's first"
+    )
+    ended_early: Literal["failure", "as_measured"] = Field(
+        "failure", description="what a flight that ended early counts as"
+    )
 
     @property
     def early_is_failure(self) -> bool:
@@ -114,7 +130,7 @@ def _rate(value: Any) -> Any:
     return rate
 
 
-Rate = Annotated[float, BeforeValidator(_rate, json_schema_input_type=str)]
+Rate = Annotated[float, BeforeValidator(_rate, json_schema_input_type=Frequency)]
 
 
 def _as_list(value: Any) -> Any:
@@ -154,24 +170,28 @@ class KeepHistories(StrictModel):
         tuple[int | str, ...],
         AfterValidator(_flights),
         BeforeValidator(_as_list, json_schema_input_type=int | str | list[int | str]),
-    ] = ("worst 20",)
-    by: str = "altitude_error_max_m"  # the metric that "worst" goes by; flights that ended early come first
-    channels: Channels = _ALL_CHANNELS
-    rate: Rate = 10.0
+    ] = Field(
+        ("worst 20",), description="all, none, failed, 'worst 20', 'every 100', a flight's number, or a list of these"
+    )
+    by: str = Field(
+        "altitude_error_max_m", description="metric that 'worst' goes by; flights that ended early come first"
+    )
+    channels: Channels = Field(_ALL_CHANNELS, description="names of channels, or all")
+    rate: Rate = Field(10.0, description="samples per second of flight")
 
 
 class KeepEnvelopes(StrictModel):
     """What the envelopes over all flights cover."""
 
-    channels: Channels = STANDARD_CHANNELS
-    rate: Rate = 5.0
+    channels: Channels = Field(STANDARD_CHANNELS, description="names of channels, or all")
+    rate: Rate = Field(5.0, description="time bins per second of flight")
 
 
 class Keep(StrictModel):
     """What a campaign writes besides metrics."""
 
-    histories: KeepHistories = KeepHistories()
-    envelopes: KeepEnvelopes = KeepEnvelopes()
+    histories: KeepHistories = Field(KeepHistories(), description="flights that are written at full length")
+    envelopes: KeepEnvelopes = Field(KeepEnvelopes(), description="quantiles over time of all flights")
 
 
 def _points(value: Any) -> Any:
@@ -196,10 +216,10 @@ def _flight_count(value: Any) -> Any:
 class MarginsOfFlights(StrictModel):
     """Of which flights stability margins are found, and where."""
 
-    at: Points = ("trim",)
-    flights: Annotated[  # the first so many; None for all
-        int | None, BeforeValidator(_flight_count, json_schema_input_type=Literal["all"] | int)
-    ] = 100
+    at: Points = Field(("trim",), description="trim, or times of the flight such as 30 s, or a list of these")
+    flights: Annotated[int | None, BeforeValidator(_flight_count, json_schema_input_type=Literal["all"] | int)] = Field(
+        100, description="margins are found of the first so many flights, or of all"
+    )
 
     def of(self, runs: int) -> int:
         """How many of so many flights."""
@@ -209,8 +229,10 @@ class MarginsOfFlights(StrictModel):
 class Stop(StrictModel):
     """When to stop before ``runs`` flights; in the file, ``when proven`` will do."""
 
-    when: Literal["proven"]
-    looks: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1)] | None = None  # flights, ascending
+    when: Literal["proven"] = Field(description="once every requirement has passed or failed")
+    looks: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1)] | None = Field(
+        None, description="numbers of flights after which the verdicts are looked at, ascending; left out: chosen"
+    )
 
     @model_validator(mode="after")
     def _ascending(self) -> "Stop":
@@ -232,17 +254,21 @@ def _stop(value: Any) -> Any:
 class Family(StrictModel):
     """All pairs of requirement and controller together: the chance of any false PASS among them."""
 
-    method: Literal["holm"] = "holm"  # where the campaign stops when proven: Bonferroni
-    risk: Annotated[float, Field(gt=0.0, lt=0.5)] = 0.10
+    method: Literal["holm"] = Field("holm", description="Holm's; Bonferroni's where the campaign stops when proven")
+    risk: Annotated[float, Field(gt=0.0, lt=0.5)] = Field(0.10, description="largest chance of any false PASS")
 
 
 class Execution(StrictModel):
     """How it is flown; no result depends on it."""
 
-    workers: Workers = None
-    batch: Batch = None  # flights of a block
-    isolation: Literal["auto", "processes", "threads"] = "auto"  # what a flight that hangs or crashes may take along
-    flight_time_limit: Annotated[Time, Field(gt=0.0)] = 10.0  # s
+    workers: Workers = Field(None, description="blocks of flights flown at once; auto: one for each core")
+    batch: Batch = Field(None, description="flights of a block")
+    isolation: Literal["auto", "processes", "threads"] = Field(
+        "auto", description="where flights fly: in processes, one that hangs or crashes harms no other"
+    )
+    flight_time_limit: Annotated[Time, Field(gt=0.0)] = Field(
+        10.0, description="computing time for every 16 flights of a block, after which they count as hanging"
+    )
 
 
 def _metrics_kind(value: Any) -> str:
@@ -252,25 +278,43 @@ def _metrics_kind(value: Any) -> str:
 class Campaign(StrictModel):
     """A campaign file."""
 
-    name: Name
-    question: str = ""
-    vehicle: File
-    mission: File
-    controllers: Annotated[dict[Name, File], Field(min_length=1)]
-    runs: Annotated[int, Field(ge=1, le=2**30)] | None = None  # None where the design knows its number
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    sampling: Annotated[Sampling, BeforeValidator(_sampling, json_schema_input_type=str | Sampling)] = Sampling()
-    dispersions: dict[str, Distribution] = {}
-    correlations: tuple[Correlation, ...] = ()
-    channels: File | None = None  # Python file of channels of one's own
+    name: Name = Field(description="name of the campaign, and of its folder below reports/")
+    question: str = Field("", description="what the campaign asks; the headline of its report")
+    vehicle: File = Field(description="vehicle file, relative to this file")
+    mission: File = Field(description="mission file, relative to this file")
+    controllers: Annotated[dict[Name, File], Field(min_length=1)] = Field(
+        description="controller files by name; all fly the same samples, and the first is the one on trial"
+    )
+    runs: Annotated[int, Field(ge=1, le=2**30)] | None = Field(
+        None, description="flights of each controller; left out where the design has its own number"
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(
+        0, description="seed of all samples: the same seed, the same flights"
+    )
+    sampling: Annotated[Sampling, BeforeValidator(_sampling, json_schema_input_type=DesignName | Sampling)] = Field(
+        Sampling(), description="the design: its name, or a mapping with its numbers; verdicts need 'random'"
+    )
+    dispersions: dict[str, Distribution] = Field({}, description="distributions by the parameter that they disperse")
+    correlations: tuple[Correlation, ...] = Field((), description="pairs of parameters that vary together")
+    channels: File | None = Field(None, description="Python file of channels of one's own, relative to this file")
     metrics: Annotated[
         Annotated[dict[MetricName, MetricEntry], Tag("entries")] | Annotated[File, Tag("file")],
         Discriminator(_metrics_kind),
-    ] = {}
-    requirements: tuple[Requirement, ...] = ()
-    margins: MarginsOfFlights | None = None
-    stop: Annotated[Stop | None, BeforeValidator(_stop, json_schema_input_type=str | Stop | None)] = None
-    tune: Tune | None = None  # of `abhv-mc tune`; no flight of the campaign depends on it
-    family: Family | None = None  # each requirement has its own risk by default
-    keep: Keep = Keep()
-    execution: Execution = Execution()
+    ] = Field({}, description="metrics of one's own by name, or a file that holds them")
+    requirements: tuple[Requirement, ...] = Field(
+        (), description="what the flights have to meet, with which probability"
+    )
+    margins: MarginsOfFlights | None = Field(
+        None, description="stability margins of dispersed flights, as metrics; left out: nominal and corners only"
+    )
+    stop: Annotated[
+        Stop | None, BeforeValidator(_stop, json_schema_input_type=Literal["when proven"] | Stop | None)
+    ] = Field(None, description="'when proven' ends the campaign once every requirement has a verdict")
+    tune: Tune | None = Field(
+        None, description="what `abhv-mc tune` varies and wants; no flight of the campaign depends on it"
+    )
+    family: Family | None = Field(
+        None, description="one risk for all verdicts together; left out: each requirement has its own"
+    )
+    keep: Keep = Field(Keep(), description="what is written besides the metrics of every flight")
+    execution: Execution = Field(Execution(), description="how it is flown; no result depends on it")

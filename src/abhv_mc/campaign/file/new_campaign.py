@@ -1,16 +1,21 @@
 """A folder to start one's own work from: the default campaign and every file that it needs."""
 
+import json
+import os
 import re
 import shutil
 from pathlib import Path
 
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.file.inputs import MODELS, find_kind
 from abhv_mc.campaign.file.resolve import find_references
+from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.shipped import shipped_configs, shipped_files
 
 DEFAULT = "s_manoeuvre"
 _LAW = "cascade"
+_SCHEMAS = "schemas"
 
 
 def write_new_campaign(folder: Path, name: str = DEFAULT, law: bool = False) -> list[Path]:
@@ -39,6 +44,20 @@ def write_new_campaign(folder: Path, name: str = DEFAULT, law: bool = False) -> 
     written[0].write_text(source.read_text(encoding="utf-8").replace("../configs/", ""), encoding="utf-8")
     if law:
         written += _add_law(folder, written[0])
+    return written + _write_schemas(folder, [file for file in written if file.suffix == ".yaml"])
+
+
+def _write_schemas(folder: Path, files: list[Path]) -> list[Path]:
+    """Write the schemas, and begin each of the YAML files with the line by which editors find its own."""
+    written = []
+    (folder / _SCHEMAS).mkdir()
+    for kind in MODELS:
+        written.append(folder / _SCHEMAS / f"{kind}.schema.json")
+        written[-1].write_text(json.dumps(make_schema(kind), indent=1) + "\n", encoding="utf-8")
+    for file in files:
+        schema = Path(os.path.relpath(folder / _SCHEMAS / f"{find_kind(file)}.schema.json", file.parent))
+        line = f"# yaml-language-server: $schema={schema.as_posix()}\n"
+        file.write_text(line + file.read_text(encoding="utf-8"), encoding="utf-8")
     return written
 
 

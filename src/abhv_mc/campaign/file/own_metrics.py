@@ -38,7 +38,7 @@ class MetricEntry(StrictModel):
     """A metric of the campaign's own."""
 
     of: str = Field(description="a channel, or an expression of channels: + - * / abs min max sqrt sin cos")
-    statistic: StatisticName
+    statistic: StatisticName = Field(description="what is made of it over the control ticks of the window")
     limit: Annotated[float, Field(ge=0.0)] | None = Field(
         None, description="in the unit of 'of': for *_outside, or the least turn of reversals"
     )
@@ -46,7 +46,7 @@ class MetricEntry(StrictModel):
     to: Time | None = Field(None, description="the window's end; by default the flight's")
     settled: bool = Field(False, description="leave out 5 s after each step of the reference")
     unit: str | None = Field(None, description="of the metric, where the channel and the name do not say it")
-    doc: str = ""
+    doc: str = Field("", description="what it means, for the report")
 
     @model_validator(mode="after")
     def _check(self) -> "MetricEntry":

@@ -8,6 +8,8 @@ from abhv_mc.io.documents import Refusal, StrictModel
 from abhv_mc.io.units import TIME, parse_quantity
 
 Quantile = Annotated[float, Field(gt=0.0, lt=1.0)]
+_METRIC = "the metric"
+_QUANTILE = "its quantile over the flights"
 
 # Stability margins that limits may name beside the metrics of flights, the least over loops and points.
 MARGINS = ("gain_margin_min_db", "phase_margin_min_deg", "delay_margin_min_ms", "disk_margin_min")
@@ -16,15 +18,15 @@ MARGINS = ("gain_margin_min_db", "phase_margin_min_deg", "delay_margin_min_ms", 
 class Free(StrictModel):
     """A number of the controller's file that is varied by a factor either way; in the file, its key alone will do."""
 
-    key: str  # such as velocity.speed.bandwidth
-    factor: Annotated[float, Field(gt=1.0, le=1e4)] = 5.0
+    key: str = Field(description="place in the controller's file, such as velocity.speed.bandwidth")
+    factor: Annotated[float, Field(gt=1.0, le=1e4)] = Field(5.0, description="by which it may grow or shrink")
 
 
 class Aim(StrictModel):
     """A quantile of a metric over the flights; a flight that ended early counts as the worst."""
 
-    metric: str
-    quantile: Quantile = 0.95
+    metric: str = Field(description=_METRIC)
+    quantile: Quantile = Field(0.95, description=_QUANTILE)
 
 
 class Limit(StrictModel):
@@ -34,12 +36,16 @@ class Limit(StrictModel):
     dispersions.
     """
 
-    metric: str
-    quantile: Quantile = 0.95
-    below: float | None = None
-    above: float | None = None
-    below_start_times: Annotated[float, Field(gt=0.0)] | None = None
-    vehicles: Literal["nominal", "corners"] | None = None  # whose stability margin; nominal by default
+    metric: str = Field(description=_METRIC)
+    quantile: Quantile = Field(0.95, description=_QUANTILE)
+    below: float | None = Field(None, description="what it must be below, in the metric's unit")
+    above: float | None = Field(None, description="what it must be above, in the metric's unit")
+    below_start_times: Annotated[float, Field(gt=0.0)] | None = Field(
+        None, description="what it must be below, in parts of what the controller has at the start"
+    )
+    vehicles: Literal["nominal", "corners"] | None = Field(
+        None, description="whose stability margin: of the nominal vehicle (left out), or of it and all corners"
+    )
 
     @property
     def is_margin(self) -> bool:
@@ -78,13 +84,19 @@ class Tune(StrictModel):
         tuple[Free, ...],
         Field(min_length=1),
         BeforeValidator(_free, json_schema_input_type=list[str | Free]),
-    ]
-    minimise: Aim
-    limits: tuple[Limit, ...] = ()
-    margins_at: Annotated[  # where stability margins are found: at the trim, or about the flight at times (s)
+    ] = Field(description="numbers that are varied")
+    minimise: Aim = Field(description="what is made small")
+    limits: tuple[Limit, ...] = Field((), description="what has to hold meanwhile")
+    margins_at: Annotated[
         tuple[Literal["trim"] | float, ...], BeforeValidator(_points, json_schema_input_type=str | list[str])
-    ] = ("trim",)
-    usage: Aim = Aim(metric="elevator_travel_deg", quantile=0.5)  # what the front trades the error against
-    flights: Annotated[int, Field(ge=32, le=100_000)] = 64  # of each candidate, the same for all
-    candidates: Annotated[int, Field(ge=17, le=100_000)] = 320
-    validation: Annotated[int, Field(ge=100, le=1_000_000)] = 1000  # fresh flights for the result and the start
+    ] = Field(("trim",), description="where stability margins are found: trim, or times of the flight such as 30 s")
+    usage: Aim = Field(
+        Aim(metric="elevator_travel_deg", quantile=0.5), description="what the front trades the error against"
+    )
+    flights: Annotated[int, Field(ge=32, le=100_000)] = Field(
+        64, description="flights of each candidate, the same for all"
+    )
+    candidates: Annotated[int, Field(ge=17, le=100_000)] = Field(320, description="sets of numbers that are tried")
+    validation: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
+        1000, description="fresh flights of the result and of the start"
+    )

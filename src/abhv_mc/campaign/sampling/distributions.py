@@ -17,6 +17,10 @@ from abhv_mc.plant.parameters import Parameter
 
 Value = float | str  # a number, or text with a unit
 
+_KIND = "the kind of distribution"
+_HALF_WIDTH = "from the nominal value to either end; in place of low and high"
+_LOW, _HIGH = "lower end", "upper end"
+
 
 class _Distribution(StrictModel):
     probability: Annotated[Fraction, Field(gt=0.0, le=1.0)] = Field(
@@ -65,10 +69,10 @@ class _Distribution(StrictModel):
 class Uniform(_Distribution):
     """Every value of a range alike."""
 
-    distribution: Literal["uniform"]
-    half_width: Value | None = None
-    low: Value | None = None
-    high: Value | None = None
+    distribution: Literal["uniform"] = Field(description=_KIND)
+    half_width: Value | None = Field(None, description=_HALF_WIDTH)
+    low: Value | None = Field(None, description=_LOW)
+    high: Value | None = Field(None, description=_HIGH)
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy import stats
@@ -80,9 +84,9 @@ class Uniform(_Distribution):
 class Normal(_Distribution):
     """Gauss, unbounded."""
 
-    distribution: Literal["normal"]
-    sigma: Value
-    mean: Value | None = None  # the nominal value by default
+    distribution: Literal["normal"] = Field(description=_KIND)
+    sigma: Value = Field(description="standard deviation")
+    mean: Value | None = Field(None, description="left out: the nominal value")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy import stats
@@ -95,12 +99,12 @@ class Normal(_Distribution):
 class TruncatedNormal(_Distribution):
     """Gauss conditioned on lying in a range (values outside are not moved to its ends)."""
 
-    distribution: Literal["truncated_normal"]
-    sigma: Value  # before truncation
-    mean: Value | None = None  # likewise; the nominal value by default
-    half_width: Value | None = None  # about the mean
-    low: Value | None = None
-    high: Value | None = None
+    distribution: Literal["truncated_normal"] = Field(description=_KIND)
+    sigma: Value = Field(description="standard deviation before truncation")
+    mean: Value | None = Field(None, description="before truncation; left out: the nominal value")
+    half_width: Value | None = Field(None, description="from the mean to either end; in place of low and high")
+    low: Value | None = Field(None, description=_LOW)
+    high: Value | None = Field(None, description=_HIGH)
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy import stats
@@ -116,11 +120,11 @@ class TruncatedNormal(_Distribution):
 class Triangular(_Distribution):
     """Linear up to the mode and down from it."""
 
-    distribution: Literal["triangular"]
-    half_width: Value | None = None  # about the mode
-    low: Value | None = None
-    mode: Value | None = None  # the nominal value by default
-    high: Value | None = None
+    distribution: Literal["triangular"] = Field(description=_KIND)
+    half_width: Value | None = Field(None, description="from the mode to either end; in place of low and high")
+    low: Value | None = Field(None, description=_LOW)
+    mode: Value | None = Field(None, description="the most likely value; left out: the nominal value")
+    high: Value | None = Field(None, description=_HIGH)
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy import stats
@@ -135,9 +139,9 @@ class Triangular(_Distribution):
 class Lognormal(_Distribution):
     """A quantity whose logarithm is normal."""
 
-    distribution: Literal["lognormal"]
-    sigma: Value  # standard deviation of the natural logarithm: a number or a percentage
-    median: Value | None = None  # the nominal value by default
+    distribution: Literal["lognormal"] = Field(description=_KIND)
+    sigma: Value = Field(description="standard deviation of the natural logarithm: a number or a percentage")
+    median: Value | None = Field(None, description="left out: the nominal value")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy import stats
@@ -155,12 +159,12 @@ class Lognormal(_Distribution):
 class Beta(_Distribution):
     """Beta distribution with exponents a and b stretched over a range."""
 
-    distribution: Literal["beta"]
-    a: Annotated[float, Field(gt=0.0)]
-    b: Annotated[float, Field(gt=0.0)]
-    half_width: Value | None = None
-    low: Value | None = None
-    high: Value | None = None
+    distribution: Literal["beta"] = Field(description=_KIND)
+    a: Annotated[float, Field(gt=0.0)] = Field(description="first shape parameter")
+    b: Annotated[float, Field(gt=0.0)] = Field(description="second shape parameter")
+    half_width: Value | None = Field(None, description=_HALF_WIDTH)
+    low: Value | None = Field(None, description=_LOW)
+    high: Value | None = Field(None, description=_HIGH)
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy import stats
@@ -172,9 +176,11 @@ class Beta(_Distribution):
 class Discrete(_Distribution):
     """One of the values, all alike or by weight."""
 
-    distribution: Literal["discrete"]
-    values: Annotated[tuple[Value, ...], Field(min_length=2)]
-    weights: tuple[Annotated[float, Field(gt=0.0)], ...] | None = None
+    distribution: Literal["discrete"] = Field(description=_KIND)
+    values: Annotated[tuple[Value, ...], Field(min_length=2)] = Field(description="what may be drawn")
+    weights: tuple[Annotated[float, Field(gt=0.0)], ...] | None = Field(
+        None, description="one for each value; left out: all alike"
+    )
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         import numpy as np
@@ -194,11 +200,11 @@ class Discrete(_Distribution):
 class Scipy(_Distribution):
     """Any continuous distribution of scipy.stats by its name, with its shape parameters, place and scale."""
 
-    distribution: Literal["scipy"]
-    law: str
-    shapes: dict[str, float] = {}
-    loc: Value | None = None  # 0 by default
-    scale: Value | None = None  # 1 (SI) by default
+    distribution: Literal["scipy"] = Field(description=_KIND)
+    law: str = Field(description="a continuous distribution of scipy.stats, such as weibull_min")
+    shapes: dict[str, float] = Field({}, description="its shape parameters by name")
+    loc: Value | None = Field(None, description="location; left out: 0")
+    scale: Value | None = Field(None, description="left out: 1, in SI")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         import numpy as np

@@ -1,0 +1,46 @@
+"""One page per command, from the command line itself; examples come from ``docs/reference/commands``."""
+
+import re
+from pathlib import Path
+
+import typer
+from tables import table
+from typer.cli import get_docs_for_click
+
+from abhv_mc.cli.app import _COMMANDS, app
+
+
+def _options(name: str, command: object, context: typer.Context) -> str:
+    """What typer says of a command, its headings below the page's own."""
+    text = get_docs_for_click(obj=command, ctx=context, indent=1, name=f"abhv-mc {name}")
+    text = re.sub(r"\A#+ .*\n", "", text)
+    text = re.sub(r"^### ", "## ", text, flags=re.MULTILINE)  # commands of a command
+    return re.sub(r"^\$ (.*)", r"\1", text, flags=re.MULTILINE).replace("```console", "```text").strip()
+
+
+def make(examples: Path) -> dict[str, str]:
+    """The pages ``commands/<name>.md`` and their table of contents."""
+    group = typer.main.get_command(app)
+    context = typer.Context(group, info_name="abhv-mc")
+    pages: dict[str, str] = {}
+    contents = [
+        "# Commands\n",
+        "`abhv-mc COMMAND --help` prints the same. The output of `--json`, where a command has it, is for programs and",
+        "stable; what is printed without it is for people and may change.\n",
+    ]
+    for panel, names in _COMMANDS.items():
+        rows = []
+        for name in names:
+            command = group.commands[name]
+            first = (command.help or "").strip().split("\n\n")[0]
+            rows.append((f"[`{name}`](commands/{name}.md)", " ".join(first.split())))
+            by_hand = examples / f"{name}.md"
+            parts = [f"# {name}\n", _options(name, command, context), ""]
+            if by_hand.exists():
+                parts += ["## Examples\n", by_hand.read_text(encoding="utf-8").strip(), ""]
+            pages[f"commands/{name}.md"] = "\n".join(parts)
+        contents += [f"## {panel}\n", table(("command", "does"), rows)]
+    toctree = "\n".join(f"commands/{name}" for names in _COMMANDS.values() for name in names)
+    contents.append(f"```{{toctree}}\n:hidden:\n\n{toctree}\n```\n")
+    pages["commands.md"] = "\n".join(contents)
+    return pages

@@ -1,0 +1,59 @@
+"""Folders below ``_build/work`` where the pages' commands and cells run, and the campaign that several pages show."""
+
+import hashlib
+import re
+import sys
+from pathlib import Path
+from shutil import copy, rmtree
+from subprocess import run
+
+import abhv_mc
+from abhv_mc.campaign.file.new_campaign import write_new_campaign
+
+RUNS = 200
+PROGRAM = Path(abhv_mc.__file__).parent
+
+
+def prepare(app) -> None:
+    """Folders with what the pages begin from."""
+    source = Path(app.srcdir)
+    work = source / "_build" / "work"
+    for folder in work.iterdir() if work.is_dir() else ():
+        if folder.name != "study":
+            rmtree(folder)
+    write_new_campaign(work / "first-campaign" / "shown")
+    for page in ("own-mission", "own-controller", "worst-case", "number-of-flights"):
+        (work / page).mkdir()
+        for file in (source / "tutorials" / "files" / page).glob("*"):
+            copy(file, work / page)
+    _write_vehicle(source / "tutorials" / "own-vehicle.md", work / "own-vehicle")
+    _fly_study(work / "study")
+
+
+def _write_vehicle(page: Path, folder: Path) -> None:
+    """The files of the vehicle that a page shows in blocks whose first line is the file's name."""
+    for name, text in re.findall(r"```\w+\n# (arrow[\w/]*\.(?:yaml|csv))(.*?)```", page.read_text("utf-8"), re.DOTALL):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(f"# {name}{text}", encoding="utf-8")
+
+
+def _fly_study(folder: Path) -> None:
+    """The campaign of ``abhv-mc new``, flown once for each state of the program."""
+    state = hashlib.sha256()
+    for file in sorted(PROGRAM.rglob("*.py")):
+        state.update(file.read_bytes())
+    stamp = folder / "flown_by"
+    if stamp.exists() and stamp.read_text() == state.hexdigest():
+        return
+    if folder.exists():
+        rmtree(folder)
+    write_new_campaign(folder)
+    command = [sys.executable, "-m", "abhv_mc", "run", "campaign.yaml", "--runs", str(RUNS), "--no-report"]
+    run(command, cwd=folder, check=True, stdout=sys.stderr)
+    stamp.write_text(state.hexdigest())
+
+
+def setup(app) -> dict[str, bool]:
+    """Called by Sphinx."""
+    app.connect("builder-inited", prepare)
+    return {"parallel_read_safe": True}

@@ -1,0 +1,43 @@
+"""A law of one's own: altitude, heading and speed by guidance, attitude by feedback and rate damping."""
+
+from typing import NamedTuple
+
+from abhv_mc.extend import Command, clamp, controller, wrap
+
+
+class Settings(NamedTuple):
+    """From the YAML file; a field's default is its default."""
+
+    altitude: float = 0.2  # 1/s
+    path: float = 0.9
+    bank_limit: float = 1.2  # rad
+
+
+class Memory(NamedTuple):
+    """Kept from tick to tick; begins so."""
+
+    speed_error: float = 0.0  # m, integral of the speed error
+
+
+@controller(units={"altitude": "1/s", "bank_limit": "rad"})
+def law(measured, reference, memory, settings, dt):
+    """One control tick of one flight."""
+    # Altitude to flight path angle to angle of attack; heading to bank.
+    rise = measured.altitude - reference.altitude
+    path = reference.flight_path_angle - settings.altitude * rise / measured.speed
+    alpha = clamp(reference.angle_of_attack - settings.path * (measured.flight_path_angle - path), -0.02, 0.2)
+    turn = wrap(reference.heading - measured.heading)
+    bank = clamp(reference.bank + 3.0 * turn, -settings.bank_limit, settings.bank_limit)
+
+    # Attitude and body rates to surfaces: + elevator pitches down, + aileron rolls right, + rudder yaws left.
+    elevator = reference.elevator + 2.0 * (measured.angle_of_attack - alpha) + 0.8 * measured.pitch_rate
+    aileron = 0.6 * (bank - measured.bank) - 0.4 * measured.roll_rate
+    rudder = 0.5 * measured.yaw_rate - 1.0 * measured.sideslip
+
+    # Speed to equivalence ratio, proportional and integral.
+    error = reference.speed - measured.speed
+    speed_error = clamp(memory.speed_error + dt * error, -500.0, 500.0)
+    throttle = reference.equivalence_ratio + 0.01 * error + 0.002 * speed_error
+
+    command = Command(aileron, rudder, elevator, throttle, flight_path_angle=path, angle_of_attack=alpha, bank=bank)
+    return command, Memory(speed_error)

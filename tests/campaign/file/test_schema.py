@@ -1,0 +1,104 @@
+"""The schemas describe every key, take the shipped files, and their patterns agree with what the program reads."""
+
+import re
+from collections.abc import Iterator
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from abhv_mc.campaign.file.inputs import MODELS, find_kind
+from abhv_mc.campaign.file.schema import make_schema
+from abhv_mc.flight.signals import METRIC_INDEX
+from abhv_mc.io.documents import Refusal, read_document
+from abhv_mc.io.unit_pattern import quantity_pattern
+from abhv_mc.io.units import _UNITS, DIMENSIONS, dimension_of, parse_in_unit
+from abhv_mc.shipped import shipped_folder
+
+FILES = sorted(shipped_folder().glob("campaigns/*.yaml")) + sorted(shipped_folder().glob("configs/**/*.yaml"))
+
+
+def properties(kind: str) -> Iterator[tuple[str, dict]]:
+    """Every key of every mapping of a schema, and its schema."""
+    schema = make_schema(kind)
+    for name, part in {**schema.get("$defs", {}), kind: schema}.items():
+        for key, value in part.get("properties", {}).items():
+            yield f"{name}.{key}", value
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_every_key_is_described_in_words_of_its_own(kind: str) -> None:
+    described = dict(properties(kind))
+    generic = {dimension.wanted for dimension in DIMENSIONS}
+    assert described
+    assert [name for name, value in described.items() if value.get("description", "") in {"", *generic}] == []
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_each_is_a_schema_with_a_name(kind: str) -> None:
+    schema = make_schema(kind)
+    Draft202012Validator.check_schema(schema)
+    assert schema["$id"].startswith("urn:abhv-mc:") and schema["$id"].endswith(f":{kind}")
+
+
+@pytest.mark.parametrize("path", FILES, ids=[path.stem for path in FILES])
+def test_shipped_files_fit(path) -> None:
+    errors = Draft202012Validator(make_schema(find_kind(path))).iter_errors(read_document(path).data)
+    assert [error.message for error in errors] == []
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_defaults_fit_their_own_schema(kind: str) -> None:
+    whole = make_schema(kind)
+    for name, value in properties(kind):
+        if "default" in value:
+            validator = Draft202012Validator({"$defs": whole.get("$defs", {}), **value})
+            assert validator.is_valid(value["default"]), (name, value["default"])
+
+
+def test_what_an_editor_should_underline() -> None:
+    validator = Draft202012Validator(make_schema("campaign"))
+    right = read_document(shipped_folder() / "campaigns/s_manoeuvre.yaml").data
+    requirement = right["requirements"][0]
+    for wrong in (
+        {**right, "requirements": [{**requirement, "metric": "altitude_eror_max_m"}]},
+        {**right, "dispersions": {"aero.lfit": {"distribution": "normal", "sigma": "1 %"}}},
+        {**right, "sampling": "montecarlo"},
+        {**right, "execution": {"flight_time_limit": 10.0}},
+        {**right, "execution": {"flight_time_limit": "10 m"}},
+    ):
+        assert not validator.is_valid(wrong), wrong
+    named, own = make_schema("campaign")["$defs"]["Requirement"]["properties"]["metric"]["anyOf"]
+    assert set(METRIC_INDEX) < set(named["enum"]) and "pattern" in own
+
+
+def test_metrics_of_ones_own_are_no_mistake() -> None:
+    validator = Draft202012Validator(make_schema("campaign"))
+    right = read_document(shipped_folder() / "campaigns/s_manoeuvre.yaml").data
+    own = {"late_swing_deg": {"of": "bank_error_deg", "statistic": "peak_to_peak", "from": "56 s"}}
+    requirement = {**right["requirements"][0], "metric": "late_swing_deg"}
+    assert validator.is_valid({**right, "metrics": own, "requirements": [requirement]})
+    assert not validator.is_valid({**right, "requirements": [requirement]})
+
+
+@pytest.mark.parametrize(
+    ("unit", "texts", "others"),
+    [
+        ("m", ["20 km", "3ft", "-1e3 m", "+.5 nmi"], ["20", "20 s", "km", "20 kmh"]),
+        ("m/s", ["1400 m/s", "5 kt", "3 km/h"], ["1400 m", "3 m/s2"]),
+        ("kg m2", ["1.3e6 kg m2", "5 slug ft^2", "2 kg·m²"], ["1 kg", "1 kg m"]),
+        ("1/s", ["5 1/s", "100 Hz", "2 /s"], ["5", "5 s"]),
+        ("Pa", ["95 kPa", "1 Pa"], ["1 N"]),
+        ("rad/s2", ["20 deg/s2", "1 rad/s^2"], ["20 deg/s"]),
+        ("m2", ["5 m2", "5 ft^2"], ["5 m"]),
+        ("kg/m3", ["1.2 kg/m3"], ["1.2 kg"]),
+    ],
+)
+def test_patterns_agree_with_the_reader(unit: str, texts: list[str], others: list[str]) -> None:
+    pattern = quantity_pattern(dimension_of(unit).exponents, {name: own for name, (_, own) in _UNITS.items()})
+    for text in texts:
+        assert re.search(pattern, text), (pattern, text)
+        parse_in_unit(text, unit)
+    for text in others:
+        assert not re.search(pattern, text), (pattern, text)
+        with pytest.raises(Refusal):
+            parse_in_unit(text, unit)

@@ -1,0 +1,116 @@
+"""What the pages name is there: files, anchors, functions, tests, commands. (The site's build runs their examples.)"""
+
+import ast
+import importlib
+import re
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+from abhv_mc.cli.app import app
+
+ROOT = Path(__file__).parents[2]
+BUILT = ("_build", "generated", ".venv")
+PAGES = sorted(
+    page
+    for folder in ("docs", "reports")
+    for page in (ROOT / folder).rglob("*.md")
+    if not set(BUILT) & set(page.relative_to(ROOT).parts)
+) + [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")]
+PLACES = re.compile(
+    r"`{1,2}((?:src|tests|docs|configs|campaigns|benchmarks|studies|reports/example)/[\w./*-]+)(?:::(\w+))?`"
+)
+
+
+def text_of(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def without_code(text: str) -> str:
+    return re.sub(r"^(`{3,}).*?^\1", "", text, flags=re.DOTALL | re.MULTILINE)
+
+
+def anchors(page: Path) -> set[str]:
+    """The anchors of a page's headings, as forges and MyST make them."""
+    headings = re.findall(r"^#+ (.+)$", without_code(text_of(page)), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
+def test_links_and_anchors(page: Path) -> None:
+    if "reference/commands" in page.as_posix():
+        pytest.skip("a part of a generated page: the build checks its links")
+    for target in re.findall(r"\]\(([^)\s]+)\)", without_code(text_of(page))):
+        if re.match(r"[a-z]+:", target) or target.startswith("{"):
+            continue
+        name, _, anchor = target.partition("#")
+        aim = (page.parent / name).resolve() if name else page
+        if set(BUILT) & set(aim.relative_to(ROOT).parts):
+            continue
+        assert aim.exists(), target
+        if anchor and aim.suffix == ".md":
+            assert anchor in anchors(aim), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
+def test_files_and_tests_that_are_named(page: Path) -> None:
+    for name, function in PLACES.findall(text_of(page)):
+        if "*" in name or name.startswith("reports/s_manoeuvre"):
+            assert list(ROOT.glob(name)), name
+            continue
+        if set(BUILT) & set(name.split("/")):
+            continue
+        assert (ROOT / name).exists(), name
+        if function:
+            tree = ast.parse(text_of(ROOT / name))
+            assert function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}, function
+
+
+def test_files_that_the_code_names() -> None:
+    sources = [
+        *ROOT.glob("src/**/*.py"),
+        *ROOT.glob("benchmarks/**/*.py"),
+        *ROOT.glob("studies/*.py"),
+        ROOT / "Makefile",
+    ]
+    for source in sources:
+        for name in re.findall(r"\bdocs/[\w/-]+\.(?:md|png)\b", text_of(source)):
+            assert (ROOT / name).exists(), f"{source.relative_to(ROOT)} names {name}"
+
+
+def test_every_equation_has_its_function() -> None:
+    page = text_of(ROOT / "docs/explanation/theory.md")
+    names = re.findall(r"`(abhv_mc\.[\w.]+)`", page)
+    assert len(names) > 15
+    for name in names:
+        module, _, last = name.rpartition(".")
+        found = importlib.import_module(module)
+        assert hasattr(found, last) or importlib.import_module(name), name
+    numbers = {int(n) for part in re.findall(r"\\tag\{([\d–]+)\}", page) for n in part.split("–")}
+    numbers |= {int(n) for n in re.findall(r"\((\d+)\)", page)}
+    assert numbers >= set(range(1, 24)) - {6, 9, 10, 15}  # those are inside of ranges
+
+
+def test_examples_are_those_of_commands() -> None:
+    commands = set(typer.main.get_command(app).commands)
+    assert {page.stem for page in (ROOT / "docs/reference/commands").glob("*.md")} <= commands
+
+
+def test_generated_pages_hold_every_key_metric_and_parameter(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [str(ROOT / "docs/_ext"), *sys.path])
+    from abhv_mc.campaign.file.inputs import MODELS
+    from abhv_mc.campaign.file.schema import make_schema
+    from abhv_mc.flight.signals import CHANNEL_INDEX, METRIC_INDEX
+    from abhv_mc.plant.parameters import PARAMETERS
+
+    pages = importlib.import_module("reference_pages").make_pages(Path(), ROOT / "docs/reference/commands")
+    by_name = {path.as_posix(): text for path, text in pages.items()}
+    for kind in MODELS:
+        for part in make_schema(kind)["$defs"].values():
+            assert all(f"| `{key}` |" in by_name[f"files/{kind}.md"] for key in part.get("properties", ()))
+    assert all(f"| `{name}` |" in by_name["metrics.md"] for name in METRIC_INDEX)
+    assert all(f"| `{name}` |" in by_name["channels.md"] for name in CHANNEL_INDEX)
+    assert all(f"| `{p.name}` |" in by_name["parameters.md"] for p in PARAMETERS if "." in p.name)
+    assert {f"commands/{name}.md" for name in typer.main.get_command(app).commands} <= set(by_name)
