@@ -127,9 +127,11 @@ def _find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked:
     if outcome == Outcome.FAILED_TO_RUN:
         found = f"flight {row.first}, which could not be computed"
         raise InputError(root, None, None, found, "a flight that was flown")
-    state = np.array([int(outcome)]), row.values[:, -1], row.values[:, :-1]
-    failures = [
-        Failure(entry, limit) for entry, limit in zip(campaign.model.requirements, campaign.limits, strict=True)
+    state = np.array([int(outcome)]), row.values[:, len(METRIC_INDEX)], row.values[:, : len(METRIC_INDEX)]
+    failures = [  # margins are no metrics of the flights that are flown again
+        Failure(entry, limit)
+        for entry, limit in zip(campaign.model.requirements, campaign.limits, strict=True)
+        if entry.metric in METRIC_INDEX
     ]
     metrics = [failure.requirement.metric for failure in failures if failure.requirement]
     if asked is not None and asked not in metrics:
