@@ -24,7 +24,7 @@ import shlex
 import sys
 import tempfile
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -145,7 +145,7 @@ def ripple(error: NDArray[np.float64]) -> float:
             swings.append(abs(extreme - turn))
             turn, extreme, way = extreme, value, -way
     swings.append(abs(extreme - turn))
-    pairs = zip(swings[1:-1], swings[2:], strict=True)
+    pairs = pairwise(swings[1:])
     return max((one for one, back in pairs if back >= 0.5 * one), default=0.0)
 
 

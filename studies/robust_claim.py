@@ -5,13 +5,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from experiment import ALLOWED, ERRORS, FOLLOWING, ROOT, USAGE, Floats
+from experiment import ALLOWED, ERRORS, FOLLOWING, ROOT, USAGE, Floats, columns
 from robust import RIPPLE, Duel, Flown, box_a, random_flights
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.control.controller_file import read_controller
-from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.analysis import analyse
@@ -141,7 +142,7 @@ def verdicts(entrants: dict[str, Entrant], box: str) -> Iterator[str]:
 
 
 def tolerance_table(duel: Duel, entrants: dict[str, Entrant]) -> Iterator[str]:
-    """Flights of the nominal vehicle but for one delay or one effectiveness: which end early or cycle."""
+    """Flights of the nominal vehicle but for one delay or one effectiveness: the largest settled bank error."""
     from abhv_mc.plant.parameters import PARAMETER_INDEX
 
     settings = [("sensor.delay", d * 1e-3, f"delay {d} ms") for d in DELAYS_MS]
@@ -157,8 +158,10 @@ def tolerance_table(duel: Duel, entrants: dict[str, Entrant]) -> Iterator[str]:
     yield "|" + "---|" * (len(settings) + 1)
     for name in entrants:
         controller = read_controller(ROOT / f"configs/control/{name}.yaml")
-        flown = duel.fly(make_plan(duel.vehicle, duel.mission, controller, name), rows)
-        cells = ["lost" if np.isnan(r) else f"cycles {r:.0f} deg" if r > RIPPLE else "ok" for r in flown.ripples]
+        block = fly(make_plan(duel.vehicle, duel.mission, controller, name), rows)
+        settled = columns(block, ("bank_error_settled_max_deg",))[:, 0]
+        lost = block.outcome != Outcome.OK
+        cells = ["lost" if gone else f"{error:.1f}" for gone, error in zip(lost, settled, strict=True)]
         yield f"| {NAMES[name]} | {' | '.join(cells)} |"
 
 
@@ -198,7 +201,7 @@ def robust_section(flights: int) -> Iterator[str]:
         yield ""
         yield from verdicts(entrants, box)
         yield ""
-    yield "### What each tolerates: the nominal vehicle but for one number"
+    yield "### What each tolerates: largest settled bank error (deg), the nominal vehicle but for one number"
     yield ""
     yield from tolerance_table(duel, entrants)
     yield ""

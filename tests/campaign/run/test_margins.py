@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from abhv_mc.campaign.analysis.explain import explain_flight
 from abhv_mc.campaign.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.run.runner import run_campaign
@@ -109,3 +110,13 @@ def test_what_cannot_be_is_refused(margins, requirements, words, tmp_path):
     with pytest.raises(InputError) as refused:
         read_campaign(path)
     assert all(each in str(refused.value) for each in words), str(refused.value)
+
+
+def test_explain_takes_the_end_time_from_its_column(engine, tmp_path):
+    """Margins come after it; a requirement on them is none that a flight can be flown again for."""
+    path = _write(tmp_path / "d.yaml", "{at: [trim], flights: all}", REQUIRED)
+    flown = run_campaign(Request(path, tmp_path / "d", runs=4, workers=1), engine)
+    with pytest.raises(InputError, match="no requirement on 'gain_margin_min_db'"):
+        explain_flight(flown.folder, "tlc", 0, engine.fly, "gain_margin_min_db")
+    with pytest.raises(InputError, match="did not fail"):
+        explain_flight(flown.folder, "tlc", 0, engine.fly)

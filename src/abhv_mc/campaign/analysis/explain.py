@@ -19,7 +19,7 @@ from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.statistics.requirement import requirement_failures
-from abhv_mc.store.flights import FlightRows
+from abhv_mc.store.flights import END_TIME, FlightRows
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import read_checked
 from abhv_mc.store.samples import SampleReader
@@ -137,10 +137,13 @@ def _find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked:
     if outcome == Outcome.FAILED_TO_RUN:
         found = f"flight {row.first}, which could not be computed"
         raise InputError(root, None, None, found, "a flight that was flown")
-    state = np.array([int(outcome)]), row.values[:, -1], row.values[:, :-1]
+    end = row.columns.index(END_TIME.name)
+    metrics_flown = row.columns[:end]  # margins, which follow, are no metrics of the flights that are flown again
+    state = np.array([int(outcome)]), row.values[:, end], row.values[:, :end]
     failures = [
-        Failure(entry, limit, row.columns.index(entry.metric))
+        Failure(entry, limit, metrics_flown.index(entry.metric))
         for entry, limit in zip(campaign.model.requirements, campaign.limits, strict=True)
+        if entry.metric in metrics_flown
     ]
     metrics = [failure.requirement.metric for failure in failures if failure.requirement]
     if asked is not None and asked not in metrics:

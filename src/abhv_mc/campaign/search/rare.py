@@ -15,6 +15,7 @@ from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.search.evaluation import Floats
 from abhv_mc.search.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains, estimate_rare
 from abhv_mc.search.subset import SubsetPlan
+from abhv_mc.stability.metrics import MARGIN_NAMES
 from abhv_mc.store.flights import FlightRows
 
 
@@ -127,7 +128,8 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
 
 def _find_requirement(campaign: CheckedCampaign, controller: str, metric: str) -> tuple[Requirement, float]:
     """The campaign's requirement on this metric, and its limit. Raises InputError where there is none, or several."""
-    entries = list(zip(campaign.model.requirements, campaign.limits, strict=True))
+    pairs = zip(campaign.model.requirements, campaign.limits, strict=True)
+    entries = [entry for entry in pairs if entry[0].metric not in MARGIN_NAMES]  # which its flights do not have
     found = [entry for entry in entries if entry[0].metric == metric]
     own = [entry for entry in found if controller in (entry[0].controllers or (controller,))]
     if len(own) == 1:
