@@ -7,13 +7,14 @@ import pyarrow.parquet as pq
 
 from abhv_mc.flight.signals import CHANNELS, METRICS
 from abhv_mc.io.input_error import InputError
-from abhv_mc.store.flights import END_TIME, DamagedFileError, parse_block_name
+from abhv_mc.store.flights import CASE, END_TIME, DamagedFileError, parse_block_name
 
 _WISH = "a table as a campaign writes it: restore it, or make it anew (abhv-mc run)"
 _KEYS = {
     "flight": pa.int64(),
     "controller": pa.string(),
     "outcome": pa.string(),
+    CASE: pa.string(),
     "channel": pa.string(),
     "time": pa.float64(),
     "count": pa.int64(),
