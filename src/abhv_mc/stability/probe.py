@@ -20,6 +20,7 @@ from abhv_mc.jit import kernel, lanes
 from abhv_mc.plant import state as s
 from abhv_mc.plant.disturbance import density_profile
 from abhv_mc.plant.equations import Stage
+from abhv_mc.plant.failures import start_failures
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.state import SUM, XS, X
 from abhv_mc.vehicle.arrays import VARIABLES, Floats, Ints
@@ -90,6 +91,7 @@ def probe_plant(plan, memory, flight, states, numbers, rates, variables):
                 for i in range(s.AILERON):
                     Z[SUM + i, lane] = 0.0
             density_profile(Z, width)
+            start_failures(Z, width)
             evaluate(plan, memory, width, Stage(1.0, 0.0), True, False)
             for lane in range(n):
                 for i in range(rates.shape[1]):
