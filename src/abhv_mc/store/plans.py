@@ -16,6 +16,12 @@ from abhv_mc.store.plan_check import find_fault
 T = TypeVar("T")
 _WISH = "a plan as it was written: restore it, or run with --fresh to delete what was flown and fly it anew"
 _KINDS = {bool: "b", int: "i", float: "f", str: "U"}  # numpy's kind of each scalar
+_BOUNDS = (
+    "limits.",
+    "vehicle.constants.inlet.",
+    "vehicle.constants.bounds.",
+    "declared.program.end",
+)  # may be infinite
 _MAX_BYTES = 2**30
 
 
@@ -32,7 +38,7 @@ def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
 def rebuild(kind: type[T], flat: dict[str, np.ndarray], prefix: str = "") -> T:
     """The record of type ``kind`` from what :func:`flatten` gave, with contiguous arrays and finite numbers.
 
-    Raises KeyError for a missing part and ValueError for one of another type.
+    Bounds alone may be infinite. Raises KeyError for a missing part and ValueError for one of another type.
     """
     if _is_record(kind):
         hints = typing.get_type_hints(kind)
@@ -40,15 +46,24 @@ def rebuild(kind: type[T], flat: dict[str, np.ndarray], prefix: str = "") -> T:
         return kind(**parts)
     value = flat[prefix]
     if kind in _KINDS:
-        if value.dtype.kind != _KINDS[kind] or value.ndim or (kind is float and not np.isfinite(value)):
+        if value.dtype.kind != _KINDS[kind] or value.ndim or (kind is float and not _is_number(value, prefix)):
             raise ValueError(f"{prefix}: {value.dtype} {value.shape} instead of one finite {kind.__name__}")
         return kind(value.item())  # type: ignore[call-arg]
+    if typing.get_origin(kind) is tuple:  # of floats
+        count = len(typing.get_args(kind))
+        if value.dtype != np.float64 or value.shape != (count,) or not _is_number(value, prefix):
+            raise ValueError(f"{prefix}: {value.dtype} {value.shape} instead of {count} finite floats")
+        return tuple(value.tolist())  # type: ignore[return-value]
     wanted = np.dtype(typing.get_args(typing.get_args(kind)[1])[0])
     if value.dtype != wanted and not (wanted.kind == "U" == value.dtype.kind):
         raise ValueError(f"{prefix}: {value.dtype} instead of {wanted}")
-    if wanted.kind == "f" and not np.isfinite(value).all():
+    if wanted.kind == "f" and not _is_number(value, prefix):
         raise ValueError(f"{prefix}: a number that is not finite")
     return np.require(value, requirements=["C", "A"])  # type: ignore[return-value]
+
+
+def _is_number(value: np.ndarray, name: str) -> bool:
+    return not np.isnan(value).any() if name.startswith(_BOUNDS) else bool(np.isfinite(value).all())
 
 
 def write_plan(path: Path, plan: FlightPlan) -> None:
