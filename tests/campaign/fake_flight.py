@@ -17,6 +17,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Limits, Timing
 from abhv_mc.flight.signals import CHANNELS, METRICS
 from abhv_mc.io.input_error import InputError
+from abhv_mc.plant.air_profile import no_profile
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.state import N_STATES
@@ -50,6 +51,8 @@ def make_plan(name: str, gain: float = 1.0) -> FlightPlan:
         "gains": np.full((TICKS + 1, len(TLC_GAINS)), gain),
         "settings": np.zeros(len(TLC_SETTINGS)),
         "warnings": np.empty(0, dtype=np.str_),
+        "gain_names": np.empty(0, dtype=np.str_),
+        "profile": no_profile(),
         "declared": NO_METRICS,
         **{"source_hash": "", "channels_hash": "", "source": None, "channels_source": None},
     }

@@ -7,7 +7,9 @@ from campaign.fake_flight import ENGINE, write_campaign
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request
 from abhv_mc.io.input_error import InputError
+from abhv_mc.store import database
 from abhv_mc.store.database import open_database
+from abhv_mc.store.folder import CampaignFolder
 
 
 @pytest.fixture(scope="module")
@@ -23,6 +25,12 @@ def test_every_table_answers(folder):
         assert counts["samples"] == 40 and counts["flights"] == 80 and all(counts.values())
         query = "select avg(\"aero.lift\") from flights where controller = 'one' and flight < 10"
         assert database.sql(query).fetchall()[0][0] is not None
+
+
+def test_margins_are_no_table(folder, monkeypatch):
+    held = CampaignFolder(folder)
+    monkeypatch.setattr(database, "data_files", lambda *_: [held.margins, held.samples])
+    assert database.table_files(held, {}) == {"samples": [held.samples]}
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,8 @@ def table_files(folder: CampaignFolder, manifest: Mapping[str, Any]) -> dict[str
         name: [] for name in ("flights", "samples", "histories", "envelopes", "nominal", "reference")
     }
     for path in data_files(folder, manifest):
+        if path.suffix != ".parquet":
+            continue
         tables[path.parent.name if path.parent != folder.root else path.stem].append(path)
     return {name: files for name, files in tables.items() if files}
 

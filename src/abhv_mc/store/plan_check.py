@@ -7,7 +7,10 @@ import numpy as np
 
 from abhv_mc.control.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.control.laws.trim_lookup import AXES as TRIM_AXES
+from abhv_mc.flight.declared import MAX_METRICS, MAX_REGISTERS, DeclaredMetrics, DeclaredStatistic, Operation
+from abhv_mc.flight.memory import Z_ROWS
 from abhv_mc.flight.plan import FlightPlan, Timing
+from abhv_mc.plant.air_profile import PROFILE
 from abhv_mc.plant.effectiveness import Effectiveness, count_rows, make_effectiveness
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.plant.state import MAX_AXES, MAX_TABLE_ROWS, N_STATES
@@ -33,10 +36,12 @@ def _faults(plan: FlightPlan) -> Iterator[str]:
     if count_rows(plan.vehicle) > MAX_TABLE_ROWS:
         yield f"vehicle: more than {MAX_TABLE_ROWS} rows of tables"
     yield from _effectiveness_faults(plan.effectiveness, make_effectiveness(plan.vehicle))
-    if plan.law not in _COLUMNS:
+    yield from _declared_faults(plan.declared)
+    own = (plan.gain_names.size, plan.settings.size)  # a law of one's own says how many
+    if plan.law not in (*_COLUMNS, "python"):
         yield f"law '{plan.law}'"
         return
-    gains, settings = _COLUMNS[plan.law]
+    gains, settings = _COLUMNS.get(plan.law, own)
     ticks = plan.timing.ticks + 1
     yield from _shape_faults(
         {
@@ -44,10 +49,12 @@ def _faults(plan: FlightPlan) -> Iterator[str]:
             "reference": (plan.reference, (ticks, len(REFERENCE))),
             "gains": (plan.gains, (ticks, gains)),
             "settings": (plan.settings, (settings,)),
+            "profile": (plan.profile, (len(plan.profile), len(PROFILE))),
         }
     )
-    if plan.warnings.ndim != 1:
-        yield "warnings: no list"
+    for name in ("warnings", "gain_names"):
+        if getattr(plan, name).ndim != 1:
+            yield f"{name}: no list"
 
 
 def _timing_faults(timing: Timing) -> Iterator[str]:
@@ -131,6 +138,39 @@ def _term_faults(terms: BuildUp, tables: Tables) -> Iterator[str]:
         yield from _range_faults(
             {f"vehicle.build_up.{name}": (getattr(terms, name), 0, limit - 1) for name, limit in limits.items()}
         )
+
+
+def _declared_faults(declared: DeclaredMetrics) -> Iterator[str]:
+    """The program of declared metrics reads rows of the lane memory and registers by number."""
+    program, count = declared.program, declared.names.size
+    code = program.code
+    instructions = len(code)
+    shapes: dict[str, tuple[Any, tuple[int, ...]]] = {
+        f"declared.{name}": (getattr(declared, name), (count,)) for name in ("names", "units", "docs")
+    }
+    for name in ("statistic", "limit", "start", "end", "settled"):
+        shapes[f"declared.program.{name}"] = (getattr(program, name), (count,))
+    shapes["declared.program.code"] = (code, (instructions, 4))
+    shapes["declared.program.constant"] = (program.constant, (instructions,))
+    shapes["declared.program.first"] = (program.first, (count + 1,))
+    wrong = list(_shape_faults(shapes))
+    yield from wrong
+    if wrong:
+        return
+    if count > MAX_METRICS:
+        yield f"declared: more than {MAX_METRICS} metrics"
+    loads = code[:, 0] == Operation.LOAD
+    yield from _range_faults(
+        {
+            "declared.program.statistic": (program.statistic, 0, max(DeclaredStatistic)),
+            "declared.program.code": (code[:, 0], 0, max(Operation)),
+            "declared.program.code, registers": (code[:, [1, 3]], 0, MAX_REGISTERS - 1),
+            "declared.program.code, operands": (code[~loads, 2], 0, MAX_REGISTERS - 1),
+            "declared.program.code, rows": (code[loads, 2], 0, Z_ROWS - 1),
+        }
+    )
+    if program.first[0] != 0 or program.first[-1] != instructions or (np.diff(program.first) < 0).any():
+        yield "declared.program.first: no parts of the program"
 
 
 def _effectiveness_faults(held: Effectiveness, made: Effectiveness) -> Iterator[str]:
