@@ -8,20 +8,21 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from abhv_mc.flight.declared import Declared
-from abhv_mc.flight.outcome import EndBounds
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.store.folder import write_bytes
 from abhv_mc.store.plan_check import find_fault
-from abhv_mc.vehicle.limits import LoadBounds
-from abhv_mc.vehicle.model import Inlet
 
 T = TypeVar("T")
 _WISH = "a plan as it was written: restore it, or run with --fresh to delete what was flown and fly it anew"
 _KINDS = {bool: "b", int: "i", float: "f", str: "U"}  # numpy's kind of each scalar
+_BOUNDS = (
+    "limits.",
+    "vehicle.constants.inlet.",
+    "vehicle.constants.bounds.",
+    "declared.program.end",
+)  # may be infinite
 _MAX_BYTES = 2**30
-_BOUNDS = (Declared, EndBounds, Inlet, LoadBounds)  # records in which a number may be infinite: no bound
 
 
 def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
@@ -34,34 +35,35 @@ def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
     return flat
 
 
-def rebuild(kind: type[T], flat: dict[str, np.ndarray], prefix: str = "", bounds: bool = False) -> T:
+def rebuild(kind: type[T], flat: dict[str, np.ndarray], prefix: str = "") -> T:
     """The record of type ``kind`` from what :func:`flatten` gave, with contiguous arrays and finite numbers.
 
-    Raises KeyError for a missing part and ValueError for one of another type.
+    Bounds alone may be infinite. Raises KeyError for a missing part and ValueError for one of another type.
     """
     if _is_record(kind):
         hints = typing.get_type_hints(kind)
-        bounds = kind in _BOUNDS
-        parts = {
-            name: rebuild(hints[name], flat, f"{prefix}.{name}" if prefix else name, bounds) for name in _fields(kind)
-        }
+        parts = {name: rebuild(hints[name], flat, f"{prefix}.{name}" if prefix else name) for name in _fields(kind)}
         return kind(**parts)
     value = flat[prefix]
     if kind in _KINDS:
-        finite = kind is not float or np.isfinite(value) or (bounds and not np.isnan(value))
-        if value.dtype.kind != _KINDS[kind] or value.ndim or not finite:
+        if value.dtype.kind != _KINDS[kind] or value.ndim or (kind is float and not _is_number(value, prefix)):
             raise ValueError(f"{prefix}: {value.dtype} {value.shape} instead of one finite {kind.__name__}")
         return kind(value.item())  # type: ignore[call-arg]
-    if typing.get_origin(kind) is tuple:  # a pair of bounds
-        if value.dtype != np.float64 or value.shape != (len(typing.get_args(kind)),) or np.isnan(value).any():
-            raise ValueError(f"{prefix}: {value.dtype} {value.shape} instead of a pair of bounds")
+    if typing.get_origin(kind) is tuple:  # of floats
+        count = len(typing.get_args(kind))
+        if value.dtype != np.float64 or value.shape != (count,) or not _is_number(value, prefix):
+            raise ValueError(f"{prefix}: {value.dtype} {value.shape} instead of {count} finite floats")
         return tuple(value.tolist())  # type: ignore[return-value]
     wanted = np.dtype(typing.get_args(typing.get_args(kind)[1])[0])
     if value.dtype != wanted and not (wanted.kind == "U" == value.dtype.kind):
         raise ValueError(f"{prefix}: {value.dtype} instead of {wanted}")
-    if wanted.kind == "f" and not (np.isfinite(value) | (bounds & ~np.isnan(value))).all():
+    if wanted.kind == "f" and not _is_number(value, prefix):
         raise ValueError(f"{prefix}: a number that is not finite")
     return np.require(value, requirements=["C", "A"])  # type: ignore[return-value]
+
+
+def _is_number(value: np.ndarray, name: str) -> bool:
+    return not np.isnan(value).any() if name.startswith(_BOUNDS) else bool(np.isfinite(value).all())
 
 
 def write_plan(path: Path, plan: FlightPlan) -> None:
