@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from abhv_mc.flight.signals import CHANNELS, METRICS, REFERENCE_CHANNELS
+from abhv_mc.flight.signals import CHANNELS, METRICS, REFERENCE_CHANNELS, STANDARD_CHANNELS
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.envelopes import QUANTILES, EnvelopeTable, write_envelopes
 from abhv_mc.store.flights import VALUES, FlightRows, flights_schema, write_block
@@ -106,8 +106,9 @@ def histories_of(name, samples, time, wobble):
     channels["equivalence_ratio_command"] = channels["equivalence_ratio"] * 1.001
     shape = (density.size, time.size)
     channels = {key: np.broadcast_to(value, shape).astype(np.float32) for key, value in channels.items()}
-    assert set(channels) == {signal.name for signal in CHANNELS}
-    return channels
+    assert set(channels) == set(STANDARD_CHANNELS)
+    zeros = np.zeros(shape, np.float32)  # of what else a history holds
+    return {signal.name: channels.get(signal.name, zeros) for signal in CHANNELS}
 
 
 def metrics_of(channels, time):
