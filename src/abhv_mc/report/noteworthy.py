@@ -7,7 +7,7 @@ import numpy as np
 from abhv_mc.report.flights import ControllerFlights
 from abhv_mc.report.results import Results
 
-_CYCLES = 1.0  # deg: ripple from which a flight is said to cycle
+_CYCLES = 5.0  # deg: ripple from which a flight is said to cycle
 _SATURATION, _OUTSIDE, _RIPPLE = "surface_saturation_s", "outside_tables_s", "_ripple_deg"
 
 

@@ -60,7 +60,8 @@ def test_what_a_folder_holds(campaign, tmp_path):
     assert result.complete and result.manifest["runs_done"] == 300
     table = flights(tmp_path / "out")
     assert table.num_rows == 600
-    assert table.column_names[:5] == ["flight", "controller", "outcome", "atmosphere.density", "aero.lift"]
+    leading = ["flight", "controller", "outcome", "failure.case", "atmosphere.density", "aero.lift"]
+    assert table.column_names[:6] == leading
     samples = pq.read_table(tmp_path / "out/samples.parquet")
     for name in ("atmosphere.density", "aero.lift"):
         np.testing.assert_array_equal(table[name].to_numpy()[:300], samples[name].to_numpy())
