@@ -29,6 +29,7 @@ extensions = [
 ]
 exclude_patterns = ["_build", "_ext", "reference/commands"]
 nitpicky = True
+smartquotes = False  # --option stays as it is typed
 suppress_warnings = ["mystnb.unknown_mime_type"]
 
 # Pages in Markdown; cells of a page are executed at every build, and an error in one fails it.

@@ -1,4 +1,4 @@
-"""A law of one's own: altitude, heading and speed by guidance, attitude by feedback and rate damping."""
+"""A law of one's own: guidance by altitude, heading and speed; attitude by feedback and rate damping."""
 
 from typing import NamedTuple
 
@@ -25,12 +25,14 @@ def law(measured, reference, memory, settings, dt):
     # Altitude to flight path angle to angle of attack; heading to bank.
     rise = measured.altitude - reference.altitude
     path = reference.flight_path_angle - settings.altitude * rise / measured.speed
-    alpha = clamp(reference.angle_of_attack - settings.path * (measured.flight_path_angle - path), -0.02, 0.2)
+    alpha = reference.angle_of_attack - settings.path * (measured.flight_path_angle - path)
+    alpha = clamp(alpha, -0.02, 0.2)
     turn = wrap(reference.heading - measured.heading)
     bank = clamp(reference.bank + 3.0 * turn, -settings.bank_limit, settings.bank_limit)
 
-    # Attitude and body rates to surfaces: + elevator pitches down, + aileron rolls right, + rudder yaws left.
-    elevator = reference.elevator + 2.0 * (measured.angle_of_attack - alpha) + 0.8 * measured.pitch_rate
+    # Attitude and rates to surfaces: + elevator pitches down, + aileron rolls right, + rudder yaws left.
+    elevator = reference.elevator + 2.0 * (measured.angle_of_attack - alpha)
+    elevator = elevator + 0.8 * measured.pitch_rate
     aileron = 0.6 * (bank - measured.bank) - 0.4 * measured.roll_rate
     rudder = 0.5 * measured.yaw_rate - 1.0 * measured.sideslip
 
@@ -39,5 +41,13 @@ def law(measured, reference, memory, settings, dt):
     speed_error = clamp(memory.speed_error + dt * error, -500.0, 500.0)
     throttle = reference.equivalence_ratio + 0.01 * error + 0.002 * speed_error
 
-    command = Command(aileron, rudder, elevator, throttle, flight_path_angle=path, angle_of_attack=alpha, bank=bank)
+    command = Command(
+        aileron,
+        rudder,
+        elevator,
+        throttle,
+        flight_path_angle=path,
+        angle_of_attack=alpha,
+        bank=bank,
+    )
     return command, Memory(speed_error)
