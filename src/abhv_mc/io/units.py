@@ -171,7 +171,7 @@ def format_quantity(value: float, dimension: Dimension) -> str | float:
     return value if dimension is FRACTION else f"{value!r} {dimension.unit}"
 
 
-_SMALLEST = 1e-12  # of the largest; less is a slip, and squares of it are zero
+_SMALLEST = 1e-18  # of the largest; less is a slip, and squares of it are zero
 
 
 def _parse_field(value: str | float, dimension: Dimension) -> float:

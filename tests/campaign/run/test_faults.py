@@ -127,6 +127,7 @@ def test_the_digest_leaves_out_what_failed_to_run(tmp_path, capfd):
     run_campaign(Request(campaign, tmp_path / "a"), ENGINE)
     flawed = run_campaign(Request(campaign, tmp_path / "b"), engine_of(fly_segfaulting)).manifest
     rows = pq.read_table(tmp_path / "a/flights").sort_by([("controller", "ascending"), ("flight", "ascending")])
+    rows = rows.drop_columns(["failure.case"])  # which follows from the samples
     bad = is_bad(rows["atmosphere.density"].to_numpy()[:300])
     assert flawed["digest"] == digest_without(rows, bad)
 

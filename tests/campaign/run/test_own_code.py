@@ -102,7 +102,7 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):
     law = tmp_path / "law.py"
     law.write_text(law.read_text() + f"\n{line}\n")
     out = tmp_path / "out"
-    run_campaign(Request(study(), out, runs=4), threads())
+    run_campaign(Request(study(), out, runs=24), threads())
     assert ran.exists()
     ran.unlink()
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "somebody_else"))

@@ -65,7 +65,7 @@ def replay_flight(
     if outcome != row.outcome[0]:
         differences.append(f"outcome: {outcome} instead of {row.outcome[0]}")
     samples = dict(zip(reader.names, row.samples[0].tolist(), strict=True))
-    metrics = dict(zip(row.columns, values.tolist(), strict=True))
+    metrics = dict(zip(row.columns, values.tolist(), strict=False))
     return Replay(controller, flight, block, samples, metrics, tuple(differences))
 
 
