@@ -3,13 +3,14 @@ import pyarrow.parquet as pq
 import pytest
 from report.synthetic import CONTROLLERS, write_campaign
 
+from abhv_mc.flight.signals import METRICS
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.results import read_histories, read_results
 
 
 def test_a_folder_reads_as_arrays(failing):
     assert failing.controllers == CONTROLLERS
-    assert len(failing.metrics) == 35
+    assert len(failing.metrics) == len(METRICS)
     assert failing.flights["lqr"].flight.tolist() == list(range(100))
     assert failing.flights["lqr"].failed.sum() == 12
     assert not failing.flights["tlc"].failed.any()
