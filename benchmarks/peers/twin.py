@@ -1,7 +1,7 @@
 """The C++ twin of the plant under the LQR law: ``twin/*.hpp``, compiled by ``g++ -O3 -march=native``.
 
 It flies the same equations, tables and gains one flight at a time, with libm. It counts no metrics, as ours does, and
-knows no gusts, turbulence, density profile, sensor noise or delay.
+knows no gusts, turbulence, density profile, wind table, failures, inlet, sensor noise or delay.
 """
 
 import subprocess
@@ -15,7 +15,7 @@ from abhv_mc.vehicle.arrays import Floats
 from benchmarks.peers.peer import read_work, write_result
 
 SOURCE = Path(__file__).parent / "twin"
-UNKNOWN = ("atmosphere.density_at", "wind.gust", "wind.turbulence", "sensor.delay")
+UNKNOWN = ("atmosphere.density_at", "wind.gust", "wind.turbulence", "sensor.delay", "failure.")
 FLAGS = ("-std=c++17", "-O3", "-march=native")
 
 
@@ -66,13 +66,13 @@ def write_input(path: Path, plan: FlightPlan, parameters: Floats, states: Floats
     tables = vehicle.tables._asdict()
     del tables["group_width"]  # spare rows
     arrays = [
-        vehicle.constants,
+        [value for value in vehicle.constants if not isinstance(value, tuple)],  # inlet and load bounds come last
         plan.earth,
         *tables.values(),
         *vehicle.build_up,
         vehicle.effector_mix,
         timing,
-        plan.limits,
+        [value for value in plan.limits if not isinstance(value, tuple)],  # nor those of loads
         plan.reference,
         plan.gains,
         plan.settings,

@@ -60,7 +60,9 @@ def make(repository, tmp_path):
         configs = repository / "configs"
         files = configs / "vehicle" / f"{vehicle}.yaml", configs / "mission" / f"{mission}.yaml"
         plan = prepare(*files, tmp_path / "law.yaml", "own")
-        return dataclasses.replace(plan, timing=plan.timing._replace(ticks=round(seconds * 100)))
+        ticks = round(seconds * 100)
+        rows = {name: getattr(plan, name)[: ticks + 1] for name in ("reference", "gains")}
+        return dataclasses.replace(plan, timing=plan.timing._replace(ticks=ticks), **rows)
 
     return make_plan
 

@@ -35,6 +35,9 @@ Promise.all([loaded, drawn]).then(() => {
   found.images = [...document.images].every((image) => image.complete && image.naturalWidth > 0);
   found.width = document.documentElement.clientWidth;
   found.overflow = document.documentElement.scrollWidth;
+  found.wide = [...document.body.querySelectorAll("*")]
+    .filter((element) => !element.closest(".scroll > *, .skip") && element.getBoundingClientRect().right > found.width)
+    .map((element) => `${element.tagName} ${element.id} ${element.className} ${element.textContent.slice(0, 60)}`);
   found.tools = [...plot.querySelectorAll(".modebar-btn")].map((button) => button.dataset.title);
   found.asked = performance.getEntriesByType("resource").map((entry) => entry.name)
     .filter((name) => !name.startsWith("data:"));
@@ -122,7 +125,7 @@ def test_a_narrow_window_needs_no_sideways_scrolling(probed, tmp_path, width):
     document, _ = browse(tmp_path, frame.as_uri(), "--window-size=1000,800", "--allow-file-access-from-files")
     found = found_in(document)
     assert found["width"] <= width
-    assert found["overflow"] <= found["width"]
+    assert found["overflow"] <= found["width"], found["wide"]
 
 
 def test_it_prints(report_folder, tmp_path):

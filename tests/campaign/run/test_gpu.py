@@ -18,7 +18,7 @@ from abhv_mc.jit_cuda import cuda
 def gpu(monkeypatch):
     """The engine of a GPU that is not there, with cheap flights."""
     monkeypatch.setattr("abhv_mc.jit_cuda.find_device", lambda: "NVIDIA Test")
-    return replace(make_gpu_engine(), prepare=prepare, fly=fly)
+    return replace(make_gpu_engine(), prepare=prepare, fly=fly, find_stability=None)
 
 
 def test_a_folder_says_what_flew_and_mixes_no_devices(gpu, tmp_path):
