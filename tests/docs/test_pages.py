@@ -2,8 +2,10 @@
 
 import ast
 import importlib
+import importlib.util
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -114,3 +116,30 @@ def test_generated_pages_hold_every_key_metric_and_parameter(monkeypatch: pytest
     assert all(f"| `{name}` |" in by_name["channels.md"] for name in CHANNEL_INDEX)
     assert all(f"| `{p.name}` |" in by_name["parameters.md"] for p in PARAMETERS if "." in p.name)
     assert {f"commands/{name}.md" for name in typer.main.get_command(app).commands} <= set(by_name)
+
+
+def test_architecture_shows_the_layers_that_are_checked_and_every_folder() -> None:
+    table = text_of(ROOT / "docs/explanation/architecture.md").split("## Layers")[1].split("\n## ")[0]
+    rows = [row.split("|")[1:3] for row in table.splitlines() if row.startswith("| ")][1:]
+    shown = [" : ".join(re.findall(r"`(\w+)`", first)) for first, _ in rows if first.strip()]
+    contracts = tomllib.loads(text_of(ROOT / "pyproject.toml"))["tool"]["importlinter"]["contracts"]
+    checked = [layer.replace("abhv_mc.", "") for layer in contracts[0]["layers"]]
+    assert shown == checked
+
+    named = set(re.findall(r"`([\w.]+)`", table))
+    source = ROOT / "src/abhv_mc"
+    packages = {".".join(init.parent.relative_to(source).parts) for init in source.glob("*/**/__init__.py")}
+    assert packages <= named
+
+
+def test_architecture_names_what_exists() -> None:
+    page = text_of(ROOT / "docs/explanation/architecture.md")
+    seams = page.split("## Names at the seams")[1].split("\n## ")[0]
+    names = re.findall(r"`([a-z]\w*(?:\.\w+)+)\b", seams)
+    assert len(names) > 8
+    for name in names:
+        if name.endswith((".parquet", ".json")):
+            continue
+        module, _, last = name.rpartition(".")
+        found = importlib.import_module(f"abhv_mc.{module}")
+        assert hasattr(found, last) or importlib.util.find_spec(f"abhv_mc.{name}"), name
