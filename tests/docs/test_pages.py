@@ -68,6 +68,8 @@ def test_files_and_tests_that_are_named(page: Path) -> None:
         if function:
             tree = ast.parse(text_of(ROOT / name))
             assert function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}, function
+    for name in re.findall(r"`([\w/]+/(?!my_)\w+\.py)`", text_of(page)):  # my_law.py is a reader's
+        assert any((ROOT / folder / name).exists() for folder in ("", "src", "src/abhv_mc")), name
 
 
 def test_files_that_the_code_names() -> None:
@@ -143,3 +145,33 @@ def test_architecture_names_what_exists() -> None:
         module, _, last = name.rpartition(".")
         found = importlib.import_module(f"abhv_mc.{module}")
         assert hasattr(found, last) or importlib.util.find_spec(f"abhv_mc.{name}"), name
+
+
+def commands_of(text: str) -> set[tuple[str, tuple[str, ...]]]:
+    """Commands with their options that a text shows: in code, in blocks, in directives; not in tables that benchmarks write."""
+    text = re.sub(r"<!-- (\w+) -->.*?<!-- /\1 -->", "", text, flags=re.DOTALL)
+    code = re.findall(r"`([^`\n]+)`|^[ \t$]*(abhv-mc [^\n]*)|command-output\} (abhv-mc [^\n]*)", text, re.MULTILINE)
+    lines = [re.split(r"\s#\s|[|&;>]", "".join(parts))[0] for parts in code]
+    found = (re.search(r"\babhv-mc ([a-z]+)\b(.*)", line) for line in lines)
+    return {(match[1], tuple(re.findall(r"(?<!\S)--?[a-z][a-z-]*", match[2]))) for match in found if match}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
+def test_commands_and_their_options_exist(page: Path) -> None:
+    text = text_of(page)
+    group = typer.main.get_command(app)
+    for name, options in commands_of(text):
+        assert name in group.commands, f"abhv-mc {name}"
+        command = group.commands[name]
+        known = {option for parameter in command.params for option in parameter.opts + parameter.secondary_opts}
+        for inner in getattr(command, "commands", {}).values():  # commands of a command
+            known |= {option for parameter in inner.params for option in parameter.opts + parameter.secondary_opts}
+        assert set(options) <= known | {"--help"}, f"abhv-mc {name} {options}"
+    makefile = text_of(ROOT / "Makefile")
+    for target in re.findall(r"`make ([\w-]+)", text) + re.findall(r"^make ([\w-]+)", text, re.MULTILINE):
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE), f"make {target}"
+    for module in re.findall(r"python -m ((?:benchmarks|studies)[\w.]*)", text):
+        place = ROOT / module.replace(".", "/")
+        assert place.with_suffix(".py").exists() or (place / "__main__.py").exists(), module
+    for script in re.findall(r"python ((?:benchmarks|studies|tests)/[\w/]+\.py)", text):
+        assert (ROOT / script).exists(), script
