@@ -66,6 +66,7 @@ html_title = "abhv-mc"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
+html_sidebars = {"index": [], "gallery/index": []}  # nothing below these to go to
 html_copy_source = False
 html_theme_options = {
     "navbar_end": ["theme-switcher"],

@@ -31,7 +31,12 @@ def _reference(schema: Schema) -> str | None:
 
 def _bounds(schema: Schema) -> str:
     signs = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
-    return ", ".join(f"{sign} {schema[key]}" for key, sign in signs.items() if key in schema)
+    return ", ".join(f"{sign} {_number(schema[key])}" for key, sign in signs.items() if key in schema)
+
+
+def _number(bound: float) -> str:
+    """A bound in words: large powers of two as such."""
+    return f"2^{bound.bit_length() - 1}" if isinstance(bound, int) and bound > 2**20 and not bound & (bound - 1) else str(bound)
 
 
 def _kind(schema: Schema) -> str:
