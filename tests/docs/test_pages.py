@@ -148,7 +148,7 @@ def test_architecture_names_what_exists() -> None:
 
 
 def commands_of(text: str) -> set[tuple[str, tuple[str, ...]]]:
-    """Commands with their options that a text shows: in code, in blocks, in directives; not in tables that benchmarks write."""
+    """Commands with their options that a text shows in code, blocks and directives, not in benchmarks' tables."""
     text = re.sub(r"<!-- (\w+) -->.*?<!-- /\1 -->", "", text, flags=re.DOTALL)
     code = re.findall(r"`([^`\n]+)`|^[ \t$]*(abhv-mc [^\n]*)|command-output\} (abhv-mc [^\n]*)", text, re.MULTILINE)
     lines = [re.split(r"\s#\s|[|&;>]", "".join(parts))[0] for parts in code]
