@@ -78,8 +78,8 @@ def _parameters() -> str:
         "# Parameters\n",
         "What a campaign may disperse, under `dispersions:`. A factor multiplies (nominal 1); an error is added, in",
         "its unit (nominal 0). Nominal values leave the flight unchanged to the last bit. The plant is dispersed;",
-        "controllers see the nominal model only. `abhv-mc parameters` prints this table. In a campaign, `effector_0` to",
-        "`effector_3` have the names that the vehicle file gives them, as in `failure.right_elevon.stuck_time`.\n",
+        "controllers see the nominal model only. `abhv-mc parameters` prints this table. A campaign names",
+        "`effector_0` to `effector_3` as the vehicle file does: `failure.right_elevon.stuck_time`.\n",
     ]
     groups: dict[str, list[tuple[str, ...]]] = {}
     for parameter in PARAMETERS:
