@@ -26,6 +26,7 @@ extensions = [
     "sphinxcontrib.programoutput",
     "reference_pages",
     "workspaces",
+    "check_site",
 ]
 exclude_patterns = ["_build", "_ext", "reference/commands"]
 nitpicky = True

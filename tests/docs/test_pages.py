@@ -12,6 +12,7 @@ import pytest
 import typer
 
 from abhv_mc.cli.app import app
+from abhv_mc.store.folder import CampaignFolder
 
 ROOT = Path(__file__).parents[2]
 BUILT = ("_build", "generated", ".venv")
@@ -84,6 +85,18 @@ def test_files_that_the_code_names() -> None:
             assert (ROOT / name).exists(), f"{source.relative_to(ROOT)} names {name}"
 
 
+def test_the_built_site_is_checked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(sys, "path", [str(ROOT / "docs/_ext"), *sys.path])
+    (tmp_path / "a.html").write_text('<h1 id="top">A</h1><a href="b.html#here">b</a><a href="https://x.org">x</a>')
+    (tmp_path / "b.html").write_text('<p id="here"><a href="#there"></a><a href="c.html"></a><img src="//x.org/i.png">')
+    found = sorted(importlib.import_module("check_site").find_faults(tmp_path))
+    assert found == [
+        "b.html links to #there, an anchor that does not exist",
+        "b.html links to c.html, which does not exist",
+        "b.html loads //x.org/i.png",
+    ]
+
+
 def test_every_equation_has_its_function() -> None:
     page = text_of(ROOT / "docs/explanation/theory.md")
     names = re.findall(r"`(abhv_mc\.[\w.]+)`", page)
@@ -118,6 +131,13 @@ def test_generated_pages_hold_every_key_metric_and_parameter(monkeypatch: pytest
     assert all(f"| `{name}` |" in by_name["channels.md"] for name in CHANNEL_INDEX)
     assert all(f"| `{p.name}` |" in by_name["parameters.md"] for p in PARAMETERS if "." in p.name)
     assert {f"commands/{name}.md" for name in typer.main.get_command(app).commands} <= set(by_name)
+
+
+def test_everything_in_a_campaigns_folder_is_explained() -> None:
+    page = text_of(ROOT / "docs/reference/results-folder.md")
+    folder = CampaignFolder(Path("x"))
+    for path in (*folder.parts, folder.lock):
+        assert f"`{path.name}" in page, path.name
 
 
 def test_architecture_shows_the_layers_that_are_checked_and_every_folder() -> None:
