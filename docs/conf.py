@@ -30,6 +30,7 @@ extensions = [
 ]
 exclude_patterns = ["_build", "_ext", "reference/commands"]
 nitpicky = True
+highlight_language = "text"  # what is no code of a named language
 smartquotes = False  # --option stays as it is typed
 suppress_warnings = ["mystnb.unknown_mime_type"]
 
@@ -55,7 +56,7 @@ nitpick_ignore_regex = [
 ]
 
 # Commands shown on the pages run in folders of their own, as wide as the page.
-os.environ |= {"COLUMNS": "110", "NO_COLOR": "1", "TERM": "dumb"}
+os.environ |= {"COLUMNS": "96", "NO_COLOR": "1", "TERM": "dumb"}
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
 programoutput_prompt_template = "$ {command}\n{output}"
 copybutton_prompt_text = r"\$ |>>> "
