@@ -1,4 +1,4 @@
-"""A law in plain Python through the same socket: for prototypes, with any library and any object as its memory."""
+"""A law in plain Python called like a compiled one: for prototypes, with any library and any object as its memory."""
 
 import ctypes
 import sys
