@@ -20,7 +20,7 @@ class Uncompilable(Exception):
 
 def call_address(address: int, Z: Any, reference: Any, gains: Any, settings: Any, tick: int, dt: float) -> None:
     """Call a function that :func:`compile_pointer` compiled, from compiled code, by its address."""
-    raise NotImplementedError("only compiled code calls an address")
+    raise TypeError("only compiled code calls an address")
 
 
 @intrinsic
