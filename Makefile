@@ -40,7 +40,7 @@ test: $(DEV_INSTALLED)
 
 # The pages' examples are flown and run; a warning is an error.
 docs: $(DEV_INSTALLED)
-	$(BIN)/python -m sphinx -b html -E -W --keep-going -q -d docs/_build/doctrees docs docs/_build/html
+	$(BIN)/python -m sphinx -b html -E -W --keep-going -q -j auto -d docs/_build/doctrees docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 
 # The default campaign's report in reports/example, flown again.

@@ -1,4 +1,4 @@
-"""Whether flights abreast still become vector code: fails where abreast / one at a time falls under its limit.
+"""Whether batched flights still become vector code: fails where batched / one at a time falls under its limit.
 
     python -m benchmarks.watch
 
@@ -21,7 +21,7 @@ ATTEMPTS = 3
 
 
 def measure_gain(plan: FlightPlan, parameters: Floats) -> float:
-    """Time of as many flights as there are lanes, one at a time over abreast."""
+    """Time of as many flights as there are lanes, one at a time over batched."""
     short = dataclasses.replace(plan, timing=plan.timing._replace(ticks=TICKS))
     return measure_ratio(lambda: fly(short, parameters, lanes=1), lambda: fly(short, parameters, lanes=LANES))
 
@@ -39,7 +39,7 @@ def main() -> int:
             if gain >= limit:
                 break
         wanted = f"at least {limit:g} with {simd}" if limit else f"no limit with {simd}"
-        print(f"{name}: {LANES} flights abreast are {gain:.2f} times as fast as one at a time ({wanted})")
+        print(f"{name}: {LANES} flights in a batch are {gain:.2f} times as fast as one at a time ({wanted})")
         slow += [name] if gain < limit else []
     if slow:
         print(f"too slow: {', '.join(slow)}; see the rules in abhv_mc/jit.py", file=sys.stderr)

@@ -26,9 +26,11 @@ extensions = [
     "sphinxcontrib.programoutput",
     "reference_pages",
     "workspaces",
+    "check_site",
 ]
 exclude_patterns = ["_build", "_ext", "reference/commands"]
 nitpicky = True
+highlight_language = "text"  # what is no code of a named language
 smartquotes = False  # --option stays as it is typed
 suppress_warnings = ["mystnb.unknown_mime_type"]
 
@@ -54,7 +56,7 @@ nitpick_ignore_regex = [
 ]
 
 # Commands shown on the pages run in folders of their own, as wide as the page.
-os.environ |= {"COLUMNS": "110", "NO_COLOR": "1", "TERM": "dumb"}
+os.environ |= {"COLUMNS": "96", "NO_COLOR": "1", "TERM": "dumb"}
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
 programoutput_prompt_template = "$ {command}\n{output}"
 copybutton_prompt_text = r"\$ |>>> "
@@ -66,6 +68,7 @@ html_title = "abhv-mc"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
+html_sidebars = {"index": [], "gallery/index": []}  # nothing below these to go to
 html_copy_source = False
 html_theme_options = {
     "navbar_end": ["theme-switcher"],

@@ -133,7 +133,8 @@ HEAD = """# Does TLC track better with nearly the same control usage?
 
 Zhu and Shen (2014) close with: "with nearly the same amount of control surface usage, TLC has a better performance \
 in tracking angle of attack, sideslip angle and bank angle commands". Made by `studies/claim.py`, which flies the S, \
-{flights} flights of each controller, the same samples for all.
+{flights} flights of each controller, the same samples for all. *Table 1* is the paper's table of TLC's gains, \
+*retuned* and *robust* are designs of this project, and a *box* is a set of ranges from which dispersions are drawn.
 
 In short, for `ghame_x` (tables below; rms errors):
 
@@ -141,7 +142,7 @@ In short, for `ghame_x` (tables below; rms errors):
 bank (0.90) and fails for sideslip (1.89). Against an LQR tuned within margins it holds for all three (0.94, 0.91, \
 0.85), though that LQR uses far less aileron and rudder (5 deg of rudder travel instead of 110) and holds altitude and \
 speed closer. Against the paper's own weights it says little: they do not stabilise this vehicle.
-- **Table 1, effectiveness +-20 % and delay to 40 ms.** It loses 7 of 400 flights and cycles by more than 5 deg on 81 \
+- **Table 1, effectiveness ±20 % and delay to 40 ms.** It loses 7 of 400 flights and cycles by more than 5 deg on 81 \
 more: its rudder loop has 0.8 dB of gain margin and its aileron loop 1.3 dB. The retuned LQR loses 340 (10 ms of delay \
 in its throttle loop). Neither is a design to fly.
 - **Robust designs.** Both laws can be tuned to lose no flight and to cycle on none. TLC then follows the angle of \
@@ -153,12 +154,12 @@ they bear 101 and 57 ms in level flight. **What it is worse at**: gain margins i
 - **`wide.yaml`** asks whether TLC survives more: with Table 1 it loses 123 of 2000 flights, LQR with the paper's \
 weights 452, but 700 of Table 1's flights and 703 of that LQR's cycle by more than 5 deg in some angle. Robust designs \
 lose 72 (TLC) and 104 (LQR), with 12 and 0 cycles: tuning is worth more than the law.
-- **The rule of separated time scales.** TLC robust keeps the paper's rule in the bandwidths wn (sideslip 1.17 below \
-yaw rate 1.85 rad/s), not in the gains: its sideslip loop asks for 2 zeta wn = 24.6 /s of yaw rate per sideslip, its \
-yaw-rate loop for 2.5 /s (Table 1: 2.0 and 10.2). In cascade only their product acts on sideslip, as stiffness (61 \
-instead of 21 /s2), and the yaw-rate gain alone as damping. Why that helps: the leak of the ill-conditioned inverse \
-enters through the yaw rate's loop, whose gain is now a quarter of Table 1's. A search without the rule, stopped after \
-237 candidates, had a score 1 % better.
+- **The rule of separated time scales.** TLC robust keeps the paper's rule in the bandwidths $\\omega_n$ (sideslip \
+1.17 below yaw rate 1.85 rad/s), not in the gains: its sideslip loop asks for $2\\zeta\\omega_n$ = 24.6 /s of yaw \
+rate per sideslip, its yaw-rate loop for 2.5 /s (Table 1: 2.0 and 10.2). In cascade only their product acts on \
+sideslip, as stiffness (61 instead of 21 /s2), and the yaw-rate gain alone as damping. Why that helps: the leak of \
+the ill-conditioned inverse enters through the yaw rate's loop, whose gain is now a quarter of Table 1's. A search \
+without the rule, stopped after 237 candidates, had a score 1 % better.
 
 Errors are against each controller's own commands, as in the paper's figures. Numbers in brackets are TLC's error over \
 the LQR's, median over the flights. Intervals are 95 %: medians of the paired ratio exactly, shares of flights by \

@@ -64,7 +64,9 @@ def wrapped(line: str) -> str:
     """A paragraph or a list's entry of a page in lines of 120 columns; tables, images and titles as they are."""
     if line.startswith(("|", "!", "#", ">")):
         return line
-    return "\n".join(textwrap.wrap(line, 120, subsequent_indent="  " if line.startswith("- ") else ""))
+    return "\n".join(
+        textwrap.wrap(line, 120, subsequent_indent="  " if line.startswith("- ") else "", break_on_hyphens=False)
+    )
 
 
 class Bench:

@@ -96,7 +96,7 @@ def margin_table(entrants: dict[str, Entrant]) -> Iterator[str]:
     for name, entrant in entrants.items():
         *loops, together = entrant.rows
         if not together["stable"]:
-            poles = ", ".join(f"{real:+.3f} +- {imaginary:.2f}j" for real, imaginary in together["poles"] if real > 0.0)
+            poles = ", ".join(f"{real:+.3f} ± {imaginary:.2f}j" for real, imaginary in together["poles"] if real > 0.0)
             yield f"| {NAMES[name]} | unstable: poles {poles} per second | | | | |"
             continue
         cells = [
@@ -181,7 +181,8 @@ def robust_section(flights: int) -> Iterator[str]:
     yield "## Robust designs, `ghame_x`"
     yield ""
     yield (
-        "Box (a) is the paper's: density and lift +-10 %, drag +-15 %. Box (b) adds control effectiveness +-20 % of "
+        "Box (a) is the paper's: density and lift ±10 %, drag ±15 % (other draws than in the tables by vehicle, so "
+        "that numbers differ in the last digit). Box (b) adds control effectiveness ±20 % of "
         "each surface and a delay of the measurement of 0 to 40 ms. TLC robust and LQR robust come from "
         "`studies/robust.py`, which gives both laws the same limits: margins of at least 6 dB, 35 deg and 40 ms in "
         "every loop (4.5 dB, 30 deg and 30 ms at the corners of box (a)), no flight of box (b) lost or cycling, and "

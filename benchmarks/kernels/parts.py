@@ -1,4 +1,4 @@
-"""Where a flight's time goes: each part of a tick alone, all lanes abreast, as a share of the whole flight's time.
+"""Where a flight's time goes: each part of a tick alone, all lanes of a batch, as a share of the whole flight's time.
 
     python -m benchmarks.kernels.parts [--processes 3] [--json FILE]      or, of one process and to the screen, --once
 

@@ -28,7 +28,7 @@ def measure_ratios() -> dict[str, float]:
     plans, parameters = make_work(LANES)
     gains = {name: measure_gain(plan, parameters) for name, plan in plans.items()}
     return {
-        **{f"flight, {name}: one at a time / {LANES} abreast": gain for name, gain in gains.items()},
+        **{f"flight, {name}: one at a time / {LANES} batched": gain for name, gain in gains.items()},
         **{f"look-up: {compared}": measure_look_up(compared) for compared in COMPARED},
         **{f"{name}: libm / own": measure_function(name) for name in PAIRS},
     }

@@ -1,4 +1,4 @@
-"""abhv-mc itself: both controllers, abreast and one at a time, metrics included."""
+"""abhv-mc itself: both controllers, batched and one at a time, metrics included."""
 
 from abhv_mc.bench.peak import measure_peak
 from abhv_mc.flight.fly import fly
@@ -14,7 +14,7 @@ def main() -> None:
         for lanes, parameters in ((LANES, work.parameters), (1, work.parameters[:ALONE])):
             fly(plan, parameters[:LANES], lanes=lanes)
             seconds = measure(lambda: fly(plan, parameters, lanes=lanes), len(parameters), work.repeats)  # noqa: B023
-            name = f"abhv-mc {law} {'abreast' if lanes > 1 else 'one at a time'}"
+            name = f"abhv-mc {law} {'batched' if lanes > 1 else 'one at a time'}"
             write_result(name, seconds, peak_gflops=measure_peak() / 1e9)
 
 

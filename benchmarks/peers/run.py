@@ -33,11 +33,11 @@ ENVIRONMENT = Path(__file__).parent / ".venv"
 
 MODULES = ("ours", "twin", "jax_vmap", "diffrax_steps", "jsbsim_x15", "rocketpy_flight")
 TIME_LIMIT = 300.0  # s, of a process: compiling, checking, repeats
-YARDSTICK = "abhv-mc lqr abreast"
+YARDSTICK = "abhv-mc lqr batched"
 OUR_EQUATIONS = "ours: GHAME-X, LQR, 100 Hz"
 ROWS = {  # peer: how it flies, what it flies
-    "abhv-mc tlc abreast": ("numba, flights abreast, metrics", "ours: GHAME-X, TLC, 100 Hz"),
-    YARDSTICK: ("numba, flights abreast, metrics", OUR_EQUATIONS),
+    "abhv-mc tlc batched": ("numba, batched flights, metrics", "ours: GHAME-X, TLC, 100 Hz"),
+    YARDSTICK: ("numba, batched flights, metrics", OUR_EQUATIONS),
     "abhv-mc tlc one at a time": ("numba, one flight at a time, metrics", "ours: GHAME-X, TLC, 100 Hz"),
     "abhv-mc lqr one at a time": ("numba, one flight at a time, metrics", OUR_EQUATIONS),
     "C++ twin": ("g++ -O3 -march=native, one flight at a time", OUR_EQUATIONS),

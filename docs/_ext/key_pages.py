@@ -31,7 +31,13 @@ def _reference(schema: Schema) -> str | None:
 
 def _bounds(schema: Schema) -> str:
     signs = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
-    return ", ".join(f"{sign} {schema[key]}" for key, sign in signs.items() if key in schema)
+    return ", ".join(f"{sign} {_number(schema[key])}" for key, sign in signs.items() if key in schema)
+
+
+def _number(bound: float) -> str:
+    """A bound in words: large powers of two as such."""
+    is_power = isinstance(bound, int) and bound > 2**20 and not bound & (bound - 1)
+    return f"2^{bound.bit_length() - 1}" if is_power else str(bound)
 
 
 def _kind(schema: Schema) -> str:
@@ -48,7 +54,8 @@ def _kind(schema: Schema) -> str:
         return code(schema["const"])
     for several in ("oneOf", "anyOf"):
         if several in schema and "pattern" not in schema:
-            return " or ".join(dict.fromkeys(_kind(part) for part in schema[several] if part.get("type") != "null"))
+            kinds = dict.fromkeys(_kind(part) for part in schema[several] if part.get("type") != "null")
+            return " or ".join(kind for kind in kinds if not any(other.startswith(f"{kind} or ") for other in kinds))
     if schema.get("type") == "array":
         if parts := schema.get("prefixItems"):
             return f"list of {len(parts)}: {_kind(parts[0])}"

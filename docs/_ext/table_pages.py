@@ -62,7 +62,8 @@ before, has 0.
 def _channels() -> str:
     return f"""# Channels
 
-What histories, envelopes and replays record. A command has `_command` before its unit.
+What histories, envelopes and replays record. A command has `_command` before its unit. The heat flux
+is not a number where the vehicle file has no `reference.nose_radius`.
 
 {_signals(CHANNELS)}
 ## Reference channels
@@ -77,7 +78,8 @@ def _parameters() -> str:
         "# Parameters\n",
         "What a campaign may disperse, under `dispersions:`. A factor multiplies (nominal 1); an error is added, in",
         "its unit (nominal 0). Nominal values leave the flight unchanged to the last bit. The plant is dispersed;",
-        "controllers see the nominal model only. `abhv-mc parameters` prints this table.\n",
+        "controllers see the nominal model only. `abhv-mc parameters` prints this table. A campaign names",
+        "`effector_0` to `effector_3` as the vehicle file does: `failure.right_elevon.stuck_time`.\n",
     ]
     groups: dict[str, list[tuple[str, ...]]] = {}
     for parameter in PARAMETERS:

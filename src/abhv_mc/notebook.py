@@ -237,9 +237,9 @@ class CampaignResults:
         again = replay_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly)
         if again.differences:
             raise RuntimeError(f"flight {flight} differs from the stored one: {'; '.join(again.differences)}")
-        table = pd.DataFrame(again.block.history[0], columns=list(CHANNEL_INDEX))
-        table.insert(0, "time", again.block.times)
-        return table.dropna(ignore_index=True)
+        table = pd.DataFrame(again.block.history[0], columns=list(CHANNEL_INDEX)).dropna(how="all")
+        table.insert(0, "time", again.block.times[table.index])
+        return table.reset_index(drop=True)
 
     def explain(self, flight: int, controller: str | None = None, requirement: str | None = None) -> "Explanation":
         """The smallest set of a failing flight's dispersions with which it still fails; see ``abhv-mc explain``."""

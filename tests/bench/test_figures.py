@@ -28,7 +28,7 @@ def test_fields_and_ratios(speed):
         "flights_per_second_per_core": 500.0,
         "ms_per_flight": 2.0,
         "one_at_a_time_ms": 8.0,
-        "abreast_over_one": 4.0,
+        "batched_over_one": 4.0,
         "flops_per_flight": 32_000_000,
         "times_the_floor": 4.0,  # 32 M at 64 G a second: 0.5 ms
     }

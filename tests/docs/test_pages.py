@@ -2,14 +2,17 @@
 
 import ast
 import importlib
+import importlib.util
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 import typer
 
 from abhv_mc.cli.app import app
+from abhv_mc.store.folder import CampaignFolder
 
 ROOT = Path(__file__).parents[2]
 BUILT = ("_build", "generated", ".venv")
@@ -66,6 +69,8 @@ def test_files_and_tests_that_are_named(page: Path) -> None:
         if function:
             tree = ast.parse(text_of(ROOT / name))
             assert function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}, function
+    for name in re.findall(r"`([\w/]+/(?!my_)\w+\.py)`", text_of(page)):  # my_law.py is a reader's
+        assert any((ROOT / folder / name).exists() for folder in ("", "src", "src/abhv_mc")), name
 
 
 def test_files_that_the_code_names() -> None:
@@ -78,6 +83,18 @@ def test_files_that_the_code_names() -> None:
     for source in sources:
         for name in re.findall(r"\bdocs/[\w/-]+\.(?:md|png)\b", text_of(source)):
             assert (ROOT / name).exists(), f"{source.relative_to(ROOT)} names {name}"
+
+
+def test_the_built_site_is_checked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(sys, "path", [str(ROOT / "docs/_ext"), *sys.path])
+    (tmp_path / "a.html").write_text('<h1 id="top">A</h1><a href="b.html#here">b</a><a href="https://x.org">x</a>')
+    (tmp_path / "b.html").write_text('<p id="here"><a href="#there"></a><a href="c.html"></a><img src="//x.org/i.png">')
+    found = sorted(importlib.import_module("check_site").find_faults(tmp_path))
+    assert found == [
+        "b.html links to #there, an anchor that does not exist",
+        "b.html links to c.html, which does not exist",
+        "b.html loads //x.org/i.png",
+    ]
 
 
 def test_every_equation_has_its_function() -> None:
@@ -114,3 +131,67 @@ def test_generated_pages_hold_every_key_metric_and_parameter(monkeypatch: pytest
     assert all(f"| `{name}` |" in by_name["channels.md"] for name in CHANNEL_INDEX)
     assert all(f"| `{p.name}` |" in by_name["parameters.md"] for p in PARAMETERS if "." in p.name)
     assert {f"commands/{name}.md" for name in typer.main.get_command(app).commands} <= set(by_name)
+
+
+def test_everything_in_a_campaigns_folder_is_explained() -> None:
+    page = text_of(ROOT / "docs/reference/results-folder.md")
+    folder = CampaignFolder(Path("x"))
+    for path in (*folder.parts, folder.lock):
+        assert f"`{path.name}" in page, path.name
+
+
+def test_architecture_shows_the_layers_that_are_checked_and_every_folder() -> None:
+    table = text_of(ROOT / "docs/explanation/architecture.md").split("## Layers")[1].split("\n## ")[0]
+    rows = [row.split("|")[1:3] for row in table.splitlines() if row.startswith("| ")][1:]
+    shown = [" : ".join(re.findall(r"`(\w+)`", first)) for first, _ in rows if first.strip()]
+    contracts = tomllib.loads(text_of(ROOT / "pyproject.toml"))["tool"]["importlinter"]["contracts"]
+    checked = [layer.replace("abhv_mc.", "") for layer in contracts[0]["layers"]]
+    assert shown == checked
+
+    named = set(re.findall(r"`([\w.]+)`", table))
+    source = ROOT / "src/abhv_mc"
+    packages = {".".join(init.parent.relative_to(source).parts) for init in source.glob("*/**/__init__.py")}
+    assert packages <= named
+
+
+def test_architecture_names_what_exists() -> None:
+    page = text_of(ROOT / "docs/explanation/architecture.md")
+    seams = page.split("## Names at the seams")[1].split("\n## ")[0]
+    names = re.findall(r"`([a-z]\w*(?:\.\w+)+)\b", seams)
+    assert len(names) > 8
+    for name in names:
+        if name.endswith((".parquet", ".json")):
+            continue
+        module, _, last = name.rpartition(".")
+        found = importlib.import_module(f"abhv_mc.{module}")
+        assert hasattr(found, last) or importlib.util.find_spec(f"abhv_mc.{name}"), name
+
+
+def commands_of(text: str) -> set[tuple[str, tuple[str, ...]]]:
+    """Commands with their options that a text shows in code, blocks and directives, not in benchmarks' tables."""
+    text = re.sub(r"<!-- (\w+) -->.*?<!-- /\1 -->", "", text, flags=re.DOTALL)
+    code = re.findall(r"`([^`\n]+)`|^[ \t$]*(abhv-mc [^\n]*)|command-output\} (abhv-mc [^\n]*)", text, re.MULTILINE)
+    lines = [re.split(r"\s#\s|[|&;>]", "".join(parts))[0] for parts in code]
+    found = (re.search(r"\babhv-mc ([a-z]+)\b(.*)", line) for line in lines)
+    return {(match[1], tuple(re.findall(r"(?<!\S)--?[a-z][a-z-]*", match[2]))) for match in found if match}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
+def test_commands_and_their_options_exist(page: Path) -> None:
+    text = text_of(page)
+    group = typer.main.get_command(app)
+    for name, options in commands_of(text):
+        assert name in group.commands, f"abhv-mc {name}"
+        command = group.commands[name]
+        known = {option for parameter in command.params for option in parameter.opts + parameter.secondary_opts}
+        for inner in getattr(command, "commands", {}).values():  # commands of a command
+            known |= {option for parameter in inner.params for option in parameter.opts + parameter.secondary_opts}
+        assert set(options) <= known | {"--help"}, f"abhv-mc {name} {options}"
+    makefile = text_of(ROOT / "Makefile")
+    for target in re.findall(r"`make ([\w-]+)", text) + re.findall(r"^make ([\w-]+)", text, re.MULTILINE):
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE), f"make {target}"
+    for module in re.findall(r"python -m ((?:benchmarks|studies)[\w.]*)", text):
+        place = ROOT / module.replace(".", "/")
+        assert place.with_suffix(".py").exists() or (place / "__main__.py").exists(), module
+    for script in re.findall(r"python ((?:benchmarks|studies|tests)/[\w/]+\.py)", text):
+        assert (ROOT / script).exists(), script

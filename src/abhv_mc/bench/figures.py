@@ -19,7 +19,7 @@ def make_figures(speed: Speed, start: Start) -> dict[str, Any]:
                 "flights_per_second_per_core": round(1.0 / one.seconds, 1),
                 "ms_per_flight": round(1e3 * one.seconds, 4),
                 "one_at_a_time_ms": round(1e3 * one.alone_seconds, 4),
-                "abreast_over_one": round(one.alone_seconds / one.seconds, 3),
+                "batched_over_one": round(one.alone_seconds / one.seconds, 3),
                 "flops_per_flight": round(one.operations.total),
                 "times_the_floor": round(one.times_the_floor(speed.peak), 3),
             }

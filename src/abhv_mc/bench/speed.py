@@ -1,4 +1,4 @@
-"""Speed of the compiled flight: abreast, alone, on two workers, and against what the core can do.
+"""Speed of the compiled flight: batched, alone, on two workers, and against what the core can do.
 
 Times of one core are the thread's own, so that other programs on the machine count for little; two workers are
 measured by the clock on the wall. The measurements take turns, so that a machine that slows down slows all of them.
@@ -49,7 +49,7 @@ def read_operations() -> dict[str, Operations]:
 class ControllerSpeed:
     """One controller's flights on one core."""
 
-    seconds: float  # a flight, flown abreast
+    seconds: float  # a flight, flown in a batch
     alone_seconds: float  # a flight, one at a time
     operations: Operations
 
@@ -66,7 +66,7 @@ class Speed:
     controllers: dict[str, ControllerSpeed]
     two_workers_over_one: float
     plan: FlightPlan  # of one of them
-    flights: int  # of each controller, flown abreast in all
+    flights: int  # of each controller, flown in batches
 
 
 def measure_speed(repetitions: int, flights: int = 64) -> Speed:
@@ -80,18 +80,18 @@ def measure_speed(repetitions: int, flights: int = 64) -> Speed:
         fly(plan, parameters[:LANES])
         fly(plan, parameters[:1], lanes=1)
     peaks: list[float] = []
-    abreast: dict[str, list[float]] = {name: [] for name in plans}
+    batched: dict[str, list[float]] = {name: [] for name in plans}
     alone: dict[str, list[float]] = {name: [] for name in plans}
     gains: list[float] = []
     for _ in range(repetitions):
         for name, plan in plans.items():
             peaks.append(measure_peak())
-            abreast[name].append(_time(plan, parameters, LANES) / flights)
+            batched[name].append(_time(plan, parameters, LANES) / flights)
             alone[name].append(_time(plan, parameters[:_ALONE], 1) / _ALONE)
         gains.append(_gain_of_two(next(iter(plans.values())), parameters))
     return Speed(
         median(peaks),
-        {name: ControllerSpeed(median(abreast[name]), median(alone[name]), operations[name]) for name in plans},
+        {name: ControllerSpeed(median(batched[name]), median(alone[name]), operations[name]) for name in plans},
         median(gains),
         next(iter(plans.values())),
         flights * repetitions,

@@ -48,7 +48,7 @@ def _print_figures(figures: dict[str, Any], operations: dict[str, dict[str, floa
         rate, floor = one["flights_per_second_per_core"], one["flops_per_flight"] / 1e6
         print(f"\n{name}")
         print(f"  {rate:.0f} flights per second and core, {one['ms_per_flight']:.2f} ms each")
-        print(f"  {one['one_at_a_time_ms']:.2f} ms one at a time: abreast {one['abreast_over_one']:.2f} times as fast")
+        print(f"  {one['one_at_a_time_ms']:.2f} ms one at a time: batched {one['batched_over_one']:.2f} times as fast")
         print(f"  {one['times_the_floor']:.2f} times the floor of {floor:.1f} M operations: {counts}")
     print(f"\ntwo workers fly {figures['two_workers_over_one']:.2f} times as many as one")
     print(f"start to first flight {figures['cold_start_s']:.1f} s cold, {figures['warm_start_s']:.2f} s from the cache")

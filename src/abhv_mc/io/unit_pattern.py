@@ -1,7 +1,8 @@
 """A regular expression for quantities of one dimension, with which an editor checks them while they are typed.
 
-It knows the usual ways to write a unit: one symbol of that dimension ('Pa', 'kt'), or a product of base units in the
-order mass, length, angle, time, divided by others ('kg m2', 'ft/s', '1/s'). The program itself reads more than that.
+It knows the usual ways to write a unit: one symbol of that dimension ('Pa', 'kt'), one derived unit over a base unit
+('MW/m2'), or a product of base units in the order mass, length, angle, time, divided by others ('kg m2', 'ft/s',
+'1/s'). The program itself reads more than that.
 """
 
 from collections.abc import Mapping
@@ -20,6 +21,12 @@ def quantity_pattern(exponents: Exponents, symbols: Mapping[str, Exponents]) -> 
     over = [bases[i] + _POWERS[exponents[i]] for i in _ORDER if exponents[i] > 0]
     under = [bases[i] + _POWERS[-exponents[i]] for i in _ORDER if exponents[i] < 0]
     units = [_alternatives(alone)] if alone else []
+    for derived in sorted({own for own in symbols.values() if own not in {_base(i) for i in range(4)} and any(own)}):
+        too_many = [derived[i] - exponents[i] for i in range(4)]
+        place = max(range(4), key=lambda i: abs(too_many[i]))
+        if too_many[place] in _POWERS and sum(map(abs, too_many)) == too_many[place]:
+            names = _alternatives([symbol for symbol, own in symbols.items() if own == derived])
+            units.append(rf"{names}\s?/\s?{bases[place]}{_POWERS[too_many[place]]}")
     if sum(map(abs, exponents)) > 1 or under:
         units.append(r"[ *·]".join(over) + "".join(r"\s?/\s?" + part for part in under) if over else
                      r"1?\s?" + r"\s?".join("/" + part for part in under))  # fmt: skip

@@ -87,6 +87,7 @@ MASS = Dimension("a mass", "kg", "1372 kg", (0, 1, 0, 0), 1e7)
 INERTIA = Dimension("a moment of inertia", "kg m2", "1.3e6 kg m2", (2, 1, 0, 0), 1e12)
 FORCE = Dimension("a force", "N", "500 kN", (1, 1, -2, 0), 1e9)
 PRESSURE = Dimension("a pressure", "Pa", "95 kPa", (-1, 1, -2, 0), 1e9)
+HEAT_FLUX = Dimension("a heat flux", "W/m2", "5 MW/m2", (0, 1, -3, 0), 1e12)
 DENSITY = Dimension("a density", "kg/m3", "1.225 kg/m3", (-3, 1, 0, 0), 1e3)
 TIME = Dimension("a time", "s", "60 s", (0, 0, 1, 0), 1e6)
 FREQUENCY = Dimension("a rate", "1/s", "10 Hz", (0, 0, -1, 0), 1e5)
@@ -94,7 +95,7 @@ FRACTION = Dimension("a number or a percentage", "-", "10 %", _NONE, 1e6)
 
 DIMENSIONS = (
     LENGTH, AREA, SPEED, ACCELERATION, ANGLE, ANGULAR_RATE, ANGULAR_ACCELERATION, MASS, INERTIA, FORCE, PRESSURE,
-    DENSITY, TIME, FREQUENCY, FRACTION,
+    HEAT_FLUX, DENSITY, TIME, FREQUENCY, FRACTION,
 )  # fmt: skip
 _BY_EXPONENTS = {dimension.exponents: dimension for dimension in DIMENSIONS}
 
@@ -215,6 +216,7 @@ AngularRate = Annotated[float, _parser(ANGULAR_RATE), _writer(ANGULAR_RATE), _sc
 Mass = Annotated[float, _parser(MASS), _writer(MASS), _schema(MASS)]
 Inertia = Annotated[float, _parser(INERTIA), _writer(INERTIA), _schema(INERTIA)]
 Pressure = Annotated[float, _parser(PRESSURE), _writer(PRESSURE), _schema(PRESSURE)]
+HeatFlux = Annotated[float, _parser(HEAT_FLUX), _writer(HEAT_FLUX), _schema(HEAT_FLUX)]
 Time = Annotated[float, _parser(TIME), _writer(TIME), _schema(TIME)]
 Frequency = Annotated[float, _parser(FREQUENCY), _writer(FREQUENCY), _schema(FREQUENCY)]
 Fraction = Annotated[float, _parser(FRACTION), _writer(FRACTION), _schema(FRACTION)]

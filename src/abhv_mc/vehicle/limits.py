@@ -6,9 +6,8 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import BeforeValidator, Field
 
 from abhv_mc.io.documents import StrictModel
-from abhv_mc.io.units import Angle, Pressure, dimension_of, parse_in_unit
+from abhv_mc.io.units import Angle, HeatFlux, Pressure
 
-_HEAT_FLUX = dimension_of("W/m2")
 Positive = Field(gt=0.0)
 
 
@@ -45,12 +44,12 @@ class LoadLimits(StrictModel):
     load_factor: Annotated[float, Positive] | None = Field(
         default=None, description="magnitude of the specific force, in g: a plain number"
     )
-    heat_flux: Annotated[float, BeforeValidator(lambda value: parse_in_unit(value, "W/m2")), Positive] | None = Field(
+    heat_flux: Annotated[HeatFlux, Positive] | None = Field(
         default=None, description="at the stagnation point; needs the vehicle's reference.nose_radius"
     )
     bank: Annotated[Angle, Positive] | None = Field(default=None, description="about the velocity, to either side")
     oscillation: (
-        Annotated[Oscillation, BeforeValidator(_oscillation, json_schema_input_type=str | Oscillation)] | None
+        Annotated[Oscillation, BeforeValidator(_oscillation, json_schema_input_type=Angle | Oscillation)] | None
     ) = Field(default=None, description="greatest ripple: an angle for bank, angle of attack and sideslip, or each")
 
     def bounds(self) -> LoadBounds:

@@ -71,6 +71,20 @@ def test_what_an_editor_should_underline() -> None:
     assert set(METRIC_INDEX) < set(named["enum"]) and "pattern" in own
 
 
+def test_limits_are_text_with_a_unit() -> None:
+    validator = Draft202012Validator(make_schema("mission"))
+    mission = read_document(shipped_folder() / "configs/mission/s_manoeuvre.yaml").data
+    for limits, right in (
+        ({"heat_flux": "5 MW/m2"}, True),
+        ({"heat_flux": 5e6}, False),
+        ({"heat_flux": "5 MW"}, False),
+        ({"oscillation": "5 deg"}, True),
+        ({"oscillation": {"bank": "5 deg"}}, True),
+        ({"oscillation": "5 s"}, False),
+    ):
+        assert validator.is_valid({**mission, "limits": limits}) is right, limits
+
+
 def test_metrics_of_ones_own_are_no_mistake() -> None:
     validator = Draft202012Validator(make_schema("campaign"))
     right = read_document(shipped_folder() / "campaigns/s_manoeuvre.yaml").data
@@ -91,6 +105,7 @@ def test_metrics_of_ones_own_are_no_mistake() -> None:
         ("rad/s2", ["20 deg/s2", "1 rad/s^2"], ["20 deg/s"]),
         ("m2", ["5 m2", "5 ft^2"], ["5 m"]),
         ("kg/m3", ["1.2 kg/m3"], ["1.2 kg"]),
+        ("W/m2", ["5 MW/m2", "100 kW/m^2"], ["5 MW", "5 W/m"]),
     ],
 )
 def test_patterns_agree_with_the_reader(unit: str, texts: list[str], others: list[str]) -> None:

@@ -214,7 +214,7 @@ class Campaign(StrictModel):
     vehicle: File = Field(description="vehicle file, relative to this file")
     mission: File = Field(description="mission file, relative to this file")
     controllers: Annotated[dict[Name, File], Field(min_length=1)] = Field(
-        description="controller files by name; all fly the same samples, and the first is the one on trial"
+        description="controller files by name; all fly the same samples, and the first has to meet the requirements"
     )
     runs: Annotated[int, Field(ge=1, le=2**30)] | None = Field(
         None, description="flights of each controller; left out where the design has its own number"

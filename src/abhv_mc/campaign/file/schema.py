@@ -55,6 +55,8 @@ def _quantity(value: float, unit: str) -> str | float:
     """The shortest text, in this unit or in SI, that is read back as the value."""
     dimension = dimension_of(unit)
     texts = [f"{value / parse_unit(unit)[0]:.{digits}g} {unit}" for digits in range(1, 17)]
+    if value == 0.0:
+        texts.append(f"0 {dimension.unit}")
     read_back = [text for text in texts if parse_quantity(text, dimension) == value]
     return min([*read_back, format_quantity(value, dimension)], key=lambda text: len(str(text)))
 
