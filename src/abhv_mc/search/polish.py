@@ -1,11 +1,13 @@
-"""The last steps to a maximum in a box: slopes and curvatures along each dimension, then steps that they suggest."""
+"""The last steps to a maximum in a box: slopes and curvatures, then the steps that they suggest."""
 
 import numpy as np
 
 from abhv_mc.search.evaluation import Floats, make_generator
+from abhv_mc.search.quadratic import find_top
 from abhv_mc.search.record import Record
 
 _LEAST_STEP = 1e-3  # half widths of the box
+_REACHES = (2.0, 8.0)  # steps: how far away the top of a fitted quadratic may be
 _NEAR_BOUND = 0.9  # beyond it, the bound itself is tried
 
 
@@ -24,7 +26,7 @@ def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> 
         generator = make_generator(seed, 1, iteration)
         around = place + step * generator.standard_normal((filled - 2 * dimension, dimension)) / np.sqrt(dimension)
         values = record.call(np.concatenate([compass, np.clip(around, -1.0, 1.0)]), "polish")
-        steps = _suggest(place, best, compass, values[: 2 * dimension], step)
+        steps = np.array([*_tops(record, place, step), *_suggest(place, best, compass, values[: 2 * dimension], step)])
         room = batch - len(steps)
         if room > 0:  # shorter and longer variants of the suggested steps, dimension by dimension
             factors = generator.uniform(0.0, 1.5, (room, dimension))
@@ -35,7 +37,13 @@ def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> 
         iteration += 1
 
 
-def _suggest(place: Floats, best: float, compass: Floats, values: Floats, step: float) -> Floats:
+def _tops(record: Record, place: Floats, step: float) -> list[Floats]:
+    points, values = np.concatenate(record.points), np.concatenate(record.values)
+    known = np.isfinite(values)
+    return [find_top(points[known], values[known], place, reach * step) for reach in _REACHES] if known.any() else []
+
+
+def _suggest(place: Floats, best: float, compass: Floats, values: Floats, step: float) -> list[Floats]:
     """Places that a parabola in each dimension and the slope suggest."""
     dimension = len(place)
     up, down = values[:dimension], values[dimension:]
@@ -65,4 +73,4 @@ def _suggest(place: Floats, best: float, compass: Floats, values: Floats, step: 
         np.where(np.abs(one) > _NEAR_BOUND, np.sign(one), one) for one in (place, place + newton, place + better)
     ]
     corner = np.where(gradient > 0.0, 1.0, np.where(gradient < 0.0, -1.0, place))
-    return np.array([*found, *snapped, corner])
+    return [*found, *snapped, corner]

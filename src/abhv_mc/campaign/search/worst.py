@@ -19,7 +19,7 @@ from abhv_mc.campaign.search.space import make_space
 from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.search.evaluation import Floats
-from abhv_mc.search.worst import WorstCase, least_evaluations, search_worst
+from abhv_mc.search.worst import WorstCase, choose_batch, least_evaluations, search_worst
 from abhv_mc.store.flights import FlightRows
 
 
@@ -87,7 +87,7 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
         raise InputError("--metric", None, None, f"metric '{settings.metric}'", wanted)
     space = make_space(campaign)
     bounds = space.bounds(settings.box)
-    least = least_evaluations(len(space.names))
+    least = least_evaluations(len(space.names), choose_batch(settings.flights))
     if settings.flights < least:
         raise InputError(
             "--flights", None, None, f"{settings.flights}", f"at least {least} for {len(space.names)} dispersions"
@@ -125,6 +125,6 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
 
 def _fly_random(search: SearchFlights, bounds: Floats, number: int) -> None:
     values = search.space.draw_in_box(bounds, search.seed, number)
-    batch = 8 * 32
+    batch = 512
     for start in range(0, number, batch):
         search.fly(values[start : start + batch], common_seed=True)
