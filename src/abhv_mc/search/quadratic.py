@@ -8,21 +8,21 @@ from scipy.optimize import minimize
 
 from abhv_mc.search.evaluation import Floats
 
-_POINTS = 2.0  # for each coefficient
 _NEAR = 0.05  # squared distance, of the furthest point's, within which all points count about the same
 _RIDGE = 1e-9  # of the points' weight: keeps the fit unique where they are fewer than the coefficients
 
 
-def find_top(points: Floats, values: Floats, place: Floats, radius: float) -> Floats:
+def find_top(points: Floats, values: Floats, place: Floats, radius: float, spread: float = 2.0) -> Floats:
     """The highest place ``[dimension]`` of a quadratic fitted to the points, within ``radius`` in each dimension.
 
-    ``points`` [point, dimension] of the box -1 .. 1 and their finite ``values`` [point]; the nearest ones count most.
+    ``points`` [point, dimension] lie in the box -1 .. 1, their ``values`` [point] are finite. The nearest take part,
+    ``spread`` for each coefficient; the nearer, the more they count.
     """
     dimension = len(place)
     rows, columns = np.triu_indices(dimension)
     number = 1 + dimension + len(rows)
     apart = ((points - place) ** 2).sum(axis=1)
-    near = np.argsort(apart, kind="stable")[: round(_POINTS * number)]
+    near = np.argsort(apart, kind="stable")[: round(spread * number)]
     size = float(np.sqrt(apart[near[-1]])) or 1.0
     moved = (points[near] - place) / size
     terms = np.column_stack([np.ones(len(near)), moved, moved[:, rows] * moved[:, columns]])
