@@ -6,7 +6,7 @@ and `export` read the folder like any campaign's.
 """
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from abhv_mc.campaign.run.progress import Progress
 from abhv_mc.campaign.run.setup import Engine, check_source
 from abhv_mc.campaign.run.trial_flights import fly_trials
 from abhv_mc.campaign.sampling.samples import spread_parameters
-from abhv_mc.campaign.search.severity import not_computed
+from abhv_mc.campaign.search.severity import not_computed, rank_distinct
 from abhv_mc.campaign.search.space import Space, make_space
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
@@ -39,7 +39,8 @@ from abhv_mc.store.plans import read_plan, write_plan
 from abhv_mc.store.provenance import find_commit, find_machine, find_versions
 from abhv_mc.store.samples import write_samples
 
-DRAWN = 3  # flights whose histories a page shows
+_DRAWN = 3  # flights whose histories a page shows
+DRAWN_APART = 0.1  # of the range flown, rms over the parameters: so far apart they lie at least
 _DRAWN_STEP = 0.1  # s
 
 
@@ -153,11 +154,17 @@ class SearchFlights:
         values = np.concatenate([np.column_stack([block.metrics, block.end_time]) for block in blocks])
         return FlightRows(self.plan.controller, first, self.space.columns, samples, outcome, values)
 
-    def draw(self, numbers: Sequence[int]) -> DrawnFlights:
-        """Fly the nominal flight and these again, with their histories."""
+    def draw(self, severities: Floats) -> DrawnFlights:
+        """Fly the nominal flight and the worst of the first ones again, with their histories.
+
+        ``severities`` [flight] of the flights from 0 on; the worst ones that lie apart from each other are drawn.
+        """
         rows = self.rows()
+        numbers = rank_distinct(
+            severities, rows.samples[: len(severities), : len(self.space.names)], _DRAWN, DRAWN_APART
+        )
         nominal = spread_parameters((), np.empty((1, 0)))
-        worst = spread_parameters(rows.names, rows.samples[list(numbers)])
+        worst = spread_parameters(rows.names, rows.samples[numbers])
         every = max(1, round(_DRAWN_STEP / self.plan.timing.tick))
         block = self.executor.fly(self.plan, np.concatenate([nominal, worst]), every)
         return DrawnFlights(tuple(numbers), block.times, block.history)

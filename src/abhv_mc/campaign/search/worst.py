@@ -7,14 +7,13 @@ import numpy as np
 
 from abhv_mc.campaign.run.setup import Engine, make_engine
 from abhv_mc.campaign.search.flights import (
-    DRAWN,
     DrawnFlights,
     SearchFlights,
     SearchRequest,
     open_search,
     read_searched,
 )
-from abhv_mc.campaign.search.severity import Severity, ended_early, rank_distinct
+from abhv_mc.campaign.search.severity import Severity, ended_early
 from abhv_mc.campaign.search.space import make_space
 from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.io.documents import InputError, one_of
@@ -47,6 +46,7 @@ class WorstFound:
     worst: int  # number of the worst flight
     random_worst: int  # number of the worst random flight
     severities: Floats  # [flight]
+    duration: float  # s, of a flight that does not end early
     failed_to_run: int
     drawn: DrawnFlights
 
@@ -116,8 +116,9 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
             int(np.argmax(severities[:searched])),
             searched + int(np.argmax(severities[searched:])),
             severities,
+            severity.duration,
             search.failed_to_run,
-            search.draw(rank_distinct(severities[:searched], rows.samples, DRAWN)),
+            search.draw(severities[:searched]),
         )
         search.finish(found.numbers())
     return found
