@@ -6,8 +6,8 @@ and `export` read the folder like any campaign's.
 """
 
 import contextlib
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,18 +18,19 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
 from abhv_mc.campaign.file.resolve import resolve_campaign
+from abhv_mc.campaign.run.batches import choose_batch
 from abhv_mc.campaign.run.cluster import connect_cluster
 from abhv_mc.campaign.run.executor import Executor, open_executor
 from abhv_mc.campaign.run.progress import Progress
 from abhv_mc.campaign.run.setup import Engine, check_source
 from abhv_mc.campaign.run.trial_flights import fly_trials
 from abhv_mc.campaign.sampling.samples import spread_parameters
-from abhv_mc.campaign.search.severity import not_computed
+from abhv_mc.campaign.search.severity import not_computed, rank_distinct
 from abhv_mc.campaign.search.space import Space, make_space
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.search.evaluation import LANES, Floats, round_up
+from abhv_mc.search.evaluation import Floats
 from abhv_mc.store.flights import DamagedFileError, FlightRows, block_path, flights_schema, read_block, write_block
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.lock import hold_lock
@@ -38,9 +39,9 @@ from abhv_mc.store.plans import read_plan, write_plan
 from abhv_mc.store.provenance import find_commit, find_machine, find_versions
 from abhv_mc.store.samples import write_samples
 
-DRAWN = 3  # flights whose histories a page shows
+_DRAWN = 3  # flights whose histories a page shows
+DRAWN_APART = 0.1  # of the range flown, rms over the parameters: so far apart they lie at least
 _DRAWN_STEP = 0.1  # s
-_LARGEST_CALL = 128  # flights of one call
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,17 @@ class DrawnFlights:
 class SearchFlights:
     """Flies the points of one search, or remembers them; made by :func:`open_search`."""
 
-    def __init__(self, folder: CampaignFolder, campaign: CheckedCampaign, plan: FlightPlan, executor: Executor) -> None:
+    def __init__(
+        self,
+        folder: CampaignFolder,
+        campaign: CheckedCampaign,
+        plan: FlightPlan,
+        executor: Executor,
+        threads: ThreadPoolExecutor,
+    ) -> None:
+        """``threads``: one more than the executor has workers, for the block that is being written."""
+        self._threads, self._writing = threads, Future[Any]()
+        self._writing.set_result(None)
         self.folder, self.campaign, self.plan, self.executor = folder, campaign, plan, executor
         self.space: Space = make_space(campaign)
         self.seed = campaign.model.seed
@@ -115,7 +126,8 @@ class SearchFlights:
         rows = self._remember(first, samples)
         if rows is None:
             rows = self._fly(first, samples)
-            write_block(self.folder.flights, rows, self.schema)
+            self._writing.result()  # the one before: raises what kept it from being written
+            self._writing = self._threads.submit(write_block, self.folder.flights, rows, self.schema)
         else:
             self.remembered += len(samples)
         self.blocks.append(rows)
@@ -135,25 +147,31 @@ class SearchFlights:
 
     def _fly(self, first: int, samples: Floats) -> FlightRows:
         parameters = spread_parameters(self.space.columns, samples)
-        share = min(_LARGEST_CALL, round_up(-(-len(samples) // self.executor.workers), LANES))
+        share = choose_batch(len(samples), self.executor.workers)
         pieces = [parameters[start : start + share] for start in range(0, len(samples), share)]
-        with ThreadPoolExecutor(self.executor.workers) as threads:
-            blocks = list(threads.map(lambda piece: self.executor.fly(self.plan, piece, None), pieces))
+        blocks = list(self._threads.map(lambda piece: self.executor.fly(self.plan, piece, None), pieces))
         outcome = tuple(Outcome(code).code for block in blocks for code in block.outcome)
         values = np.concatenate([np.column_stack([block.metrics, block.end_time]) for block in blocks])
         return FlightRows(self.plan.controller, first, self.space.columns, samples, outcome, values)
 
-    def draw(self, numbers: Sequence[int]) -> DrawnFlights:
-        """Fly the nominal flight and these again, with their histories."""
+    def draw(self, severities: Floats) -> DrawnFlights:
+        """Fly the nominal flight and the worst of the first ones again, with their histories.
+
+        ``severities`` [flight] of the flights from 0 on; the worst ones that lie apart from each other are drawn.
+        """
         rows = self.rows()
+        numbers = rank_distinct(
+            severities, rows.samples[: len(severities), : len(self.space.names)], _DRAWN, DRAWN_APART
+        )
         nominal = spread_parameters((), np.empty((1, 0)))
-        worst = spread_parameters(rows.names, rows.samples[list(numbers)])
+        worst = spread_parameters(rows.names, rows.samples[numbers])
         every = max(1, round(_DRAWN_STEP / self.plan.timing.tick))
         block = self.executor.fly(self.plan, np.concatenate([nominal, worst]), every)
         return DrawnFlights(tuple(numbers), block.times, block.history)
 
     def finish(self, result: dict[str, Any]) -> None:
         """Drop blocks that belong to no batch, write what all flights are, and the result into the manifest."""
+        self._writing.result()
         names = {
             block_path(self.folder.flights, block.controller, block.first, block.stop).name for block in self.blocks
         }
@@ -235,7 +253,8 @@ def open_search(
             write_manifest(folder.manifest, manifest)
         cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
         executor = stack.enter_context(open_executor(engine, campaign.model.execution, request.workers, cluster))
-        search = SearchFlights(folder, campaign, plan, executor)
+        threads = stack.enter_context(ThreadPoolExecutor(executor.workers + 1))
+        search = SearchFlights(folder, campaign, plan, executor, threads)
         with Progress("flights", flights) as search.progress:
             try:
                 yield search
