@@ -15,6 +15,9 @@ def command(
         str, typer.Option(metavar="POINT", help="trim, or a time of the nominal flight such as 30s.")
     ] = "trim",
     bank: Annotated[str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")] = "0",
+    trust_code: Annotated[
+        bool, typer.Option("--trust-code", help="Run Python code of a campaign's folder that you have not flown.")
+    ] = False,
 ) -> None:
     """Write plant, law, open and closed loop about the trim or a time of the nominal flight.
 
@@ -27,7 +30,7 @@ def command(
 
     check_format(out)
     (time, angle) = read_points(at, bank, one=True)
-    ((name, setup),) = read_setup(vehicle, mission, controller, one=True).items()
+    ((name, setup),) = read_setup(vehicle, mission, controller, one=True, trust_code=trust_code).items()
     plan, points = find_point(setup, name, time[0], angle)
     linear = linearise(plan, nominal_parameters(), points)
     write_model(out, make_model(plan, nominal_parameters(), points, linear))

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from abhv_mc.control.controller_file import Controller
     from abhv_mc.control.mission import Mission
     from abhv_mc.flight.plan import FlightPlan
+    from abhv_mc.flight.prepare import OwnParts
     from abhv_mc.stability.analysis import Stability, Time
     from abhv_mc.stability.linearize import Points
     from abhv_mc.vehicle.model import Vehicle
@@ -31,6 +32,7 @@ class Setup(NamedTuple):
     vehicle: "Vehicle"
     mission: "Mission"
     controller: "Controller"
+    own: "OwnParts | None"  # of a law of the user's own
 
 
 def command(
@@ -57,6 +59,9 @@ def command(
     out: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write Bode and Nichols figures here.")
     ] = None,
+    trust_code: Annotated[
+        bool, typer.Option("--trust-code", help="Run Python code of a campaign's folder that you have not flown.")
+    ] = False,
 ) -> None:
     """Print gain, phase and delay margins of each loop (broken at its actuator, the others closed) and of all at once.
 
@@ -71,7 +76,7 @@ def command(
     if out is not None and out.exists() and not out.is_dir():
         raise InputError(out, None, None, "a file", "a folder, or the name of a new one")
     times, angle = read_points(at, bank)
-    setups = read_setup(vehicle, mission, controller)
+    setups = read_setup(vehicle, mission, controller, trust_code=trust_code)
     rows: list[dict[str, Any]] = []
     for name, setup in setups.items():
         for time in times:
@@ -122,8 +127,11 @@ def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], flo
     return times, angle
 
 
-def read_setup(vehicle: str | None, mission: str, controllers: str | None, one: bool = False) -> dict[str, Setup]:
+def read_setup(
+    vehicle: str | None, mission: str, controllers: str | None, one: bool = False, trust_code: bool = False
+) -> dict[str, Setup]:
     """What is to be linearised, by the controllers' names; ``mission`` may be a campaign file. Raises InputError."""
+    from abhv_mc.campaign.file.own_code import check_own_law
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
@@ -137,9 +145,12 @@ def read_setup(vehicle: str | None, mission: str, controllers: str | None, one: 
     if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
         found = "a vehicle without control surfaces or engine"
         raise InputError(paths[0], None, None, found, "one with both, to fly it with a controller")
-    laws = {name: read_controller(file) for name, file in files.items()}
+    for file in files.values():
+        check_own_law(read_controller(file), trust_code)
     announce_compiling()
-    return {name: Setup((*paths, files[name]), packed, asked, law) for name, law in laws.items()}
+    from abhv_mc.flight.prepare import read_law
+
+    return {name: Setup((*paths, file), packed, asked, *read_law(file)) for name, file in files.items()}
 
 
 def _find_files(
@@ -179,7 +190,7 @@ def find_point(setup: Setup, name: str, time: "Time", bank: float) -> "tuple[Fli
 
     parameters = nominal_parameters()
     if time == "trim":
-        plan = make_steady_plan(setup.vehicle, setup.mission, setup.controller, name, bank)
+        plan = make_steady_plan(setup.vehicle, setup.mission, setup.controller, name, bank, setup.own)
         found = trim_points(plan, parameters)
         if found.faults[0]:
             wanted = "a start that this vehicle can be trimmed at"
@@ -204,7 +215,11 @@ def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") 
     from rich.table import Table
 
     from abhv_mc.cli.printing import print_table
+    from abhv_mc.stability.analysis import NO_SLOPES
 
+    if not stability.poles[0].size:
+        print(f"{title}: no margins: {NO_SLOPES}")
+        return
     poles = [pole for pole in stability.poles[0] if pole.imag >= 0.0]
     if not rows[0]["stable"]:
         growing = ", ".join(f"{p.real:+.3f}{f' +- {p.imag:.2f}j' if p.imag else ''}" for p in poles if p.real >= 0.0)
