@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stability.systems import decibels, parameters, read
+from stability.systems import decibels, differences, parameters, read
 
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.prepare import make_plan, read_law
@@ -83,13 +83,6 @@ def test_the_lqr_as_a_file_has_the_margins_of_the_built_in(time, tmp_path):
     np.testing.assert_allclose(own.poles[0], built_in.poles[0], rtol=1e-8, atol=1e-12)
 
 
-def _with_memory(plan, dispersions, states, tick):
-    """The difference of two flights in the order of the closed loop's states."""
-    from stability.test_linearize import _differences
-
-    return _differences(plan, dispersions, tick, states)
-
-
 @pytest.mark.parametrize("law", ["inversion", "filtered"])
 def test_a_small_disturbance_of_an_own_laws_flight_follows_its_linear_model(law, tmp_path):
     plan, _ = plans(CONFIGS / "inversion.yaml" if law == "inversion" else write_law(tmp_path))
@@ -98,7 +91,7 @@ def test_a_small_disturbance_of_an_own_laws_flight_follows_its_linear_model(law,
     dispersions = parameters(2, **common)
     dispersions[1] = parameters(**common, **{f"initial__{name}": value for name, value in errors.items()})
     states = fly(plan, dispersions, record_every=1, keep_states=True).states
-    before, after = (_with_memory(plan, dispersions, states, tick) for tick in (100, 200))
+    before, after = (differences(plan, dispersions, tick, states) for tick in (100, 200))
     expected = before
     for tick in range(100, 200, 5):
         found = flown_points(plan, dispersions[:1], (tick + 2) * plan.timing.tick)
