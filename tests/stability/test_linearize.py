@@ -2,11 +2,18 @@
 
 import numpy as np
 import pytest
-from stability.systems import decibels, flight_plan, linear_at_trim, parameters, stability_at_trim, steady_plan
+from stability.systems import (
+    decibels,
+    differences,
+    flight_plan,
+    linear_at_trim,
+    parameters,
+    stability_at_trim,
+    steady_plan,
+)
 
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.signals import CHANNEL_INDEX
-from abhv_mc.plant import state as s
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.linearize import closed_loop, linearise
 from abhv_mc.stability.points import flown_points, trim_points
@@ -94,17 +101,6 @@ def test_a_banked_trim_turns_as_its_reference_does():
     np.testing.assert_allclose(rates[0, path.CHI], plan.reference[0, 7], atol=1e-10)
 
 
-def _differences(plan, dispersions, tick, states):
-    """What tells two flights apart, in the order of the closed loop's states."""
-    delay = round(dispersions[0, s.parameter_row("sensor.delay") - s.P] / plan.timing.tick)
-    now = states[:, tick]
-    _, memory = replay_law(plan, dispersions, states, tick)
-    actuators = now[:, [14, 17, 15, 18, 16, 19, 20, 21]]
-    old = [path.make_path(states[:, tick - age]) for age in range(1, delay + 1)]
-    everything = np.hstack([path.make_path(now), actuators, memory, *old])
-    return everything[1] - everything[0]
-
-
 @pytest.mark.parametrize(("controller", "delay"), [("tlc", 0.0), ("lqr_retuned", 0.0), ("tlc", 0.03), ("lqr", 0.02)])
 def test_a_small_disturbance_flies_as_the_linear_model_says(controller, delay):
     plan = flight_plan(controller, 3.0)
@@ -114,7 +110,7 @@ def test_a_small_disturbance_flies_as_the_linear_model_says(controller, delay):
     dispersions = parameters(2, **common)
     dispersions[1] = parameters(**common, **{f"initial__{name}": value for name, value in errors.items()})
     states = fly(plan, dispersions, record_every=1, keep_states=True).states
-    before, after = (_differences(plan, dispersions, tick, states) for tick in (100, 200))
+    before, after = (differences(plan, dispersions, tick, states) for tick in (100, 200))
     expected = before
     for tick in range(100, 200, 5):  # the flight settles meanwhile, so that its linear model changes
         found = flown_points(plan, dispersions[:1], (tick + 2) * plan.timing.tick)

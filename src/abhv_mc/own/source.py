@@ -147,9 +147,14 @@ def check_defaults(law: Law, kind: Any, words: str, needed: bool, line_of: Calla
         if name not in defaults and needed:
             found = f"no value for '{name}' at the start"
             raise InputError(file, line_of(words, name), None, found, f"{name}: float = 0.0")
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if not is_number(value):
             found = f"{value!r:.40} for '{name}'"
             raise InputError(file, line_of(words, name), None, found, "a finite number")
+
+
+def is_number(value: object) -> bool:
+    """Whether a default is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def field_error(file: str, line: int | None, column: int | None, of: str, name: str, known: Any) -> InputError:

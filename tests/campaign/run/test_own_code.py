@@ -1,15 +1,19 @@
 """A campaign with code of its own: the same digest however it is flown, and nobody's code runs unasked."""
 
 import dataclasses
+import json
 import shutil
 from pathlib import Path
 
 import pytest
+from campaign.run.test_cluster import Dask
 
 from abhv_mc.campaign.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.run.merge import merge_campaign
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request, make_engine
+from abhv_mc.cli import linearize, margins
 from abhv_mc.flight.fly import fly
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.report.build import build_report
@@ -86,6 +90,29 @@ def test_workers_resume_and_replay_give_the_same_digest(study, tmp_path):
     assert "Late bank swing" in build_report(tmp_path / "two").read_text()
 
 
+def test_shards_and_a_cluster_give_the_same_digest(study, tmp_path, capfd):
+    """With margins, whose steady flight needs the law, too; the merging user must have flown it, or trust it."""
+    pytest.importorskip("distributed")
+    file = study(32)
+    file.write_text(file.read_text() + "margins: {at: [trim, 1 s], flights: 20}\n")
+    whole = run_campaign(Request(file, tmp_path / "whole", workers=1), threads()).manifest
+    parts = [tmp_path / "part1", tmp_path / "part2"]
+    for i, part in enumerate(parts, 1):
+        run_campaign(Request(file, part, shard=(i, 2), workers=1), threads())
+    merged = merge_campaign(parts, tmp_path / "merged", threads())
+    assert merged.manifest["digest"] == whole["digest"]
+    stability = [json.loads((tmp_path / name / "margins.json").read_text()) for name in ("whole", "merged")]
+    assert stability[0] == stability[1] and set(stability[0]["controllers"]) == {"mine", "lqr"}
+    assert stability[0]["controllers"]["mine"]["nominal"][0]["stable"]
+    cluster = Dask(tmp_path)
+    try:
+        cluster.start_worker()
+        flown = run_campaign(Request(file, tmp_path / "cluster", scheduler=cluster.address), make_engine()).manifest
+    finally:
+        cluster.close()
+    assert flown["digest"] == whole["digest"]
+
+
 def test_another_text_is_another_campaign(study, tmp_path):
     run_campaign(Request(study(), tmp_path / "out", runs=4), threads())
     law = tmp_path / "law.py"
@@ -122,10 +149,17 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):
         replay_flight(out, "mine", 1, fly)
     with pytest.raises(InputError, match="--trust-code"):
         run_campaign(Request(out / "campaign.yaml", tmp_path / "again", runs=4), threads())
+    options = {"vehicle": None, "controller": "mine", "bank": "0"}
+    with pytest.raises(InputError, match="--trust-code"):
+        margins.command(str(out / "campaign.yaml"), at="trim", json=None, out=None, **options)
+    controller = str(out / "inputs" / "controllers" / "mine" / "law.yaml")
+    with pytest.raises(InputError, match="--trust-code"):
+        linearize.command("level", tmp_path / "model.npz", "ghame_x", controller)
     assert not ran.exists()
     assert not (tmp_path / "again").exists()
-    assert replay_flight(out, "mine", 1, fly, trust_code=True).differences == ()
+    linearize.command("level", tmp_path / "model.npz", "ghame_x", controller, trust_code=True)
     assert ran.exists()
+    assert replay_flight(out, "mine", 1, fly, trust_code=True).differences == ()
 
 
 BAD = [

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from abhv_mc.campaign.file.config import Campaign
-from abhv_mc.control.controller_file import PythonController, read_controller
+from abhv_mc.control.controller_file import Controller, PythonController, read_controller
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import InputError, read_document
 from abhv_mc.own.source import OwnSource, read_source
@@ -47,6 +47,12 @@ def read_own_code(campaign: Campaign) -> list[OwnSource]:
             controller = read_controller(path)
             files += [controller.file] if isinstance(controller, PythonController) else []
     return [read_source(file) for file in files]
+
+
+def check_own_law(controller: Controller, trusted: bool = False) -> None:
+    """Raise InputError for a controller whose code is a folder's copy that this user has not flown, nor trusts."""
+    if isinstance(controller, PythonController) and is_in_a_folder(controller.file):
+        check_trusted(read_source(controller.file), trusted)
 
 
 def is_in_a_folder(file: Path) -> bool:

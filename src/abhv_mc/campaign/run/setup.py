@@ -72,7 +72,8 @@ class Engine:
     prepare: Prepare
     fly: Fly
     source: str  # hash of the code that flies: two of them never share a campaign
-    find_stability: Callable[[CheckedCampaign], dict[str, Any]] | None = None  # what margins.json holds
+    # what margins.json holds
+    find_stability: Callable[[CheckedCampaign, dict[str, FlightPlan]], dict[str, Any]] | None = None
     checked: bool = False  # whether ``source`` is what cache.source_hash() must give on every machine
     isolation: str = THREADS  # where "auto" flies; processes need a ``fly`` that can be imported
     device: str = "cpu"  # or the name of a GPU

@@ -22,6 +22,7 @@ from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.prepare import own_parts_of
 from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.io.documents import InputError
 from abhv_mc.plant.vehicles import load_vehicle
@@ -127,7 +128,11 @@ class Trials:
             return none
         try:
             steady = make_steady_plan(
-                load_vehicle(model.vehicle), read_mission(model.mission), candidate.controller, self.name
+                load_vehicle(model.vehicle),
+                read_mission(model.mission),
+                candidate.controller,
+                self.name,
+                own=own_parts_of(candidate.plan),
             )
         except (InputError, np.linalg.LinAlgError):
             return none
