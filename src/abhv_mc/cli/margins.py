@@ -153,8 +153,11 @@ def _find_files(
     names = [name.strip() for name in controllers.split(",")] if controllers else []
     if Path(mission).is_file() and find_kind(Path(mission)) == "campaign":
         from abhv_mc.campaign.file.check import read_campaign
+        from abhv_mc.campaign.file.own_code import check_own_code
 
-        model = read_campaign(mission).model
+        campaign = read_campaign(mission)
+        check_own_code(campaign)
+        model = campaign.model
         known = {name: Path(file) for name, file in model.controllers.items()}
         for name in names:
             if name not in known:

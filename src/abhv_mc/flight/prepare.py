@@ -29,7 +29,8 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.own.design import DesignModel, design_gains
 from abhv_mc.own.settings import make_own_settings
-from abhv_mc.own.source import Law, load_law, read_source
+from abhv_mc.own.source import Law, load_law
+from abhv_mc.own.trust import read_trusted
 from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.trim import GRAVITY, TrimPoint
@@ -53,7 +54,7 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
     document, law = read_controller_document(controller)
     own = None
     if isinstance(law, PythonController):
-        loaded = load_law(read_source(law.file))
+        loaded = load_law(read_trusted(law.file))
         own = OwnParts(loaded, make_own_settings(document, law, loaded))
     if isinstance(law, TlcController) and not has_authority(packed, asked):
         found = "deflections that do not turn the vehicle about three axes"

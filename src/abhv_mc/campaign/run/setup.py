@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
-from abhv_mc.campaign.file.own_code import is_in_a_folder, read_own_code, read_trusted_plan
+from abhv_mc.campaign.file.own_code import check_own_code, read_trusted_plan
 from abhv_mc.campaign.file.possible import find_impossible
 from abhv_mc.campaign.file.resolve import (
     ResolvedCampaign,
@@ -31,8 +31,7 @@ from abhv_mc.campaign.run.trial_flights import fly_trials
 from abhv_mc.flight.own_law import open_law
 from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.io.documents import Document, InputError
-from abhv_mc.own.source import read_source
-from abhv_mc.own.trust import check_trusted, trust
+from abhv_mc.own.trust import read_trusted, trust
 from abhv_mc.stability.metrics import MarginPlan
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import FileHashes, read_checked, record_hashes, refuse_links
@@ -125,11 +124,8 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     """
     wanted = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
     folder = CampaignFolder(request.out or Path("reports") / wanted.model.name)
-    for source in read_own_code(wanted.model):
-        if is_in_a_folder(Path(source.file)):
-            check_trusted(source, request.trust_code)
-        else:  # his own file: he has flown it
-            trust(source)
+    for source in check_own_code(wanted, request.trust_code):
+        trust(source)  # his own file: he has flown it
     _check_shard(request, wanted)
     started = folder.manifest.exists()
     unknown = [] if started else folder.unknown_files()
@@ -260,13 +256,14 @@ def check_source(folder: CampaignFolder, manifest: dict[str, Any], engine: Engin
 
 
 def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) -> dict[str, FlightPlan]:
-    """The plans of some of a campaign's controllers, with what it declares."""
+    """The plans of some of a campaign's controllers, with what it declares. Raises InputError."""
     model = campaign.model
+    check_own_code(campaign)
     made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
     plans = {name: replace(plan, declared=campaign.declared) for name, plan in made.items()}
     if model.channels is None:
         return plans
-    channels = read_source(model.channels)
+    channels = read_trusted(model.channels)
     plans = {name: replace(plan, channels_source=channels, channels_hash=channels.hash) for name, plan in plans.items()}
     for plan in plans.values():
         with open_law(plan, LANES):  # compiled now, before anything is written

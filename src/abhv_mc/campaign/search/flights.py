@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.file.own_code import check_own_code
 from abhv_mc.campaign.file.resolve import resolve_campaign
 from abhv_mc.campaign.run.cluster import connect_cluster
 from abhv_mc.campaign.run.executor import Executor, open_executor
@@ -59,6 +60,7 @@ class SearchRequest:
 def read_searched(request: SearchRequest) -> tuple[CheckedCampaign, str]:
     """The campaign and the controller that is searched. Raises InputError."""
     campaign = read_campaign(request.campaign, None, request.seed)
+    check_own_code(campaign)
     controllers = campaign.model.controllers
     name = request.controller or next(iter(controllers))
     if name not in controllers:
