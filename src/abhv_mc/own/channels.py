@@ -42,7 +42,7 @@ def compile_channels(source: OwnSource, width: int) -> Any:
         raise InputError(source.file, None, None, f"{len(functions)} channels", f"1 to {MAX_CHANNELS}")
     tree = ast.parse(source.text)
     nodes = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
-    for name, function in functions.items():
+    for function in functions.values():
         node = find_function(source.file, nodes, function)
         check_functions(source.file, node, nodes, module.names)
         for argument in inspect.signature(function).parameters:

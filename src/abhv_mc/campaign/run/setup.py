@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -236,7 +237,7 @@ def _resume(
         manifest["files"] = files.listed()
         write_manifest(folder.manifest, manifest)
     plans = {
-        name: _mend_plan(folder, campaign, name, engine, files, request.trust_code)
+        name: mend_plan(folder, name, files, partial(_make_plan, campaign, name, engine), request.trust_code)
         for name in campaign.model.controllers
     }
     manifest["warnings"] = find_warnings(plans, campaign)
@@ -271,6 +272,10 @@ def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) 
     return plans
 
 
+def _make_plan(campaign: CheckedCampaign, name: str, engine: Engine) -> FlightPlan:
+    return make_plans(campaign, [name], engine)[name]
+
+
 def _take_plans(
     root: Path | None, resolved: ResolvedCampaign, names: tuple[str, ...], engine: Engine, trust_code: bool
 ) -> dict[str, FlightPlan]:
@@ -287,13 +292,13 @@ def _take_plans(
     return {name: read_trusted_plan(source, name, trust_code) for name in names}
 
 
-def _mend_plan(
-    folder: CampaignFolder, campaign: CheckedCampaign, name: str, engine: Engine, files: FileHashes, trust_code: bool
+def mend_plan(
+    folder: CampaignFolder, name: str, files: FileHashes, make: Callable[[], FlightPlan], trust_code: bool = False
 ) -> FlightPlan:
     """The stored plan; where it is damaged, a new one that is the same to the bit. Raises InputError without one."""
     path = folder.plan(name)
     if not files.holds(path) and files.knows(path):
-        again = make_plans(campaign, [name], engine)[name]
+        again = make()
         if not files.is_content(path, pack_plan(again)):
             found = "a damaged plan, and here it comes out otherwise"
             wish = "the plan as it was written: restore it, or --fresh to delete what was flown and fly it anew"
