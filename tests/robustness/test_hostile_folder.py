@@ -178,7 +178,7 @@ def test_links_in_circles_to_devices_and_to_nothing(flown, folder, abhv_mc, name
         assert "Traceback" not in said and code in (0, 1, 2), (words, said)
 
 
-@pytest.mark.parametrize("key", ["vehicle", "mission", "controllers", "sampling"])
+@pytest.mark.parametrize("key", ["vehicle", "mission", "controllers", "sampling", "channels", "metrics"])
 @pytest.mark.parametrize("place", ["{outside}", "../../../{outside.name}"])
 def test_a_campaign_that_leads_out_of_its_folder(flown, folder, abhv_mc, tmp_path, key, place):
     outside = tmp_path / "secret.yaml"
@@ -189,6 +189,8 @@ def test_a_campaign_that_leads_out_of_its_folder(flown, folder, abhv_mc, tmp_pat
         changed = text.replace("inputs/controllers/one/one.yaml", where)
     elif key == "sampling":
         changed = text.replace("sampling: random", f"sampling: {{design: file, path: {where}}}")
+    elif key in ("channels", "metrics"):
+        changed = f"{text}{key}: {where}\n"
     else:
         changed = text.replace(f"inputs/{key}/{key}.yaml", where)
     assert changed != text

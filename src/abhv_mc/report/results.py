@@ -20,8 +20,8 @@ from abhv_mc.statistics.judgement import Rules
 from abhv_mc.store.envelopes import QUANTILE_COLUMNS
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import data_files, read_checked
-from abhv_mc.store.margins_check import read_margins
 from abhv_mc.store.manifest import COMPLETE, read_manifest
+from abhv_mc.store.margins_check import read_margins
 from abhv_mc.vehicle.arrays import Floats
 
 BANDS = ("min", *QUANTILE_COLUMNS, "max")
