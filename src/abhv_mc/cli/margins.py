@@ -119,7 +119,7 @@ def read_setups(
     from abhv_mc.io.input_error import InputError
     from abhv_mc.linearising import read_setup
 
-    paths, files = _find_files(vehicle, mission, controllers)
+    paths, files = _find_files(vehicle, mission, controllers, trust_code)
     if one and len(files) > 1:
         raise InputError("--controller", None, None, ", ".join(files), "one controller")
     for file in files.values():
@@ -130,7 +130,7 @@ def read_setups(
 
 
 def _find_files(
-    vehicle: str | None, mission: str, controllers: str | None
+    vehicle: str | None, mission: str, controllers: str | None, trust_code: bool
 ) -> tuple[tuple[Path, Path], dict[str, Path]]:
     """Files of the vehicle and the mission, and those of the controllers by name."""
     from abhv_mc.campaign.file.inputs import find_kind
@@ -140,8 +140,11 @@ def _find_files(
     names = [name.strip() for name in controllers.split(",")] if controllers else []
     if Path(mission).is_file() and find_kind(Path(mission)) == "campaign":
         from abhv_mc.campaign.file.check import read_campaign
+        from abhv_mc.campaign.file.own_code import check_own_code
 
-        model = read_campaign(mission).model
+        campaign = read_campaign(mission)
+        check_own_code(campaign, trust_code)
+        model = campaign.model
         known = {name: Path(file) for name, file in model.controllers.items()}
         for name in names:
             if name not in known:

@@ -7,11 +7,14 @@ from numpy.typing import NDArray
 
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.number_table import read_number_table
+from abhv_mc.io.units import LENGTH, SPEED
 
 ALTITUDE = "altitude_m"
 WIND = ("wind_north_mps", "wind_east_mps")  # that the air blows towards
 DENSITY = ("density_factor",)
 _MAX_ROWS = 500
+_MAX_BYTES = 20_000_000
+_LARGEST = {ALTITUDE: LENGTH.largest, **dict.fromkeys(WIND, SPEED.largest), DENSITY[0]: 1e3}
 
 
 def read_air_table(path: Path, columns: tuple[str, ...]) -> NDArray[np.float64]:
@@ -20,7 +23,7 @@ def read_air_table(path: Path, columns: tuple[str, ...]) -> NDArray[np.float64]:
     Raises :class:`InputError` for anything but at least two rising altitudes and finite numbers, a factor on the
     density above zero.
     """
-    table = read_number_table(path, (ALTITUDE, *columns))
+    table = read_number_table(path, {name: _LARGEST[name] for name in (ALTITUDE, *columns)}, _MAX_BYTES)
     table.check_rising(ALTITUDE, "m")
     rows = table.values
     if columns == DENSITY:

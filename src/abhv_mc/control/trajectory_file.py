@@ -7,8 +7,10 @@ from numpy.typing import NDArray
 
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.number_table import read_number_table
+from abhv_mc.io.units import LENGTH, SPEED, TIME
 
 COLUMNS = ("time_s", "altitude_m", "speed_mps", "heading_deg")
+_LARGEST = dict(zip(COLUMNS, (TIME.largest, LENGTH.largest, SPEED.largest, 1e4), strict=True))
 _MAX_BYTES = 20_000_000
 
 
@@ -18,7 +20,7 @@ def read_trajectory(path: str | Path, duration: float) -> NDArray[np.float64]:
     Raises :class:`InputError` for anything but rising times from 0 to at least ``duration`` (s), finite numbers,
     positive speeds and four samples.
     """
-    table = read_number_table(Path(path), COLUMNS, _MAX_BYTES)
+    table = read_number_table(Path(path), _LARGEST, _MAX_BYTES)
     samples = table.values
     table.check_rising("time_s", "s")
     for row in np.flatnonzero(samples[:, 2] <= 0.0)[:1]:

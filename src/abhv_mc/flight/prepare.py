@@ -29,7 +29,8 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.own.design import DesignModel, design_gains
 from abhv_mc.own.settings import make_own_settings
-from abhv_mc.own.source import Law, load_law, read_source
+from abhv_mc.own.source import Law, load_law
+from abhv_mc.own.trust import read_trusted
 from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.trim import GRAVITY, TrimPoint
@@ -76,7 +77,7 @@ def read_law(controller: Path) -> tuple[Controller, OwnParts | None]:
     document, law = read_controller_document(controller)
     if not isinstance(law, PythonController):
         return law, None
-    loaded = load_law(read_source(law.file))
+    loaded = load_law(read_trusted(law.file))
     return law, OwnParts(loaded, make_own_settings(document, law, loaded))
 
 

@@ -2,7 +2,7 @@
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,10 +36,13 @@ class NumberTable:
             raise self.error(int(row), name, f"the {quantity} {values[row]:g} {unit}", f"{quantity}s that rise")
 
 
-def read_number_table(path: Path, wanted: Sequence[str] | None = None, max_bytes: int = 200_000_000) -> NumberTable:
-    """The columns ``wanted`` of a file, in that order; all of its columns where None.
+def read_number_table(
+    path: Path, wanted: Mapping[str, float] | None = None, max_bytes: int = 200_000_000
+) -> NumberTable:
+    """The columns ``wanted`` of a file, in that order, each with the largest magnitude there may be; all where None.
 
-    Raises :class:`InputError` for a missing column, a column twice, a row too short and what is no finite number.
+    Raises :class:`InputError` for a missing column, a column twice, a row too short, what is no finite number and what
+    is larger.
     """
     if path.stat().st_size > max_bytes:
         raise InputError(path, None, None, "a very large file", f"at most {max_bytes // 1_000_000} MB")
@@ -56,20 +59,20 @@ def read_number_table(path: Path, wanted: Sequence[str] | None = None, max_bytes
             twice = [name for name in names if header.count(name) > 1]
             if twice:
                 raise InputError(path, 1, None, f"the column {twice[0]} twice", "each column once")
-            places = [header.index(name) for name in names]
+            places = [(header.index(name), math.inf if wanted is None else wanted[name]) for name in names]
             for cells in reader:
                 if not cells:
                     continue
                 if wanted is None and len(cells) != len(header):
                     raise InputError(path, reader.line_num, None, f"{len(cells)} cells", f"{len(header)} cells")
-                rows.append([_number(path, reader.line_num, cells, place) for place in places])
+                rows.append([_number(path, reader.line_num, cells, place, most) for place, most in places])
                 lines.append(reader.line_num)
     except (UnicodeDecodeError, csv.Error, OSError) as error:
         raise InputError(path, None, None, str(error), "a CSV file of numbers in UTF-8") from None
     return NumberTable(path, names, np.array(rows, dtype=np.float64).reshape(len(rows), len(names)), tuple(lines))
 
 
-def _number(path: Path, line: int, cells: list[str], place: int) -> float:
+def _number(path: Path, line: int, cells: list[str], place: int, most: float) -> float:
     text = cells[place].strip() if place < len(cells) else ""
     try:
         value = float(text)
@@ -77,6 +80,8 @@ def _number(path: Path, line: int, cells: list[str], place: int) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise InputError(path, line, _column(cells, place), f"'{text}'", "a finite number")
+    if abs(value) > most:
+        raise InputError(path, line, _column(cells, place), f"'{text}'", f"a magnitude of at most {most:g}")
     return value
 
 

@@ -10,12 +10,18 @@ from campaign.run.test_cluster import Dask
 
 from abhv_mc.campaign.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.run.estimate import estimate_campaign
 from abhv_mc.campaign.run.merge import merge_campaign
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request, make_engine
+from abhv_mc.campaign.search.flights import SearchRequest
+from abhv_mc.campaign.search.tune import TuneRequest, tune_controller
+from abhv_mc.campaign.search.worst import WorstSettings, find_worst
 from abhv_mc.cli import linearize, margins
 from abhv_mc.flight.fly import fly
+from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError, InputErrors
+from abhv_mc.own.source import load_law, read_source
 from abhv_mc.report.build import build_report
 from abhv_mc.report.results import read_results
 from abhv_mc.store.manifest import read_manifest
@@ -160,6 +166,92 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):
     linearize.command("level", tmp_path / "model.npz", "ghame_x", controller, trust_code=True)
     assert ran.exists()
     assert replay_flight(out, "mine", 1, fly, trust_code=True).differences == ()
+
+
+def folder_named(place, law, text):
+    """A folder made by hand, as an attacker may: ``place`` is what its controller file names."""
+    root = law.parent / "handed" / "out"
+    (root / "inputs/controllers/mine/a/b/c/d").mkdir(parents=True)
+    (root / "manifest.json").write_text("{}")
+    (root / "inputs/controllers/mine/law.yaml").write_text(text.replace("law.py", place))
+    beside = root.parent / "code.py"
+    beside.write_text(law.read_text())
+    (root / "inputs/controllers/mine/a/b/c/d/deep.py").write_text(law.read_text())
+    (root / "inputs/controllers/mine/link.py").symlink_to(beside)
+    return root
+
+
+PLACES = ["a/b/c/d/deep.py", "link.py", "../../../../code.py", "{beside}"]
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_no_command_runs_code_that_a_folder_names(study, tmp_path, monkeypatch, place):
+    """Not from deep in it, not through a link, not out of it; whatever else may be wrong with such a folder."""
+    ran = tmp_path / "ran"
+    law = tmp_path / "law.py"
+    law.write_text(law.read_text() + f"\nopen({str(ran)!r}, 'w').close()\n")
+    root = folder_named(place.format(beside=tmp_path / "handed/code.py"), law, (tmp_path / "law.yaml").read_text())
+    text = study(4).read_text().replace("law.yaml", "inputs/controllers/mine/law.yaml")
+    entry = "{of: bank_error_deg, statistic: max}"
+    text = text.replace("mission: mission", f"mission: {tmp_path}/mission").replace("channels: channels.py\n", "")
+    text = text.replace("twist_max: {of: twist, statistic: max_abs}", f"twist_max: {entry}")
+    (root / "campaign.yaml").write_text(text)
+    campaign = root / "campaign.yaml"
+    with pytest.raises(InputError, match="--trust-code"):
+        run_campaign(Request(campaign, tmp_path / "again", runs=4), threads())
+    search = SearchRequest(campaign, tmp_path / "search")
+    with pytest.raises(InputError, match="--trust-code"):
+        find_worst(search, WorstSettings("bank_error_settled_max_deg", flights=64), threads())
+    with pytest.raises(InputError, match="--trust-code"):
+        tune_controller(TuneRequest(campaign, tmp_path / "new.yaml"), threads())
+    with pytest.raises(InputError, match="--trust-code"):
+        estimate_campaign(read_campaign(campaign), threads())
+    if "{" not in place:  # which is a path of the user's own as well as of anybody's
+        with pytest.raises(InputError, match="--trust-code"):
+            prepare(*vehicle_and_mission(tmp_path, text), root / "inputs/controllers/mine/law.yaml", "mine")
+    assert not ran.exists() and not (tmp_path / "again").exists()
+
+
+def vehicle_and_mission(folder, text):
+    line = next(line for line in text.splitlines() if line.startswith("vehicle: "))
+    return Path(line.removeprefix("vehicle: ")), folder / "mission.yaml"
+
+
+def test_line_ends_of_another_system_change_nothing(study, tmp_path):
+    law = tmp_path / "law.py"
+    law.write_bytes(law.read_bytes().replace(b"\n", b"\r\n"))
+    first = run_campaign(Request(study(4), tmp_path / "out"), threads()).manifest
+    longer = run_campaign(Request(study(8), tmp_path / "out"), threads()).manifest  # with the folder's copy
+    assert first["state"] == longer["state"] == "complete"
+
+
+MODULES = {
+    "import sys; sys.exit(0)": "SystemExit",
+    "raise KeyError('x')": "KeyError",
+    "x = " + "(" * 300 + ")" * 300: "Python",
+    "x = " + "-" * 100_000 + "1": "",
+    "from abhv_mc.extend import controller\nlaw = controller(lambda actual: 1)": "",
+    "from abhv_mc.extend import controller\nif True:\n    @controller\n    def law(actual):\n        return 1": "",
+    "from abhv_mc.extend import controller\n@controller\nclass Law:\n    pass": "",
+    "from abhv_mc.extend import controller\n@controller\nasync def law(actual):\n    return 1": "",
+    "\x00": "",
+    "#" * 3_000_000: "more than",
+}
+
+
+@pytest.mark.parametrize("text", MODULES, ids=lambda text: repr(text[:40]))
+def test_odd_laws_are_refused_in_words(tmp_path, text):
+    file = tmp_path / "law.py"
+    file.write_text(text)
+    with pytest.raises(InputError) as refused:
+        load_law(read_source(file))
+    assert MODULES[text] in str(refused.value) and len(str(refused.value)) < 2000
+
+
+def test_a_law_that_is_no_plain_file(tmp_path):
+    for place in (tmp_path, Path("/dev/zero"), tmp_path / "nowhere"):
+        with pytest.raises(InputError):
+            read_source(place)
 
 
 BAD = [

@@ -185,8 +185,7 @@ def _references_of(data: Any) -> Iterator[str]:
     if isinstance(data, dict):
         controllers, sampling = data.get("controllers"), data.get("sampling")
         named = [
-            data.get("vehicle"),
-            data.get("mission"),
+            *(data.get(key) for key in ("vehicle", "mission", "channels", "metrics")),
             *(controllers.values() if isinstance(controllers, dict) else ()),
         ]
         named.append(sampling.get("path") if isinstance(sampling, dict) else None)

@@ -12,11 +12,10 @@ import numpy as np
 
 from abhv_mc.campaign.envelopes.collector import merge_states
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.own_code import read_own_code
+from abhv_mc.campaign.file.own_code import check_own_code
 from abhv_mc.campaign.run.runner import RunResult, run_campaign
 from abhv_mc.campaign.run.setup import Engine, Request
 from abhv_mc.io.documents import InputError
-from abhv_mc.own.trust import check_trusted
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.folder import CampaignFolder, write_whole
 from abhv_mc.store.hashes import find_damage, read_checked
@@ -48,8 +47,7 @@ def merge_campaign(
         damaged |= _find_damaged_flights(folder)
     if out.exists() and any(out.iterdir()):
         raise InputError(out, None, None, "a folder that is not empty", "a new or an empty one")
-    for source in read_own_code(read_campaign(first.campaign).model):
-        check_trusted(source, trust_code)  # flights are flown again for their histories
+    check_own_code(read_campaign(first.campaign), trust_code)  # flights are flown again for their histories
     with ExitStack() as stack:
         for folder in folders:
             stack.enter_context(hold_lock(folder.lock))
