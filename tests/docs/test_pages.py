@@ -78,10 +78,13 @@ def test_files_that_the_code_names() -> None:
         *ROOT.glob("src/**/*.py"),
         *ROOT.glob("benchmarks/**/*.py"),
         *ROOT.glob("studies/*.py"),
-        ROOT / "Makefile",
+        *ROOT.glob("tests/**/*.py"),
+        *ROOT.glob("c*/**/*.yaml"),
+        *(ROOT / name for name in ("Makefile", "NOTICE", "pyproject.toml", ".ci/run", ".ci/dist")),
     ]
+    folders = "src|tests|docs|configs|campaigns|benchmarks|studies"
     for source in sources:
-        for name in re.findall(r"\bdocs/[\w/-]+\.(?:md|png)\b", text_of(source)):
+        for name in re.findall(rf"\b(?:{folders})/[\w/.-]+\.(?:py|md|png|yaml|csv)\b", text_of(source)):
             assert (ROOT / name).exists(), f"{source.relative_to(ROOT)} names {name}"
 
 
