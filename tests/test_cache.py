@@ -1,6 +1,7 @@
 """Where compiled code is kept: never stale, never where somebody else could have put it."""
 
 import os
+import pwd
 import shutil
 import stat
 import tempfile
@@ -11,6 +12,8 @@ import pytest
 
 import abhv_mc
 from abhv_mc import cache
+from abhv_mc.own import trust
+from abhv_mc.own.source import OwnSource
 
 PACKAGE = Path(abhv_mc.__file__).parent
 LAYERS = ["cache.py", "jit.py", "jit_cuda.py", "numerics", "world", "vehicle", "plant", "control", "flight"]
@@ -119,6 +122,32 @@ def test_a_folder_of_another_user_is_not_used(temporary, monkeypatch):
     planted = guessed(temporary)
     planted.mkdir(mode=0o700)  # whoever this process is, it is not that user
     assert planted not in cache.cache_folder("private").parents
+
+
+def test_a_user_without_a_home_is_no_obstacle(temporary, monkeypatch):
+    """No HOME, and a user id that the password file does not know, as in a container."""
+    for name in ("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
+        monkeypatch.delenv(name, raising=False)
+
+    def nobody(uid):
+        raise KeyError(uid)
+
+    monkeypatch.setattr(pwd, "getpwuid", nobody)
+    assert cache.cache_folder("private").parent == guessed(temporary)
+    source = OwnSource("text", "law.py")
+    trust.trust(source)
+    assert not trust.is_trusted(source)
+
+
+@pytest.mark.parametrize("opened", ["", "abhv-mc", "abhv-mc/name"])
+def test_a_home_that_others_may_write_to_keeps_no_code(temporary, monkeypatch, tmp_path, opened):
+    """HOME=/tmp, say: what lies in .cache there may be anybody's."""
+    home = tmp_path / "home"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(home))
+    folder = cache.cache_folder("private")
+    assert home in folder.parents
+    (home / opened.replace("name", folder.name)).chmod(0o777)
+    assert home not in cache.cache_folder("private").parents
 
 
 def test_a_lock_follows_no_link(tmp_path):

@@ -8,6 +8,8 @@ In a notebook::
     results = abhv_mc.open_results("reports/campaign")  # what was flown before
     flight = abhv_mc.fly("turn", "ghame_x", {"base": "tlc", "limits.bank": "60 deg"}, {"aero.drag": 1.1})
     table = abhv_mc.trim("ghame_x", bank=["0 deg", "50 deg"])
+    table = abhv_mc.margins("level", "ghame_x", "tlc", at="trim")
+    model = abhv_mc.linearize("level", "ghame_x", "tlc", at="30 s")
 
 Importing this package is cheap: what is heavy is imported where it is used.
 """
@@ -15,11 +17,12 @@ Importing this package is cheap: what is heavy is imported where it is used.
 from typing import Any
 
 __version__ = "0.1.0"
-__all__ = ["Campaign", "CampaignResults", "__version__", "fly", "open_results", "trim"]
+__all__ = ["Campaign", "CampaignResults", "__version__", "fly", "linearize", "margins", "open_results", "trim"]
 
 _HOMES = {
     **dict.fromkeys(("Campaign", "CampaignResults", "open_results"), "abhv_mc.notebook"),
     **dict.fromkeys(("fly", "trim"), "abhv_mc.flying"),
+    **dict.fromkeys(("linearize", "margins"), "abhv_mc.linearising"),
 }
 
 

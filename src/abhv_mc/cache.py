@@ -16,7 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parent
-_COMPILED_FILES = ("cache.py", "jit.py", "jit_cuda.py")
+_COMPILED_FILES = ("cache.py", "jit.py", "jit_cuda.py", "jit_pointer.py")
 _COMPILED_LAYERS = ("numerics", "world", "vehicle", "plant", "control", "flight")
 
 # Settings of numba that change the code and that its own cache does not look at.
@@ -47,15 +47,38 @@ def cache_folder(compiler: str) -> Path:
     """Folder of the code that ``compiler`` (a part of its name) makes from exactly this source."""
     settings = " ".join(f"{name}={os.environ.get(name)}" for name in _SETTINGS)
     name = hashlib.sha256(f"{_SOURCE} {compiler} {settings}".encode()).hexdigest()[:16]
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    for root in (base / "abhv-mc", _temporary_root()):
-        folder = root / name
+    base = own_folder("XDG_CACHE_HOME", ".cache")
+    for root in (base, _temporary_root()):
         with contextlib.suppress(OSError):  # no home, or a read-only one
-            root.mkdir(mode=0o700, parents=True, exist_ok=True)
-            folder.mkdir(mode=0o700, exist_ok=True)
-            if os.access(folder, os.W_OK | os.X_OK):
-                return folder
+            if root is not None and _is_usable(root, root / name):
+                return root / name
     return _fresh_folder()
+
+
+def own_folder(variable: str, default: str) -> Path | None:
+    """This program's folder in the user's own one of a kind; None for a user without a home."""
+    try:
+        return Path(os.environ.get(variable) or Path.home() / default) / "abhv-mc"
+    except RuntimeError:  # no HOME, and no entry in the password file
+        return None
+
+
+def _is_usable(root: Path, folder: Path) -> bool:
+    """Make the folder where it is missing; whether it can be written to, and by nobody else. Raises OSError."""
+    root.mkdir(mode=0o700, parents=True, exist_ok=True)
+    folder.mkdir(mode=0o700, exist_ok=True)
+    place = folder.resolve()
+    closed = all(_is_closed(path, 0o022, 0) for path in (place, place.parent))
+    # A group of one's own, which may write, is many a user's default; in a sticky folder names stay their owners'.
+    above = all(_is_closed(path, 0o002, stat.S_ISVTX) for path in place.parents)
+    return closed and above and os.access(folder, os.W_OK | os.X_OK)
+
+
+def _is_closed(folder: Path, others: int, except_with: int) -> bool:
+    """Whether it is this user's or root's, and without the permissions ``others`` or with the bit that excuses them."""
+    found = folder.stat()
+    ours = not hasattr(os, "getuid") or found.st_uid in (0, os.getuid())
+    return ours and (not found.st_mode & others or bool(found.st_mode & except_with))
 
 
 def _temporary_root() -> Path:

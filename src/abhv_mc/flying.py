@@ -1,7 +1,7 @@
 """Single flights and trims from Python: inputs by shipped name, path or mapping, results as pandas tables.
 
 A mapping is the file's content; with ``base`` it is that file (or shipped name) with entries replaced, nested ones by
-dotted keys: ``{"base": "tlc", "guidance.path.bandwidth": 0.9}``. Nothing is written.
+dotted keys: ``{"base": "tlc", "attitude.bank.bandwidth": "0.4 rad/s"}``. Nothing is written.
 """
 
 import copy
@@ -161,16 +161,16 @@ def trim(
     document: Any = make_document("vehicle", vehicle)
     banks = [bank] if isinstance(bank, str | int | float) else list(bank)
     point = FlightPoint(
-        _si(altitude, LENGTH, "altitude"),
-        _si(speed, SPEED, "speed"),
+        to_si(altitude, LENGTH, "altitude"),
+        to_si(speed, SPEED, "speed"),
         0.0,
-        _si(latitude, ANGLE, "latitude"),
-        _si(heading, ANGLE, "heading"),
-        _si(flight_path_angle, ANGLE, "flight_path_angle"),
+        to_si(latitude, ANGLE, "latitude"),
+        to_si(heading, ANGLE, "heading"),
+        to_si(flight_path_angle, ANGLE, "flight_path_angle"),
     )
     earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
-    angles = [_si(angle, ANGLE, "bank") for angle in banks]
-    kilograms = None if mass is None else _si(mass, MASS, "mass")
+    angles = [to_si(angle, ANGLE, "bank") for angle in banks]
+    kilograms = None if mass is None else to_si(mass, MASS, "mass")
     rows = list(trim_rows(load_vehicle(document), earth, point, angles, kilograms))
     table = pd.DataFrame(rows).set_index("bank_deg")
     table.attrs = {"units": dict(TRIM_UNITS)}
@@ -204,7 +204,8 @@ def trim_rows(
         }
 
 
-def _si(value: Quantity, dimension: Dimension, name: str) -> float:
+def to_si(value: Quantity, dimension: Dimension, name: str) -> float:
+    """A number in SI as it is, text by its unit. Raises InputError, which calls it ``name``."""
     try:
         return parse_quantity(value, dimension, dimension.unit)
     except Refusal as refusal:

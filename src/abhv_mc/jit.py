@@ -25,19 +25,15 @@ from typing import Any, TypeVar
 
 import numba
 import numpy as np
-from numba import types
 from numba.core import event
-from numba.extending import intrinsic, overload
 
 from abhv_mc.cache import cache_folder, one_compiles, source_unchanged
 
 F = TypeVar("F", bound=Callable[..., Any])
-_Make = Callable[..., Any]  # of a function and numba's options, what stands in its place
-
 _PUBLIC = "ABHV_MC_PUBLIC_NUMBA"
 
 # Plain Python throughout, as numba itself does it: for counting operations, and for the GPU's simulator.
-_PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
 
 
 def scalar(function: F) -> F:
@@ -63,16 +59,11 @@ def kernel(function: F) -> F:
     return _decorate(_kernel, function, error_model="numpy", nogil=True)
 
 
-def _decorate(make: _Make, function: Any, **options: Any) -> Any:
-    if _PLAIN:
+def _decorate(make: Callable[..., Any], function: Any, **options: Any) -> Any:
+    if PLAIN:
         function.py_func = function
         return function
     return make(function, **options)
-
-
-def compiled_folder() -> str:
-    """Where compiled code is kept."""
-    return str(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
 
 
 def compiler() -> str:
@@ -97,7 +88,7 @@ def on_first_compile(called: Callable[[], None]) -> None:
     event.register("numba:compile", _FirstKernel(called))
 
 
-def _make_private() -> tuple[_Make, _Make]:
+def _make_private() -> tuple[Any, Any]:
     """What makes a function that kernels call, and what makes a kernel, with numba's private classes."""
     from numba.core import types
     from numba.core.caching import NullCache
@@ -165,14 +156,13 @@ def _make_private() -> tuple[_Make, _Make]:
 
 
 def _try_out(row: Any) -> None:
-    for i in range(row.size):
-        row[i] = _twice(row[i])
+    row[0] = _twice(row[0])
 
 
 # LLVM's level 2: an eighth less to compile than level 3, and flights as fast.
 numba.config.OPT = type(numba.config.OPT)(2)  # type: ignore[attr-defined]
 # numba decides on its cache's place when it decorates, so that is set before any function is made.
-_mode = "public" if _PLAIN or os.environ.get(_PUBLIC, "0") not in ("", "0") else "private"
+_mode = "public" if PLAIN or os.environ.get(_PUBLIC, "0") not in ("", "0") else "private"
 numba.config.CACHE_DIR = str(cache_folder(_mode))  # type: ignore[attr-defined]
 if _mode == "private":
     try:
@@ -186,64 +176,3 @@ if _mode == "private":
         numba.config.CACHE_DIR = str(cache_folder(_mode))  # type: ignore[attr-defined]
 if _mode == "public":
     _inlined, _kernel = numba.njit, functools.partial(numba.njit, cache=True)
-
-
-class Uncompilable(Exception):
-    """A user's function that numba does not compile: where, as far as known, and what numba says."""
-
-    def __init__(self, file: str | None, line: int | None, words: str) -> None:
-        super().__init__(file, line, words)
-        self.file, self.line, self.words = file, line, words
-
-
-def call_address(address: int, Z: Any, reference: Any, gains: Any, settings: Any, tick: int, dt: float) -> None:
-    """Call a function that :func:`socket` compiled, from compiled code, by its address."""
-    raise NotImplementedError("only compiled code calls an address")
-
-
-@intrinsic
-def _call_address(
-    context: Any, address: Any, Z: Any, reference: Any, gains: Any, settings: Any, tick: Any, dt: Any
-) -> Any:
-    arrays = (Z, reference, gains, settings)
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        if "cuda" not in type(context).__module__:  # a GPU refuses such a law before it flies
-            from llvmlite import ir
-
-            pointers = [
-                context.make_array(kind)(context, builder, value).data
-                for kind, value in zip(arrays, arguments[1:5], strict=True)
-            ]
-            values = [*pointers, *arguments[5:]]
-            kind = ir.FunctionType(ir.VoidType(), [value.type for value in values])
-            builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), values)
-        return context.get_dummy_value()
-
-    return types.void(types.int64, *arrays, types.int64, types.float64), generate
-
-
-@overload(call_address, jit_options={"forceinline": True}, strict=False)
-def _overload_call_address(address: Any, Z: Any, reference: Any, gains: Any, settings: Any, tick: Any, dt: Any) -> Any:
-    return lambda address, Z, reference, gains, settings, tick, dt: _call_address(  # noqa: PLW0108
-        address, Z, reference, gains, settings, tick, dt
-    )  # type: ignore[call-arg]
-
-
-_SOCKET = types.void(*4 * [types.CPointer(types.float64)], types.int64, types.float64)
-
-
-def socket(function: Any) -> Any:
-    """Compile a loop over lanes that flights call through its ``address``; it takes what :func:`call_address` does.
-
-    Its file must exist: numba keeps the machine code under its name. Raises :class:`Uncompilable`.
-    """
-    from numba.core.errors import NumbaError
-
-    if _PLAIN:
-        raise Uncompilable(None, None, "nothing is compiled where NUMBA_DISABLE_JIT is set")
-    try:
-        return numba.cfunc(_SOCKET, cache=True, error_model="numpy")(function)
-    except NumbaError as error:
-        place = getattr(error, "loc", None)
-        raise Uncompilable(getattr(place, "filename", None), getattr(place, "line", None), str(error)) from None

@@ -2,14 +2,18 @@
 
 import random
 import shutil
+from dataclasses import replace
 
 import pyarrow.parquet as pq
 import pytest
 from campaign.fake_flight import ENGINE, write_campaign
+from campaign.search.line_flight import LINE, write_line
 
 from abhv_mc.campaign.analysis.replay import replay_flight
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request
+from abhv_mc.campaign.search.flights import SearchRequest
+from abhv_mc.campaign.search.worst import WorstSettings, find_worst
 from abhv_mc.io.input_error import InputError
 from abhv_mc.notebook import open_results
 from abhv_mc.report.build import build_report
@@ -132,3 +136,56 @@ def test_folders_of_older_versions_are_read_with_a_note(flown, tmp_path, capfd):
     result = run_campaign(Request(campaign, out, runs=80), ENGINE)
     assert sorted(result.manifest["files"]) == [f.as_posix() for f in files_of(out) if f.name != "manifest.json"]
     assert open_results(out).samples.shape[0] == pq.read_table(out / "samples.parquet").num_rows == 80
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory):
+    root = tmp_path_factory.mktemp("searched")
+    request = SearchRequest(write_line(root / "f"), root / "out")
+    find_worst(request, WORST, LINE)
+    return request
+
+
+WORST = WorstSettings("altitude_error_max_m", flights=160)
+
+
+def test_readers_refuse_any_flipped_bit_of_a_searchs_folder(searched):
+    folder = searched.out
+    assert sorted(open_results(folder).manifest["files"]) == [
+        file.as_posix() for file in files_of(folder) if file.name != "manifest.json"
+    ]
+    for file, place, bit in flips(folder):
+        flip(folder / file, place, bit)
+        for name in ("query", "notebook", "export"):
+            with pytest.raises(InputError) as refused:
+                READERS[name](folder)
+            assert file.name in str(refused.value), (name, file, place, bit)
+        if file.name != "manifest.json":
+            assert next(verify_campaign(folder)).startswith(file.as_posix())
+        flip(folder / file, place, bit)
+    assert not list(verify_campaign(folder))
+
+
+def test_the_search_mends_any_flipped_bit_of_its_folder(searched, tmp_path, capfd):
+    folder = searched.out
+    whole = {file: (folder / file).read_bytes() for file in files_of(folder) if file.name != "manifest.json"}
+    chance = random.Random(SEED)
+    for file, content in whole.items():
+        out = tmp_path / "out"
+        shutil.copytree(folder, out)
+        flip(out / file, chance.randrange(len(content)), chance.randrange(8))
+        find_worst(replace(searched, out=out), WORST, LINE)
+        assert {name: (out / name).read_bytes() for name in whole} == whole, file
+        assert not list(verify_campaign(out))
+        shutil.rmtree(out)
+
+
+def test_a_search_follows_no_link_out_of_its_folder(searched, tmp_path):
+    out = tmp_path / "out"
+    shutil.copytree(searched.out, out)
+    shutil.move(out / "flights", tmp_path / "flights")
+    (out / "flights").symlink_to(tmp_path / "flights")
+    for fresh in (False, True):
+        with pytest.raises(InputError, match="link"):
+            find_worst(replace(searched, out=out, fresh=fresh), WORST, LINE)
+    assert any((tmp_path / "flights").iterdir())

@@ -140,3 +140,17 @@ def test_linearize_refuses_what_it_cannot_write(tmp_path):
     with pytest.raises(InputError, match="one point"):
         _linearize(tmp_path / "model.npz", at="1s,2s")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_law_of_ones_own_has_margins_and_a_model(repository, tmp_path):
+    """The shipped inversion: its integrals, and the last commands that its model on board begins from."""
+    law = str(repository / "configs" / "control" / "inversion.yaml")
+    rows = _run(tmp_path, controller=f"{law},tlc")
+    assert [row["controller"] for row in rows[::5]] == ["inversion", "tlc"] and rows[0]["stable"]
+    _linearize(tmp_path / "model.npz", law)
+    with np.load(tmp_path / "model.npz", allow_pickle=False) as found:
+        states, A, period = found["closed_states"].tolist(), found["closed_A"], float(found["period_s"])
+    last = [f"law_onboard.last.{name}" for name in ("aileron", "rudder", "elevator", "equivalence_ratio")]
+    assert states[18:] == ["law_altitude", *last]
+    poles = np.linalg.eigvals(A)
+    assert np.abs(poles).max() < 1.0 and period == 0.01

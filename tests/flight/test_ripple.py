@@ -1,5 +1,6 @@
 """Ripples against numpy: of the definition on made-up signals, and of recorded flights."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -38,12 +39,32 @@ def follow(error, settled) -> float:
     return largest
 
 
+def zigzag(generator) -> np.ndarray:
+    """Straight lines between turning points, each swing a tenth to ten times the one before."""
+    swings = [generator.uniform(0.5, 2.0)]
+    for factor in 10.0 ** generator.uniform(-1.0, 1.0, 14):
+        swings.append(np.clip(factor * swings[-1], max(0.01, 0.1 * swings[-1]), min(100.0, 10.0 * swings[-1])))
+    points = np.cumsum([generator.normal(), *swings * (-1.0) ** np.arange(len(swings))])
+    return np.concatenate([np.linspace(a, b, 9)[:-1] for a, b in pairwise(points)])
+
+
 @pytest.mark.parametrize("seed", range(40))
-def test_it_is_the_definition_on_any_signal(seed: int) -> None:
+def test_it_is_the_definition_on_any_signal_without_wiggles(seed: int) -> None:
     generator = np.random.default_rng(seed)
-    error = np.cumsum(generator.normal(size=120)) if seed % 2 else np.round(generator.normal(size=120), 1)
-    settled = np.repeat(generator.uniform(size=12) < 0.8, 10)
-    assert follow(error, settled) == expected_ripple(error, settled)
+    error = zigzag(generator)
+    settled = np.repeat(generator.uniform(size=error.size // 8) < 0.8, 8)
+    assert follow(error, settled) == pytest.approx(expected_ripple(error, settled), rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_wiggles_hide_no_cycle_and_make_none(seed: int) -> None:
+    time = np.arange(0.0, 10.0, 0.01)
+    settled = np.ones(time.size, dtype=bool)
+    noise = np.random.default_rng(seed).uniform(-0.1, 0.1, time.size)
+    assert follow(5.0 * np.sin(4.0 * time) + noise, settled) == pytest.approx(10.0, abs=0.4)
+    assert follow(5.0 * np.exp(-time) + noise, settled) <= 0.4
+    after = 40.0 * np.exp(-5.0 * time) + np.sin(4.0 * time)  # a cycle after a large decay
+    assert follow(after, settled) == pytest.approx(2.0, abs=0.1)
 
 
 def test_a_cycle_is_a_ripple_of_its_peak_to_peak_and_a_slow_decay_is_none() -> None:

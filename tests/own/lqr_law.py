@@ -1,4 +1,4 @@
-"""The program's own LQR, written as a law of one's own: the proof that nothing is lost at the socket."""
+"""The program's own LQR, written as a law of one's own: the proof that nothing is lost by the call."""
 
 from typing import NamedTuple
 

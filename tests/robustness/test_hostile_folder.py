@@ -20,6 +20,7 @@ from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request
 from abhv_mc.cli.app import main
 from abhv_mc.io.input_error import InputError
+from abhv_mc.report.build import _read_pages, is_up_to_date
 from abhv_mc.report.results import read_results
 from abhv_mc.store.folder import hash_file
 from abhv_mc.store.manifest import write_manifest
@@ -177,7 +178,7 @@ def test_links_in_circles_to_devices_and_to_nothing(flown, folder, abhv_mc, name
         assert "Traceback" not in said and code in (0, 1, 2), (words, said)
 
 
-@pytest.mark.parametrize("key", ["vehicle", "mission", "controllers", "sampling"])
+@pytest.mark.parametrize("key", ["vehicle", "mission", "controllers", "sampling", "channels", "metrics"])
 @pytest.mark.parametrize("place", ["{outside}", "../../../{outside.name}"])
 def test_a_campaign_that_leads_out_of_its_folder(flown, folder, abhv_mc, tmp_path, key, place):
     outside = tmp_path / "secret.yaml"
@@ -188,6 +189,8 @@ def test_a_campaign_that_leads_out_of_its_folder(flown, folder, abhv_mc, tmp_pat
         changed = text.replace("inputs/controllers/one/one.yaml", where)
     elif key == "sampling":
         changed = text.replace("sampling: random", f"sampling: {{design: file, path: {where}}}")
+    elif key in ("channels", "metrics"):
+        changed = f"{text}{key}: {where}\n"
     else:
         changed = text.replace(f"inputs/{key}/{key}.yaml", where)
     assert changed != text
@@ -230,6 +233,77 @@ def test_tables_of_wrong_types_and_sizes(flown, folder, abhv_mc, name, kind):
         if words[0] not in ("status", "list", "merge"):
             code, said = abhv_mc(*words)
             assert code in (0, 1, 2) and "Traceback" not in said, (words, code, said)
+
+
+LOOP = {"loop": "aileron", "stable": True, "gain_margin_low_db": -9.0, "gain_margin_high_db": 9.0}
+LOOP |= {"phase_margin_deg": None, "delay_margin_ms": None}
+ALL = {"loop": "all", "stable": True, "disk_gain_db": 1.0, "disk_phase_deg": 9.0, "delay_margin_ms": None}
+ROWS = {"nominal": [LOOP, ALL], "corners": [], "corners_unstable": 0}
+
+
+def steady(**entries):
+    return {"corners": 0, "controllers": {"one": ROWS | entries}}
+
+
+MARGINS = [
+    [],
+    {"controllers": 3},
+    {"controllers": {"one": {}}},
+    {"corners": 2, "controllers": {"one": {"nominal": []}}},
+    {"controllers": {"one": ROWS}},
+    steady(nominal=[ALL]),
+    steady(nominal=[LOOP, {"loop": "all"}]),
+    steady(nominal=[LOOP | {"gain_margin_low_db": "x"}, ALL]),
+    steady(nominal=[LOOP, ALL | {"stable": False}]),
+    steady(nominal=[LOOP, ALL | {"stable": False, "poles": [1.0]}]),
+    steady(corners=[{}]),
+    steady(corners=[{"loop": "all", "disk_gain_db": [1]}]),
+    steady(corners_unstable=-1),
+    {"corners": 0, "controllers": {"one": {"fault": "\x1b]0;title\x07"}}},
+]
+
+
+@pytest.mark.parametrize("margins", MARGINS)
+def test_margins_that_no_campaign_wrote(flown, folder, abhv_mc, margins):
+    (folder / "margins.json").write_text(json.dumps(margins))
+    sign(folder, files=json.loads((folder / "manifest.json").read_text())["files"] | {"margins.json": ""})
+    sign(folder)
+    assert_refused(abhv_mc("report", folder), "margins.json")
+    assert_refused(abhv_mc("compare", folder, folder), "margins.json")
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "NaN", '{"controllers": ' + "9" * 5000 + "}"])
+def test_margins_that_are_no_json(flown, folder, abhv_mc, text):
+    (folder / "margins.json").write_text(text)
+    sign(folder, files=json.loads((folder / "manifest.json").read_text())["files"] | {"margins.json": ""})
+    sign(folder)
+    assert_refused(abhv_mc("report", folder), "margins.json")
+
+
+@pytest.mark.parametrize("margins", [{}, steady(nominal=[LOOP, ALL | {"stable": False, "poles": [[1, 0]]}])])
+def test_odd_margins_that_a_campaign_may_have(flown, folder, abhv_mc, margins):
+    (folder / "margins.json").write_text(json.dumps(margins))
+    sign(folder, files=json.loads((folder / "manifest.json").read_text())["files"] | {"margins.json": ""})
+    sign(folder)
+    assert abhv_mc("report", folder)[0] == 0
+
+
+NO_REPORTS = ["[" * 100_000, "3", '{"pages": 5}', '{"files": {"../x": {}}}', "{}", '{"pages": ["/dev/zero"]}', "[]"]
+
+
+def test_a_report_json_that_is_none(flown, folder, abhv_mc):
+    for text in NO_REPORTS:
+        (folder / "report.json").write_text(text)
+        code, said = abhv_mc("verify", "campaign", folder)
+        assert code in (1, 2) and "Traceback" not in said, text
+        assert _read_pages(folder / "report.json", {}) == {} and not is_up_to_date(folder), text
+    assert abhv_mc("report", folder)[0] == 0
+    assert abhv_mc("verify", "campaign", folder)[0] == 0
+
+
+def assert_refused(ended, words):
+    code, said = ended
+    assert code == 2 and words in said and "Traceback" not in said and "\x1b" not in said, said
 
 
 def test_a_plan_that_unpacks_to_gigabytes_or_runs_code(flown, folder, abhv_mc, monkeypatch):

@@ -2,16 +2,16 @@ import numpy as np
 import pytest
 
 from abhv_mc.search.first_points import sobol_points
-from abhv_mc.search.worst import search_worst
+from abhv_mc.search.worst import choose_batch, search_worst
 
 
-def bowl(dimension):
-    """Turned, stretched parabola with its top inside the box, and the place of the top."""
+def bowl(dimension, sharpness=2.0):
+    """Turned, stretched bowl with its top inside the box, and the place of the top; 2: a parabola, less: sharper."""
     draw = np.random.default_rng(dimension)
     top = draw.uniform(-0.7, 0.7, dimension)
     turn, _ = np.linalg.qr(draw.standard_normal((dimension, dimension)))
     stretch = np.geomspace(1.0, 10.0, dimension)
-    return lambda x: -(((x - top) @ turn) ** 2 @ stretch), top
+    return lambda x: -((((x - top) @ turn) ** 2 @ stretch) ** (0.5 * sharpness)), top
 
 
 def slope(dimension):
@@ -23,11 +23,12 @@ def slope(dimension):
 
 @pytest.mark.parametrize("dimension", [3, 12, 24])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_finds_a_top_inside(dimension, seed):
-    value, top = bowl(dimension)
+@pytest.mark.parametrize("sharpness, gap", [(2.0, 1e-4), (1.5, 5e-3), (3.0, 1e-4)])
+def test_finds_a_top_inside(dimension, seed, sharpness, gap):
+    value, top = bowl(dimension, sharpness)
     found = search_worst(value, dimension, seed=seed)
     drawn = value(np.random.default_rng(1).uniform(-1.0, 1.0, (10_000, dimension)))
-    assert found.value > -0.005 * (drawn.max() - drawn.min())
+    assert found.value > -gap * (drawn.max() - drawn.min())
     assert np.abs(found.place - top).max() < {3: 0.01, 12: 0.1, 24: 0.2}[dimension]
     assert not found.at_bounds.any()
 
@@ -85,6 +86,19 @@ def test_batches_fill_lanes_and_stay_within_what_is_allowed():
     assert {one.stage for one in found.history} == {
         "one at a time", "corners", "Sobol points", "CMA-ES", "polish", "sensitivity"
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("evaluations, batch", [(160, 64), (1000, 64), (2000, 128), (4000, 256), (100_000, 512)])
+def test_more_evaluations_make_larger_batches(evaluations, batch):
+    assert choose_batch(evaluations) == batch
+    sizes = []
+
+    def counted(points):
+        sizes.append(len(points))
+        return points.sum(axis=1)
+
+    search_worst(counted, 3, min(evaluations, 4000))
+    assert sizes[0] == min(batch, 256)
 
 
 def test_the_same_seed_gives_the_same_points():

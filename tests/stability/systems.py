@@ -8,12 +8,15 @@ from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.prepare import make_plan
+from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
+from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.analysis import analyse
 from abhv_mc.stability.linearize import linearise
 from abhv_mc.stability.points import make_steady_plan, trim_points
+from abhv_mc.stability.probe import replay_law
 
 
 def read(controller, mission="level"):
@@ -59,3 +62,14 @@ def stability_at_trim(controller):
 def decibels(gain):
     with np.errstate(divide="ignore"):
         return 20.0 * np.log10(gain)
+
+
+def differences(plan, dispersions, tick, states):
+    """What tells two flights apart, in the order of the closed loop's states."""
+    delay = round(dispersions[0, s.parameter_row("sensor.delay") - s.P] / plan.timing.tick)
+    now = states[:, tick]
+    _, memory = replay_law(plan, dispersions, states, tick)
+    actuators = now[:, [14, 17, 15, 18, 16, 19, 20, 21]]
+    old = [path.make_path(states[:, tick - age]) for age in range(1, delay + 1)]
+    everything = np.hstack([path.make_path(now), actuators, memory, *old])
+    return everything[1] - everything[0]

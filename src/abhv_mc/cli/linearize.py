@@ -15,20 +15,23 @@ def command(
         str, typer.Option(metavar="POINT", help="trim, or a time of the nominal flight such as 30s.")
     ] = "trim",
     bank: Annotated[str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")] = "0",
+    trust_code: Annotated[
+        bool, typer.Option("--trust-code", help="Run Python code of a campaign's folder that you have not flown.")
+    ] = False,
 ) -> None:
     """Write plant, law, open and closed loop about the trim or a time of the nominal flight.
 
     Path coordinates, second-order actuators, exact zero-order hold; names and units are in the file.
     """
-    from abhv_mc.cli.margins import find_point, read_points, read_setup
+    from abhv_mc.cli.margins import read_points, read_setups, take_point
     from abhv_mc.flight.fly import nominal_parameters
     from abhv_mc.stability.linearize import linearise
     from abhv_mc.stability.model_file import check_format, make_model, write_model
 
     check_format(out)
     (time, angle) = read_points(at, bank, one=True)
-    ((name, setup),) = read_setup(vehicle, mission, controller, one=True).items()
-    plan, points = find_point(setup, name, time[0], angle)
+    ((name, setup),) = read_setups(vehicle, mission, controller, one=True, trust_code=trust_code).items()
+    plan, points, _ = take_point(setup, name, time[0], angle)
     linear = linearise(plan, nominal_parameters(), points)
     write_model(out, make_model(plan, nominal_parameters(), points, linear))
     print(out)

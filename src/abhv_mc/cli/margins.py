@@ -1,17 +1,13 @@
 """``abhv-mc margins``: stability margins of each loop, at the trim or along the nominal flight."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
-    from abhv_mc.control.controller_file import Controller
-    from abhv_mc.control.mission import Mission
-    from abhv_mc.flight.plan import FlightPlan
+    from abhv_mc.linearising import Place, Setup
     from abhv_mc.stability.analysis import Stability, Time
-    from abhv_mc.stability.linearize import Points
-    from abhv_mc.vehicle.model import Vehicle
 
 _FREQUENCIES = 1000
 _COLUMNS = (
@@ -22,15 +18,6 @@ _COLUMNS = (
     ("sensitivity_peak", "sensitivity\npeak", 2),
     ("crossover_rad_s", "crossover\nrad/s", 2),
 )
-
-
-class Setup(NamedTuple):
-    """One controller with what it flies."""
-
-    files: tuple[Path, Path, Path]  # vehicle, mission, controller
-    vehicle: "Vehicle"
-    mission: "Mission"
-    controller: "Controller"
 
 
 def command(
@@ -57,6 +44,9 @@ def command(
     out: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write Bode and Nichols figures here.")
     ] = None,
+    trust_code: Annotated[
+        bool, typer.Option("--trust-code", help="Run Python code of a campaign's folder that you have not flown.")
+    ] = False,
 ) -> None:
     """Print gain, phase and delay margins of each loop (broken at its actuator, the others closed) and of all at once.
 
@@ -71,12 +61,12 @@ def command(
     if out is not None and out.exists() and not out.is_dir():
         raise InputError(out, None, None, "a file", "a folder, or the name of a new one")
     times, angle = read_points(at, bank)
-    setups = read_setup(vehicle, mission, controller)
+    setups = read_setups(vehicle, mission, controller, trust_code=trust_code)
     rows: list[dict[str, Any]] = []
     for name, setup in setups.items():
         for time in times:
-            plan, points = find_point(setup, name, time, angle)
-            linear = linearise(plan, nominal_parameters(), points)
+            place = take_point(setup, name, time, angle)
+            linear = linearise(place.plan, nominal_parameters(), place.points)
             stability = analyse(linear, _FREQUENCIES)
             here = make_rows(name, None if time == "trim" else time, stability)
             words = "at the trim" if time == "trim" else f"at {time:g} s, reference frozen"
@@ -101,6 +91,7 @@ def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], flo
     """Times (s, or the trim) and the bank (rad) of the options. Raises InputError."""
     from abhv_mc.io.documents import InputError, Refusal
     from abhv_mc.io.units import ANGLE, TIME, parse_quantity
+    from abhv_mc.linearising import check_bank
 
     def read(option: str, text: str, dimension: Any, bare: str) -> float:
         try:
@@ -114,36 +105,32 @@ def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], flo
     for time in times:
         if time != "trim" and time < 0.0:
             raise InputError("--at", None, None, f"{time:g} s", "trim, or a time from 0 s")
-    angle = read("--bank", bank, ANGLE, "deg")
-    if angle and "trim" not in times:
-        raise InputError("--bank", None, None, f"'{bank}'", "--at trim, to which alone it belongs")
-    if abs(angle) > 1.4:
-        raise InputError("--bank", None, None, f"'{bank}'", "-80 to 80 deg")
+    angle = check_bank(read("--bank", bank, ANGLE, "deg"), "trim" not in times, "--bank")
     return times, angle
 
 
-def read_setup(vehicle: str | None, mission: str, controllers: str | None, one: bool = False) -> dict[str, Setup]:
+def read_setups(
+    vehicle: str | None, mission: str, controllers: str | None, one: bool = False, trust_code: bool = False
+) -> "dict[str, Setup]":
     """What is to be linearised, by the controllers' names; ``mission`` may be a campaign file. Raises InputError."""
+    from abhv_mc.campaign.file.own_code import check_own_law
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.control.controller_file import read_controller
-    from abhv_mc.control.mission import read_mission
-    from abhv_mc.io.documents import InputError
-    from abhv_mc.plant.vehicles import load_vehicle
+    from abhv_mc.io.input_error import InputError
+    from abhv_mc.linearising import read_setup
 
-    paths, files = _find_files(vehicle, mission, controllers)
+    paths, files = _find_files(vehicle, mission, controllers, trust_code)
     if one and len(files) > 1:
         raise InputError("--controller", None, None, ", ".join(files), "one controller")
-    packed, asked = load_vehicle(paths[0]), read_mission(paths[1])
-    if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
-        found = "a vehicle without control surfaces or engine"
-        raise InputError(paths[0], None, None, found, "one with both, to fly it with a controller")
-    laws = {name: read_controller(file) for name, file in files.items()}
+    for file in files.values():
+        check_own_law(read_controller(file), trust_code)
+    setups = {name: read_setup((*paths, file)) for name, file in files.items()}
     announce_compiling()
-    return {name: Setup((*paths, files[name]), packed, asked, law) for name, law in laws.items()}
+    return setups
 
 
 def _find_files(
-    vehicle: str | None, mission: str, controllers: str | None
+    vehicle: str | None, mission: str, controllers: str | None, trust_code: bool
 ) -> tuple[tuple[Path, Path], dict[str, Path]]:
     """Files of the vehicle and the mission, and those of the controllers by name."""
     from abhv_mc.campaign.file.inputs import find_kind
@@ -153,8 +140,11 @@ def _find_files(
     names = [name.strip() for name in controllers.split(",")] if controllers else []
     if Path(mission).is_file() and find_kind(Path(mission)) == "campaign":
         from abhv_mc.campaign.file.check import read_campaign
+        from abhv_mc.campaign.file.own_code import check_own_code
 
-        model = read_campaign(mission).model
+        campaign = read_campaign(mission)
+        check_own_code(campaign, trust_code)
+        model = campaign.model
         known = {name: Path(file) for name, file in model.controllers.items()}
         for name in names:
             if name not in known:
@@ -168,35 +158,15 @@ def _find_files(
     return paths, {file.stem: file for file in files}
 
 
-def find_point(setup: Setup, name: str, time: "Time", bank: float) -> "tuple[FlightPlan, Points]":
-    """The plan and the point of the nominal flight; a warning where it is doubtful. Raises InputError without one."""
+def take_point(setup: "Setup", name: str, time: "Time", bank: float) -> "Place":
+    """The point of the nominal flight; a warning where it is doubtful. Raises InputError without one."""
     from abhv_mc.cli.announce import announce_warnings
     from abhv_mc.flight.fly import nominal_parameters
-    from abhv_mc.flight.prepare import prepare
-    from abhv_mc.io.documents import InputError
-    from abhv_mc.stability.nodes import near_nodes
-    from abhv_mc.stability.points import flown_points, make_steady_plan, trim_points
+    from abhv_mc.linearising import find_point
 
-    parameters = nominal_parameters()
-    if time == "trim":
-        plan = make_steady_plan(setup.vehicle, setup.mission, setup.controller, name, bank)
-        found = trim_points(plan, parameters)
-        if found.faults[0]:
-            wanted = "a start that this vehicle can be trimmed at"
-            raise InputError(setup.files[1], None, None, found.faults[0], wanted)
-    else:
-        if time > setup.mission.duration:
-            wanted = f"a time of the mission, 0 to {setup.mission.duration:g} s"
-            raise InputError("--at", None, None, f"{time:g} s", wanted)
-        plan = prepare(*setup.files, name)
-        found = flown_points(plan, parameters, time)
-        if found.faults[0].startswith("the flight"):
-            wanted = f"a time at which {name} still flies"
-            raise InputError("--at", None, None, f"{time:g} s: {found.faults[0]}", wanted)
-        if found.faults[0]:
-            announce_warnings([f"{name} at {time:g} s: {found.faults[0]}; what is linearised knows no limits"])
-    announce_warnings(f"{name}: {words}" for words in near_nodes(plan, parameters, found.points))
-    return plan, found.points
+    place = find_point(setup, name, time, bank, nominal_parameters(), "--at")
+    announce_warnings(place.warnings)
+    return place
 
 
 def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") -> None:
@@ -204,7 +174,11 @@ def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") 
     from rich.table import Table
 
     from abhv_mc.cli.printing import print_table
+    from abhv_mc.stability.analysis import NO_SLOPES
 
+    if not stability.poles[0].size:
+        print(f"{title}: no margins: {NO_SLOPES}")
+        return
     poles = [pole for pole in stability.poles[0] if pole.imag >= 0.0]
     if not rows[0]["stable"]:
         growing = ", ".join(f"{p.real:+.3f}{f' +- {p.imag:.2f}j' if p.imag else ''}" for p in poles if p.real >= 0.0)

@@ -12,6 +12,9 @@ def command(
         Path | None, typer.Option("--output", "-o", metavar="DIR", help="New folder.", show_default="reports/NAME")
     ] = None,
     no_report: Annotated[bool, typer.Option("--no-report", help="Make no report.")] = False,
+    trust_code: Annotated[
+        bool, typer.Option("--trust-code", help="Run Python code of the folders that you have not flown.")
+    ] = False,
 ) -> None:
     """Join the shards of a campaign (run --shard i/n), prove that they fit, and make the report.
 
@@ -31,4 +34,4 @@ def command(
         from abhv_mc.campaign.run.gpu import make_gpu_engine
 
         engine = make_gpu_engine()
-    finish(merge_campaign(parts, out or Path("reports") / manifest["name"], engine), no_report)
+    finish(merge_campaign(parts, out or Path("reports") / manifest["name"], engine, trust_code), no_report)

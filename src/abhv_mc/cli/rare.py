@@ -35,7 +35,7 @@ def command(
     announce_compiling()
     from abhv_mc.campaign.search.flights import SearchRequest
     from abhv_mc.campaign.search.rare import RareSettings, find_rare
-    from abhv_mc.report.search_page import write_rare_page
+    from abhv_mc.report.rare_page import write_rare_page
 
     request = SearchRequest(campaign, out, controller, seed, workers, scheduler, fresh)
     found = find_rare(request, RareSettings(requirement, target_cov, flights))

@@ -39,7 +39,7 @@ def command(
     announce_compiling()
     from abhv_mc.campaign.search.flights import SearchRequest
     from abhv_mc.campaign.search.worst import WorstSettings, find_worst
-    from abhv_mc.report.search_page import write_worst_page
+    from abhv_mc.report.worst_page import write_worst_page
 
     request = SearchRequest(campaign, out, controller, seed, workers, scheduler, fresh)
     found = find_worst(request, WorstSettings(metric, not below, flights, box))

@@ -1,18 +1,20 @@
 """The nominal air of a mission from CSV: wind and a factor on the standard density over altitude."""
 
-import csv
-import math
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.number_table import read_number_table
+from abhv_mc.io.units import LENGTH, SPEED
 
 ALTITUDE = "altitude_m"
 WIND = ("wind_north_mps", "wind_east_mps")  # that the air blows towards
 DENSITY = ("density_factor",)
 _MAX_ROWS = 500
+_MAX_BYTES = 20_000_000
+_LARGEST = {ALTITUDE: LENGTH.largest, **dict.fromkeys(WIND, SPEED.largest), DENSITY[0]: 1e3}
 
 
 def read_air_table(path: Path, columns: tuple[str, ...]) -> NDArray[np.float64]:
@@ -21,41 +23,15 @@ def read_air_table(path: Path, columns: tuple[str, ...]) -> NDArray[np.float64]:
     Raises :class:`InputError` for anything but at least two rising altitudes and finite numbers, a factor on the
     density above zero.
     """
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = list(csv.reader(file))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, None, None, str(error), "a CSV file in UTF-8") from None
-    header = [name.strip() for name in lines[0]] if lines else []
-    wanted = (ALTITUDE, *columns)
-    missing = [name for name in wanted if name not in header]
-    if missing:
-        raise InputError(path, 1, 1, f"no column {', '.join(missing)}", f"the columns {', '.join(wanted)}")
-    places = [header.index(name) for name in wanted]
-    rows: list[list[float]] = []
-    for number, line in enumerate(lines[1:], start=2):
-        if not line:
-            continue
-        row = [_number(path, number, line, place) for place in places]
-        if rows and row[0] <= rows[-1][0]:
-            raise InputError(path, number, places[0] + 1, f"the altitude {row[0]:g} m", "altitudes that rise")
-        if columns == DENSITY and row[1] <= 0.0:
-            raise InputError(path, number, places[1] + 1, f"a factor {row[1]:g}", "a factor above zero")
-        rows.append(row)
+    table = read_number_table(path, {name: _LARGEST[name] for name in (ALTITUDE, *columns)}, _MAX_BYTES)
+    table.check_rising(ALTITUDE, "m")
+    rows = table.values
+    if columns == DENSITY:
+        for row in np.flatnonzero(rows[:, 1] <= 0.0)[:1]:
+            raise table.error(int(row), DENSITY[0], f"a factor {rows[row, 1]:g}", "a factor above zero")
     if not 2 <= len(rows) <= _MAX_ROWS:
         raise InputError(path, None, None, f"{len(rows)} rows", f"2 to {_MAX_ROWS}")
-    return np.array(rows)
-
-
-def _number(path: Path, number: int, line: list[str], place: int) -> float:
-    text = line[place].strip() if place < len(line) else ""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(path, number, place + 1, f"'{text}'", "a finite number")
-    return value
+    return rows
 
 
 def join_air(wind: NDArray[np.float64] | None, density: NDArray[np.float64] | None) -> NDArray[np.float64]:

@@ -28,7 +28,8 @@ from abhv_mc.flight.observe import (
 )
 from abhv_mc.flight.sensors import active_sensor_errors, sense
 from abhv_mc.flight.start import start_flights
-from abhv_mc.jit import call_address, kernel, lanes
+from abhv_mc.jit import kernel, lanes
+from abhv_mc.jit_pointer import call_address
 from abhv_mc.plant import state as s
 from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
 from abhv_mc.plant.aerodynamics import build_up, look_up

@@ -22,14 +22,15 @@ from abhv_mc.control.design.surroundings import make_surroundings
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.flight.outcome import EndBounds
-from abhv_mc.flight.own_law import open_law
+from abhv_mc.flight.own_law import PYTHON, load_plan_law, open_law
 from abhv_mc.flight.plan import LANES, FlightPlan, Limits, Timing
 from abhv_mc.flight.start import multiply
 from abhv_mc.io.documents import InputError
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.own.design import DesignModel, design_gains
 from abhv_mc.own.settings import make_own_settings
-from abhv_mc.own.source import Law, load_law, read_source
+from abhv_mc.own.source import Law, load_law
+from abhv_mc.own.trust import read_trusted
 from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.trim import GRAVITY, TrimPoint
@@ -50,11 +51,7 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
         found = "a vehicle without control surfaces or engine"
         raise InputError(vehicle, None, None, found, "one with both, to fly a mission with a controller")
     asked = read_mission(mission)
-    document, law = read_controller_document(controller)
-    own = None
-    if isinstance(law, PythonController):
-        loaded = load_law(read_source(law.file))
-        own = OwnParts(loaded, make_own_settings(document, law, loaded))
+    law, own = read_law(controller)
     if isinstance(law, TlcController) and not has_authority(packed, asked):
         found = "deflections that do not turn the vehicle about three axes"
         raise InputError(vehicle, None, None, found, "aileron, rudder and elevator with moments of their own")
@@ -73,6 +70,20 @@ class OwnParts(NamedTuple):
 
     law: Law
     settings: Floats
+
+
+def read_law(controller: Path) -> tuple[Controller, OwnParts | None]:
+    """A controller file and, where it names a law of the user's own, that law: its code is run. Raises InputError."""
+    document, law = read_controller_document(controller)
+    if not isinstance(law, PythonController):
+        return law, None
+    loaded = load_law(read_trusted(law.file))
+    return law, OwnParts(loaded, make_own_settings(document, law, loaded))
+
+
+def own_parts_of(plan: FlightPlan) -> OwnParts | None:
+    """A plan's own law and its settings; None for a law of the program. Raises ValueError without its source."""
+    return OwnParts(load_plan_law(plan), plan.settings) if plan.law == PYTHON else None
 
 
 def has_authority(vehicle: Vehicle, mission: Mission) -> bool:
@@ -115,19 +126,7 @@ def make_plan(
     start = make_start_trim(mission, vehicle)
     if start.fault:
         warnings.append(f"at the start {start.fault}")
-    names: tuple[str, ...] = ()
-    if isinstance(controller, PythonController):
-        if own is None:
-            raise ValueError("a controller of the user's own without its law")
-        model = DesignModel(vehicle, mission, reference, trim_tables)
-        names, gains = design_gains(own.law, model, own.settings)
-        settings = own.settings
-    elif isinstance(controller, TlcController):
-        gains = make_tlc_gains(controller, reference, vehicle, trim_tables)
-        settings = make_tlc_settings(controller)
-    else:
-        gains = make_lqr_gains(controller, mission, reference, vehicle, trim_tables)
-        settings = make_lqr_settings(controller)
+    names, gains = make_gains(controller, own, DesignModel(vehicle, mission, reference, trim_tables))
     constants = vehicle.constants
     loads = tighter(mission.limits.bounds(), constants.bounds)
     if loads.heat_flux < np.inf and constants.nose_radius == 0.0:
@@ -152,13 +151,36 @@ def make_plan(
         initial_state=make_initial_state(mission, vehicle, start),
         reference=reference,
         gains=gains,
-        settings=settings,
+        settings=make_settings(controller, own),
         profile=mission.make_air(),
         warnings=np.array(warnings, dtype=np.str_),
         gain_names=np.array(names, dtype=np.str_),
         source_hash=own.law.source.hash if own else "",
         source=own.law.source if own else None,
     )
+
+
+def make_gains(controller: Controller, own: OwnParts | None, model: DesignModel) -> tuple[tuple[str, ...], Floats]:
+    """Gains [tick, gain] of a controller along the model's reference, and their names if the law is the user's own.
+
+    Raises InputError for what a design of the user's own gets wrong.
+    """
+    if isinstance(controller, PythonController):
+        if own is None:
+            raise ValueError("a controller of the user's own without its law")
+        return design_gains(own.law, model, own.settings)
+    if isinstance(controller, TlcController):
+        return (), make_tlc_gains(controller, model.table, model.vehicle, model.trim_tables)
+    return (), make_lqr_gains(controller, model.mission, model.table, model.vehicle, model.trim_tables)
+
+
+def make_settings(controller: Controller, own: OwnParts | None) -> Floats:
+    """The constants [setting] of a controller's law."""
+    if isinstance(controller, TlcController):
+        return make_tlc_settings(controller)
+    if isinstance(controller, LqrController):
+        return make_lqr_settings(controller)
+    return own.settings if own is not None else np.empty(0)
 
 
 def limit_faults(controller: TlcController | LqrController, reference: Floats) -> list[str]:

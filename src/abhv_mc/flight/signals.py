@@ -35,7 +35,7 @@ class Statistic(IntEnum):
     MIN = 3
     MAX = 4
     FINAL = 5
-    SUM = 6
+    SUM = 6  # of sizes
     DURATION = 7  # time in which the source is positive, s
 
 
@@ -46,6 +46,12 @@ class Metric(Signal):
     statistic: Statistic
     source: str
     initial: float | None = None  # value before the first tick; None: the statistic's own
+
+    @property
+    def never_negative(self) -> bool:
+        """Whether no flight has a value below zero: sizes, sums of sizes, times, and what begins at zero and grows."""
+        sizes = (Statistic.RMS, Statistic.MAX_ABS, Statistic.MAX_ABS_SETTLED, Statistic.SUM, Statistic.DURATION)
+        return self.statistic in sizes or (self.statistic == Statistic.MAX and self.initial == 0.0)
 
 
 CHANNELS: tuple[Channel, ...] = (

@@ -26,7 +26,7 @@ _TAG = "tag:yaml.org,2002:"
 def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
     """Data, places of the values and places of the keys of a file's bytes. Raises :class:`InputError`."""
     if len(raw) > MAX_BYTES:
-        raise InputError(path, None, None, f"{len(raw)} bytes", f"a YAML file of at most {MAX_BYTES} bytes")
+        raise InputError(path, None, None, f"more than {MAX_BYTES} bytes", f"a YAML file of at most {MAX_BYTES} bytes")
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:

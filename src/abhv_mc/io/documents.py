@@ -21,7 +21,7 @@ from pydantic import (
     model_validator,
 )
 
-from abhv_mc.io.document_reader import Place, Plain, compose
+from abhv_mc.io.document_reader import MAX_BYTES, Place, Plain, compose
 from abhv_mc.io.input_error import InputError, InputErrors, Refusal, describe, one_of
 
 __all__ = [
@@ -84,7 +84,8 @@ def read_document(path: "str | Path | Document") -> Document:
         return path
     path = Path(path)
     try:
-        raw = path.read_bytes()
+        with path.open("rb") as file:
+            raw = file.read(MAX_BYTES + 1)  # a device has no end
     except FileNotFoundError:
         raise InputError(path, None, None, "no such file", "a YAML file") from None
     except IsADirectoryError:

@@ -8,7 +8,7 @@ from typing import Any
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.laws.own import CHANNEL, MAX_CHANNELS
 from abhv_mc.io.input_error import InputError, one_of
-from abhv_mc.own.check import check_functions
+from abhv_mc.own.check import check_functions, find_function
 from abhv_mc.own.compiled import COMMAND_ROWS, build, compiled_names
 from abhv_mc.own.source import CHANNEL as MARK
 from abhv_mc.own.source import OwnSource, run_module
@@ -42,12 +42,13 @@ def compile_channels(source: OwnSource, width: int) -> Any:
         raise InputError(source.file, None, None, f"{len(functions)} channels", f"1 to {MAX_CHANNELS}")
     tree = ast.parse(source.text)
     nodes = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
-    for name, function in functions.items():
-        check_functions(source.file, nodes[name], nodes, module.names)
+    for function in functions.values():
+        node = find_function(source.file, nodes, function)
+        check_functions(source.file, node, nodes, module.names)
         for argument in inspect.signature(function).parameters:
             if argument not in _ARGUMENTS:
                 wanted = one_of(_ARGUMENTS, argument)
-                raise InputError(source.file, nodes[name].lineno, None, f"the argument '{argument}'", wanted)
+                raise InputError(source.file, node.lineno, None, f"the argument '{argument}'", wanted)
     names = compiled_names(module)
     for name in functions:
         names[f"_channel_{name}"] = names[name]

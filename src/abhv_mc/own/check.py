@@ -48,7 +48,7 @@ def check_law(law: Law) -> None:
     tree = ast.parse(source.text)
     functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
     classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
-    node = functions[law.function.__name__]
+    node = find_function(source.file, functions, law.function)
 
     def line_of(kind: str, field: str) -> int | None:
         if kind not in classes:
@@ -82,6 +82,15 @@ def check_law(law: Law) -> None:
     check_functions(source.file, node, functions, law.module.names)
     _check_fields(law, node)
     _check_returns(law, node)
+
+
+def find_function(file: str, functions: dict[str, ast.FunctionDef], function: Any) -> ast.FunctionDef:
+    """The text of a decorated function. Raises InputError where it is none of the file's own, outside of all else."""
+    found = functions.get(getattr(function, "__name__", ""))
+    if found is None:
+        words = f"a decorator on '{getattr(function, '__name__', function)}', which is no function of the file"
+        raise InputError(file, None, None, words, "one above 'def' at the left margin")
+    return found
 
 
 def _check_arguments(law: Law, node: ast.FunctionDef) -> None:

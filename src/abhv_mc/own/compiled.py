@@ -9,11 +9,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from abhv_mc.cache import cache_folder
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.laws.own import MEMORY, ONBOARD
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
-from abhv_mc.jit import Uncompilable, compiled_folder, scalar, socket
+from abhv_mc.jit import compiler, scalar
+from abhv_mc.jit_pointer import Uncompilable, compile_pointer
 from abhv_mc.own.source import Law, Module, OwnSource, load_law
 from abhv_mc.own.table import Table
 from abhv_mc.own.wires import Command, LastCommand, Measured, Onboard, Reference
@@ -70,7 +72,7 @@ def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> A
     """Compile the function ``loop`` of a generated text with these names. Raises InputError."""
     source = module.source
     key = hashlib.sha256(f"{source.hash} {salt} {text} {_own_hash()}".encode()).hexdigest()[:24]
-    path = Path(compiled_folder()) / "laws" / f"law_{key}.py"
+    path = cache_folder(compiler()) / "laws" / f"law_{key}.py"
     if not path.exists():
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with atomic_write(path) as aside:
@@ -80,7 +82,7 @@ def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> A
     home.__dict__.update(names, __name__=home.__name__, __file__=str(path))
     exec(compile(text, str(path), "exec", dont_inherit=True), home.__dict__)  # our text, with the user's functions
     try:
-        return socket(home.__dict__["loop"])
+        return compile_pointer(home.__dict__["loop"])
     except Uncompilable as error:
         raise _explain(module, error) from None
 

@@ -1,4 +1,4 @@
-"""A law in plain Python through the same socket: for prototypes, with any library and any object as its memory."""
+"""A law in plain Python called like a compiled one: for prototypes, with any library and any object as its memory."""
 
 import ctypes
 import sys
@@ -22,9 +22,13 @@ _told: set[str] = set()  # laws whose traceback was printed
 
 
 class PlainLaw:
-    """Calls a law for one flight after another; the ``address`` holds as long as this object lives."""
+    """Calls a law for one flight after another; the ``address`` holds as long as this object lives.
 
-    def __init__(self, law: Law, gains: tuple[str, ...], width: int) -> None:
+    Its memory is any object, kept here; with ``memory_in_rows`` a named tuple of numbers, kept in the lanes' rows.
+    """
+
+    def __init__(self, law: Law, gains: tuple[str, ...], width: int, memory_in_rows: bool = False) -> None:
+        self._in_rows = memory_in_rows and "memory" in law.arguments
         self._law, self._gains, self._width = law, make_gains_class(gains) if gains else None, width
         self._memories: dict[int, Any] = {}  # by a number that the flight's lane holds
         self._callback = _SOCKET(self._call)
@@ -47,6 +51,9 @@ class PlainLaw:
         for lane in range(self._width):
             if block[FAULT, lane] > 0.0:
                 continue
+            if self._in_rows:
+                self._try_lane(block, lane, law.memory() if tick == 0 else self._memory_rows(block, lane), given)
+                continue
             if tick == 0:
                 block[MEMORY, lane] = len(self._memories)
                 self._memories[len(self._memories)] = law.memory() if "memory" in law.arguments else None
@@ -56,18 +63,26 @@ class PlainLaw:
                 block[FAULT, lane] = block[FAULT, first_of[number]]
                 continue
             first_of[number] = lane
-            try:
-                self._fly_lane(block, lane, number, given)
-            except Exception:
-                block[FAULT, lane] = LAW_FAILED
-                block[list(COMMAND_ROWS), lane] = 0.0
-                if law.source.hash not in _told:
-                    _told.add(law.source.hash)
-                    traceback.print_exc(file=sys.stderr)
+            self._memories[number] = self._try_lane(block, lane, self._memories[number], given)
 
-    def _fly_lane(self, block: Floats, lane: int, number: int, given: dict[str, Any]) -> None:
+    def _memory_rows(self, block: Floats, lane: int) -> Any:
+        return self._law.memory(*block[MEMORY : MEMORY + len(self._law.memory._fields), lane].tolist())
+
+    def _try_lane(self, block: Floats, lane: int, memory: Any, given: dict[str, Any]) -> Any:
+        """One tick of a flight; its memory after it. An exception is told once and ends the flight."""
+        try:
+            return self._fly_lane(block, lane, memory, given)
+        except Exception:
+            block[FAULT, lane] = LAW_FAILED
+            block[list(COMMAND_ROWS), lane] = 0.0
+            if self._law.source.hash not in _told:
+                _told.add(self._law.source.hash)
+                traceback.print_exc(file=sys.stderr)
+            return memory
+
+    def _fly_lane(self, block: Floats, lane: int, memory: Any, given: dict[str, Any]) -> Any:
         law = self._law
-        values = {**given, "memory": self._memories[number]}
+        values = {**given, "memory": memory}
         if "measured" in law.arguments:
             values["measured"] = Measured(*block[s.MEASURED : s.MEASURED + s.N_MEASURED, lane].tolist())
         if "onboard" in law.arguments:
@@ -75,12 +90,15 @@ class PlainLaw:
             values["onboard"] = _nest(Onboard, iter(numbers))
         returned = law.function(*(values[name] for name in law.arguments))
         if "memory" in law.arguments:
-            command, self._memories[number] = returned
+            command, memory = returned
         else:
             command = returned
         if not isinstance(command, Command):
             raise TypeError(f"the law returns {type(command).__name__}; wanted Command(...)")
         block[list(COMMAND_ROWS), lane] = command
+        if self._in_rows:
+            block[MEMORY : MEMORY + len(memory), lane] = memory
+        return memory
 
 
 def _row(pointer: Any, tick: int, columns: int) -> list[float]:

@@ -14,6 +14,7 @@ from typing import Any
 
 from abhv_mc.io.input_error import InputError, one_of
 
+MAX_BYTES = 2_000_000  # of a file
 CONTROLLER, CHANNEL = "_abhv_mc_controller", "_abhv_mc_channel"  # attributes that the decorators set
 
 
@@ -60,9 +61,13 @@ class Module:
 
 
 def read_source(path: Path) -> OwnSource:
-    """Read a user's file, without running it. Raises InputError."""
+    """Read a user's file as it is, without running it. Raises InputError."""
     try:
-        return OwnSource(path.read_text(encoding="utf-8"), str(path))
+        with path.open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
+        if len(content) > MAX_BYTES:
+            raise InputError(path, None, None, f"more than {MAX_BYTES} bytes", "a Python file")
+        return OwnSource(content.decode(), str(path))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(path, None, None, f"a file that cannot be read ({error})", "a Python file") from None
 
@@ -79,7 +84,7 @@ def run_module(source: OwnSource) -> Module:
         raise InputError(source.file, error.lineno, error.offset, f"'{error.msg}'", "Python") from None
     except InputError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # the latter would end the program, as if all were done
         line = line_in(error, source.file)
         found = f"a file that raises {type(error).__name__}: {error}"
         raise InputError(source.file, line, None, found, "a file that runs on its own") from None
@@ -147,9 +152,14 @@ def check_defaults(law: Law, kind: Any, words: str, needed: bool, line_of: Calla
         if name not in defaults and needed:
             found = f"no value for '{name}' at the start"
             raise InputError(file, line_of(words, name), None, found, f"{name}: float = 0.0")
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if not is_number(value):
             found = f"{value!r:.40} for '{name}'"
             raise InputError(file, line_of(words, name), None, found, "a finite number")
+
+
+def is_number(value: object) -> bool:
+    """Whether a default is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def field_error(file: str, line: int | None, column: int | None, of: str, name: str, known: Any) -> InputError:

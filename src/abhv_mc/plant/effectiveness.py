@@ -115,30 +115,10 @@ def table_slopes(T, W, tables, effectiveness, cells, high):
             t0, t1, t2 = cells.fraction[a0, lane], cells.fraction[a1, lane], cells.fraction[a2, lane]
             on_0, on_1, on_2 = a0 == axis, a1 == axis, a2 == axis
             inverse = tables.inverse_step[tables.axis_start[axis] + cells.cell[axis, lane]]
-            interpolate_3d(
-                tables.data,
-                corner,
-                s0,
-                s1,
-                s2,
-                0.0 if on_0 else t0,
-                0.0 if on_1 else t1,
-                0.0 if on_2 else t2,
-                used,
-                low,
-            )
-            interpolate_3d(
-                tables.data,
-                corner,
-                s0,
-                s1,
-                s2,
-                1.0 if on_0 else t0,
-                1.0 if on_1 else t1,
-                1.0 if on_2 else t2,
-                used,
-                high,
-            )
+            l0, l1, l2 = 0.0 if on_0 else t0, 0.0 if on_1 else t1, 0.0 if on_2 else t2
+            h0, h1, h2 = 1.0 if on_0 else t0, 1.0 if on_1 else t1, 1.0 if on_2 else t2
+            interpolate_3d(tables.data, corner, s0, s1, s2, l0, l1, l2, used, low)
+            interpolate_3d(tables.data, corner, s0, s1, s2, h0, h1, h2, used, high)
             for k in range(used):
                 T[row + k, lane] = (high[k] - low[k]) * inverse
 

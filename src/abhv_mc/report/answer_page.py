@@ -3,7 +3,6 @@
 import base64
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -23,13 +22,27 @@ class Shown:
     figure: Figure
 
 
+SHORT, LONG, CODE = "short", "long", "code"  # cells that stay on one line, that break, that are typed as they stand
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table and its words."""
+
+    title: str
+    caption: str
+    heads: tuple[str, ...]
+    rows: list[list[str]]
+    kinds: tuple[str, ...]  # of the columns
+
+
 def write_answer_page(
     path: Path,
     title: str,
     kicker: str,
     answers: list[str],
     shown: list[Shown],
-    tables: list[dict[str, Any]],
+    tables: list[Table],
     folder: Path | None = None,
 ) -> Path:
     """Write the page, and its figures into ``folder``, by default `figures` beside it; returns the page's path."""

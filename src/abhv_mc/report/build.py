@@ -36,9 +36,9 @@ def _read_pages(path: Path, numbers: dict[str, Any]) -> dict[str, Any]:
         pages: dict[str, Any] = held.pop("pages", {})
         for name in ("pictures", "key"):
             held.pop(name, None)
-    except (OSError, ValueError, AttributeError):
+    except (OSError, ValueError, AttributeError, TypeError, RecursionError):
         return {}
-    return pages if held == json.loads(json.dumps(numbers)) else {}
+    return pages if isinstance(pages, dict) and held == json.loads(json.dumps(numbers)) else {}
 
 
 def make_key(folder: Path) -> str:
@@ -65,7 +65,7 @@ def is_up_to_date(folder: Path, page: str = "report.html") -> bool:
             and hash_pages(folder, pages) == pages
             and hash_pages(folder, pictures) == pictures
         )
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return False
 
 

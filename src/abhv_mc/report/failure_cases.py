@@ -59,7 +59,7 @@ def read_ends(results: Results, controller: str) -> Floats:
     ends = np.full(int(flown.flight.max()) + 1, np.nan)
     for path in sorted(CampaignFolder(results.folder).flights.glob("*.parquet")):
         table = read_table(path, "a block of flights", ["flight", "controller", "end_time_s"])
-        mine = np.asarray(table["controller"].to_numpy(zero_copy_only=False) == controller, dtype=np.bool_)
+        mine = np.array([name == controller for name in table["controller"].to_pylist()], dtype=np.bool_)
         number = table["flight"].to_numpy()[mine]
         held = number < ends.size
         ends[number[held]] = table["end_time_s"].to_numpy()[mine][held]

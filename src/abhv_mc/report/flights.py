@@ -104,16 +104,16 @@ def read_flights(folder: Path, known: Collection[Path] | None = None) -> dict[st
         table = read_table(path, _WANTED, ["flight", "controller", "outcome", *metrics])
         try:
             flight = table["flight"].to_numpy().astype(np.int64)
-            names, owner = np.unique(_texts(table, "controller"), return_inverse=True)
-            codes, which = np.unique(_texts(table, "outcome"), return_inverse=True)
+            names, owner = _distinct(table, "controller")
+            codes, which = _distinct(table, "outcome")
             values = np.stack([table[name].to_numpy() for name in metrics])
         except KeyError as error:
             raise InputError(path, None, None, str(error.args[0]), f"the columns of {files[0].name}") from None
-        unknown = [code for code in codes.tolist() if code not in _CODES]
+        unknown = [code for code in codes if code not in _CODES]
         if unknown:
             raise InputError(path, None, None, f"the outcome '{unknown[0]}'", " or ".join(_CODES))
-        outcome = np.array([_CODES[code] for code in codes.tolist()], dtype=np.uint8)[which]
-        for k, name in enumerate(names.tolist()):
+        outcome = np.array([_CODES[code] for code in codes], dtype=np.uint8)[which]
+        for k, name in enumerate(names):
             rows = owner == k
             collected.setdefault(name, _Collected(metrics)).add(flight[rows], outcome[rows], values[:, rows])
     flown = {name: found.finish() for name, found in collected.items()}
@@ -132,5 +132,8 @@ def _find_metrics(schema: pa.Schema) -> list[str]:
     ]
 
 
-def _texts(table: pa.Table, name: str) -> NDArray[np.str_]:
-    return np.asarray(table[name].cast(pa.string()).to_numpy(zero_copy_only=False), dtype=np.str_)
+def _distinct(table: pa.Table, name: str) -> tuple[list[str], NDArray[np.intp]]:
+    """The texts of a column, ascending, and which of them each row [row] has."""
+    column = table[name].cast(pa.string()).combine_chunks().dictionary_encode()
+    texts, back = np.unique(np.array(column.dictionary.to_pylist(), dtype=np.str_), return_inverse=True)
+    return texts.tolist(), back[np.asarray(column.indices.to_numpy())]

@@ -86,7 +86,7 @@ def _script_hashes(*scripts: str) -> Markup:
 
 def _packed(library: str) -> Markup:
     """A library, compressed to a third; the page's script unpacks it."""
-    packed = gzip.compress(library.encode(), mtime=0)
+    packed = gzip.compress(library.encode(), compresslevel=6, mtime=0)
     return Markup(base64.b64encode(packed).decode("ascii"))  # noqa: S704  letters of base64 only
 
 

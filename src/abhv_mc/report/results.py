@@ -1,6 +1,5 @@
 """A campaign's folder as plain arrays: what every table, figure and page of a report is made from."""
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +21,7 @@ from abhv_mc.store.envelopes import QUANTILE_COLUMNS
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import data_files, read_checked
 from abhv_mc.store.manifest import COMPLETE, read_manifest
+from abhv_mc.store.margins_check import read_margins
 from abhv_mc.vehicle.arrays import Floats
 
 BANDS = ("min", *QUANTILE_COLUMNS, "max")
@@ -186,18 +186,6 @@ def _read_nominal(path: Path) -> dict[str, dict[str, Floats]]:
     }
 
 
-def _read_stability(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        return {}
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(found, dict):
-            raise ValueError(type(found).__name__)
-    except ValueError as error:
-        raise InputError(path, None, None, f"no JSON ({error})", "the margins of a campaign") from None
-    return found
-
-
 def read_results(root: Path) -> Results:
     """Read a campaign's folder. Raises InputError where a file is missing or unreadable."""
     folder = CampaignFolder(root)
@@ -215,7 +203,7 @@ def read_results(root: Path) -> Results:
         envelopes=_read_envelopes(folder.envelopes),
         reference={name: value.astype(np.float64) for name, value in reference.items()},
         nominal=_read_nominal(folder.nominal),
-        stability=_read_stability(folder.margins),
+        stability=read_margins(folder.margins),
     )
 
 

@@ -13,6 +13,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.search.evaluation import Floats
 from abhv_mc.store.flights import DamagedFileError, FlightRows, read_block
 from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.hashes import find_damage
 from abhv_mc.store.manifest import COMPLETE
 from abhv_mc.store.plans import read_plan
 from abhv_mc.store.samples import SampleReader
@@ -44,6 +45,10 @@ def verify_search(folder: CampaignFolder, manifest: dict[str, Any]) -> Iterator[
     if manifest.get("state") != COMPLETE:
         wanted = f"a complete one; this goes on with it: {search_command(folder.root, manifest)}"
         raise InputError(folder.root, None, None, f"a search that is {manifest.get('state')}", wanted)
+    damaged = [f"{path.relative_to(folder.root).as_posix()}: {found}" for path, found in find_damage(folder, manifest)]
+    yield from damaged
+    if damaged:
+        return
     samples = SampleReader(folder.samples)
     try:
         blocks = [read_block(path, samples.names) for path in sorted(folder.flights.glob("*.parquet"))]

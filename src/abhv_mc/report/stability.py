@@ -84,7 +84,8 @@ def stability_sentences(numbers: Mapping[str, Any]) -> Iterator[str]:
             yield f"{label} is unstable in steady, level flight at {corners}."
         else:
             gain, loop = min((_gain(row), row["loop"]) for row in loops)
-            phase, which = min((row["phase_margin_deg"], row["loop"]) for row in loops if row["phase_margin_deg"])
+            phases = [(row["phase_margin_deg"], row["loop"]) for row in loops if row["phase_margin_deg"]]
+            phase, which = min(phases, default=(np.inf, loop))
             if gain < LOW["gain_margin_min_db"] or phase < LOW["phase_margin_min_deg"]:
                 yield (
                     f"{label} has little margin in steady, level flight: {fixed(gain, 1)} dB ({_loop(loop)}), "

@@ -1,12 +1,11 @@
 """The page of a tuned controller: what it gains on fresh flights, what it is traded against, where its numbers lie."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from abhv_mc.campaign.search.tune import TuneFound
-from abhv_mc.report.answer_page import Shown, write_answer_page
+from abhv_mc.report.answer_page import LONG, SHORT, Shown, Table, write_answer_page
 from abhv_mc.report.figures.searches import plot_front, plot_gains
 from abhv_mc.report.metrics import controller_label, words_of
 
@@ -79,32 +78,29 @@ def _answers(found: TuneFound) -> list[str]:
     return answers
 
 
-def _sides(found: TuneFound) -> dict[str, Any]:
+def _sides(found: TuneFound) -> Table:
     rows = []
     for side in found.sides:
         sign = "" if side.limit is None else "above" if side.floor else "below"
         limit = "" if side.limit is None else f"{sign} {side.limit:.4g}"
         kept = "" if side.limit is None else "yes" if side.keeps else "no"
         rows.append([side.words, f"{side.start:.5g}", f"{side.best:.5g}", limit, kept])
-    return {
-        "title": "Start and result",
-        "caption": "Metrics on the fresh flights, the same for both; flights that ended early count as the worst. "
-        "Stability margins are the least over all loops and points.",
-        "heads": ["what", "start", "result", "limit", "kept"],
-        "rows": rows,
-    }
+    caption = (
+        "Metrics on the fresh flights, the same for both; flights that ended early count as the worst. Stability "
+        "margins are the least over all loops and points."
+    )
+    heads = ("what", "start", "result", "limit", "kept")
+    return Table("Start and result", caption, heads, rows, (LONG, SHORT, SHORT, SHORT, SHORT))
 
 
-def _numbers(found: TuneFound) -> dict[str, Any]:
+def _numbers(found: TuneFound) -> Table:
     numbers, place = found.numbers, found.tuning.place
     columns = [numbers.values(point) for point in (0.0 * place, np.full_like(place, -1.0), place, np.ones_like(place))]
     ends = numbers.at_ends(place)
-    return {
-        "title": "Free numbers",
-        "caption": "Each was varied by its factor either way, on a logarithmic scale.",
-        "heads": ["number", "start", "low end", "result", "high end", ""],
-        "rows": [
-            [key, *(str(column[key]) for column in columns), "at the end of its range" if key in ends else ""]
-            for key in columns[0]
-        ],
-    }
+    caption = "Each was varied by its factor either way, on a logarithmic scale."
+    heads = ("number", "start", "low end", "result", "high end", "")
+    rows = [
+        [key, *(str(column[key]) for column in columns), "at the end of its range" if key in ends else ""]
+        for key in columns[0]
+    ]
+    return Table("Free numbers", caption, heads, rows, (SHORT,) * 6)

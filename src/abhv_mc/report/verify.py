@@ -16,6 +16,8 @@ from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import find_damage
 from abhv_mc.store.manifest import read_manifest, read_whole_manifest
 
+_HASHED = ("files", "pages", "pictures")
+
 
 def differences(written: Any, remade: Any, place: str = "") -> Iterator[str]:
     """Where two documents of numbers differ, in the order of the written one: 'a.b[2]: 1.5, remade 1.6'."""
@@ -70,8 +72,10 @@ def verify_campaign(root: Path) -> Iterator[str]:
     try:
         text = path.read_text(encoding="utf-8")
         written = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(path, None, None, str(error), "JSON") from None
+    if not isinstance(written, dict) or not all(isinstance(written.get(name, {}), dict) for name in _HASHED):
+        raise InputError(path, None, None, "no numbers of a report", f"a report: abhv-mc report {root}")
     told = False
     for difference in _differences(folder, json.loads(text)):
         told = True

@@ -8,7 +8,7 @@ from abhv_mc.search.evaluation import LANES, Floats
 from abhv_mc.search.record import Record
 
 _MOST_CORNERS = 512  # up to so many corners are all evaluated
-_CLIMBS = 3  # pairs of batches of corners: neighbours, and what they suggest
+_CLIMB_SHARE, _CLIMB_LEAST = 0.2, 256  # of the evaluations, for a climb over corners
 
 
 def sobol_points(dimension: int, number: int, seed: int) -> Floats:
@@ -57,7 +57,8 @@ def _climb_corners(record: Record, star: Floats, batch: int, fill: Callable[[Flo
     order = np.argsort(np.abs(slopes), kind="stable")  # least certain first
     corner, best, tried = np.where(slopes >= 0.0, 1.0, -1.0), -np.inf, set[bytes]()
     opposite = [-corner]
-    share = record.used + _CLIMBS * 2 * batch
+    # Batches come in pairs: neighbours, and what they suggest.
+    share = record.used + max(_CLIMB_LEAST, int(_CLIMB_SHARE * record.limit))
 
     def call(wanted: list[Floats]) -> tuple[list[Floats], Floats]:
         """Those of the corners that were not tried, as many as fit, and their values; the best of all moves along."""

@@ -1,41 +1,55 @@
-"""The last steps to a maximum in a box: slopes and curvatures along each dimension, then steps that they suggest."""
+"""The last steps to a maximum in a box: slopes and curvatures, then the steps that they suggest."""
 
 import numpy as np
 
-from abhv_mc.search.evaluation import Floats, make_generator
+from abhv_mc.search.evaluation import Floats, make_generator, round_up
+from abhv_mc.search.quadratic import find_top
 from abhv_mc.search.record import Record
 
 _LEAST_STEP = 1e-3  # half widths of the box
+_REACHES = (2.0, 8.0)  # steps: how far away the top of a fitted quadratic may be
+_SPREADS = (1.2, 2.0, 4.0)  # points of a fit for each coefficient: from a narrow neighbourhood to a wide one
+_FAR_ENOUGH = 0.3  # steps: the best place moved at least so far where the step stays
 _NEAR_BOUND = 0.9  # beyond it, the bound itself is tried
 
 
 def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> None:
     """Climb from the record's best place until the step is small or ``reserve`` evaluations are left."""
     iteration = 0
+    suggested: list[Floats] = []  # by the slopes of the batch before
     while step > _LEAST_STEP:
         place, best = record.place, record.best
         dimension = len(place)
         compass = np.clip(
             np.concatenate([place + step * np.eye(dimension), place - step * np.eye(dimension)]), -1.0, 1.0
         )
-        filled = -(-2 * dimension // batch) * batch
-        if record.left - reserve < filled + batch:
+        tops = _tops(record, place, step)
+        wanted = np.array([*compass, *tops, *suggested])
+        filled = round_up(len(wanted), batch)
+        if record.left - reserve < filled:
             return
         generator = make_generator(seed, 1, iteration)
-        around = place + step * generator.standard_normal((filled - 2 * dimension, dimension)) / np.sqrt(dimension)
-        values = record.call(np.concatenate([compass, np.clip(around, -1.0, 1.0)]), "polish")
-        steps = _suggest(place, best, compass, values[: 2 * dimension], step)
-        room = batch - len(steps)
-        if room > 0:  # shorter and longer variants of the suggested steps, dimension by dimension
-            factors = generator.uniform(0.0, 1.5, (room, dimension))
-            steps = np.concatenate([steps, (steps[0] - place) * factors + place])
-        record.call(np.clip(steps[:batch], -1.0, 1.0), "polish")
-        gained = record.best - best
-        step = step * 1.5 if gained > 0.0 and np.abs(record.place - place).max() > step else step / 3.0
+        around = step * generator.standard_normal((filled - len(wanted), dimension)) / np.sqrt(dimension)
+        if tops:  # half of them: shorter and longer variants of the step to a top, dimension by dimension
+            half = len(around) // 2
+            around[:half] = generator.uniform(0.0, 1.5, (half, dimension)) * (tops[0] - place)
+        values = record.call(np.clip(np.concatenate([wanted, place + around]), -1.0, 1.0), "polish")
+        suggested = _suggest(place, best, compass, values[: 2 * dimension], step)
+        moved = np.abs(record.place - place).max()
+        step = 1.5 * step if moved > step else step if moved > _FAR_ENOUGH * step else step / 3.0
         iteration += 1
 
 
-def _suggest(place: Floats, best: float, compass: Floats, values: Floats, step: float) -> Floats:
+def _tops(record: Record, place: Floats, step: float) -> list[Floats]:
+    points, values = np.concatenate(record.points), np.concatenate(record.values)
+    known = np.isfinite(values)
+    if not known.any():
+        return []
+    points, values = points[known], values[known]
+    return [find_top(points, values, place, reach * step, spread) for reach in _REACHES for spread in _SPREADS]
+
+
+def _suggest(place: Floats, best: float, compass: Floats, values: Floats, step: float) -> list[Floats]:
     """Places that a parabola in each dimension and the slope suggest."""
     dimension = len(place)
     up, down = values[:dimension], values[dimension:]
@@ -65,4 +79,4 @@ def _suggest(place: Floats, best: float, compass: Floats, values: Floats, step: 
         np.where(np.abs(one) > _NEAR_BOUND, np.sign(one), one) for one in (place, place + newton, place + better)
     ]
     corner = np.where(gradient > 0.0, 1.0, np.where(gradient < 0.0, -1.0, place))
-    return np.array([*found, *snapped, corner])
+    return [*found, *snapped, corner]

@@ -52,11 +52,10 @@ class Record:
 
     def best_places(self, number: int, apart: float) -> Floats:
         """The best places, at most ``number``, each at least ``apart`` (rms over the dimensions) from better ones."""
-        points, values = np.concatenate(self.points), np.concatenate(self.values)
+        order = np.argsort(-np.concatenate(self.values), kind="stable")
+        points = np.concatenate(self.points)[order]
         chosen: list[Floats] = []
-        for i in np.argsort(-values, kind="stable"):
-            if all(np.sqrt(np.mean((points[i] - other) ** 2)) >= apart for other in chosen):
-                chosen.append(points[i])
-            if len(chosen) == number:
-                break
+        while len(points) and len(chosen) < number:
+            chosen.append(points[0])
+            points = points[np.sqrt(np.mean((points - points[0]) ** 2, axis=1)) >= apart]
         return np.array(chosen)

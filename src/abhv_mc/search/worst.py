@@ -14,6 +14,8 @@ from abhv_mc.search.first_points import explore
 from abhv_mc.search.polish import polish
 from abhv_mc.search.record import Progress, Record
 
+_BATCHES = 15  # at least: a search learns from batch to batch, and workers want many flights at once
+_MOST_IN_BATCH = 512
 _POLISH_SHARE = 0.25  # of the evaluations, for the last climb
 _STEP = 0.3  # first standard deviation of a CMA-ES, half widths of the box
 _APART = 0.2  # rms distance of the starts from one another
@@ -39,19 +41,25 @@ class WorstCase:
         return np.abs(self.place) >= AT_BOUND
 
 
-def least_evaluations(dimension: int, batch: int = 2 * LANES) -> int:
-    """The fewest evaluations that :func:`search_worst` takes."""
+def choose_batch(evaluations: int) -> int:
+    """Points of a batch: the more, the more evaluations there are, so that many workers have their share."""
+    return int(np.clip(evaluations // _BATCHES // (2 * LANES), 1, _MOST_IN_BATCH // (2 * LANES))) * 2 * LANES
+
+
+def least_evaluations(dimension: int, batch: int) -> int:
+    """The fewest evaluations that :func:`search_worst` takes with such batches."""
     return 2 * round_up(2 * dimension + 1, batch) + round_up(2 * dimension)
 
 
 def search_worst(
-    evaluate: Evaluate, dimension: int, evaluations: int = 2000, seed: int = 0, batch: int = 2 * LANES
+    evaluate: Evaluate, dimension: int, evaluations: int = 2000, seed: int = 0, batch: int | None = None
 ) -> WorstCase:
     """Search the box -1 .. 1 for the largest value with about so many evaluations, never more.
 
-    Batches hold ``batch`` points, a multiple of 32. Raises ValueError where the evaluations do not suffice for the
-    first batches.
+    Batches hold ``batch`` points, a multiple of 32; see :func:`choose_batch`. Raises ValueError where the evaluations
+    do not suffice for the first batches.
     """
+    batch = batch or choose_batch(evaluations)
     least = least_evaluations(dimension, batch)
     if evaluations < least:
         raise ValueError(f"{evaluations} flights; a search of {dimension} parameters needs at least {least}")

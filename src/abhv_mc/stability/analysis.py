@@ -21,6 +21,8 @@ _TOGETHER = 64  # flights at a time: their states at every tick are 1 MB each
 # What a campaign's metrics hold where nothing makes a loop unstable.
 NO_GAIN_MARGIN_DB, NO_PHASE_MARGIN_DEG, NO_DELAY_MARGIN_MS = 60.0, 180.0, 1000.0
 
+NO_SLOPES = "the law has no slopes there: what it gives is not a number"
+
 Time = Literal["trim"] | float  # s
 
 
@@ -28,7 +30,8 @@ class Stability(NamedTuple):
     """What is known of each linear model."""
 
     stable: NDArray[np.bool_]  # [system]
-    poles: list[NDArray[np.complex128]]  # of the closed loop, as of a continuous one, 1/s, fastest growing first
+    poles: list[NDArray[np.complex128]]  # of the closed loop, as of a continuous one, 1/s, fastest growing first;
+    # none where the law, one of the user's own, has no slopes at the point
     margins: Margins  # nan for systems that are not stable
 
 
@@ -48,7 +51,7 @@ def analyse(linear: Linear, frequencies: int = FREQUENCIES) -> Stability:
     with np.errstate(divide="ignore"):
         poles = [np.log(z[z != 0.0].astype(np.complex128)) / linear.period for z in discrete]
     poles = [each[np.argsort(-each.real)] for each in poles]
-    stable = np.array([each[0].real < GROWTH for each in poles])
+    stable = np.array([each.size > 0 and each[0].real < GROWTH for each in poles])
     margins = Margins(*(np.full(shape, np.nan) for shape in _shapes(len(poles), linear.law_D.shape[1])))
     chosen = np.flatnonzero(stable)
     if chosen.size:
@@ -65,10 +68,12 @@ def _shapes(systems: int, inputs: int) -> list[tuple[int, ...]]:
 
 
 def _closed_poles(linear: Linear) -> list[NDArray[np.complex128]]:
-    """Eigenvalues of the sampled closed loops; those of one delay together."""
+    """Eigenvalues of the sampled closed loops; those of one delay together. None of a law without slopes."""
     poles: list[NDArray[np.complex128]] = [np.empty(0, np.complex128)] * len(linear.A)
-    for delay in np.unique(linear.delay):
-        systems = np.flatnonzero(linear.delay == delay)
+    known = np.isfinite(linear.law_D).all(axis=(1, 2)) & np.isfinite(linear.law_A).all(axis=(1, 2))
+    known &= np.isfinite(linear.law_B).all(axis=(1, 2)) & np.isfinite(linear.law_C).all(axis=(1, 2))
+    for delay in np.unique(linear.delay[known]):
+        systems = np.flatnonzero(known & (linear.delay == delay))
         values = np.linalg.eigvals(np.stack([closed_loop(linear, int(i)) for i in systems]))
         for i, each in zip(systems, values, strict=True):
             poles[i] = each
@@ -99,7 +104,7 @@ def margins_of_flights(
             of, found = points_at(plan, steady, some, time)
             stability = analyse(linearise(of, some, found.points), frequencies)
             for i, (fault, stable) in enumerate(zip(found.faults, stability.stable, strict=True)):
-                words.append(fault or ("" if stable else "unstable"))
+                words.append(fault or ("" if stable else "unstable" if stability.poles[i].size else NO_SLOPES))
                 values = np.zeros(4) if words[-1] else _least(stability.margins, i)
                 least[:, first + i] = np.minimum(least[:, first + i], values)
     gain, phase, delay, disk = least

@@ -21,6 +21,7 @@ ACTUATOR_STATES = tuple(f"{name}{part}" for name in INPUTS for part in ("", "_ra
 PLANT_STATES = (*path.COORDINATES, *ACTUATOR_STATES)
 _STEPS = np.array([0.5, 0.02, *[2e-5] * 8, *[2e-5] * 4])  # of the path coordinates and the actuators' positions
 _CHANGE = 2e-5  # rad: what a step in the law's memory is to change in a command
+_NO_CHANGE = 1e-14  # of one that the memory changes at a later tick only
 
 
 class Points(NamedTuple):
@@ -113,7 +114,8 @@ def memory_steps(plan: FlightPlan, points: Points) -> Floats:
     answer = law_tick(plan, points.tick, measured, moved.reshape(-1, count))
     before, after = (np.hstack([each.guidance, each.command]) for each in (base, answer))
     change = np.abs(after.reshape(len(before), count, -1) - before[:, None, :]).max(axis=-1)
-    return np.asarray(steps * np.clip(_CHANGE / np.maximum(change, 1e-14), 1e-3, 1e6))
+    factor = np.clip(_CHANGE / np.maximum(change, _NO_CHANGE), 1e-3, 1e6)
+    return np.asarray(np.where(change > _NO_CHANGE, steps * factor, steps))
 
 
 def actuator_matrices(plan: FlightPlan, parameters: Floats) -> tuple[Floats, Floats]:
@@ -183,4 +185,4 @@ def closed_loop(linear: Linear, point: int) -> Floats:
 
 def memory_count(plan: FlightPlan) -> int:
     """How many numbers the plan's law remembers."""
-    return int(law_memory_rows(plan).size)
+    return len(law_memory_rows(plan))

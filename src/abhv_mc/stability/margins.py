@@ -180,5 +180,5 @@ def _common_delay(response: Response, omega: Floats, L: Complexes) -> Floats:
 def disk_gain_and_phase(alpha: Floats) -> tuple[Floats, Floats]:
     """Gain factor and phase (rad) that a disk margin allows in either direction; inf where it allows any gain."""
     with np.errstate(divide="ignore"):
-        gain = np.where(alpha < 2.0, (1.0 + 0.5 * alpha) / np.maximum(1.0 - 0.5 * alpha, 1e-300), np.inf)
+        gain = np.where(alpha >= 2.0, np.inf, (1.0 + 0.5 * alpha) / np.maximum(1.0 - 0.5 * alpha, 1e-300))
     return gain, 2.0 * np.arctan(0.5 * alpha)

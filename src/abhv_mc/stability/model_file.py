@@ -10,7 +10,7 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.linearize import INPUTS, PLANT_STATES, Linear, Points, actuator_matrices, closed_loop, open_loop
-from abhv_mc.stability.probe import LAW_MEMORY
+from abhv_mc.stability.probe import law_memory_rows
 from abhv_mc.vehicle.arrays import Floats
 
 FORMATS = (".npz", ".mat", ".json")
@@ -26,7 +26,7 @@ def make_model(plan: FlightPlan, parameters: Floats, points: Points, linear: Lin
     actuators' commands as inputs. All but that one are sampled with ``period``.
     """
     m, d = linear.law_A.shape[1], int(linear.delay[0])
-    memory = [f"law_{name}" for name in LAW_MEMORY[plan.law]]
+    memory = [f"law_{name}" for name in law_memory_rows(plan)]
     old = [f"{name}_{age}_ago" for age in range(1, d + 1) for name in path.COORDINATES]
     actuator_A, actuator_B = actuator_matrices(plan, parameters[:1])
     A, B = np.zeros((18, 18)), np.zeros((18, 4))

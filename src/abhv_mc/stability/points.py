@@ -7,26 +7,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.control import columns as ref
-from abhv_mc.control.controller_file import Controller, PythonController, TlcController
+from abhv_mc.control.controller_file import Controller
 from abhv_mc.control.design.guidance_trim import GuidancePoints, GuidanceTrim, trim_along
-from abhv_mc.control.design.lqr_design import make_lqr_gains
 from abhv_mc.control.design.reference import make_mission_trim_tables
-from abhv_mc.control.design.tlc_design import make_tlc_gains
 from abhv_mc.control.mission import Level, Mission
 from abhv_mc.flight.fly import fly
+from abhv_mc.flight.own_law import PYTHON
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.prepare import make_plan
+from abhv_mc.flight.prepare import OwnParts, make_gains, make_plan
 from abhv_mc.io.input_error import InputError
+from abhv_mc.own.design import DesignModel
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.linearize import Points, law_slopes, memory_count, plant_slopes
-from abhv_mc.stability.probe import LAW_MEMORY, law_tick, replay_law, undisturbed
+from abhv_mc.stability.probe import law_memory_rows, law_tick, replay_law, undisturbed
 from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.vehicle.model import Vehicle
 
 _ITERATIONS = 25
 _AT_REST = 1e-12  # what the law's memory at a trim may change by in a tick
+_RESTING = 1e5  # how much more that counts than the controls, where not both can be met
 _BALANCED = 1e-9  # rad/s2 and so on: what a trim may leave of any rate
 _TRIM_UNKNOWNS = (path.ALPHA, path.BANK, path.P, path.Q, path.R, 10, 11, 12, 13)
 _TRIM_RATES = tuple(range(1, 10))  # all but the altitude's
@@ -41,23 +42,20 @@ class Found(NamedTuple):
 
 
 def make_steady_plan(
-    vehicle: Vehicle, mission: Mission, controller: Controller, name: str, bank: float = 0.0
+    vehicle: Vehicle,
+    mission: Mission,
+    controller: Controller,
+    name: str,
+    bank: float = 0.0,
+    own: OwnParts | None = None,
 ) -> FlightPlan:
     """A plan whose reference is steady flight at the mission's start for all time, with the gains that belong to it.
 
     ``bank`` (rad) is the guidance trim's in a steady turn; 0 asks for straight flight, whatever bank that takes.
-    Raises InputError where no steady turn has that bank.
+    ``own`` is the law of a controller of the user's own. Raises InputError where no steady turn has that bank.
     """
-    if isinstance(controller, PythonController):
-        raise InputError(
-            controller.file,
-            None,
-            None,
-            "a law of the user's own",
-            "a controller of law tlc or lqr, which can be linearised",
-        )
     level = mission.model_copy(update={"manoeuvre": Level(kind="level"), "duration": 2.0 / controller.rate})
-    plan = make_plan(vehicle, level, controller, name)
+    plan = make_plan(vehicle, level, controller, name, own=own)
     trim_tables = make_mission_trim_tables(mission, vehicle)
     row = plan.reference[0].copy()
     heading_rate = _turn_of_bank(vehicle, plan, row, bank) if bank else 0.0
@@ -67,10 +65,7 @@ def make_steady_plan(
     row[ref.EQUIVALENCE_RATIO], row[ref.ELEVATOR] = nominal.equivalence_ratio[0], nominal.elevator[0]
     reference = np.tile(row, (3, 1))
     reference[:, ref.TIME] = plan.reference[:3, ref.TIME]
-    if isinstance(controller, TlcController):
-        gains = make_tlc_gains(controller, reference, vehicle, trim_tables)
-    else:
-        gains = make_lqr_gains(controller, level, reference, vehicle, trim_tables)
+    _, gains = make_gains(controller, own, DesignModel(vehicle, level, reference, trim_tables))
     return replace(plan, reference=reference, gains=gains, trim_tables=trim_tables)
 
 
@@ -147,11 +142,14 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
 
 
 def _memory_at_rest(plan: FlightPlan, points: Points) -> Floats:
-    """The law's memory [point, memory] that stays as it is and whose commands are the points' controls."""
+    """The law's memory [point, memory] that stays as it is and whose commands are the points' controls.
+
+    Where no memory does both, as of a law without integrals, it stays as it is and comes closest to the controls.
+    """
     count = memory_count(plan)
     memory = np.zeros((len(points.path), count))
-    last = [name.startswith("last_") for name in LAW_MEMORY[plan.law]]
-    memory[:, last] = points.controls[:, :3][:, : sum(last)]
+    last = [s.CMD <= row < s.CMD + 4 for row in law_memory_rows(plan).values()]
+    memory[:, last] = points.controls[:, : sum(last)]
     for _ in range(8 if count else 0):
         law = law_slopes(plan, points._replace(memory=memory))
         left = law.value - np.hstack([memory, points.controls])
@@ -159,7 +157,10 @@ def _memory_at_rest(plan: FlightPlan, points: Points) -> Floats:
             break
         J = law.slope[:, :, 10:].copy()
         J[:, :count] -= np.eye(count)
-        memory = memory - np.einsum("pij,pj->pi", np.linalg.pinv(J, rcond=1e-13), left)
+        left[:, :count] *= _RESTING
+        J[:, :count] *= _RESTING
+        known = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(left).all(axis=1)  # a law of the user's own may fail
+        memory[known] -= np.einsum("pij,pj->pi", np.linalg.pinv(J[known], rcond=1e-13), left[known])
     return memory
 
 
@@ -199,9 +200,11 @@ def behind_limit(plan: FlightPlan, points: Points) -> NDArray[np.bool_]:
     """Whether the law, left free, commands what it or the vehicle's record does not allow, [point]."""
     free = law_tick(plan, points.tick, points.measured, points.memory)
     c = plan.vehicle.constants
+    eta = free.command[:, 3]
+    beyond = np.asarray((eta < c.equivalence_ratio_min) | (eta > c.equivalence_ratio_max))
+    beyond |= (np.abs(free.command[:, :3]) > c.surface_limit).any(axis=1)
+    if plan.law == PYTHON:  # its limits of the angle of attack and the bank are in its code
+        return beyond
     low, high, bank = plan.settings[-3:]
     alpha, sigma = free.guidance[:, 1], np.abs(free.guidance[:, 2])
-    eta = free.command[:, 3]
-    beyond = np.asarray((alpha < low) | (alpha > high) | (sigma > bank))
-    beyond |= (eta < c.equivalence_ratio_min) | (eta > c.equivalence_ratio_max)
-    return np.asarray(beyond | (np.abs(free.command[:, :3]) > c.surface_limit).any(axis=1))
+    return np.asarray(beyond | (alpha < low) | (alpha > high) | (sigma > bank))

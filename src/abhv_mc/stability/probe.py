@@ -8,12 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abhv_mc.control.laws.own import FAULT
 from abhv_mc.control.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
 from abhv_mc.flight.arguments import make_kernel_plan
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.kernel import control, evaluate
 from abhv_mc.flight.memory import Z_ROWS, has_width, make_memory
 from abhv_mc.flight.navigation import navigate
+from abhv_mc.flight.own_law import PYTHON, law_memory, open_law
 from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.flight.sensors import active_sensor_errors, sense
 from abhv_mc.jit import kernel, lanes
@@ -25,8 +27,9 @@ from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.state import SUM, XS, X
 from abhv_mc.vehicle.arrays import VARIABLES, Floats, Ints
 
-# What a law remembers from tick to tick, as rows of the lane memory; the last commands are among it where it uses them.
-LAW_MEMORY: dict[str, dict[str, int]] = {
+# What a law of the program remembers from tick to tick, as rows of the lane memory; the last commands are among it
+# where it uses them.
+_MEMORY: dict[str, dict[str, int]] = {
     "tlc": {
         **dict(
             zip(
@@ -56,7 +59,7 @@ class LawTick(NamedTuple):
     """What a law makes of a measurement."""
 
     memory: Floats  # [point, memory] after the tick
-    command: Floats  # [point, 4] aileron, rudder, elevator, equivalence ratio
+    command: Floats  # [point, 4] aileron, rudder, elevator, equivalence ratio; nan where a law of one's own fails
     variables: Floats  # [point, variable] at which it looked its tables up
     guidance: Floats  # [point, 3] commanded flight path angle, angle of attack, bank
 
@@ -153,21 +156,30 @@ def plant_rates(plan: FlightPlan, parameters: Floats, flight: Ints, states: Floa
     return rates, variables
 
 
-def law_memory_rows(plan: FlightPlan) -> Ints:
-    """Rows of the lane memory that the plan's law remembers."""
-    return np.array(list(LAW_MEMORY[plan.law].values()), dtype=np.int64)
+def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
+    """Rows of the lane memory that the plan's law remembers, by name; the last commands are among them where
+    it uses them.
+
+    Raises InputError for a law in plain Python whose memory is no named tuple of numbers.
+    """
+    if plan.law == PYTHON:
+        return {name: row for name, (row, _) in law_memory(plan).items()}
+    return _MEMORY[plan.law]
 
 
 def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> LawTick:
     """One tick of the plan's law, its limits off, past the first tick.
 
-    ``measured`` [point, 10] in the order of the measured rows, ``memory`` [point, memory] in that of LAW_MEMORY.
+    ``measured`` [point, 10] in the order of the measured rows, ``memory`` [point, memory] in that of law_memory_rows.
+    A law of the user's own keeps the limits that are in its code.
     """
-    rows = np.concatenate([np.arange(s.MEASURED, s.MEASURED + s.N_MEASURED), law_memory_rows(plan)])
-    free = _without_limits(plan, tick)
-    after, seen = _run_law(free, (1, 1), np.empty((0, 0, 0)), rows, np.hstack([measured, memory]))
+    rows = np.array([*range(s.MEASURED, s.MEASURED + s.N_MEASURED), *law_memory_rows(plan).values(), FAULT], np.int64)
+    free, later = _without_limits(plan, tick), max(tick, 1)
+    before = np.hstack([measured, memory, np.zeros((len(measured), 1))])
+    after, seen = _run_law(free, (later, later), np.empty((0, 0, 0)), rows, before)
     variables, guidance, command = np.split(seen, [len(VARIABLES), len(VARIABLES) + 3], axis=1)
-    return LawTick(after[:, s.N_MEASURED :], command, variables, guidance)
+    command[after[:, -1] > 0.0] = np.nan
+    return LawTick(after[:, s.N_MEASURED : -1], command, variables, guidance)
 
 
 def replay_law(plan: FlightPlan, parameters: Floats, states: Floats, tick: int) -> tuple[Floats, Floats]:
@@ -181,13 +193,16 @@ def replay_law(plan: FlightPlan, parameters: Floats, states: Floats, tick: int) 
     before[:, s.P : s.P + s.N_PARAMETERS] = parameters
     controls = (s.AILERON, s.RUDDER, s.ELEVATOR, s.ETA)
     before[:, s.CMD : s.CMD + 4] = plan.initial_state[list(controls)]
+    kept = law_memory_rows(plan)
+    if plan.law == PYTHON:
+        before[:, list(kept.values())] = [start for _, start in law_memory(plan).values()]
     after, _ = _run_law(plan, (0, tick), states, rows, before)
     measured = after[:, s.MEASURED : s.MEASURED + s.N_MEASURED]
-    memory = after[:, law_memory_rows(plan)]
+    memory = after[:, list(kept.values())]
     if tick == 0 and plan.law == "tlc":
         later, _ = _run_law(plan, (0, 1), np.repeat(states[:, :1], 2, axis=1), rows, before)
-        resting = [name.startswith("differentiator") for name in LAW_MEMORY["tlc"]]
-        memory[:, resting] = later[:, law_memory_rows(plan)][:, resting]
+        resting = [name.startswith("differentiator") for name in kept]
+        memory[:, resting] = later[:, list(kept.values())][:, resting]
     return measured, memory
 
 
@@ -195,26 +210,25 @@ def _run_law(
     plan: FlightPlan, ticks: tuple[int, int], states: Floats, rows: Ints, before: Floats
 ) -> tuple[Floats, Floats]:
     after, seen = np.empty_like(before), np.empty((len(before), _N_SEEN))
-    arguments = make_kernel_plan(plan, nominal_parameters(), 0), make_memory(LANES), *ticks
-    probe_law(*arguments, np.ascontiguousarray(states), rows, np.arange(len(before)), before, after, seen)
+    with open_law(plan, LANES, memory_in_rows=True) as own:
+        arguments = make_kernel_plan(plan, nominal_parameters(), 0)._replace(own=own), make_memory(LANES), *ticks
+        probe_law(*arguments, np.ascontiguousarray(states), rows, np.arange(len(before)), before, after, seen)
     return after, seen
 
 
 def _without_limits(plan: FlightPlan, tick: int) -> FlightPlan:
-    """The plan as a law sees it that nothing limits, with the reference of ``tick`` at all ticks."""
+    """The plan as a law sees it that nothing limits; the row of ``tick`` 0 stands for tick 1, too."""
     constants = plan.vehicle.constants._replace(
         surface_limit=_WIDE, equivalence_ratio_min=-_WIDE, equivalence_ratio_max=_WIDE
     )
     settings = plan.settings.copy()
-    settings[-3:] = -_WIDE, _WIDE, _WIDE  # lowest and highest angle of attack, bank: last in both laws' settings
-    return replace(
-        plan,
-        vehicle=plan.vehicle._replace(constants=constants),
-        settings=settings,
-        reference=np.repeat(plan.reference[tick : tick + 1], 2, axis=0),
-        gains=np.repeat(plan.gains[tick : tick + 1], 2, axis=0),
-        timing=plan.timing._replace(ticks=1),
-    )
+    if plan.law != PYTHON:
+        settings[-3:] = -_WIDE, _WIDE, _WIDE  # lowest and highest angle of attack, bank: last in both laws' settings
+    free = replace(plan, vehicle=plan.vehicle._replace(constants=constants), settings=settings)
+    if tick > 0:
+        return free
+    reference, gains = (np.repeat(each[:1], 2, axis=0) for each in (plan.reference, plan.gains))
+    return replace(free, timing=plan.timing._replace(ticks=1), reference=reference, gains=gains)
 
 
 def undisturbed(parameters: Floats) -> Floats:

@@ -9,39 +9,50 @@ from abhv_mc.stability.linearize import INPUTS
 from abhv_mc.stability.margins import disk_gain_and_phase
 
 
+def margin_values(stability: Stability, system: int = 0) -> dict[str, dict[str, float]]:
+    """The margins of each loop and of ``all`` at once, by name.
+
+    Infinite where nothing makes a loop unstable, not-a-number where the closed loop is unstable as it is.
+    """
+    m = stability.margins
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low, high = 20.0 * np.log10(m.gain_low[system]), 20.0 * np.log10(m.gain_high[system])
+        gain, phase = disk_gain_and_phase(m.all_disk[system])
+        disk_gain = 20.0 * np.log10(gain)
+    values = {
+        name: {
+            "gain_margin_low_db": float(low[i]),
+            "gain_margin_high_db": float(high[i]),
+            "phase_margin_deg": float(np.rad2deg(m.phase[system, i])),
+            "delay_margin_ms": float(1e3 * m.delay[system, i]),
+            "sensitivity_peak": float(m.sensitivity[system, i]),
+            "crossover_rad_s": float(m.crossover[system, i]),
+        }
+        for i, name in enumerate(INPUTS)
+    }
+    values["all"] = {
+        "disk_margin": float(m.all_disk[system]),
+        "disk_gain_db": float(disk_gain),
+        "disk_phase_deg": float(np.rad2deg(phase)),
+        "delay_margin_ms": float(1e3 * m.all_delay[system]),
+    }
+    return values
+
+
 def make_rows(controller: str, time: float | None, stability: Stability, system: int = 0) -> list[dict[str, Any]]:
     """A row for each loop and one, ``all``, for all at once; ``time`` (s) is None at the trim.
 
     What is infinite, or without meaning because the closed loop is unstable, is None. The row ``all`` of an unstable
     loop has its growing poles (1/s, real and imaginary part).
     """
-    m, stable = stability.margins, bool(stability.stable[system])
-    rows: list[dict[str, Any]] = []
-    head = {"controller": controller, "time_s": time}
-    with np.errstate(divide="ignore", invalid="ignore"):
-        low, high = 20.0 * np.log10(m.gain_low[system]), 20.0 * np.log10(m.gain_high[system])
-    for i, name in enumerate(INPUTS):
-        values = {
-            "gain_margin_low_db": low[i],
-            "gain_margin_high_db": high[i],
-            "phase_margin_deg": np.rad2deg(m.phase[system, i]),
-            "delay_margin_ms": 1e3 * m.delay[system, i],
-            "sensitivity_peak": m.sensitivity[system, i],
-            "crossover_rad_s": m.crossover[system, i],
-        }
-        rows.append(head | {"loop": name} | {key: _number(value) for key, value in values.items()} | {"stable": stable})
-    gain, phase = disk_gain_and_phase(m.all_disk[system])
-    together = {
-        "disk_margin": m.all_disk[system],
-        "disk_gain_db": 20.0 * np.log10(gain),
-        "disk_phase_deg": np.rad2deg(phase),
-        "delay_margin_ms": 1e3 * m.all_delay[system],
-    }
-    growing = [[float(p.real), float(p.imag)] for p in stability.poles[system] if p.real >= 0.0 and p.imag >= 0.0]
-    last = head | {"loop": "all"} | {key: _number(value) for key, value in together.items()} | {"stable": stable}
-    rows.append(last if stable else last | {"poles": growing})
+    stable = bool(stability.stable[system])
+    rows: list[dict[str, Any]] = [
+        {"controller": controller, "time_s": time, "loop": loop}
+        | {key: value if np.isfinite(value) else None for key, value in values.items()}
+        | {"stable": stable}
+        for loop, values in margin_values(stability, system).items()
+    ]
+    if not stable:
+        growing = [[float(p.real), float(p.imag)] for p in stability.poles[system] if p.real >= 0.0 and p.imag >= 0.0]
+        rows[-1]["poles"] = growing
     return rows
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -28,19 +28,19 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 Part = Annotated[int, Field(ge=1)]
 
 
-class _Entries(BaseModel):
+class Entries(BaseModel):
     """Entries that somebody reads: others may be there, and those with a default may be missing."""
 
     model_config = ConfigDict(extra="allow", strict=True)
 
 
-class _Controller(_Entries):
+class _Controller(Entries):
     flights_done: Count
     outcomes: dict[Text, Count]
     failed_to_run: list[Count] = []
 
 
-class _Requirement(_Entries):
+class _Requirement(Entries):
     metric: Text
     below: Number = 0.0
     above: Number = 0.0
@@ -51,11 +51,11 @@ class _Requirement(_Entries):
     verdict: Text
 
 
-class _Machine(_Entries):
+class _Machine(Entries):
     device: Text = ""
 
 
-class _Manifest(_Entries):
+class _Manifest(Entries):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)] = ""
     state: Literal["running", "complete", "interrupted"] = "running"
     runs_planned: Count = 0
@@ -80,8 +80,13 @@ class _Manifest(_Entries):
 
 def find_fault(manifest: dict[str, Any]) -> str | None:
     """The first entry that is of another type, or out of range, in words; None where there is none."""
+    return first_fault(_Manifest, manifest)
+
+
+def first_fault(model: type[BaseModel], data: Any) -> str | None:
+    """The first entry that does not fit the model, in words; None where all do."""
     try:
-        _Manifest.model_validate(manifest)
+        model.model_validate(data)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False, include_context=False)[0]
         return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"

@@ -63,7 +63,8 @@ def rebuild(kind: type[T], flat: dict[str, np.ndarray], prefix: str = "") -> T:
 
 
 def _is_number(value: np.ndarray, name: str) -> bool:
-    return not np.isnan(value).any() if name.startswith(_BOUNDS) else bool(np.isfinite(value).all())
+    bound = name.removeprefix("steady.").startswith(_BOUNDS)  # the plan of steady flight within one with margins
+    return not np.isnan(value).any() if bound else bool(np.isfinite(value).all())
 
 
 def write_plan(path: Path, plan: FlightPlan) -> None:

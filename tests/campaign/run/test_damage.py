@@ -70,6 +70,19 @@ def test_a_damaged_file_is_mended_or_explained(tmp_path, exact, complete, damage
     assert explained.keys() <= {"manifest.json", "plans/one.npz", "plans/two.npz"}
 
 
+@pytest.mark.parametrize("damage", ["cut short", "altered"])
+def test_damaged_states_are_left_out_where_blocks_have_another_size_now(tmp_path, damage, capfd):
+    campaign = write_campaign(tmp_path / "f", runs="120", keep=KEEP, execution="{batch: 60}")
+    run_campaign(Request(campaign, tmp_path / "whole"), ENGINE)
+    run_campaign(Request(campaign, tmp_path / "out"), interrupted_after(6))  # both nominal flights, four blocks
+    for path in (tmp_path / "out/envelope_states").rglob("*.npy"):
+        DAMAGES[damage](path)
+    write_campaign(tmp_path / "f", runs="120", keep=KEEP, execution="{batch: 48}")
+    assert run_campaign(Request(campaign, tmp_path / "out"), ENGINE).complete
+    tables = [pq.read_table(tmp_path / out / "envelopes.parquet") for out in ("whole", "out")]
+    assert tables[0].equals(tables[1])
+
+
 def test_damaged_histories_of_a_complete_campaign_are_flown_again(tmp_path, capfd):
     campaign = write_campaign(tmp_path / "f", runs="120", keep=KEEP)
     run_campaign(Request(campaign, tmp_path / "out"), ENGINE)

@@ -1,5 +1,6 @@
-"""SIGKILL at any moment: the same command completes the campaign, to the same digest."""
+"""SIGKILL to any process at any moment: the same command completes the campaign, to the same digest."""
 
+import contextlib
 import multiprocessing
 import os
 import random
@@ -20,7 +21,8 @@ from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request
 from abhv_mc.store.folder import StorageFullError
 
-KILLS = {THREADS: 8, PROCESSES: 4}
+ROUNDS = 10  # kills of one test: 60 in all
+OTHERS = 0.75  # share of the kills that hit another process than the parent, where there are others
 SERVER = multiprocessing.get_context("forkserver")
 
 
@@ -50,38 +52,70 @@ def in_session(process, session):
         return False
 
 
-@pytest.mark.parametrize(("exact", "isolation"), [(4096, THREADS), (0, THREADS), (0, PROCESSES)])
-def test_random_kills_lose_nothing(tmp_path, exact, isolation, monkeypatch, capfd):
-    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
-    campaign = write_campaign(tmp_path / "files", execution="{batch: 16}")
-    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
-    moments, kills, folders = random.Random(exact), 0, 0
-    while kills < KILLS[isolation]:
-        out, folders, attempts = tmp_path / f"out{folders}", folders + 1, 0
-        while True:
-            child = SERVER.Process(target=fly_in_child, args=(campaign, out, exact, isolation))
-            child.start()
-            if attempts < 4:  # then let it end
-                if isolation == PROCESSES and attempts:  # in the air: processes take their time to start
-                    held = count_blocks(out)
-                    while child.exitcode is None and count_blocks(out) == held:
-                        child.join(0.02)
-                child.join(moments.uniform(0.05, 0.5))
-            else:
-                child.join()
-            attempts += 1
+def describe(process, parent):
+    if process == parent:
+        return "parent"
+    if psutil.Process(process).ppid() != parent:
+        return "worker"
+    return "tracker" if "resource_tracker" in " ".join(psutil.Process(process).cmdline()) else "server"
+
+
+class Campaign:
+    """A campaign that is killed and started again until it ends by itself, in folder after folder."""
+
+    def __init__(self, folder, exact, isolation, seed):
+        self.file = write_campaign(folder / "files", execution="{batch: 16}")
+        self.folder, self.exact, self.isolation = folder, exact, isolation
+        self.moments, self.kills = random.Random(seed), []
+
+    def live(self, out):
+        """Start it, kill what chance names; how it ended, None where it was killed itself."""
+        child = SERVER.Process(target=fly_in_child, args=(self.file, out, self.exact, self.isolation))
+        child.start()
+        if self.isolation == PROCESSES and self.moments.random() < 0.8:  # in the air: processes take time to start
+            held = count_blocks(out)
+            while child.exitcode is None and count_blocks(out) == held:
+                child.join(0.02)
+        while len(self.kills) < ROUNDS:
+            child.join(self.moments.uniform(0.0, 0.4))
+            others = [process for process in psutil.process_iter() if in_session(process, child.pid)]
+            others = sorted({process.pid for process in others} - {child.pid})
             if child.exitcode is not None:
-                assert child.exitcode == 0
-                break
-            os.kill(child.pid, signal.SIGKILL)
-            child.join()
-            wait_for_nobody(child.pid)
-            kills += 1
-        done = run_campaign(Request(campaign, out), ENGINE)  # complete: reads and proves every block
-        assert done.complete and done.manifest["digest"] == whole["digest"]
+                return child.exitcode
+            victim = self.moments.choice(others) if others and self.moments.random() < OTHERS else child.pid
+            with contextlib.suppress(ProcessLookupError, psutil.NoSuchProcess):
+                kind = describe(victim, child.pid)
+                os.kill(victim, signal.SIGKILL)
+                self.kills.append(kind)
+            if victim == child.pid:
+                child.join()
+                wait_for_nobody(child.pid)
+                return None
+        child.join()
+        return child.exitcode
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_kills_lose_nothing(tmp_path, seed, monkeypatch, capfd):
+    """Threads: the parent. Processes: the parent, workers, the server that they are forked from, and its helper."""
+    exact, isolation = (0, 4096)[seed % 2], THREADS if seed < 2 else PROCESSES
+    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
+    campaign = Campaign(tmp_path, exact, isolation, seed)
+    whole = run_campaign(Request(campaign.file, tmp_path / "whole"), ENGINE).manifest
+    folders = 0
+    while len(campaign.kills) < ROUNDS:
+        out, folders = tmp_path / f"out{folders}", folders + 1
+        while (code := campaign.live(out)) is None:
+            pass
+        said = f"seed {seed}, kills: {campaign.kills}"
+        assert code == 0, said
+        done = run_campaign(Request(campaign.file, out), ENGINE)  # complete: reads and proves every block
+        assert done.complete and done.manifest["runs_failed"] == 0, said
+        assert done.manifest["digest"] == whole["digest"], said
         for name in ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet"):
-            assert pq.read_table(out / name).equals(pq.read_table(tmp_path / "whole" / name))
-        assert not list(out.rglob("*.aside"))
+            assert pq.read_table(out / name).equals(pq.read_table(tmp_path / "whole" / name)), said
+        assert not list(out.rglob("*.aside")), said
+    print(f"seed {seed}, {folders} folders, kills: {campaign.kills}")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

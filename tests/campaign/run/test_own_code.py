@@ -1,17 +1,27 @@
 """A campaign with code of its own: the same digest however it is flown, and nobody's code runs unasked."""
 
 import dataclasses
+import json
 import shutil
 from pathlib import Path
 
 import pytest
+from campaign.run.test_cluster import Dask
 
 from abhv_mc.campaign.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.run.estimate import estimate_campaign
+from abhv_mc.campaign.run.merge import merge_campaign
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request, make_engine
+from abhv_mc.campaign.search.flights import SearchRequest
+from abhv_mc.campaign.search.tune import TuneRequest, tune_controller
+from abhv_mc.campaign.search.worst import WorstSettings, find_worst
+from abhv_mc.cli import linearize, margins
 from abhv_mc.flight.fly import fly
+from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError, InputErrors
+from abhv_mc.own.source import load_law, read_source
 from abhv_mc.report.build import build_report
 from abhv_mc.report.results import read_results
 from abhv_mc.store.manifest import read_manifest
@@ -86,6 +96,29 @@ def test_workers_resume_and_replay_give_the_same_digest(study, tmp_path):
     assert "Late bank swing" in build_report(tmp_path / "two").read_text()
 
 
+def test_shards_and_a_cluster_give_the_same_digest(study, tmp_path, capfd):
+    """With margins, whose steady flight needs the law, too; the merging user must have flown it, or trust it."""
+    pytest.importorskip("distributed")
+    file = study(32)
+    file.write_text(file.read_text() + "margins: {at: [trim, 1 s], flights: 20}\n")
+    whole = run_campaign(Request(file, tmp_path / "whole", workers=1), threads()).manifest
+    parts = [tmp_path / "part1", tmp_path / "part2"]
+    for i, part in enumerate(parts, 1):
+        run_campaign(Request(file, part, shard=(i, 2), workers=1), threads())
+    merged = merge_campaign(parts, tmp_path / "merged", threads())
+    assert merged.manifest["digest"] == whole["digest"]
+    stability = [json.loads((tmp_path / name / "margins.json").read_text()) for name in ("whole", "merged")]
+    assert stability[0] == stability[1] and set(stability[0]["controllers"]) == {"mine", "lqr"}
+    assert stability[0]["controllers"]["mine"]["nominal"][0]["stable"]
+    cluster = Dask(tmp_path)
+    try:
+        cluster.start_worker()
+        flown = run_campaign(Request(file, tmp_path / "cluster", scheduler=cluster.address), make_engine()).manifest
+    finally:
+        cluster.close()
+    assert flown["digest"] == whole["digest"]
+
+
 def test_another_text_is_another_campaign(study, tmp_path):
     run_campaign(Request(study(), tmp_path / "out", runs=4), threads())
     law = tmp_path / "law.py"
@@ -122,10 +155,103 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):
         replay_flight(out, "mine", 1, fly)
     with pytest.raises(InputError, match="--trust-code"):
         run_campaign(Request(out / "campaign.yaml", tmp_path / "again", runs=4), threads())
+    options = {"vehicle": None, "controller": "mine", "bank": "0"}
+    with pytest.raises(InputError, match="--trust-code"):
+        margins.command(str(out / "campaign.yaml"), at="trim", json=None, out=None, **options)
+    controller = str(out / "inputs" / "controllers" / "mine" / "law.yaml")
+    with pytest.raises(InputError, match="--trust-code"):
+        linearize.command("level", tmp_path / "model.npz", "ghame_x", controller)
     assert not ran.exists()
     assert not (tmp_path / "again").exists()
-    assert replay_flight(out, "mine", 1, fly, trust_code=True).differences == ()
+    linearize.command("level", tmp_path / "model.npz", "ghame_x", controller, trust_code=True)
     assert ran.exists()
+    assert replay_flight(out, "mine", 1, fly, trust_code=True).differences == ()
+
+
+def folder_named(place, law, text):
+    """A folder made by hand, as an attacker may: ``place`` is what its controller file names."""
+    root = law.parent / "handed" / "out"
+    (root / "inputs/controllers/mine/a/b/c/d").mkdir(parents=True)
+    (root / "manifest.json").write_text("{}")
+    (root / "inputs/controllers/mine/law.yaml").write_text(text.replace("law.py", place))
+    beside = root.parent / "code.py"
+    beside.write_text(law.read_text())
+    (root / "inputs/controllers/mine/a/b/c/d/deep.py").write_text(law.read_text())
+    (root / "inputs/controllers/mine/link.py").symlink_to(beside)
+    return root
+
+
+PLACES = ["a/b/c/d/deep.py", "link.py", "../../../../code.py", "{beside}"]
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_no_command_runs_code_that_a_folder_names(study, tmp_path, monkeypatch, place):
+    """Not from deep in it, not through a link, not out of it; whatever else may be wrong with such a folder."""
+    ran = tmp_path / "ran"
+    law = tmp_path / "law.py"
+    law.write_text(law.read_text() + f"\nopen({str(ran)!r}, 'w').close()\n")
+    root = folder_named(place.format(beside=tmp_path / "handed/code.py"), law, (tmp_path / "law.yaml").read_text())
+    text = study(4).read_text().replace("law.yaml", "inputs/controllers/mine/law.yaml")
+    entry = "{of: bank_error_deg, statistic: max}"
+    text = text.replace("mission: mission", f"mission: {tmp_path}/mission").replace("channels: channels.py\n", "")
+    text = text.replace("twist_max: {of: twist, statistic: max_abs}", f"twist_max: {entry}")
+    (root / "campaign.yaml").write_text(text)
+    campaign = root / "campaign.yaml"
+    with pytest.raises(InputError, match="--trust-code"):
+        run_campaign(Request(campaign, tmp_path / "again", runs=4), threads())
+    search = SearchRequest(campaign, tmp_path / "search")
+    with pytest.raises(InputError, match="--trust-code"):
+        find_worst(search, WorstSettings("bank_error_settled_max_deg", flights=64), threads())
+    with pytest.raises(InputError, match="--trust-code"):
+        tune_controller(TuneRequest(campaign, tmp_path / "new.yaml"), threads())
+    with pytest.raises(InputError, match="--trust-code"):
+        estimate_campaign(read_campaign(campaign), threads())
+    if "{" not in place:  # which is a path of the user's own as well as of anybody's
+        with pytest.raises(InputError, match="--trust-code"):
+            prepare(*vehicle_and_mission(tmp_path, text), root / "inputs/controllers/mine/law.yaml", "mine")
+    assert not ran.exists() and not (tmp_path / "again").exists()
+
+
+def vehicle_and_mission(folder, text):
+    line = next(line for line in text.splitlines() if line.startswith("vehicle: "))
+    return Path(line.removeprefix("vehicle: ")), folder / "mission.yaml"
+
+
+def test_line_ends_of_another_system_change_nothing(study, tmp_path):
+    law = tmp_path / "law.py"
+    law.write_bytes(law.read_bytes().replace(b"\n", b"\r\n"))
+    first = run_campaign(Request(study(4), tmp_path / "out"), threads()).manifest
+    longer = run_campaign(Request(study(8), tmp_path / "out"), threads()).manifest  # with the folder's copy
+    assert first["state"] == longer["state"] == "complete"
+
+
+MODULES = {
+    "import sys; sys.exit(0)": "SystemExit",
+    "raise KeyError('x')": "KeyError",
+    "x = " + "(" * 300 + ")" * 300: "Python",
+    "x = " + "-" * 100_000 + "1": "",
+    "from abhv_mc.extend import controller\nlaw = controller(lambda actual: 1)": "",
+    "from abhv_mc.extend import controller\nif True:\n    @controller\n    def law(actual):\n        return 1": "",
+    "from abhv_mc.extend import controller\n@controller\nclass Law:\n    pass": "",
+    "from abhv_mc.extend import controller\n@controller\nasync def law(actual):\n    return 1": "",
+    "\x00": "",
+    "#" * 3_000_000: "more than",
+}
+
+
+@pytest.mark.parametrize("text", MODULES, ids=lambda text: repr(text[:40]))
+def test_odd_laws_are_refused_in_words(tmp_path, text):
+    file = tmp_path / "law.py"
+    file.write_text(text)
+    with pytest.raises(InputError) as refused:
+        load_law(read_source(file))
+    assert MODULES[text] in str(refused.value) and len(str(refused.value)) < 2000
+
+
+def test_a_law_that_is_no_plain_file(tmp_path):
+    for place in (tmp_path, Path("/dev/zero"), tmp_path / "nowhere"):
+        with pytest.raises(InputError):
+            read_source(place)
 
 
 BAD = [

@@ -50,6 +50,19 @@ def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_pat
     assert found.as_json() == tune_controller(other, ENGINE).as_json()
 
 
+def test_what_is_kept_and_damaged_is_flown_again(request_, tmp_path):
+    found = tune_controller(request_, ENGINE).as_json()
+    kept = sorted((tmp_path / "new.tuning").glob("*.npy"))
+    for file, place in zip(kept, (0, 7, 60, 200, -1), strict=False):
+        content = bytearray(file.read_bytes())
+        content[place] ^= 8
+        file.write_bytes(content)
+    kept[-1].write_bytes(kept[-1].read_bytes()[:50])
+    kept[-2].write_bytes(b"")
+    request_.out.unlink()
+    assert tune_controller(request_, ENGINE).as_json() == found
+
+
 def test_what_is_no_better_is_not_written(request_, tmp_path):
     """The start is the best there is."""
     (tmp_path / "files/one.yaml").write_text(

@@ -5,9 +5,7 @@ memory stays flat: integer histograms and the extreme values (see :mod:`abhv_mc.
 """
 
 import contextlib
-import io
 import shutil
-import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.envelopes.histogram import Histograms, make_bins
+from abhv_mc.store.arrays import read_array, write_array
 from abhv_mc.store.envelopes import QUANTILES, EnvelopeTable
 from abhv_mc.store.flights import DamagedFileError, parse_block_name
-from abhv_mc.store.folder import write_bytes, write_whole
+from abhv_mc.store.folder import FolderLostError, write_whole
 
 EXACT_FLIGHTS = 4096
 PILOT_FLIGHTS = 128  # flights 0 .. 127 set the bins
@@ -88,17 +87,19 @@ class ExactCollector:
     def __init__(self, folder: Path, controller: str, flights: int, cells: Cells) -> None:
         self._folder, self._controller, self._cells = folder / "blocks", controller, cells
         self.covered = np.zeros(flights, bool)
+        self._blocks: dict[Path, tuple[int, int]] = {}  # those that are whole, with their flights
         for path in self._folder.glob(f"{controller}-*.npy"):
-            with contextlib.suppress(DamagedFileError, ValueError, OSError, EOFError):
+            with contextlib.suppress(DamagedFileError):
                 name, first, stop = parse_block_name(path)
-                if name == controller and _is_whole(path) and self._open(path).shape == (stop - first + 2, cells.count):
-                    self.covered[first:stop] |= _computed(self._open(path)[:-2])
+                values = read_array(path) if name == controller else None
+                if values is not None and values.shape == (stop - first + 2, cells.count):
+                    self.covered[first:stop] |= _computed(values[:-2])
+                    self._blocks[path] = first, stop
 
     def add(self, first: int, history: Singles, extremes: Singles) -> None:
         path = self._folder / f"{self._controller}-{first:09d}-{first + len(history):09d}.npy"
-        content = io.BytesIO()  # numpy's own writing to a file does not say that a disk is full
-        np.save(content, np.concatenate([history, extremes]), allow_pickle=False)
-        write_bytes(path, content.getvalue() + _checksum(content.getvalue()))
+        write_array(path, np.concatenate([history, extremes]))
+        self._blocks[path] = first, first + len(history)
         self.covered[first : first + len(history)] = True
 
     def save(self) -> None:
@@ -107,14 +108,15 @@ class ExactCollector:
     def table(self) -> EnvelopeTable:
         blocks, taken = [], np.zeros(len(self.covered), bool)
         seen = _nothing_seen(self._cells.count)
-        for path in sorted(self._folder.glob(f"{self._controller}-*.npy")):
-            name, first, stop = parse_block_name(path)
-            if name == self._controller:
-                values, ends = self._open(path)[:-2], self._open(path)[-2:]
-                seen = _widen(seen, ends)
-                fresh = ~taken[first:stop] & _computed(values)  # blocks of two sizes may overlap after a resume
-                taken[first:stop] |= fresh
-                blocks.append((values, fresh))
+        for path, (first, stop) in sorted(self._blocks.items()):
+            block = read_array(path)
+            if block is None:
+                raise FolderLostError(f"{path}: damaged or deleted meanwhile. The same command makes it anew.")
+            values = block[:-2]
+            seen = _widen(seen, block[-2:])
+            fresh = ~taken[first:stop] & _computed(values)  # blocks of two sizes may overlap after a resume
+            taken[first:stop] |= fresh
+            blocks.append((values, fresh))
         cells = self._cells.count
         count, quantiles = np.zeros(cells, np.int64), np.full((len(QUANTILES), cells), np.nan)
         width = max(1, _SLAB // max(1, int(taken.sum())))
@@ -144,10 +146,6 @@ class ExactCollector:
         shutil.rmtree(self._folder, ignore_errors=True)
         with contextlib.suppress(OSError):  # it holds another controller's
             self._folder.parent.rmdir()
-
-    @staticmethod
-    def _open(path: Path) -> Singles:
-        return np.load(path, mmap_mode="r", allow_pickle=False)
 
 
 class HistogramCollector:
@@ -210,16 +208,6 @@ def _ends(seen: Singles, count: NDArray[np.int64], shape: tuple[int, int]) -> tu
 def _computed(values: Singles) -> Mask:
     """Which flights ``[flight, cell]`` the machine could compute: every one has a value at its start."""
     return ~np.isnan(values[:, 0])
-
-
-def _checksum(content: bytes) -> bytes:
-    return zlib.crc32(content).to_bytes(4, "little")
-
-
-def _is_whole(path: Path) -> bool:
-    """Whether a block's values are followed by their checksum."""
-    content = path.read_bytes()
-    return _checksum(content[:-4]) == content[-4:]
 
 
 def _read_state(path: Path) -> dict[str, NDArray] | None:

@@ -1,24 +1,30 @@
 """What a campaign file's entries must be to each other and to the tables of parameters and metrics."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from abhv_mc.campaign.file.config import Campaign, Requirement
+from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.own_metrics import (
     compile_metrics,
     find_own_channels,
     known_channels,
     read_metrics_file,
 )
+from abhv_mc.campaign.file.requirements import (
+    check_margins,
+    check_requirements,
+    check_stop,
+    find_looks,
+    select_requirements,
+)
 from abhv_mc.campaign.sampling.correlation import Copula, make_copula, normal_correlation
 from abhv_mc.campaign.sampling.designs import (
     EXTENSIBLE,
     FACTORIAL,
-    INDEPENDENT,
     SALTELLI,
     Design,
     count_flights,
@@ -28,16 +34,12 @@ from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
 from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, SampleSource, SeededSamples
 from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
-from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.declared import NO_METRICS, DeclaredMetrics
 from abhv_mc.flight.signals import METRICS, Signal
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
-from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
 from abhv_mc.plant.parameters import EFFECTORS, PARAMETER_INDEX, PARAMETERS
 from abhv_mc.stability.metrics import MARGINS
-from abhv_mc.statistics.sequential import choose_common_looks
 
-MARGIN_UNITS = {signal.name: signal.unit for signal in MARGINS}
 DISPERSIBLE = tuple(parameter.name for parameter in PARAMETERS[1:])
 
 
@@ -113,7 +115,7 @@ def check_campaign(document: Document) -> CheckedCampaign:
     declared = _declare_metrics(document, model, errors)
     metrics = {signal.name: signal for signal in (*METRICS, *declared.signals)}
     measured = metrics | {signal.name: signal for signal in MARGINS}
-    limits = tuple(_check_requirements(document, model, measured, errors))
+    limits = tuple(check_requirements(document, model, measured, errors))
     by = model.keep.histories.by
     if by not in metrics:
         errors.append(document.error(("keep", "histories", "by"), f"metric '{by}'", one_of(metrics, by)))
@@ -122,11 +124,11 @@ def check_campaign(document: Document) -> CheckedCampaign:
         if isinstance(item, int) and item >= number:
             where = ("keep", "histories", "flights")
             errors.append(document.error(where, f"flight {item}", f"flights from 0 to {number - 1}"))
-    _check_stop(document, model, number, errors)
-    _check_margins(document, model, number, errors)
+    check_stop(document, model, number, errors)
+    check_margins(document, model, number, errors)
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
-    looks = _find_looks(model, number)
+    looks = find_looks(model, number)
     return CheckedCampaign(document, model, number, marginals, copula, sample_file, limits, declared, looks)
 
 
@@ -181,15 +183,6 @@ def _override(document: Document, runs: int | None, seed: int | None, controller
         changed["controllers"] = {name: held[name] for name in held if name in controllers}
         changed["requirements"] = list(select_requirements(data.get("requirements") or [], controllers))
     return replace(document, data=changed)
-
-
-def select_requirements(entries: Any, controllers: Sequence[str]) -> Iterator[Any]:
-    """The requirements that apply to some of the controllers."""
-    for entry in entries:
-        if not entry.get("controllers"):
-            yield entry
-        elif chosen := [name for name in entry["controllers"] if name in controllers]:
-            yield {**entry, "controllers": chosen}
 
 
 def _make_marginals(document: Document, model: Campaign, errors: list[InputError]) -> dict[str, Marginal]:
@@ -251,87 +244,6 @@ def _declare_metrics(document: Document, model: Campaign, errors: list[InputErro
         place = ()
     channels = known_channels(find_own_channels(model.channels) if model.channels else ())
     return compile_metrics(entries, channels, of, place, errors)
-
-
-def _check_requirements(
-    document: Document, model: Campaign, metrics: dict[str, Signal], errors: list[InputError]
-) -> Iterator[float]:
-    for i, entry in enumerate(model.requirements):
-        where = ("requirements", i)
-        for j, name in enumerate(entry.controllers or ()):
-            if name not in model.controllers:
-                found = f"controller '{name}'"
-                errors.append(document.error((*where, "controllers", j), found, one_of(model.controllers, name)))
-        if entry.metric not in metrics:
-            wanted = one_of([name for name in metrics if model.margins or name not in MARGIN_UNITS], entry.metric)
-            errors.append(document.error((*where, "metric"), f"metric '{entry.metric}'", wanted))
-            continue
-        try:
-            yield _limit(entry, metrics[entry.metric].unit)
-        except Refusal as refusal:
-            key = "below" if entry.below is not None else "above"
-            errors.append(document.error((*where, key), refusal.found, refusal.wanted))
-
-
-def _limit(entry: Requirement, unit: str) -> float:
-    """The limit in the metric's unit; a plain number is in it already."""
-    value = entry.below if entry.below is not None else entry.above
-    if isinstance(value, float):
-        return value
-    if unit in ("g", "dB"):
-        raise Refusal(f"'{value}'", f"a plain number, in {unit}")
-    return parse_quantity(value or "", dimension_of(unit), bare_unit=unit) / parse_unit(unit)[0]
-
-
-def _check_stop(document: Document, model: Campaign, runs: int, errors: list[InputError]) -> None:
-    """Stopping early needs requirements to prove, independent flights, and a last look at all of them."""
-    if model.stop is None:
-        return
-    if not model.requirements:
-        errors.append(document.key_error(("stop",), "'stop' without requirements", "requirements that can be proven"))
-    if model.sampling.design != INDEPENDENT:
-        found = f"'stop' with the design '{model.sampling.design}', whose flights are not independent"
-        errors.append(document.key_error(("stop",), found, f"sampling: {INDEPENDENT}, or no 'stop'"))
-    if model.stop.looks is not None and model.stop.looks[-1] != runs:
-        found = f"a last look after {model.stop.looks[-1]} flights"
-        errors.append(document.error(("stop", "looks"), found, f"{runs}, the most flights there may be ('runs')"))
-
-
-def _check_margins(document: Document, model: Campaign, runs: int, errors: list[InputError]) -> None:
-    """Points lie within the mission; what is required of margins is required of every flight, so all have them."""
-    needed = [i for i, entry in enumerate(model.requirements) if entry.metric in MARGIN_UNITS]
-    if model.margins is None:
-        for i in needed:
-            found = f"'{model.requirements[i].metric}' without 'margins'"
-            wanted = "'margins: {at: [trim], flights: all}' in the campaign, which finds them"
-            errors.append(document.error(("requirements", i, "metric"), found, wanted))
-        return
-    if needed and model.margins.of(runs) < runs:
-        metric = model.requirements[needed[0]].metric
-        found = f"margins of {model.margins.of(runs)} of {runs} flights, and a requirement on {metric}"
-        wanted = "'flights: all': a verdict needs the metric of every flight"
-        errors.append(document.error(("margins", "flights"), found, wanted))
-    duration = read_mission(model.mission).duration
-    for i, time in enumerate(model.margins.at):
-        if time != "trim" and not 0.0 <= time <= duration:
-            where = ("margins", "at", i)
-            errors.append(document.error(where, f"{time:g} s", f"trim, or a time of the mission, 0 to {duration:g} s"))
-
-
-def _find_looks(model: Campaign, runs: int) -> tuple[int, ...]:
-    """The looks that the campaign names, or else those that suit all its requirements; () without stop."""
-    if model.stop is None or not model.requirements:
-        return ()
-    if model.stop.looks is not None:
-        return model.stop.looks
-    risks = [entry.consumer_risk for entry in model.requirements]
-    if model.family is not None:
-        # Every requirement is judged on every controller, and each such pair has its share of the family's risk.
-        pairs = len(risks) * len(model.controllers)
-        risks = [min(risk, model.family.risk / pairs) for risk in risks]
-    return choose_common_looks(
-        [(entry.probability, risk) for entry, risk in zip(model.requirements, risks, strict=True)], runs
-    )
 
 
 def _check_runs(

@@ -4,12 +4,12 @@ import hashlib
 from dataclasses import replace
 from pathlib import Path
 
-from abhv_mc.campaign.file.config import Campaign
-from abhv_mc.control.controller_file import PythonController, read_controller
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.control.controller_file import Controller, PythonController, read_controller
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import InputError, read_document
 from abhv_mc.own.source import OwnSource, read_source
-from abhv_mc.own.trust import check_trusted
+from abhv_mc.own.trust import check_trusted, is_in_a_folder
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.plans import read_plan
 
@@ -38,17 +38,29 @@ def _take(place: Path, digest: str, trusted: bool) -> OwnSource:
     raise InputError(place, None, None, found, "the file as it was: restore it, or run with --fresh")
 
 
-def read_own_code(campaign: Campaign) -> list[OwnSource]:
-    """The Python files that a campaign names, not run. Raises InputError."""
-    files = [campaign.channels] if campaign.channels is not None else []
-    for path in campaign.controllers.values():
+def check_own_code(campaign: CheckedCampaign, trusted: bool = False) -> list[OwnSource]:
+    """The campaign's Python files, where this user may run them: his own, and those of a folder that he has flown.
+
+    Not run here. Raises InputError for others, unless he says that he trusts them.
+    """
+    model, foreign = campaign.model, is_in_a_folder(campaign.document.path)
+    files = [model.channels] if model.channels is not None else []
+    for path in model.controllers.values():
         data = read_document(path).data
         if isinstance(data, dict) and data.get("law") == "python":
             controller = read_controller(path)
             files += [controller.file] if isinstance(controller, PythonController) else []
-    return [read_source(file) for file in files]
+    own = []
+    for file in files:
+        source = read_source(file)
+        if foreign or is_in_a_folder(file):
+            check_trusted(source, trusted)
+        else:
+            own.append(source)
+    return own
 
 
-def is_in_a_folder(file: Path) -> bool:
-    """Whether a file is a copy in a campaign's folder: nobody's own file."""
-    return any((parent / "manifest.json").exists() for parent in file.resolve().parents[:5])
+def check_own_law(controller: Controller, trusted: bool = False) -> None:
+    """Raise InputError for a controller whose code is a folder's copy that this user has not flown, nor trusts."""
+    if isinstance(controller, PythonController) and is_in_a_folder(controller.file):
+        check_trusted(read_source(controller.file), trusted)

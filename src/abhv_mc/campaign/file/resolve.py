@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, select_requirements
+from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign
+from abhv_mc.campaign.file.requirements import select_requirements
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
 from abhv_mc.store.folder import CampaignFolder, hash_file, is_inside, write_bytes, write_whole
 from abhv_mc.store.hashes import FileHashes, refuse_links
@@ -184,8 +185,7 @@ def _references_of(data: Any) -> Iterator[str]:
     if isinstance(data, dict):
         controllers, sampling = data.get("controllers"), data.get("sampling")
         named = [
-            data.get("vehicle"),
-            data.get("mission"),
+            *(data.get(key) for key in ("vehicle", "mission", "channels", "metrics")),
             *(controllers.values() if isinstance(controllers, dict) else ()),
         ]
         named.append(sampling.get("path") if isinstance(sampling, dict) else None)

@@ -3,14 +3,13 @@
 from dataclasses import replace
 from pathlib import Path
 
-from abhv_mc.campaign.file.own_code import is_in_a_folder
 from abhv_mc.control.controller_file import PythonController
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError
 from abhv_mc.own.source import read_source
-from abhv_mc.own.trust import is_trusted
+from abhv_mc.own.trust import is_in_a_folder, is_trusted
 from abhv_mc.shipped import shipped_configs
 
 _BROKEN = {

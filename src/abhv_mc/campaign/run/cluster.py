@@ -47,6 +47,13 @@ def hold_plan(arrays: Arrays) -> Arrays:
     return arrays
 
 
+def with_code(plan: FlightPlan, code: Code) -> FlightPlan:
+    """A plan with the code that travelled beside it."""
+    if isinstance(plan, MarginPlan):
+        plan = replace(plan, steady=replace(plan.steady, source=code[0]))
+    return replace(plan, source=code[0], channels_source=code[1])
+
+
 def fly_remote(
     fly: Fly, source: str, arrays: Arrays, code: Code, parameters: Floats, every: int | None, limit: float
 ) -> FlightBlock | str:
@@ -55,7 +62,7 @@ def fly_remote(
     A flight that hangs ends its process: Dask takes it for a worker that died.
     """
     kind_of_plan = MarginPlan if "margin_times" in arrays else FlightPlan
-    plan: FlightPlan = replace(rebuild(kind_of_plan, arrays), source=code[0], channels_source=code[1])
+    plan: FlightPlan = with_code(rebuild(kind_of_plan, arrays), code)
     if source:
         from abhv_mc.cache import source_hash
 

@@ -17,6 +17,7 @@ def make_margin_plans(campaign: CheckedCampaign, plans: dict[str, FlightPlan], d
 
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
+    from abhv_mc.flight.prepare import own_parts_of
     from abhv_mc.plant.vehicles import load_vehicle
     from abhv_mc.stability.points import make_steady_plan
 
@@ -26,6 +27,8 @@ def make_margin_plans(campaign: CheckedCampaign, plans: dict[str, FlightPlan], d
         raise InputError(model.vehicle, None, None, found, "one with both")
     laws = {name: read_controller(model.controllers[name]) for name in plans}
     return {
-        name: add_margins(plan, make_steady_plan(vehicle, mission, laws[name], name), model.margins.at)
+        name: add_margins(
+            plan, make_steady_plan(vehicle, mission, laws[name], name, own=own_parts_of(plan)), model.margins.at
+        )
         for name, plan in plans.items()
     }

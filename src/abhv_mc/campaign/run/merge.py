@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.campaign.envelopes.collector import merge_states
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.file.own_code import check_own_code
 from abhv_mc.campaign.run.runner import RunResult, run_campaign
 from abhv_mc.campaign.run.setup import Engine, Request
 from abhv_mc.io.documents import InputError
@@ -25,11 +27,14 @@ from abhv_mc.store.samples import ROW_GROUP, SampleReader
 _SAME = ("campaign_hash", "source_hash", "inputs")
 
 
-def merge_campaign(parts: Sequence[Path], out: Path, engine: Engine | None = None) -> RunResult:
+def merge_campaign(
+    parts: Sequence[Path], out: Path, engine: Engine | None = None, trust_code: bool = False
+) -> RunResult:
     """Join complete shards in the new folder ``out``, then make what follows from all flights.
 
-    Raises InputError, before anything is written, where the parts are not all of one campaign, flown by the same code
-    on the same samples and plans, each flight once; and after it where their digests do not add up.
+    ``trust_code`` runs a law of the folders that this user has not flown. Raises InputError, before anything is
+    written, where the parts are not all of one campaign, flown by the same code on the same samples and plans, each
+    flight once; and after it where their digests do not add up.
     """
     folders = [CampaignFolder(part) for part in parts]
     manifests = [read_manifest(folder.manifest) for folder in folders]
@@ -42,6 +47,7 @@ def merge_campaign(parts: Sequence[Path], out: Path, engine: Engine | None = Non
         damaged |= _find_damaged_flights(folder)
     if out.exists() and any(out.iterdir()):
         raise InputError(out, None, None, "a folder that is not empty", "a new or an empty one")
+    check_own_code(read_campaign(first.campaign), trust_code)  # flights are flown again for their histories
     with ExitStack() as stack:
         for folder in folders:
             stack.enter_context(hold_lock(folder.lock))
@@ -62,7 +68,7 @@ def merge_campaign(parts: Sequence[Path], out: Path, engine: Engine | None = Non
             merged["files"] = copied  # the others' flights are proven as they are read
         merged["wall_time_s"] = sum(manifest["wall_time_s"] for manifest in manifests)
         write_manifest(target.manifest, merged)
-    result = run_campaign(Request(target.campaign, out), engine)
+    result = run_campaign(Request(target.campaign, out, trust_code=trust_code), engine)
     total = sum((Digest(int(manifest["digest"], 16)) for manifest in manifests), Digest())
     if result.complete and result.manifest["digest"] != str(total):
         found = f"the digest {result.manifest['digest']}, where the parts' digests add up to {total}"

@@ -369,7 +369,7 @@ class _Run:
     def _write_stability(self) -> None:
         """The margins in steady flight, of all controllers of the folder."""
         if self.engine.find_stability is not None:
-            found = self.engine.find_stability(self.campaign)
+            found = self.engine.find_stability(self.campaign, self.plans)
             write_text(self.folder.margins, json.dumps(found, indent=1, allow_nan=False) + "\n")
 
     def _list_histories(self) -> list[HistoryFile]:

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
-from abhv_mc.campaign.file.own_code import is_in_a_folder, read_own_code, read_trusted_plan
+from abhv_mc.campaign.file.own_code import check_own_code, read_trusted_plan
 from abhv_mc.campaign.file.possible import find_impossible
 from abhv_mc.campaign.file.resolve import (
     ResolvedCampaign,
@@ -31,8 +32,7 @@ from abhv_mc.campaign.run.trial_flights import fly_trials
 from abhv_mc.flight.own_law import open_law
 from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.io.documents import Document, InputError
-from abhv_mc.own.source import read_source
-from abhv_mc.own.trust import check_trusted, trust
+from abhv_mc.own.trust import read_trusted, trust
 from abhv_mc.stability.metrics import MarginPlan
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import FileHashes, read_checked, record_hashes, refuse_links
@@ -72,7 +72,8 @@ class Engine:
     prepare: Prepare
     fly: Fly
     source: str  # hash of the code that flies: two of them never share a campaign
-    find_stability: Callable[[CheckedCampaign], dict[str, Any]] | None = None  # what margins.json holds
+    # what margins.json holds
+    find_stability: Callable[[CheckedCampaign, dict[str, FlightPlan]], dict[str, Any]] | None = None
     checked: bool = False  # whether ``source`` is what cache.source_hash() must give on every machine
     isolation: str = THREADS  # where "auto" flies; processes need a ``fly`` that can be imported
     device: str = "cpu"  # or the name of a GPU
@@ -125,11 +126,8 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     """
     wanted = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
     folder = CampaignFolder(request.out or Path("reports") / wanted.model.name)
-    for source in read_own_code(wanted.model):
-        if is_in_a_folder(Path(source.file)):
-            check_trusted(source, request.trust_code)
-        else:  # his own file: he has flown it
-            trust(source)
+    for source in check_own_code(wanted, request.trust_code):
+        trust(source)  # his own file: he has flown it
     _check_shard(request, wanted)
     started = folder.manifest.exists()
     unknown = [] if started else folder.unknown_files()
@@ -240,7 +238,7 @@ def _resume(
         manifest["files"] = files.listed()
         write_manifest(folder.manifest, manifest)
     plans = {
-        name: _mend_plan(folder, campaign, name, engine, files, request.trust_code)
+        name: mend_plan(folder, name, files, partial(_make_plan, campaign, name, engine), request.trust_code)
         for name in campaign.model.controllers
     }
     manifest["warnings"] = find_warnings(plans, campaign)
@@ -260,18 +258,23 @@ def check_source(folder: CampaignFolder, manifest: dict[str, Any], engine: Engin
 
 
 def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) -> dict[str, FlightPlan]:
-    """The plans of some of a campaign's controllers, with what it declares."""
+    """The plans of some of a campaign's controllers, with what it declares. Raises InputError."""
     model = campaign.model
+    check_own_code(campaign)
     made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
     plans = {name: replace(plan, declared=campaign.declared) for name, plan in made.items()}
     if model.channels is None:
         return plans
-    channels = read_source(model.channels)
+    channels = read_trusted(model.channels)
     plans = {name: replace(plan, channels_source=channels, channels_hash=channels.hash) for name, plan in plans.items()}
     for plan in plans.values():
         with open_law(plan, LANES):  # compiled now, before anything is written
             pass
     return plans
+
+
+def _make_plan(campaign: CheckedCampaign, name: str, engine: Engine) -> FlightPlan:
+    return make_plans(campaign, [name], engine)[name]
 
 
 def _take_plans(
@@ -290,13 +293,13 @@ def _take_plans(
     return {name: read_trusted_plan(source, name, trust_code) for name in names}
 
 
-def _mend_plan(
-    folder: CampaignFolder, campaign: CheckedCampaign, name: str, engine: Engine, files: FileHashes, trust_code: bool
+def mend_plan(
+    folder: CampaignFolder, name: str, files: FileHashes, make: Callable[[], FlightPlan], trust_code: bool = False
 ) -> FlightPlan:
     """The stored plan; where it is damaged, a new one that is the same to the bit. Raises InputError without one."""
     path = folder.plan(name)
     if not files.holds(path) and files.knows(path):
-        again = make_plans(campaign, [name], engine)[name]
+        again = make()
         if not files.is_content(path, pack_plan(again)):
             found = "a damaged plan, and here it comes out otherwise"
             wish = "the plan as it was written: restore it, or --fresh to delete what was flown and fly it anew"

@@ -1,5 +1,6 @@
 """Margins of each controller in steady flight at the mission's start: nominal, and at corners of the dispersions."""
 
+from collections.abc import Mapping
 from itertools import product
 from typing import Any
 
@@ -9,6 +10,7 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.run.trial_flights import ends_of
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.vehicle.arrays import Floats
 
@@ -29,13 +31,15 @@ def make_corners(campaign: CheckedCampaign) -> Floats:
     return np.vstack([nominal, spread_parameters(campaign.names, values)]) if count else nominal
 
 
-def describe_stability(campaign: CheckedCampaign) -> dict[str, Any]:
+def describe_stability(campaign: CheckedCampaign, plans: Mapping[str, FlightPlan]) -> dict[str, Any]:
     """What ``margins.json`` holds: for each controller its nominal rows, and the least over the corners by loop.
 
-    Controllers, of which no steady flight was found, say why. Empty for vehicles without surfaces or engine.
+    ``plans`` are the controllers', with the code of laws of the user's own. Controllers of which no steady flight was
+    found say why. Empty for vehicles without surfaces or engine.
     """
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
+    from abhv_mc.flight.prepare import own_parts_of
     from abhv_mc.plant.vehicles import load_vehicle
     from abhv_mc.stability.points import make_steady_plan
 
@@ -46,7 +50,9 @@ def describe_stability(campaign: CheckedCampaign) -> dict[str, Any]:
     rows, found = make_corners(campaign), {}
     for name, file in model.controllers.items():
         try:
-            found[name] = _describe(name, make_steady_plan(vehicle, mission, read_controller(file), name), rows)
+            own = own_parts_of(plans[name])
+            steady = make_steady_plan(vehicle, mission, read_controller(file), name, own=own)
+            found[name] = _describe(name, steady, rows)
         except InputError as error:
             found[name] = {"fault": error.found}
     whole = len(rows) == 1 + 2 ** len(campaign.names)
@@ -54,7 +60,7 @@ def describe_stability(campaign: CheckedCampaign) -> dict[str, Any]:
 
 
 def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
-    from abhv_mc.stability.analysis import analyse
+    from abhv_mc.stability.analysis import NO_SLOPES, analyse
     from abhv_mc.stability.linearize import linearise
     from abhv_mc.stability.points import trim_points
     from abhv_mc.stability.rows import make_rows
@@ -63,6 +69,8 @@ def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
     if points.faults[0]:
         return {"fault": points.faults[0]}
     stability = analyse(linearise(steady, parameters, points.points))
+    if not stability.poles[0].size:
+        return {"fault": NO_SLOPES}
     table = [make_rows(name, None, stability, i) for i in range(len(parameters))]
     trimmed = [rows for rows, fault in zip(table[1:], points.faults[1:], strict=True) if not fault]
     stable = [rows for rows in trimmed if rows[-1]["stable"]]

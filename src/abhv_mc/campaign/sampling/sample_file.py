@@ -1,7 +1,5 @@
 """Samples that somebody else drew: a CSV or Parquet file with one column per parameter and one row per flight."""
 
-import csv
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.number_table import read_number_table
 
 
 @dataclass(frozen=True)
@@ -60,31 +59,5 @@ def _read_parquet(path: Path) -> dict[str, NDArray[np.float64]]:
 
 
 def _read_csv(path: Path) -> dict[str, NDArray[np.float64]]:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            header = [name.strip() for name in next(reader, [])]
-            if len(set(header)) != len(header):
-                raise InputError(path, 1, None, "a column twice", "each column once")
-            columns: list[list[float]] = [[] for _ in header]
-            for cells in reader:
-                if not cells:
-                    continue
-                if len(cells) != len(header):
-                    raise InputError(path, reader.line_num, None, f"{len(cells)} cells", f"{len(header)} cells")
-                for i, cell in enumerate(cells):
-                    columns[i].append(_number(path, reader.line_num, cells, i, cell))
-    except (UnicodeDecodeError, csv.Error, OSError) as error:
-        raise InputError(path, None, None, str(error), "a CSV file of numbers") from None
-    return {name: np.array(column, np.float64) for name, column in zip(header, columns, strict=True)}
-
-
-def _number(path: Path, line: int, cells: list[str], index: int, cell: str) -> float:
-    try:
-        value = float(cell)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        column = sum(len(cell) + 1 for cell in cells[:index]) + 1
-        raise InputError(path, line, column, f"'{cell.strip()}'", "a finite number")
-    return value
+    table = read_number_table(path)
+    return {name: table.values[:, i] for i, name in enumerate(table.names)}

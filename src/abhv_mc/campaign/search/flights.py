@@ -6,8 +6,8 @@ and `export` read the folder like any campaign's.
 """
 
 import contextlib
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,30 +17,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.file.own_code import check_own_code
 from abhv_mc.campaign.file.resolve import resolve_campaign
+from abhv_mc.campaign.run.batches import choose_batch
 from abhv_mc.campaign.run.cluster import connect_cluster
 from abhv_mc.campaign.run.executor import Executor, open_executor
 from abhv_mc.campaign.run.progress import Progress
-from abhv_mc.campaign.run.setup import Engine, check_source
+from abhv_mc.campaign.run.setup import Engine, check_source, mend_plan
 from abhv_mc.campaign.run.trial_flights import fly_trials
 from abhv_mc.campaign.sampling.samples import spread_parameters
-from abhv_mc.campaign.search.severity import not_computed
+from abhv_mc.campaign.search.severity import not_computed, rank_distinct
 from abhv_mc.campaign.search.space import Space, make_space
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.search.evaluation import LANES, Floats, round_up
+from abhv_mc.own.trust import trust
+from abhv_mc.search.evaluation import Floats
 from abhv_mc.store.flights import DamagedFileError, FlightRows, block_path, flights_schema, read_block, write_block
-from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.folder import CampaignFolder, hash_file
+from abhv_mc.store.hashes import FileHashes, record_hashes, refuse_links
 from abhv_mc.store.lock import hold_lock
-from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, read_manifest, write_manifest
-from abhv_mc.store.plans import read_plan, write_plan
+from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, read_manifest, read_whole_manifest, write_manifest
+from abhv_mc.store.plans import write_plan
 from abhv_mc.store.provenance import find_commit, find_machine, find_versions
 from abhv_mc.store.samples import write_samples
 
-DRAWN = 3  # flights whose histories a page shows
+_DRAWN = 3  # flights whose histories a page shows
+DRAWN_APART = 0.1  # of the range flown, rms over the parameters: so far apart they lie at least
 _DRAWN_STEP = 0.1  # s
-_LARGEST_CALL = 128  # flights of one call
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,8 @@ class SearchRequest:
 def read_searched(request: SearchRequest) -> tuple[CheckedCampaign, str]:
     """The campaign and the controller that is searched. Raises InputError."""
     campaign = read_campaign(request.campaign, None, request.seed)
+    for source in check_own_code(campaign):
+        trust(source)  # his own file: he flies it
     controllers = campaign.model.controllers
     name = request.controller or next(iter(controllers))
     if name not in controllers:
@@ -78,8 +84,20 @@ class DrawnFlights:
 class SearchFlights:
     """Flies the points of one search, or remembers them; made by :func:`open_search`."""
 
-    def __init__(self, folder: CampaignFolder, campaign: CheckedCampaign, plan: FlightPlan, executor: Executor) -> None:
+    def __init__(
+        self,
+        folder: CampaignFolder,
+        campaign: CheckedCampaign,
+        plan: FlightPlan,
+        executor: Executor,
+        threads: ThreadPoolExecutor,
+        files: FileHashes,
+    ) -> None:
+        """``threads``: one more than the executor has workers, for the block that is being written."""
+        self._threads, self._writing = threads, Future[Any]()
+        self._writing.set_result(None)
         self.folder, self.campaign, self.plan, self.executor = folder, campaign, plan, executor
+        self.files = files
         self.space: Space = make_space(campaign)
         self.seed = campaign.model.seed
         self.manifest = read_manifest(folder.manifest)
@@ -115,7 +133,8 @@ class SearchFlights:
         rows = self._remember(first, samples)
         if rows is None:
             rows = self._fly(first, samples)
-            write_block(self.folder.flights, rows, self.schema)
+            self._writing.result()  # the one before: raises what kept it from being written
+            self._writing = self._threads.submit(write_block, self.folder.flights, rows, self.schema)
         else:
             self.remembered += len(samples)
         self.blocks.append(rows)
@@ -127,39 +146,48 @@ class SearchFlights:
         """The stored block of exactly these samples; None where there is none, or the machine failed on some of it."""
         path = block_path(self.folder.flights, self.plan.controller, first, first + len(samples))
         with contextlib.suppress(DamagedFileError):
-            if path.exists():
+            if path.exists() and (self.files.holds(path) or not self.files.knows(path)):
                 rows = read_block(path, self.space.columns)
+                if not self.files.knows(path):  # it landed after the last manifest, and holds what it says
+                    self.files.note(path, hash_file(path))
                 if np.array_equal(rows.samples, samples) and not not_computed(rows).any():
                     return rows
         return None
 
     def _fly(self, first: int, samples: Floats) -> FlightRows:
         parameters = spread_parameters(self.space.columns, samples)
-        share = min(_LARGEST_CALL, round_up(-(-len(samples) // self.executor.workers), LANES))
+        share = choose_batch(len(samples), self.executor.workers)
         pieces = [parameters[start : start + share] for start in range(0, len(samples), share)]
-        with ThreadPoolExecutor(self.executor.workers) as threads:
-            blocks = list(threads.map(lambda piece: self.executor.fly(self.plan, piece, None), pieces))
+        blocks = list(self._threads.map(lambda piece: self.executor.fly(self.plan, piece, None), pieces))
         outcome = tuple(Outcome(code).code for block in blocks for code in block.outcome)
         values = np.concatenate([np.column_stack([block.metrics, block.end_time]) for block in blocks])
         return FlightRows(self.plan.controller, first, self.space.columns, samples, outcome, values)
 
-    def draw(self, numbers: Sequence[int]) -> DrawnFlights:
-        """Fly the nominal flight and these again, with their histories."""
+    def draw(self, severities: Floats) -> DrawnFlights:
+        """Fly the nominal flight and the worst of the first ones again, with their histories.
+
+        ``severities`` [flight] of the flights from 0 on; the worst ones that lie apart from each other are drawn.
+        """
         rows = self.rows()
+        numbers = rank_distinct(
+            severities, rows.samples[: len(severities), : len(self.space.names)], _DRAWN, DRAWN_APART
+        )
         nominal = spread_parameters((), np.empty((1, 0)))
-        worst = spread_parameters(rows.names, rows.samples[list(numbers)])
+        worst = spread_parameters(rows.names, rows.samples[numbers])
         every = max(1, round(_DRAWN_STEP / self.plan.timing.tick))
         block = self.executor.fly(self.plan, np.concatenate([nominal, worst]), every)
         return DrawnFlights(tuple(numbers), block.times, block.history)
 
     def finish(self, result: dict[str, Any]) -> None:
         """Drop blocks that belong to no batch, write what all flights are, and the result into the manifest."""
+        self._writing.result()
         names = {
             block_path(self.folder.flights, block.controller, block.first, block.stop).name for block in self.blocks
         }
         for path in self.folder.flights.glob("*.parquet"):
             if path.name not in names:
                 path.unlink()
+                self.files.forget(path)
         rows = self.rows()
         provenance = {"seed": str(self.seed), "design": self.manifest["search"]["kind"]}
         write_samples(
@@ -182,7 +210,7 @@ class SearchFlights:
         )
 
     def _write(self, state: str, **entries: Any) -> None:
-        self.manifest |= {"state": state, **entries}
+        self.manifest |= {"state": state, **entries, "files": self.files.listed()}
         write_manifest(self.folder.manifest, self.manifest)
 
 
@@ -208,16 +236,28 @@ def open_search(
         settings = {**settings, "controller": name}
         if started:
             stack.enter_context(hold_lock(folder.lock))
+        refuse_links(folder.root)
+        model = campaign.model
+
+        def prepare() -> FlightPlan:
+            return engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
+
         if started and not request.fresh:
-            _check_same(folder, settings, resolved.identity, engine)
-            plan = read_plan(folder.plan(name))
+            held = _check_same(folder, settings, resolved.identity, engine)
+            files = stack.enter_context(record_hashes(folder.root, held or {}))
+            if held is None:
+                files.adopt()
+            folder.sweep()
+            if not all(files.holds(path) for path in (folder.campaign, *map(folder.root.joinpath, resolved.hashes))):
+                resolved.write(folder)
+            plan = mend_plan(folder, name, files, prepare)
         else:
-            model = campaign.model
-            plan = engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
+            plan = prepare()
             fly_trials(campaign, {name: plan}, engine.fly, plan.timing.ticks)
             if not started:
                 stack.enter_context(hold_lock(folder.lock))
             folder.clear()
+            files = stack.enter_context(record_hashes(folder.root, {}))
             resolved.write(folder)
             write_plan(folder.plan(name), plan)
             manifest = {
@@ -231,11 +271,13 @@ def open_search(
                 "versions": find_versions(),
                 "commit": find_commit(),
                 "machine": find_machine() | {"device": engine.device},
+                "files": files.listed(),
             }
             write_manifest(folder.manifest, manifest)
         cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
         executor = stack.enter_context(open_executor(engine, campaign.model.execution, request.workers, cluster))
-        search = SearchFlights(folder, campaign, plan, executor)
+        threads = stack.enter_context(ThreadPoolExecutor(executor.workers + 1))
+        search = SearchFlights(folder, campaign, plan, executor, threads, files)
         with Progress("flights", flights) as search.progress:
             try:
                 yield search
@@ -244,9 +286,11 @@ def open_search(
                 raise
 
 
-def _check_same(folder: CampaignFolder, settings: dict[str, Any], identity: str, engine: Engine) -> None:
-    """Raise InputError where the folder does not hold the beginning of the same search."""
-    manifest = read_manifest(folder.manifest)
+def _check_same(
+    folder: CampaignFolder, settings: dict[str, Any], identity: str, engine: Engine
+) -> dict[str, str] | None:
+    """Raise InputError where the folder does not hold the beginning of the same search; gives its files' hashes."""
+    manifest = read_whole_manifest(folder.manifest)
     held = manifest.get("search")
     wish = "the same search, another folder (-o DIR), or --fresh to delete what was flown"
     if not isinstance(held, dict):
@@ -259,3 +303,4 @@ def _check_same(folder: CampaignFolder, settings: dict[str, Any], identity: str,
     if changes:
         raise InputError(folder.root, None, None, "a folder that holds another search: " + ", ".join(changes), wish)
     check_source(folder, manifest, engine)
+    return manifest.get("files")

@@ -8,7 +8,7 @@ import numpy as np
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
 from abhv_mc.campaign.run.setup import Engine, make_engine
-from abhv_mc.campaign.search.flights import DRAWN, DrawnFlights, SearchRequest, open_search, read_searched
+from abhv_mc.campaign.search.flights import DrawnFlights, SearchRequest, open_search, read_searched
 from abhv_mc.campaign.search.severity import FAILS_ABOVE, Severity, ended_early, rank_distinct
 from abhv_mc.campaign.search.space import make_space
 from abhv_mc.io.documents import InputError, one_of
@@ -120,7 +120,7 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
             rows,
             severities,
             search.failed_to_run,
-            search.draw(rank_distinct(severities, rows.samples, DRAWN)),
+            search.draw(severities),
         )
         search.finish(found.numbers())
     return found

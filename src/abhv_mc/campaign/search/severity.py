@@ -46,15 +46,19 @@ def not_computed(rows: FlightRows) -> NDArray[np.bool_]:
     return np.array(rows.outcome) == Outcome.FAILED_TO_RUN.code
 
 
-def rank_distinct(severities: Floats, samples: Floats, number: int) -> list[int]:
-    """The flights with the greatest severities, the worst first; of flights with the same samples only the first."""
-    seen: set[bytes] = set()
+def rank_distinct(severities: Floats, samples: Floats, number: int, apart: float = 0.0) -> list[int]:
+    """The flights with the greatest severities, the worst first; flights with the same samples but once.
+
+    Each lies farther than ``apart`` from all worse ones: rms over the columns of ``samples`` [flight, parameter], in
+    parts of the range that they span.
+    """
+    order = np.argsort(-severities, kind="stable")
+    order = order[np.isfinite(severities[order])]
+    span = np.ptp(samples, axis=0)
+    places = samples[order] / np.where(span > 0.0, span, 1.0)
     found: list[int] = []
-    for flight in np.argsort(-severities, kind="stable").tolist():
-        key = samples[flight].tobytes()
-        if key not in seen and np.isfinite(severities[flight]):
-            seen.add(key)
-            found.append(flight)
-        if len(found) == number:
-            break
+    while len(order) and len(found) < number:
+        found.append(int(order[0]))
+        others = np.sqrt(np.mean((places - places[0]) ** 2, axis=1)) > apart
+        order, places = order[others], places[others]
     return found

@@ -10,6 +10,7 @@ import numpy as np
 
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
 from abhv_mc.campaign.file.config import THREADS
+from abhv_mc.campaign.file.own_code import check_own_code
 from abhv_mc.campaign.file.resolve import resolve_campaign
 from abhv_mc.campaign.file.tuning import MARGINS, Aim, Limit, Tune
 from abhv_mc.campaign.run.executor import open_executor
@@ -158,6 +159,7 @@ def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneF
     engine = engine or make_engine()
     campaign = read_campaign(request.campaign, None, request.seed)
     model = campaign.model
+    check_own_code(campaign)
     name = request.controller or next(iter(model.controllers))
     if name not in model.controllers:
         raise campaign.document.error(("controllers",), f"no controller '{name}'", one_of(model.controllers, name))

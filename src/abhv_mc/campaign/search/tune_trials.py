@@ -22,13 +22,14 @@ from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.prepare import own_parts_of
 from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.io.documents import InputError
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.search.evaluation import Floats
 from abhv_mc.stability.analysis import Time, margins_of_flights
 from abhv_mc.stability.points import make_steady_plan
-from abhv_mc.store.folder import write_whole
+from abhv_mc.store.arrays import read_array, write_array
 
 MOST_CORNERED = 7  # dispersions whose corners' margins are found: 128 vehicles
 _BLOCK = 128  # flights of one call
@@ -100,15 +101,11 @@ class Trials:
     def _remember(self, point: Floats, parameters: Floats, make: Callable[[], Floats]) -> Floats:
         key = hashlib.sha256(point.tobytes() + parameters.tobytes() + self.identity.encode()).hexdigest()[:32]
         path = self.kept / f"{key}.npy"
-        if path.exists():
-            return np.asarray(np.load(path, allow_pickle=False), np.float64)
+        kept = read_array(path)
+        if kept is not None:
+            return np.array(kept, np.float64)
         values = make()
-
-        def write(aside: Path) -> None:
-            with aside.open("wb") as file:
-                np.save(file, values, allow_pickle=False)
-
-        write_whole(path, write)
+        write_array(path, values)
         return values
 
     def _fly(self, candidate: Candidate | None, parameters: Floats) -> Floats:
@@ -127,7 +124,11 @@ class Trials:
             return none
         try:
             steady = make_steady_plan(
-                load_vehicle(model.vehicle), read_mission(model.mission), candidate.controller, self.name
+                load_vehicle(model.vehicle),
+                read_mission(model.mission),
+                candidate.controller,
+                self.name,
+                own=own_parts_of(candidate.plan),
             )
         except (InputError, np.linalg.LinAlgError):
             return none

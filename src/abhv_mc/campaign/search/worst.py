@@ -7,19 +7,18 @@ import numpy as np
 
 from abhv_mc.campaign.run.setup import Engine, make_engine
 from abhv_mc.campaign.search.flights import (
-    DRAWN,
     DrawnFlights,
     SearchFlights,
     SearchRequest,
     open_search,
     read_searched,
 )
-from abhv_mc.campaign.search.severity import Severity, ended_early, rank_distinct
+from abhv_mc.campaign.search.severity import Severity, ended_early
 from abhv_mc.campaign.search.space import make_space
 from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.search.evaluation import Floats
-from abhv_mc.search.worst import WorstCase, least_evaluations, search_worst
+from abhv_mc.search.worst import WorstCase, choose_batch, least_evaluations, search_worst
 from abhv_mc.store.flights import FlightRows
 
 
@@ -47,6 +46,7 @@ class WorstFound:
     worst: int  # number of the worst flight
     random_worst: int  # number of the worst random flight
     severities: Floats  # [flight]
+    duration: float  # s, of a flight that does not end early
     failed_to_run: int
     drawn: DrawnFlights
 
@@ -87,7 +87,7 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
         raise InputError("--metric", None, None, f"metric '{settings.metric}'", wanted)
     space = make_space(campaign)
     bounds = space.bounds(settings.box)
-    least = least_evaluations(len(space.names))
+    least = least_evaluations(len(space.names), choose_batch(settings.flights))
     if settings.flights < least:
         raise InputError(
             "--flights", None, None, f"{settings.flights}", f"at least {least} for {len(space.names)} dispersions"
@@ -116,8 +116,9 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
             int(np.argmax(severities[:searched])),
             searched + int(np.argmax(severities[searched:])),
             severities,
+            severity.duration,
             search.failed_to_run,
-            search.draw(rank_distinct(severities[:searched], rows.samples, DRAWN)),
+            search.draw(severities[:searched]),
         )
         search.finish(found.numbers())
     return found
@@ -125,6 +126,6 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
 
 def _fly_random(search: SearchFlights, bounds: Floats, number: int) -> None:
     values = search.space.draw_in_box(bounds, search.seed, number)
-    batch = 8 * 32
+    batch = 512
     for start in range(0, number, batch):
         search.fly(values[start : start + batch], common_seed=True)

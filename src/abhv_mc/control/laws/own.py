@@ -10,7 +10,8 @@ from abhv_mc.control import columns as ref
 from abhv_mc.control.laws.allocation import moment_slope, nominal_moment
 from abhv_mc.control.laws.tlc import N_ROWS as N_TLC_ROWS
 from abhv_mc.control.laws.tlc import RHO_NOM, SLOPES, nominal_variables
-from abhv_mc.jit import call_address, lanes
+from abhv_mc.jit import lanes
+from abhv_mc.jit_pointer import call_address
 from abhv_mc.numerics.angles import clamp
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import build_up, look_up

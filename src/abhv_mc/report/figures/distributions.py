@@ -46,7 +46,7 @@ def _log_if_wide(axes: Axes, way: Literal["x", "y"], values: Sequence[Floats]) -
 def plot_distributions(spreads: Sequence[Spread], labels: Mapping[str, str], colors: Mapping[str, str]) -> Figure:
     """Share of flights at or below each value, one panel a metric, one line a controller."""
     columns = 3 if len(spreads) > 4 else 2
-    figure, grid = new_panels(len(spreads), columns, 0.4, 1.75, sharey=True)
+    figure, grid = new_panels(len(spreads), columns, 1.2, between=(0.25, 0.55), top=0.12, sharey=True)
     dashes = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1, 1, 1)))
     for axes, spread in zip(grid.flat, spreads, strict=False):
         for i, (name, values) in enumerate(spread.values.items()):
@@ -98,7 +98,7 @@ def plot_error_against_usage(
     colors: Mapping[str, str],
 ) -> Figure:
     """Each flight as a point: how far it strayed against how much it moved its surfaces; medians marked large."""
-    figure, grid = new_panels(len(trades), len(trades), 0.0, 2.75, sharex=True)
+    figure, grid = new_panels(len(trades), len(trades), 2.0, top=0.12, sharex=True)
     for axes, trade in zip(grid[0], trades, strict=True):
         for i, (name, errors) in enumerate(trade.errors.items()):
             x, y = usage[name], errors

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from abhv_mc.report.figures.style import INK, new_figure, styled
+from abhv_mc.report.figures.style import INK, new_panels, put_legend, styled
 from abhv_mc.vehicle.arrays import Floats
 
 # Widest first; (lower, upper, opacity, words)
@@ -70,14 +70,14 @@ def _legend(figure: Figure, rows: Sequence[EnvelopeRow]) -> None:
             handles.append(Line2D([], [], label=words, **look))  # type: ignore[arg-type]
     if any(panel.flights for panel in panels):
         handles.append(Line2D([], [], color=INK, linewidth=0.5, label="worst flights"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), handlelength=1.8, columnspacing=1.2)
+    put_legend(figure, handles, [str(handle.get_label()) for handle in handles])
 
 
 @styled
 def plot_envelopes(rows: Sequence[EnvelopeRow], titles: Sequence[str], colors: Sequence[str]) -> Figure:
     """Rows of panels, columns of controllers; y is shared along a row so that controllers compare at sight."""
-    figure = new_figure(0.55 + 1.75 * len(rows))
-    grid = figure.subplots(len(rows), len(titles), squeeze=False, sharex="row", sharey="row")
+    count = len(rows) * len(titles)
+    figure, grid = new_panels(count, len(titles), 1.25, between=(0.2, 0.48), sharex="row", sharey="row")
     for r, row in enumerate(rows):
         for c, panel in enumerate(row.panels):
             axes = grid[r, c]

@@ -43,7 +43,7 @@ def plot_explained(
     shown = time <= until
     panels = [ExplainedPanel(panel.label, [curve[shown] for curve in panel.curves]) for panel in panels]
     time = time[shown]
-    figure, grid = new_panels(len(panels), 2, 0.7, 1.5, sharex=True)
+    figure, grid = new_panels(len(panels), 2, 1.2, between=(0.68, 0.2), top=0.6, sharex=True)
     figure.suptitle(title, fontsize=8.5)
     for axes, panel in zip(grid.flat, panels, strict=False):
         for curve, label, look in zip(panel.curves, labels, _LOOKS, strict=True):

@@ -31,7 +31,7 @@ def plot_survival(
     times: Floats, panels: Sequence[CasePanel], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> Figure:
     """Share still flying against the time since the failure, one panel a case."""
-    figure, grid = new_panels(len(panels), min(2, len(panels)), 0.5, 1.5, sharex=True, sharey=True)
+    figure, grid = new_panels(len(panels), min(2, len(panels)), 1.0, between=(0.3, 0.55), sharex=True, sharey=True)
     styles = ("-", "--", ":", "-.")
     for axes, panel in zip(grid.flat, panels, strict=False):
         for i, name in enumerate(labels):
@@ -53,7 +53,7 @@ def plot_bands(
 ) -> Figure:
     """One row a channel, one column a case."""
     columns = len(rows[0])
-    figure, grid = new_panels(len(rows) * columns, columns, 0.5, 1.4, sharex=True, sharey="row")
+    figure, grid = new_panels(len(rows) * columns, columns, 1.2, between=(0.2, 0.2), sharex=True, sharey="row")
     for r, row in enumerate(rows):
         for axes, band in zip(grid[r], row, strict=True):
             for name, table in band.bands.items():

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from abhv_mc.report.figures.style import INK, MARKERS, label_lowest, new_panels, styled
+from abhv_mc.report.figures.style import INK, MARKERS, label_lowest, new_panels, put_legend, styled
 from abhv_mc.vehicle.arrays import Floats
 
 Marks = Sequence[tuple[Floats, NDArray[np.bool_]]]  # ([parameter, (value, low, high)], [parameter] whether filled)
@@ -36,9 +36,11 @@ def plot_marks(
 
     The x axis spans ``limits``, or more where an interval ends outside.
     """
-    columns = min(len(panels), 3 if max(len(name) for panel in panels for name in panel.parameters) <= 16 else 2)
+    longest = max(len(name) for panel in panels for name in panel.parameters)
+    columns = min(len(panels), 3 if longest <= 16 else 2)
     most = max(len(panel.parameters) for panel in panels)
-    figure, grid = new_panels(len(panels), columns, 0.5, 0.6 + 0.17 * most * max(1.0, len(labels) / 2.0), sharex=True)
+    height, room = 0.15 * most * max(1.0, len(labels) / 2.0), 0.2 + 0.062 * longest
+    figure, grid = new_panels(len(panels), columns, height, room, (room, 0.48), sharex=True)
     lowest, highest = limits
     for axes, panel in zip(grid.flat, panels, strict=False):
         place = np.arange(len(panel.parameters))
@@ -73,5 +75,5 @@ def plot_marks(
         Line2D([], [], color=color, marker=marker, markerfacecolor=face, linestyle="none", label=label)
         for label, marker, color, face in looks
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+    put_legend(figure, handles, [str(handle.get_label()) for handle in handles])
     return figure

@@ -14,7 +14,7 @@ def plot_planned(numbers: Mapping[str, Any]) -> Figure:
     """One panel a requirement, and one for all of them together where there are several."""
     rates, entries = numbers["rates_over_allowed"], numbers["requirements"]
     count = len(entries) + (len(entries) > 1)
-    figure, grid = new_panels(count, min(2, count), 0.5, 2.2, sharex=True, sharey=True)
+    figure, grid = new_panels(count, min(2, count), 1.7, between=(0.3, 0.55), sharex=True, sharey=True)
     for axes, entry in zip(grid.flat, entries, strict=False):
         axes.plot(rates, entry["pass_chance"], color=BLUE, label=f"all {numbers['runs']} flights")
         stop = entry["stop_when_proven"]["pass_chance"]

@@ -14,25 +14,26 @@ _ROW = 0.22  # in, of one parameter
 
 
 @styled
-def plot_convergence(label: str, searched: Floats, stages: Sequence[tuple[int, str]], random: Floats) -> Figure:
-    """Worst value so far over the flights of the search and of random ones; nan where a flight ended early by then.
+def plot_convergence(curves: Mapping[str, Sequence[Floats]], stages: Sequence[tuple[int, str]]) -> Figure:
+    """For each label, what was worst so far over the flights of the search, and over random ones; nan is left out.
 
     ``stages`` holds the flight at which each stage begins, and its name.
     """
-    figure = new_figure(2.8)
-    axes = figure.subplots()
-    axes.plot(np.arange(1, random.size + 1), random, color=INK, linestyle=(0, (4, 2)), label="random, same box")
-    axes.plot(np.arange(1, searched.size + 1), searched, color=VERMILION, linewidth=1.5, label="search")
+    figure = new_figure(0.8 + 2.0 * len(curves))
+    panels = figure.subplots(len(curves), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (label, (searched, random)) in zip(panels, curves.items(), strict=True):
+        axes.plot(np.arange(1, random.size + 1), random, color=INK, linestyle=(0, (4, 2)), label="random, same box")
+        axes.plot(np.arange(1, searched.size + 1), searched, color=VERMILION, linewidth=1.5, label="search")
+        for start, _ in stages:
+            axes.axvline(start, color=SKY, linewidth=0.6)
+        axes.set_ylabel(f"worst so far:\n{label}")
+        pad_if_flat(axes)
     for i, (start, name) in enumerate(stages):
-        axes.axvline(start, color=SKY, linewidth=0.6)
-        axes.annotate(
-            name, (start, 0.02 + 0.07 * (i % 2)), xycoords=("data", "axes fraction"), fontsize=6.5, xytext=(2, 0),
-            textcoords="offset points",
-        )  # fmt: skip
-    axes.set_xlabel("flights")
-    axes.set_ylabel(f"worst so far: {label}")
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.15))
-    pad_if_flat(axes)
+        panels[0].annotate(
+            name, (start, 1.02 + 0.08 * (i % 2)), xycoords=("data", "axes fraction"), fontsize=6.5, va="bottom"
+        )
+    panels[-1].set_xlabel("flights")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
@@ -77,8 +78,8 @@ def plot_levels(label: str, limit: float, repetitions: Sequence[tuple[Floats, Fl
 
 
 @styled
-def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats]) -> Figure:
-    """Share of accepted moves and size of the moves at each level after the first, by repetition."""
+def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], aim: float) -> Figure:
+    """Share of accepted moves and size of the moves at each level after the first, by repetition; ``aim`` is dashed."""
     figure = new_figure(2.4)
     left, right = figure.subplots(1, 2)
     for i, (rates, sizes) in enumerate(zip(acceptance, spread, strict=True)):
@@ -86,7 +87,7 @@ def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats]) -> Figur
         levels = np.arange(2, rates.size + 2)
         left.plot(levels, rates, **look)
         right.plot(levels, sizes, **look)
-    left.axhline(0.44, color=INK, linestyle=(0, (4, 2)), linewidth=0.8)
+    left.axhline(aim, color=INK, linestyle=(0, (4, 2)), linewidth=0.8)
     for axes, words in ((left, "accepted moves"), (right, "size of a move (1: drawn afresh)")):
         axes.set_xlabel("level")
         axes.xaxis.get_major_locator().set_params(integer=True)

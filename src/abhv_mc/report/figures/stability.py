@@ -28,7 +28,7 @@ def plot_margins(
     marks: Mapping[str, MarginMarks], worst_label: str, labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> Figure:
     """How bad each flight is against its least gain and phase margin; filled marks are flights that failed."""
-    figure, grid = new_panels(2, 2, 0.5, 2.4, sharey=True)
+    figure, grid = new_panels(2, 2, 2.1, between=(0.3, 0.0), sharey=True)
     finite = np.concatenate([each.worst[np.isfinite(each.worst)] for each in marks.values()])
     ceiling = 1.3 * float(finite.max(initial=1.0))
     panels = zip(

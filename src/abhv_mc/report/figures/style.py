@@ -29,6 +29,7 @@ _RC: dict[Any, Any] = {
     "font.size": 8.0,
     "axes.titlesize": 8.5,
     "axes.titleweight": "bold",
+    "axes.titley": 1.0,  # placed, not sought
     "axes.labelsize": 8.0,
     "axes.edgecolor": INK,
     "axes.linewidth": 0.6,
@@ -73,14 +74,41 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
     return figure
 
 
-def new_panels(count: int, columns: int, frame: float, row_height: float, **shared: Any) -> tuple[Figure, Any]:
+def new_panels(
+    count: int,
+    columns: int,
+    row_height: float,
+    left: float = 0.68,
+    between: tuple[float, float] = (0.68, 0.48),
+    top: float = 0.24,
+    **shared: Any,
+) -> tuple[Figure, Any]:
     """A figure and its grid [row, column] of axes for ``count`` panels; places left over are hidden. Heights in inches.
 
-    ``shared`` goes to :meth:`Figure.subplots`.
+    ``row_height`` is that of axes; ``left`` and ``top`` is the room for labels and titles, ``between`` the room beside
+    and below each of the axes; below all there is room for the labels and the legend. Fixed, as a layout that measures
+    the text takes as long as the drawing. ``shared`` goes to :meth:`Figure.subplots`.
     """
     rows = -(-count // columns)
-    figure = new_figure(frame + rows * row_height)
-    grid = figure.subplots(rows, columns, squeeze=False, **shared)
+    bottom, right = 0.72, 0.12
+    height = top + rows * row_height + (rows - 1) * between[1] + bottom
+    width = (WIDTH - left - right - (columns - 1) * between[0]) / columns
+    figure = Figure(figsize=(WIDTH, height), dpi=DPI)
+    FigureCanvasAgg(figure)
+    place = {
+        "left": left / WIDTH,
+        "right": 1.0 - right / WIDTH,
+        "bottom": bottom / height,
+        "top": 1.0 - top / height,
+        "wspace": between[0] / width,
+        "hspace": between[1] / row_height,
+    }
+    grid = figure.subplots(rows, columns, squeeze=False, gridspec_kw=place, **shared)
+    for axes in grid.flat:
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.get_major_locator().set_params(nbins=6)
+        axes.xaxis.set_label_coords(0.5, -0.24 / row_height)
+        axes.yaxis.set_label_coords(-0.5 / width, 0.5)
     for axes in grid.flat[count:]:
         axes.set_visible(False)
     return figure, grid
@@ -98,7 +126,21 @@ def legend_below(figure: Figure, *panels: Axes) -> None:
     entries = {
         label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
     }
-    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=len(entries))
+    put_legend(figure, list(entries.values()), list(entries.keys()))
+
+
+def put_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
+    """These entries in one line at the lower edge, closer to each other where they are many."""
+    letters = sum(map(len, labels)) + 6 * len(labels)
+    figure.legend(
+        handles,
+        labels,
+        loc=f"{'outside ' if figure.get_layout_engine() else ''}lower center",
+        ncols=len(labels),
+        borderaxespad=0.2,
+        handlelength=1.8,
+        columnspacing=1.8 if letters < 90 else 1.0,
+    )
 
 
 def controller_colors(names: Sequence[str]) -> dict[str, str]:
@@ -121,5 +163,5 @@ def write_png(figure: Figure, path: Path) -> tuple[int, int]:
     with rc_context(_RC):
         canvas.draw()
     image = Image.fromarray(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[:, :, :3]))
-    image.save(path, format="PNG", compress_level=4, dpi=(DPI, DPI))
+    image.save(path, format="PNG", compress_level=3, dpi=(DPI, DPI))
     return image.width, image.height

@@ -1,0 +1,82 @@
+"""What a campaign file says under ``keep``: which flights, channels and rates are written besides the metrics."""
+
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from abhv_mc.flight.signals import CHANNEL_INDEX, STANDARD_CHANNELS
+from abhv_mc.io.documents import Refusal, StrictModel, describe, one_of
+from abhv_mc.io.units import FREQUENCY, Frequency, parse_quantity
+
+_ALL_CHANNELS = tuple(CHANNEL_INDEX)
+
+
+def _rate(value: Any) -> Any:
+    rate = parse_quantity(value, FREQUENCY)
+    if rate <= 0.0:
+        raise Refusal(describe(value), "a rate above zero such as '10 Hz'")
+    return rate
+
+
+Rate = Annotated[float, BeforeValidator(_rate, json_schema_input_type=Frequency)]
+
+
+def _as_list(value: Any) -> Any:
+    return value if isinstance(value, list) else [value]
+
+
+def _channels(value: Any) -> Any:
+    if value == ["all"]:
+        return list(CHANNEL_INDEX)
+    for i, name in enumerate(value):
+        if name not in CHANNEL_INDEX:
+            raise Refusal(f"channel {describe(name)}", one_of(["all", *CHANNEL_INDEX], name), (i,))
+    return sorted(set(value), key=CHANNEL_INDEX.__getitem__)
+
+
+Channels = Annotated[
+    tuple[str, ...],
+    BeforeValidator(_channels),
+    BeforeValidator(_as_list, json_schema_input_type=str | list[str]),
+]
+
+
+def _flights(value: tuple[int | str, ...]) -> tuple[int | str, ...]:
+    for i, item in enumerate(value):
+        words = str(item).split()
+        number = len(words) == 2 and words[0] in ("worst", "every") and words[1].isdecimal() and int(words[1]) > 0
+        if not (isinstance(item, int) and item >= 0) and item not in ("failed", "all", "none") and not number:
+            where = (i,) if len(value) > 1 else ()
+            raise Refusal(describe(item), "all, none, failed, 'worst 20', 'every 100' or a flight's number", where)
+    return value
+
+
+class KeepHistories(StrictModel):
+    """Which flights are written at full length: the union of what ``flights`` names."""
+
+    flights: Annotated[
+        tuple[int | str, ...],
+        AfterValidator(_flights),
+        BeforeValidator(_as_list, json_schema_input_type=int | str | list[int | str]),
+    ] = Field(
+        ("worst 20",), description="all, none, failed, 'worst 20', 'every 100', a flight's number, or a list of these"
+    )
+    by: str = Field(
+        "altitude_error_max_m", description="metric that 'worst' goes by; flights that ended early come first"
+    )
+    channels: Channels = Field(_ALL_CHANNELS, description="names of channels, or all")
+    rate: Rate = Field(10.0, description="samples per second of flight")
+
+
+class KeepEnvelopes(StrictModel):
+    """What the envelopes over all flights cover."""
+
+    channels: Channels = Field(STANDARD_CHANNELS, description="names of channels, or all")
+    rate: Rate = Field(5.0, description="time bins per second of flight")
+
+
+class Keep(StrictModel):
+    """What a campaign writes besides metrics."""
+
+    histories: KeepHistories = Field(KeepHistories(), description="flights that are written at full length")
+    envelopes: KeepEnvelopes = Field(KeepEnvelopes(), description="quantiles over time of all flights")

@@ -1,0 +1,89 @@
+"""A CSV file of numbers with a header, and the places of what is wrong in it."""
+
+import csv
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.io.input_error import InputError
+
+
+@dataclass(frozen=True)
+class NumberTable:
+    """Numbers by row and column, all finite; rows without any cell are left out."""
+
+    path: Path
+    names: tuple[str, ...]
+    values: NDArray[np.float64]  # [row, column]
+    lines: tuple[int, ...]  # of the file, by row
+
+    def error(self, row: int, name: str, found: str, wanted: str) -> InputError:
+        """What is wrong with the number in that row under that name, at its place in the file."""
+        line, text = self.lines[row], self.path.read_text(encoding="utf-8-sig").splitlines()
+        header, cells = csv.reader([text[0], text[line - 1]])
+        place = [cell.strip() for cell in header].index(name)
+        return InputError(self.path, line, _column(cells, place), found, wanted)
+
+    def check_rising(self, name: str, unit: str) -> None:
+        """Raise :class:`InputError` at the first number under that name that is not above the one before."""
+        values = self.values[:, self.names.index(name)]
+        for row in np.flatnonzero(np.diff(values) <= 0.0)[:1] + 1:
+            quantity = name.partition("_")[0]
+            raise self.error(int(row), name, f"the {quantity} {values[row]:g} {unit}", f"{quantity}s that rise")
+
+
+def read_number_table(
+    path: Path, wanted: Mapping[str, float] | None = None, max_bytes: int = 200_000_000
+) -> NumberTable:
+    """The columns ``wanted`` of a file, in that order, each with the largest magnitude there may be; all where None.
+
+    Raises :class:`InputError` for a missing column, a column twice, a row too short, what is no finite number and what
+    is larger.
+    """
+    if path.stat().st_size > max_bytes:
+        raise InputError(path, None, None, "a very large file", f"at most {max_bytes // 1_000_000} MB")
+    rows: list[list[float]] = []
+    lines: list[int] = []
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file)
+            header = [name.strip() for name in next(reader, [])]
+            names = tuple(header if wanted is None else wanted)
+            missing = [name for name in names if name not in header]
+            if missing:
+                raise InputError(path, 1, 1, f"no column {', '.join(missing)}", f"the columns {', '.join(names)}")
+            twice = [name for name in names if header.count(name) > 1]
+            if twice:
+                raise InputError(path, 1, None, f"the column {twice[0]} twice", "each column once")
+            places = [(header.index(name), math.inf if wanted is None else wanted[name]) for name in names]
+            for cells in reader:
+                if not cells:
+                    continue
+                if wanted is None and len(cells) != len(header):
+                    raise InputError(path, reader.line_num, None, f"{len(cells)} cells", f"{len(header)} cells")
+                rows.append([_number(path, reader.line_num, cells, place, most) for place, most in places])
+                lines.append(reader.line_num)
+    except (UnicodeDecodeError, csv.Error, OSError) as error:
+        raise InputError(path, None, None, str(error), "a CSV file of numbers in UTF-8") from None
+    return NumberTable(path, names, np.array(rows, dtype=np.float64).reshape(len(rows), len(names)), tuple(lines))
+
+
+def _number(path: Path, line: int, cells: list[str], place: int, most: float) -> float:
+    text = cells[place].strip() if place < len(cells) else ""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(path, line, _column(cells, place), f"'{text}'", "a finite number")
+    if abs(value) > most:
+        raise InputError(path, line, _column(cells, place), f"'{text}'", f"a magnitude of at most {most:g}")
+    return value
+
+
+def _column(cells: list[str], place: int) -> int:
+    return sum(len(cell) + 1 for cell in cells[:place]) + 1

@@ -1,0 +1,77 @@
+"""What the pages of searches show of flights: their channels over time, and how each is flown again."""
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.campaign.search.flights import DRAWN_APART, DrawnFlights
+from abhv_mc.campaign.search.severity import rank_distinct
+from abhv_mc.flight.signals import CHANNEL_INDEX, METRIC_INDEX
+from abhv_mc.report.answer_page import CODE, LONG, SHORT, Shown, Table
+from abhv_mc.report.figures.searches import plot_flights
+from abhv_mc.report.metrics import words_of
+from abhv_mc.report.parameters import shown_value
+from abhv_mc.search.evaluation import Floats
+from abhv_mc.store.flights import FlightRows
+
+_CHANNELS = (
+    ("altitude_m", "altitude (km)", 1e-3),
+    ("speed_mps", "speed (m/s)", 1.0),
+    ("angle_of_attack_deg", "angle of attack (deg)", 1.0),
+    ("sideslip_deg", "sideslip (deg)", 1.0),
+    ("bank_deg", "bank (deg)", 1.0),
+    ("elevator_deg", "elevator (deg)", 1.0),
+)
+_LISTED = 10
+_ELSEWHERE = (
+    f"the worst flight, and the worst of those that lie elsewhere: at least {100 * DRAWN_APART:g} % of the range flown "
+    "(rms over the parameters) from every worse one"
+)
+
+
+def lower_label(metric: str) -> str:
+    """A metric's words inside a sentence."""
+    label = words_of(metric).label
+    return label[:1].lower() + label[1:]
+
+
+def with_unit(value: float, metric: str) -> str:
+    """A value to five digits with its unit."""
+    return f"{value:.5g} {words_of(metric).unit}".rstrip()
+
+
+def drawn_figure(drawn: DrawnFlights) -> Shown:
+    """The drawn flights beside the nominal one."""
+    panels = {
+        label: drawn.history[:, :, CHANNEL_INDEX[name]].astype(np.float64) * scale for name, label, scale in _CHANNELS
+    }
+    labels = ["nominal", *(f"flight {number}" for number in drawn.numbers)]
+    caption = f"{_ELSEWHERE[:1].upper()}{_ELSEWHERE[1:]}; beside the nominal one. A line ends where its flight ended."
+    return Shown("flights", "The worst flights", caption, plot_flights(drawn.times, panels, labels))
+
+
+def flights_table(
+    flights: FlightRows, severities: Floats, dimensions: int, metric: str, controller: str, folder: Path
+) -> Table:
+    """The worst flights, and how each is flown again."""
+    numbers: Sequence[int] = rank_distinct(
+        severities, flights.samples[: len(severities), :dimensions], _LISTED, DRAWN_APART
+    )
+    rows = [
+        [
+            str(k),
+            f"{flights.values[k, METRIC_INDEX[metric]]:.5g}",
+            f"{flights.outcome[k]}, {flights.values[k, -1]:.4g} s",
+            ", ".join(
+                f"{name} {shown_value(name, x)}"
+                for name, x in zip(flights.names[:dimensions], flights.samples[k].tolist(), strict=False)
+            ),
+            shlex.join(["abhv-mc", "replay", str(folder), "--flight", str(k), "--controller", controller]),
+        ]
+        for k in numbers
+    ]
+    heads = ("flight", words_of(metric).label_with_unit, "ended", "parameters", "flown again, bit for bit, by")
+    caption = f"{_ELSEWHERE[:1].upper()}{_ELSEWHERE[1:]}."
+    return Table("Worst flights", caption, heads, rows, (SHORT, SHORT, SHORT, LONG, CODE))

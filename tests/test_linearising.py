@@ -1,0 +1,76 @@
+"""Margins and linear models from Python without files."""
+
+import control
+import numpy as np
+import pandas as pd
+import pytest
+
+import abhv_mc
+from abhv_mc.io.documents import InputError
+
+LOOPS = ["aileron", "rudder", "elevator", "equivalence_ratio", "all"]
+
+
+def test_margins_are_a_table_by_loop_with_units():
+    table = abhv_mc.margins("level", "ghame_x", "lqr_retuned")
+    assert list(table.index) == LOOPS and table.index.name == "loop"
+    assert list(table.attrs["units"]) == list(table.columns)
+    assert table.gain_margin_high_db["aileron"] == pytest.approx(5.65, abs=0.01)  # spec: an independent simulator
+    assert table.phase_margin_deg["equivalence_ratio"] == pytest.approx(9.4, abs=0.06)
+    assert table.gain_margin_low_db["rudder"] == -np.inf  # nothing ends it
+    assert table.disk_margin["all"] == pytest.approx(0.1408, abs=6e-5) and np.isnan(table.disk_margin["rudder"])
+    assert table.attrs["stable"] and table.attrs["poles"][0].real < 0.0
+    assert any("near the node 1.0000" in words for words in table.attrs["warnings"])
+
+
+def test_a_gain_sweep_of_margins_needs_no_files():
+    def rudder(damping, **more):
+        controller = {"base": "tlc", "attitude.sideslip.bandwidth": damping}
+        return abhv_mc.margins("level", controller=controller, **more).gain_margin_high_db["rudder"]
+
+    table_1 = abhv_mc.margins("level").gain_margin_high_db["rudder"]
+    assert table_1 == pytest.approx(0.82, abs=0.01)
+    swept = [rudder("0.5 rad/s"), rudder("4 rad/s")]
+    assert swept[0] != swept[1] and table_1 not in swept
+    weak = abhv_mc.margins("level", dispersions={"control.rudder_effectiveness": "90 %"})
+    np.testing.assert_allclose(weak.gain_margin_high_db["rudder"] - table_1, -20.0 * np.log10(0.9), atol=0.02)
+
+
+def test_an_unstable_loop_has_no_margins_but_poles():
+    table = abhv_mc.margins("level", controller="lqr")
+    assert not table.attrs["stable"] and table.isna().all(axis=None)
+    np.testing.assert_allclose(table.attrs["poles"][0], 0.120 + 2.783j, atol=1e-3)
+
+
+def test_a_linear_model_has_names_and_units_and_goes_to_python_control():
+    model = abhv_mc.linearize("level", controller="lqr_retuned", dispersions={"sensor.delay": "10 ms"})
+    assert model.period_s == 0.01 and model.measurement_delay_periods == 1
+    assert model.plant.A.shape == (18, 18) and list(model.plant.B.columns) == LOOPS[:4]
+    assert model.plant.A.attrs["units"]["pitch_rate"] == "rad/s" and model.point.attrs["units"]["altitude"] == "m"
+    assert model.point["altitude"] == pytest.approx(20_000.0) and model.loop.A.shape == (28, 28)
+    poles = control.ss(*model.closed, model.period_s).poles()
+    growing = np.log(poles[np.abs(poles) > 0.0].astype(complex)) / model.period_s
+    table = abhv_mc.margins("level", controller="lqr_retuned", dispersions={"sensor.delay": 0.01})
+    np.testing.assert_allclose(growing.real.max(), table.attrs["poles"][0].real, rtol=1e-6)
+    assert model.law.D.loc["elevator", "pitch_rate"] > 0.0
+    assert isinstance(model.point, pd.Series) and model.warnings
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"mission": "levle"}, "no such file"),
+        ({"at": "soon"}, "at: found 'soon'"),
+        ({"at": "2 km"}, "at: found '2 km'"),
+        ({"at": -1.0}, "at: found -1 s"),
+        ({"at": 90.0}, "at: found 90 s; wanted a time of the mission, 0 to 60 s"),
+        ({"at": 1.0, "bank": "10 deg"}, "bank: found a bank; wanted the point 'trim'"),
+        ({"bank": 1.5}, "bank: found 1.5 rad; wanted -80 to 80 deg"),
+        ({"controller": {"base": "tlc", "velocity.pth.bandwidth": 1.0}}, "no entry 'velocity.pth'"),
+        ({"dispersions": {"aero.darg": 1.1}}, "'aero.drag', perhaps"),
+    ],
+)
+def test_what_is_wrong_is_said(arguments, words):
+    with pytest.raises(InputError) as caught:
+        abhv_mc.margins(**{"mission": "level", **arguments})
+    assert words in str(caught.value)
