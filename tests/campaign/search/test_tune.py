@@ -3,6 +3,7 @@ import pytest
 from campaign.fake_flight import LIFT, write_campaign
 from campaign.search.tuned_flight import BLOCK, CONTROLLER, ENGINE, fly, prepare, write_tuned
 
+from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.run.setup import Engine
 from abhv_mc.campaign.search import tune as module
 from abhv_mc.campaign.search.tune import TuneRequest, tune_controller
@@ -99,7 +100,7 @@ def test_numbers_that_make_no_controller_are_passed_over(request_):
 def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path):
     wrapped = tmp_path / "wrapped.yaml"
     wrapped.write_text("tune:\n" + "".join(f"  {line}\n" for line in BLOCK.splitlines()), encoding="utf-8")
-    campaign = module.read_campaign(request_.campaign)
+    campaign = read_campaign(request_.campaign)
     alone, _, _ = module.read_tune_block(campaign, request_.block)
     below, _, _ = module.read_tune_block(campaign, wrapped)
     assert alone == below
@@ -107,7 +108,7 @@ def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path
         tmp_path / "files", dispersions="{aero.lift: {distribution: normal, sigma: 5 %}}",
         tune="\n" + "".join(f"  {line}\n" for line in BLOCK.splitlines()),
     )  # fmt: skip
-    assert module.read_tune_block(module.read_campaign(inside), None)[0] == alone
+    assert module.read_tune_block(read_campaign(inside), None)[0] == alone
 
 
 @pytest.mark.parametrize(
