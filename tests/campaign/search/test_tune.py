@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from campaign.fake_flight import LIFT, write_campaign
@@ -45,7 +47,7 @@ def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_pat
     stored = len(list((tmp_path / "new.tuning").glob("*.npy")))
     assert stored >= 50
     calls = -10_000
-    found = tune_controller(request_, Engine(prepare, fly_until, "tuned"))
+    found = tune_controller(replace(request_, workers=2), Engine(prepare, fly_until, "tuned"))
     assert 10_000 + calls <= 113 - stored + 10
     other = TuneRequest(request_.campaign, tmp_path / "other.yaml", block=request_.block, workers=1)
     assert found.as_json() == tune_controller(other, ENGINE).as_json()
