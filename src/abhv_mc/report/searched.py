@@ -114,5 +114,4 @@ def _severities(
     early_is_worse: bool = True,
 ) -> Floats:
     duration = read_plan(folder.plan(controller)).timing.duration
-    severities = Severity(metric, sign, duration, limit, early_is_worse).of(rows)
-    return np.where(np.isnan(severities), -np.inf, severities)
+    return Severity(metric, sign, duration, limit, early_is_worse).ranked(rows)

@@ -21,29 +21,34 @@ def line(tmp_path):
     return write_line(tmp_path / "files")
 
 
-def test_rare_is_right_and_resumes_to_the_same(tmp_path, line):
-    settings = RareSettings(METRIC, flights=8000)
-    whole = find_rare(SearchRequest(line, tmp_path / "whole", workers=1), settings, LINE)
-    truth = stats.norm.sf(4.0)
-    assert whole.estimate.refusal is None
-    assert whole.estimate.low <= truth <= whole.estimate.high
+def test_rare_is_right(tmp_path, line):
+    estimate = find_rare(SearchRequest(line, tmp_path / "out"), RareSettings(METRIC, flights=8000), LINE).estimate
+    assert estimate.refusal is None
+    assert estimate.low <= stats.norm.sf(4.0) <= estimate.high
 
+
+@pytest.mark.parametrize(
+    "find, settings, last",
+    [(find_rare, RareSettings(METRIC, flights=8000), 20), (find_worst, WorstSettings(METRIC, flights=1000), 8)],
+)
+def test_an_interrupted_search_goes_on_to_the_same_for_any_number_of_workers(tmp_path, line, find, settings, last):
+    whole = find(SearchRequest(line, tmp_path / "whole", workers=1), settings, LINE)
     calls = 0
 
     def fly_until(plan, parameters, record_every=None):
         nonlocal calls
         calls += 1
-        if calls == 20:
+        if calls == last:
             raise KeyboardInterrupt
         return fly_line(plan, parameters, record_every)
 
     cut = tmp_path / "cut"
     with pytest.raises(KeyboardInterrupt):
-        find_rare(SearchRequest(line, cut, workers=1), settings, Engine(prepare, fly_until, "line"))
+        find(SearchRequest(line, cut, workers=1), settings, Engine(prepare, fly_until, "line"))
     assert read_manifest(cut / "manifest.json")["state"] == "interrupted"
     stored = sorted(path.name for path in (cut / "flights").glob("*.parquet"))
     assert stored
-    again = find_rare(SearchRequest(line, cut, workers=3), settings, LINE)
+    again = find(SearchRequest(line, cut, workers=2), settings, LINE)
     assert again.numbers() == whole.numbers()
     assert read_manifest(cut / "manifest.json")["digest"] == read_manifest(tmp_path / "whole/manifest.json")["digest"]
     assert read_manifest(cut / "manifest.json")["state"] == "complete"

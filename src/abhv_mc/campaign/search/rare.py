@@ -89,7 +89,7 @@ class RareFound:
 
 def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | None = None) -> RareFound:
     """Estimate P(failure) of one requirement. Raises InputError for a request that is wrong."""
-    campaign, controller = read_searched(request)
+    campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     requirement, limit = _find_requirement(campaign, controller, settings.requirement)
     space = make_space(campaign)
     chains = choose_chains(settings.flights)
@@ -109,7 +109,7 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
         plan = SubsetPlan(len(space.names), FAILS_ABOVE, search.seed, chains)
         estimate = estimate_rare(evaluate, plan, settings.target_cov, settings.flights)
         rows = search.rows()
-        severities = np.where(np.isnan(severity.of(rows)), -np.inf, severity.of(rows))
+        severities = severity.ranked(rows)
         found = RareFound(
             settings,
             controller,
