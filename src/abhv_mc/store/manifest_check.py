@@ -20,6 +20,7 @@ def _check_inside(name: str) -> str:
     return name
 
 
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
 Text = Annotated[str, Field(max_length=2000), AfterValidator(_check_printable)]
 Place = Annotated[str, AfterValidator(_check_inside)]
 Hash = Annotated[str, Field(pattern=r"^[0-9a-f]*$")]
@@ -55,8 +56,42 @@ class _Machine(Entries):
     device: Text = ""
 
 
+class _Worst(Entries):
+    kind: Literal["worst"]
+    controller: Name
+    metric: Text
+    largest: bool
+    box: Number
+    flights: Count
+
+
+class _Rare(Entries):
+    kind: Literal["rare"]
+    controller: Name
+    requirement: Text
+    target_cov: Number
+    flights: Count
+
+
+class _Result(Entries):
+    """Of a search: what of it is held against its flights."""
+
+    flights: Part
+    flight: Count = 0
+    random_flight: Count = 0
+    value: float = 0.0
+    random_worst: float = 0.0
+    failures: Count = 0
+    ended_early: Count
+    ended_early_fails: bool = False
+    below: Number = 0.0
+    above: Number = 0.0
+
+
 class _Manifest(Entries):
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)] = ""
+    name: Name | Literal[""] = ""
+    search: _Worst | _Rare = Field(None, discriminator="kind")  # defaults of these two: not there
+    result: _Result = Field(None)
     state: Literal["running", "complete", "interrupted"] = "running"
     runs_planned: Count = 0
     runs_done: Count = 0
