@@ -72,11 +72,11 @@ def verify_search(folder: CampaignFolder, manifest: dict[str, Any]) -> Iterator[
     if samples.flights != rows.stop or not np.array_equal(samples.rows(0, rows.stop), rows.samples):
         yield "samples.parquet: not the samples that the flights have"
     metric = manifest["search"].get("metric", manifest["search"].get("requirement"))
-    if "result" not in manifest or metric not in METRIC_INDEX or not 0 < manifest["result"]["flights"] <= rows.stop:
+    result = manifest.get("result")
+    if result is None or metric not in METRIC_INDEX or not 0 < result["flights"] <= rows.stop:
         yield "manifest.json: no result of these flights"
         return
     remade = _worst(folder, rows, manifest) if manifest["search"]["kind"] == "worst" else _rare(folder, rows, manifest)
-    result = manifest["result"]
     yield from (f"{key}: {result.get(key)} in the result, {value} from the flights" for key, value in remade.items()
                 if result.get(key) != value)  # fmt: skip
 

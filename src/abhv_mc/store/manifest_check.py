@@ -90,8 +90,6 @@ class _Result(Entries):
 
 class _Manifest(Entries):
     name: Name | Literal[""] = ""
-    search: _Worst | _Rare = Field(None, discriminator="kind")  # defaults of these two: not there
-    result: _Result = Field(None)
     state: Literal["running", "complete", "interrupted"] = "running"
     runs_planned: Count = 0
     runs_done: Count = 0
@@ -113,9 +111,14 @@ class _Manifest(Entries):
     shard: Annotated[list[Part], Field(min_length=2, max_length=2)] | None = None
 
 
+class _SearchManifest(_Manifest):
+    search: _Worst | _Rare = Field(discriminator="kind")
+    result: _Result | None = None
+
+
 def find_fault(manifest: dict[str, Any]) -> str | None:
     """The first entry that is of another type, or out of range, in words; None where there is none."""
-    return first_fault(_Manifest, manifest)
+    return first_fault(_SearchManifest if "search" in manifest else _Manifest, manifest)
 
 
 def first_fault(model: type[BaseModel], data: Any) -> str | None:
