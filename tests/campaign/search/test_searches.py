@@ -188,3 +188,14 @@ def test_numbers_are_json_and_fixed_names(tmp_path, line):
     worst = find_worst(SearchRequest(line, tmp_path / "worst"), WorstSettings(METRIC, flights=400), LINE).numbers()
     wanted = {"metric", "controller", "value", "flights", "parameters", "random_worst", "at_bounds"}
     assert wanted <= json.loads(json.dumps(worst)).keys()
+
+
+def test_a_requirement_on_a_metric_that_its_flights_do_not_have_is_refused(tmp_path):
+    campaign = write_line(
+        tmp_path / "files",
+        metrics="{swing: {of: bank_deg, statistic: peak_to_peak}}",
+        requirements="[{metric: swing, below: 3 deg, probability: 0.9}]",
+    )
+    with pytest.raises(InputError, match="no requirement on 'swing'"):
+        find_rare(SearchRequest(campaign, tmp_path / "out"), RareSettings("swing", flights=8000), LINE)
+    assert not (tmp_path / "out").exists()
