@@ -10,6 +10,7 @@ from abhv_mc.cache import own_folder
 from abhv_mc.io.input_error import InputError
 from abhv_mc.own.source import OwnSource, read_source
 
+_SIGNS = ("manifest.json", "campaign.yaml")  # of a campaign's folder: others hold either
 _trusted_now: set[str] = set()  # hashes of what the user of this process says that he trusts
 
 
@@ -49,8 +50,8 @@ def check_trusted(source: OwnSource, trusted: bool = False) -> None:
 
 def is_in_a_folder(file: Path) -> bool:
     """Whether a file is in a campaign's folder, or is named from within one: by a link, or by a path that leads out."""
-    places = (file.absolute(), file.resolve())
-    return any((parent / "manifest.json").exists() for place in places for parent in place.parents)
+    parents = {parent for place in (file.absolute(), file.resolve()) for parent in place.parents}
+    return any(all((parent / name).exists() for name in _SIGNS) for parent in parents)
 
 
 def read_trusted(file: Path) -> OwnSource:

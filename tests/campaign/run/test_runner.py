@@ -3,6 +3,8 @@
 import errno
 import json
 import os
+import signal
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -371,3 +373,24 @@ def test_memory_does_not_fill_when_the_disk_is_slower_than_the_flights(campaign,
     trials = 2
     run(campaign, tmp_path / "out", replace(ENGINE, fly=count), workers=2)
     assert most[0] - trials <= 2 * 2 + 2
+
+
+def fly_never(plan, parameters, every=None):
+    time.sleep(3600.0)
+
+
+def test_first_flights_that_never_end_are_told_and_heed_an_interrupt(tmp_path, monkeypatch):
+    campaign, engine = write_campaign(tmp_path / "f"), replace(ENGINE, fly=fly_never)
+    timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    timer.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run_campaign(Request(campaign, tmp_path / "out"), engine)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    monkeypatch.setattr("abhv_mc.campaign.run.trial_flights._COMPILING", 0.0)
+    campaign = write_campaign(tmp_path / "f", execution="{flight_time_limit: 0.1 s}")
+    with pytest.raises(InputError, match=r"first flights of 'one' that are not done in 0\.1 s"):
+        run_campaign(Request(campaign, tmp_path / "out"), engine)
+    assert not (tmp_path / "out").exists()

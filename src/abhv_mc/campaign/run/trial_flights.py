@@ -4,11 +4,14 @@ A dispersion that reaches no equation gives the same flight to the last bit; it 
 so that no campaign silently varies nothing.
 """
 
+import threading
+
 import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.run.retry import time_limit
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.io.documents import InputError, InputErrors
@@ -18,6 +21,7 @@ Floats = NDArray[np.float64]
 
 
 _ROWS = 3  # trials of each dispersion
+_COMPILING = 600.0  # s at most, before they fly
 
 
 def make_trials(campaign: CheckedCampaign) -> Floats:
@@ -45,10 +49,11 @@ def ends_of(campaign: CheckedCampaign, i: int) -> Floats:
 def fly_trials(campaign: CheckedCampaign, plans: dict[str, FlightPlan], fly: Fly, every: int) -> dict[str, FlightBlock]:
     """Fly the trials of every controller; the first flight of each block is the nominal one.
 
-    Raises InputError for a dispersion that changes no controller's flight.
+    Raises InputError for a dispersion that changes no controller's flight, and where flights do not end.
     """
     trials = make_trials(campaign)
-    flown = {name: fly(plan, trials, every) for name, plan in plans.items()}
+    limit = _COMPILING + time_limit(len(trials), campaign.model.execution.flight_time_limit)
+    flown = {name: _fly_aside(fly, plan, trials, every, limit) for name, plan in plans.items()}
     errors: list[InputError] = []
     for i, name in enumerate(campaign.names):
         unchanged, *rows = range(1 + _ROWS * i, 1 + _ROWS * (i + 1))
@@ -60,6 +65,27 @@ def fly_trials(campaign: CheckedCampaign, plans: dict[str, FlightPlan], fly: Fly
     if errors:
         raise InputErrors(errors)
     return flown
+
+
+def _fly_aside(fly: Fly, plan: FlightPlan, trials: Floats, every: int, limit: float) -> FlightBlock:
+    """Fly in a thread of its own: a law that never returns from compiled code would keep Ctrl-C from this one."""
+    flown: list[FlightBlock | BaseException] = []
+
+    def work() -> None:
+        try:
+            flown.append(fly(plan, trials, every))
+        except BaseException as error:
+            flown.append(error)
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    thread.join(limit)
+    if not flown:
+        found = f"first flights of '{plan.controller}' that are not done in {limit:g} s"
+        raise InputError("controllers", None, None, found, "a law whose loops end, or a longer 'flight_time_limit'")
+    if isinstance(flown[0], BaseException):
+        raise flown[0]
+    return flown[0]
 
 
 def _differs(block: FlightBlock, a: int, b: int) -> bool:
