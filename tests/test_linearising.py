@@ -42,6 +42,24 @@ def test_an_unstable_loop_has_no_margins_but_poles():
     np.testing.assert_allclose(table.attrs["poles"][0], 0.120 + 2.783j, atol=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("controller", "pole", "end"), [("tlc", 8.55, 22.5), ("tlc_robust", 4.08, 25.0), ("lqr_robust", None, 60.0)]
+)
+def test_a_stuck_aileron_is_lost_where_the_loop_without_it_grows(controller, pole, end):
+    """The table of docs/how-to/failures.md."""
+    without = abhv_mc.margins("level", controller=controller, dispersions={"control.aileron_effectiveness": 0.001})
+    fastest = without.attrs["poles"][0]
+    assert without.attrs["stable"] == (pole is None)
+    assert pole is None or (fastest.imag == 0.0 and fastest.real == pytest.approx(pole, abs=0.01))
+    flight = abhv_mc.fly("level", controller=controller, dispersions={"failure.aileron.stuck_time": 20.0}, every=10)
+    assert flight.attrs["end_time_s"] == pytest.approx(end, abs=0.1)
+    plant = abhv_mc.linearize("level", controller=controller).plant_continuous.A
+    effect = plant.loc[["roll_rate", "yaw_rate"], ["aileron", "rudder"]].to_numpy()
+    aileron, rudder = np.linalg.solve(effect, [0.0, 1.0])
+    np.testing.assert_allclose([rudder, aileron, effect[0, 1] * rudder], [-0.31, 0.16, -14.3], atol=0.05)
+    assert np.linalg.cond(effect) == pytest.approx(36.0, abs=0.5)
+
+
 def test_a_linear_model_has_names_and_units_and_goes_to_python_control():
     model = abhv_mc.linearize("level", controller="lqr_retuned", dispersions={"sensor.delay": "10 ms"})
     assert model.period_s == 0.01 and model.measurement_delay_periods == 1

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+import abhv_mc
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.inputs import check_inputs, find_kind
 from abhv_mc.campaign.file.new_campaign import write_new_campaign
@@ -38,6 +39,16 @@ def test_every_shipped_campaign_can_be_copied_whole(name: str, tmp_path: Path) -
     made = read_campaign(written[0])
     assert made.model.dispersions == read_campaign(shipped_files("campaign")[name]).model.dispersions
     check_inputs(written[0])
+
+
+def test_a_law_of_ones_own_comes_with_a_campaign_that_asks_about_it_and_flies(tmp_path: Path) -> None:
+    written = write_new_campaign(tmp_path / "study", law=True)
+    model = read_campaign(written[0]).model
+    assert next(iter(model.controllers)) == "my_law" and model.question.startswith("Does my own law")
+    checked = check_inputs(written[0])  # compiles it and flies a tick
+    assert not any(found.warnings for found in checked if found.path.name == "my_law.yaml")
+    flight = abhv_mc.fly(model.mission, model.vehicle, model.controllers["my_law"], every=100)
+    assert flight.attrs["outcome"] == "ok" and flight.attrs["metrics"]["altitude_error_max_m"] < 50.0
 
 
 def test_an_unknown_name_is_refused_with_the_known_ones(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from abhv_mc.shipped import shipped_configs, shipped_files
 DEFAULT = "s_manoeuvre"
 _LAW = "cascade"
 _SCHEMAS = "schemas"
+_QUESTION = "Does my own law fly this mission as well as the controllers that come with the program?"
 
 
 def write_new_campaign(folder: Path, name: str = DEFAULT, law: bool = False) -> list[Path]:
@@ -70,5 +71,7 @@ def _add_law(folder: Path, campaign: Path) -> list[Path]:
     files[1].write_text(text, encoding="utf-8")
     text = campaign.read_text(encoding="utf-8")
     mine = "  my_law: control/my_law.yaml # your own: control/my_law.py\n"
-    campaign.write_text(re.sub(r"(?m)^(controllers:.*\n)", rf"\1{mine}", text), encoding="utf-8")
+    text = re.sub(r"(?m)^(controllers:.*\n)", rf"\1{mine}", text)
+    text = re.sub(r"(?m)^question:.*$", f"question: {_QUESTION}", text)
+    campaign.write_text(text, encoding="utf-8")
     return files
