@@ -44,8 +44,8 @@ def command(
     write_json(json_file, numbers)
     estimate = found.estimate
     if estimate.refusal is None:
-        interval = f"{estimate.low:.2g} .. {estimate.high:.2g}"
-        print(f"estimate  P(failure) of {found.controller} {estimate.probability:.2g}, 95 % interval {interval}")
+        interval = f"{estimate.low:.1e} .. {estimate.high:.1e}"
+        print(f"estimate  P(failure) of {found.controller} {estimate.probability:.1e}, 95 % interval {interval}")
     else:
         print(f"no trustworthy estimate: {estimate.refusal}", file=sys.stderr)
     print(f"flights   {estimate.flights}, {found.failures} of them failures")

@@ -8,6 +8,7 @@ from abhv_mc.campaign.search.tune import TuneFound
 from abhv_mc.report.answer_page import LONG, SHORT, Shown, Table, write_answer_page
 from abhv_mc.report.figures.searches import plot_front, plot_gains
 from abhv_mc.report.metrics import controller_label, words_of
+from abhv_mc.report.searched_flights import lower_label
 
 
 def write_tune_page(found: TuneFound, path: Path) -> Path:
@@ -21,8 +22,8 @@ def write_tune_page(found: TuneFound, path: Path) -> Path:
         Shown(
             "front",
             "Error against usage",
-            "Every candidate on the common flights. The line joins those within all limits that none beats in both. "
-            "Candidates far outside are not drawn.",
+            "Every candidate on the common flights. The Pareto front joins those within all limits that no other such "
+            "candidate beats in both. Candidates far outside are not drawn.",
             plot_front(
                 (usage, aim), (scores.usage, scores.objective, scores.allowed), found.tuning.front, found.tuning.best
             ),
@@ -35,8 +36,7 @@ def write_tune_page(found: TuneFound, path: Path) -> Path:
             plot_gains(aim, scores.objective, scores.allowed),
         ),
     ]
-    label = words_of(block.minimise.metric).label
-    title = f"{controller_label(found.controller)} tuned for {label[:1].lower()}{label[1:]}"
+    title = f"{controller_label(found.controller)} tuned for {lower_label(block.minimise.metric)}"
     folder = path.with_suffix(".tuning") / "figures"
     return write_answer_page(path, title, "Tuning", _answers(found), shown, [_sides(found), _numbers(found)], folder)
 
@@ -44,9 +44,11 @@ def write_tune_page(found: TuneFound, path: Path) -> Path:
 def _answers(found: TuneFound) -> list[str]:
     gain, block, aim = found.validation.difference, found.block, found.sides[0]
     interval = f"difference {gain.value:.4g}, 95 % interval {gain.low:.4g} .. {gain.high:.4g}"
-    fresh = f"On {block.validation} fresh flights the {100 * block.minimise.quantile:g} % quantile of {aim.metric}"
+    quantile = f"{100 * block.minimise.quantile:g} % quantile of {lower_label(aim.metric)}"
+    fresh = f"On {block.validation} fresh flights the {quantile}"
     broken = [side.words for side in found.sides if not side.keeps]
-    change = f"{fresh} is {aim.best:.4g} instead of {aim.start:.4g} ({interval})."
+    unit = f" {words_of(aim.metric).unit}".rstrip()
+    change = f"{fresh} is {aim.best:.4g} instead of {aim.start:.4g}{unit} ({interval})."
     if found.shown:
         answers = [change]
     elif found.tuning.best == 0:

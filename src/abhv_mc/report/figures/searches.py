@@ -146,7 +146,7 @@ def plot_front(
     shown = np.isfinite(usage) & np.isfinite(error)
     axes.plot(usage[shown & ~allowed], error[shown & ~allowed], ".", color="#BBBBBB", label="beyond a limit")
     axes.plot(usage[shown & allowed], error[shown & allowed], ".", color=SKY, label="within all limits")
-    axes.plot(usage[front], error[front], color=BLUE, linewidth=1.2, drawstyle="steps-post", label="not beaten in both")
+    axes.plot(usage[front], error[front], color=BLUE, linewidth=1.2, drawstyle="steps-post", label="Pareto front")
     axes.plot(usage[0], error[0], "s", color=INK, label="start")
     axes.plot(usage[best], error[best], "o", color=VERMILION, label="result")
     axes.set_xlabel(labels[0])
@@ -168,7 +168,8 @@ def plot_gains(label: str, objective: Floats, allowed: NDArray[np.bool_]) -> Fig
     within = np.minimum.accumulate(np.where(allowed, objective, np.inf))
     for chosen, color, words in ((~allowed, "#BBBBBB", "beyond a limit"), (allowed, SKY, "within all limits")):
         axes.plot(number[chosen], objective[chosen], ".", color=color, markersize=3, label=words)
-    axes.plot(number, np.where(np.isfinite(within), within, np.nan), color=VERMILION, label="least within all limits")
+    least = np.where(np.isfinite(within), within, np.nan)
+    axes.plot(number, least, color=VERMILION, drawstyle="steps-post", label="least within all limits")
     axes.set_xlabel("candidates")
     axes.set_ylabel(label)
     finite = objective[np.isfinite(objective)]
