@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from experiment import ALLOWED, ERRORS, FOLLOWING, ROOT, USAGE, Floats, columns
-from robust import RIPPLE, Duel, Flown, box_a, random_flights
+from robust_flights import RIPPLE, Duel, Flown, box_a, random_flights
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.samples import spread_parameters

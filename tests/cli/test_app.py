@@ -149,3 +149,25 @@ def test_no_memory_and_a_cluster_that_dies_are_no_defects(capsys):
         assert exit_code_of(error) == ExitCode.INCOMPLETE
     said = capsys.readouterr().err
     assert "not enough memory" in said and "cluster" in said and "Traceback" not in said
+
+
+def raised_from(error, cause):
+    try:
+        try:
+            raise cause
+        except BaseException:
+            raise error  # noqa: B904  # as a library does
+    except BaseException as raised:
+        return raised
+
+
+def test_libraries_that_are_loaded_without_memory_or_into_an_interrupt_are_no_defects(capsys):
+    """An extension module that is being initialised makes an ImportError of a Ctrl-C."""
+    error = raised_from(ImportError("initialization failed"), KeyboardInterrupt())
+    assert exit_code_of(error) == ExitCode.INCOMPLETE
+    error = raised_from(OSError("Could not find/load shared object file"), OSError("x.so: failed to map segment"))
+    assert exit_code_of(error) == ExitCode.INCOMPLETE
+    said = capsys.readouterr().err
+    assert "interrupted" in said and "not enough memory" in said and "Traceback" not in said
+    assert exit_code_of(raised_from(KeyError("x"), KeyboardInterrupt())) == ExitCode.DEFECT
+    assert exit_code_of(raised_from(ImportError("no such module"), KeyError())) == ExitCode.DEFECT

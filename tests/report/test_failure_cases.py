@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.report.failure_cases import failure_case_rows, failure_case_sentences, still_flying
+from abhv_mc.report.failure_cases import failure_case_rows, failure_case_sentence, still_flying
 from abhv_mc.report.figures.failure_cases import CaseBand, CasePanel, plot_bands, plot_survival
 from abhv_mc.report.parameters import shown_value
 
@@ -32,14 +32,16 @@ def test_sentences_count_the_flights_of_single_failures():
         {"case": "elevator stuck", "flights": 4, "controllers": {"tlc": _cell(4, 4)}},
         {"case": "elevator stuck + engine failed", "flights": 2, "controllers": {"tlc": _cell(2, 1)}},
     ]
-    assert failure_case_sentences({"cases": cases}) == [
-        "Flights that TLC lost to one failure: engine failed, none of 7; elevator stuck, all 4.",
-        "Flights that LQR lost to one failure: engine failed, 3 of 7.",
-    ]
+    labels = {"tlc": "TLC", "lqr": "LQR (paper's weights)"}
+    assert failure_case_sentence({"cases": cases}, labels) == (
+        "Flights that survived one failure alone: engine failed: TLC 7 of 7, LQR (paper's weights) 4 of 7; "
+        "elevator stuck: TLC 0 of 4."
+    )
     row = failure_case_rows({"cases": cases})[1]
     assert [cell["controller"] for cell in row["cells"]] == ["TLC", "LQR"]
     assert row["cells"][0]["verdicts"] == ["altitude < 50 m: missed by 0, FAIL"]
-    assert failure_case_rows({}) == failure_case_sentences({}) == []
+    assert failure_case_rows({}) == []
+    assert failure_case_sentence({}, labels) == ""
 
 
 def test_figures_draw_what_there_is():

@@ -45,7 +45,7 @@ def test_the_report_names_what_causes_the_variance(flown):
     assert "Sobol indices of the errors, largest total first" in page and "figures/sobol.png" in page
     first, second, *_ = answer_sentences(numbers)
     assert first.startswith("What spreads an error most is for one and two the same in ")
-    assert second.startswith("What moves one's errors most (share of the variance that involves them, within ")
+    assert second.startswith("What moves the errors of one most (share of the variance that involves them, within ")
     assert "density (" in second
     assert {entry["controllers"]["one"]["status"] for entry in numbers["requirements"]} == {"ESTIMATE"}
     assert list(verify_campaign(flown)) == []

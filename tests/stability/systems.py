@@ -19,10 +19,10 @@ from abhv_mc.stability.points import make_steady_plan, trim_points
 from abhv_mc.stability.probe import replay_law
 
 
-def read(controller, mission="level"):
+def read(controller, mission="level", vehicle="ghame_x"):
     configs = shipped_configs()
     return (
-        load_vehicle(configs / "vehicle" / "ghame_x.yaml"),
+        load_vehicle(configs / "vehicle" / f"{vehicle}.yaml"),
         read_mission(configs / "mission" / f"{mission}.yaml"),
         read_controller(configs / "control" / f"{controller}.yaml"),
     )

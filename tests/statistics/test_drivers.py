@@ -205,3 +205,12 @@ def test_thresholds_of_discrete_inputs_keep_equal_values_together():
     (condition,) = best.conditions
     assert not condition.above and 0.0 <= condition.threshold < 1.0
     assert (best.failures_inside, best.others_inside) == (best.failures, 0)
+
+
+def test_an_input_that_is_infinite_in_some_flights_has_rules_but_no_differences():
+    inputs = _inputs(3)
+    inputs[::2, 0] = np.inf  # a failure that never comes
+    failed = (inputs[:, 0] < 0.5) & (np.arange(len(inputs)) % 3 > 0)
+    rules = find_rules(bin_inputs(inputs.T), failed, lambda k: inputs[:, k])
+    assert rules[0].conditions[0].input == 0 and not rules[0].conditions[0].above
+    assert all(condition.minus is None for rule in rules for condition in rule.conditions)

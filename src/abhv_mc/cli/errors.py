@@ -2,6 +2,7 @@
 
 import sys
 import traceback
+from collections.abc import Iterator
 from enum import IntEnum
 from pathlib import Path
 
@@ -21,20 +22,27 @@ class ExitCode(IntEnum):
 
 
 _TYPER_INTERRUPTED = 130
-_NO_THREAD = ("can't start new thread", "Failed to launch worker thread")  # no memory for a stack: Python's and Arrow's
+_NO_MEMORY = (  # as Python and Arrow (no thread's stack), the loader of libraries, and the system say it
+    "can't start new thread",
+    "Failed to launch worker thread",
+    "failed to map segment",
+    "Cannot allocate memory",
+)
 
 
 def exit_code_of(error: BaseException) -> int | str | None:
     """Tell standard error what ended the program, and give the code to exit with."""
     if isinstance(error, SystemExit) and error.code != _TYPER_INTERRUPTED:
         return error.code
-    if isinstance(error, (SystemExit, KeyboardInterrupt)):
+    causes = list(_causes(error))
+    cut_short = isinstance(error, ImportError) and any(isinstance(cause, KeyboardInterrupt) for cause in causes)
+    if isinstance(error, (SystemExit, KeyboardInterrupt)) or cut_short:
         settle_interrupt()
         print("interrupted: what was done is kept, and the same command goes on", file=sys.stderr)
         return ExitCode.INCOMPLETE
     if isinstance(error, OSError):
         error = _explain(error)
-    if isinstance(error, MemoryError) or any(words in str(error) for words in _NO_THREAD):
+    if any(isinstance(cause, MemoryError) or any(words in str(cause) for words in _NO_MEMORY) for cause in causes):
         print("not enough memory: what was flown is kept; fewer workers or smaller blocks need less", file=sys.stderr)
         return ExitCode.INCOMPLETE
     if type(error).__module__.partition(".")[0] == "distributed":  # of many kinds, as a scheduler or its host dies
@@ -50,6 +58,15 @@ def exit_code_of(error: BaseException) -> int | str | None:
     traceback.print_exception(error)
     print("This is a defect of abhv-mc; please report it with the lines above.", file=sys.stderr)
     return ExitCode.DEFECT
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    """What was raised, and what it came from."""
+    seen: set[int] = set()
+    while error is not None and id(error) not in seen:
+        seen.add(id(error))
+        yield error
+        error = error.__cause__ or error.__context__
 
 
 def _working_folder_is_gone() -> bool:

@@ -1,13 +1,13 @@
-"""The campaign's answer in sentences: verdicts, who wins and by how much, how sure."""
+"""The campaign's answer in sentences: flights lost, who wins and by how much, verdicts, why."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from abhv_mc.report.failures import EARLY
-from abhv_mc.report.metrics import FOLLOWING, HOLDING, controller_label
+from abhv_mc.report.failure_cases import failure_case_sentence
+from abhv_mc.report.metrics import FOLLOWING, HOLDING, words_of
+from abhv_mc.report.noteworthy import noteworthy_sentences
 from abhv_mc.report.parameters import spoken_name
-from abhv_mc.report.words import count_of, fixed, p_value, percent, significant
-from abhv_mc.statistics.verdict_words import risk_words
+from abhv_mc.report.words import count_of, fixed, joined, p_value, percent, significant
 
 _SHORT = {
     "angle_of_attack_error_rms_deg": "angle of attack",
@@ -22,9 +22,8 @@ _LOST_RISK = 0.05  # of saying that one controller loses more flights where both
 _LEAST_SHARE = 0.05  # of the variance, by the lower end of the total index
 
 
-def joined(words: Sequence[str]) -> str:
-    """'a', 'a and b', 'a, b and c'."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
+def _label(numbers: Mapping[str, Any], name: str) -> str:
+    return str(numbers["campaign"]["labels"][name])
 
 
 def _requirements_sentence(numbers: Mapping[str, Any]) -> str:
@@ -35,12 +34,15 @@ def _requirements_sentence(numbers: Mapping[str, Any]) -> str:
         if "ESTIMATE" in words:
             kept = sum(entry["controllers"][name]["failures"] == 0 for entry in numbers["requirements"])
             counts = [f"{count_of(kept, len(words))} kept in every flight"]
-        parts.append(f"{controller_label(name)} {joined(counts)}")
+        parts.append(f"{_label(numbers, name)} {joined(counts)}")
     return f"Requirements: {'; '.join(parts)}."
 
 
-def _standing(pair: Mapping[str, Any]) -> dict[str, list[str]]:
-    """What the first controller of a pair is better in, worse in, mixed, and where no difference is shown."""
+def _standing(pair: Mapping[str, Any], numbers: Mapping[str, Any] | None = None) -> dict[str, list[str]]:
+    """What the first controller of a pair is better in, worse in, mixed, and where no difference is shown.
+
+    With the campaign's numbers, the medians stand beside what one is better in.
+    """
     found: dict[str, list[str]] = {"better": [], "worse": [], "mixed": [], "open": []}
     for metric in (*FOLLOWING, *HOLDING):
         if metric in pair["metrics"]:
@@ -48,14 +50,29 @@ def _standing(pair: Mapping[str, Any]) -> dict[str, list[str]]:
             won = {pair["a"]: "better", pair["b"]: "worse"}.get(entry["winner"], "open")
             words = _SHORT[metric]
             if entry["mixed"]:
-                won, words = "mixed", f"{words} ({_contradiction(entry)})"
+                won = "mixed"
+                words += f" ({_contradiction(entry, numbers)})" if numbers else ""
+            elif numbers and won != "open":
+                words += _medians(pair, metric, numbers)
             found[won].append(words)
     return found
 
 
-def _contradiction(entry: Mapping[str, Any]) -> str:
+def _medians(pair: Mapping[str, Any], metric: str, numbers: Mapping[str, Any]) -> str:
+    """' (0.07 against 0.08 deg)'; '' where one of them lost so many flights that there is no median."""
+    cells = [numbers["metrics"][metric]["controllers"][pair[side]]["q50"] for side in ("a", "b")]
+    if any(cell["value"] is None for cell in cells):
+        return ""
+    for digits in (2, 3, 4):  # as many as tell them apart
+        a, b = (significant(cell["value"], digits) for cell in cells)
+        if a != b:
+            break
+    return f" ({a} against {b} {words_of(metric).unit})"
+
+
+def _contradiction(entry: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
     """Why the controller that is closer in the median is no winner."""
-    closer = controller_label(entry["closer"]) if entry.get("closer") else "one"
+    closer = _label(numbers, entry["closer"]) if entry.get("closer") else "one"
     reasons = [f"larger {100.0 * level:.4g} % quantile" for level in entry.get("worse_tails", [])[:1]]
     reasons += ["more flights lost"] if entry.get("loses_more") else []
     return f"{closer} has the smaller median but {joined(reasons)}" if reasons else f"{closer} in the median alone"
@@ -87,27 +104,25 @@ def _pair_sentences(numbers: Mapping[str, Any]) -> list[str]:
     if not pairs:
         return []
     verdicts = {_verdict_of(pair) for pair in pairs}
-    name = controller_label(pairs[0]["a"])
+    name = _label(numbers, pairs[0]["a"])
     overall = {"better": f"{name} is better: ", "worse": f"{name} is worse: ", "open": "No difference is shown: "}
     head = overall.get(next(iter(verdicts)), "Mixed: ") if len(verdicts) == 1 else "Mixed: "
-    sentences = [_pair_sentence(pair) for pair in pairs]
+    sentences = [_pair_sentence(pair, numbers) for pair in pairs]
     return [f"{head}{sentences[0]}", *(f"{text[0].upper()}{text[1:]}" for text in sentences[1:])]
 
 
-def _pair_sentence(pair: Mapping[str, Any]) -> str:
-    found = _standing(pair)
-    parts = []
-    if found["better"]:
-        parts.append(f"it has the smaller errors in {joined(found['better'])}")
-    if found["worse"]:
-        parts.append(f"it has the larger errors in {joined(found['worse'])}")
-    if found["mixed"]:
-        parts.append(f"undecided in {joined(found['mixed'])}")
-    if found["open"]:
-        parts.append(f"no difference is shown in {joined(found['open'])}")
-    text = "; ".join(parts).replace("it has", f"{controller_label(pair['a'])} has", 1) + _tails_words(pair)
+def _pair_sentence(pair: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
+    found, first = _standing(pair, numbers), _label(numbers, pair["a"])
+    words = {
+        "better": "it has the smaller errors (medians) in",
+        "worse": "it has the larger errors (medians) in",
+        "mixed": "undecided in",
+        "open": "no difference is shown in",
+    }
+    parts = [f"{words[side]} {joined(found[side])}" for side in words if found[side]]
+    text = "; ".join(parts).replace("it has", f"{first} has", 1) + _tails_words(pair)
     flights = f"on the same {fixed(pair['pairs'], 0)} flights"
-    return f"against {controller_label(pair['b'])}, {flights}, {text}{_usage_words(pair)}."
+    return f"against {_label(numbers, pair['b'])}, {flights}, {text}{_usage_words(pair, first)}."
 
 
 def _tails_words(pair: Mapping[str, Any]) -> str:
@@ -118,39 +133,11 @@ def _tails_words(pair: Mapping[str, Any]) -> str:
     if not levels:
         return ""
     shown = joined([f"{100.0 * level:.4g} %" for level in levels])
-    return f"; tails not compared at {shown}, for which the flights are too few"
+    return f"; tails not compared at {shown} (too few flights)"
 
 
-def _noteworthy_sentences(numbers: Mapping[str, Any]) -> list[str]:
-    """Saturated surfaces, flights that cycle, and flights beyond the tables, all controllers in one sentence each."""
-    found = numbers.get("noteworthy", {})
-    texts = []
-    kinds = (
-        ("saturated", "Surfaces reach a limit of deflection or rate in"),
-        ("outside_tables", "The vehicle's tables are left in"),
-    )
-    for key, words in kinds:
-        parts = [
-            f"{count_of(part[key], part['flown'], 'flights')} of {controller_label(name)}"
-            for name, part in found.items()
-            if part[key]
-        ]
-        if parts:
-            texts.append(f"{words} {joined(parts)}.")
-    parts = [
-        f"{controller_label(name)} in {channel.replace('_', ' ')} ({count_of(count, part['flown'], 'flights')})"
-        for name, part in found.items()
-        for channel, count in part["cycling"].items()
-        if count
-    ]
-    if parts:
-        least = next(iter(found.values()))["ripple_deg"]
-        texts.append(f"Some flights cycle (swing by more than {least:g} deg about a steady command): {joined(parts)}.")
-    return texts
-
-
-def _usage_words(pair: Mapping[str, Any]) -> str:
-    """'; it uses 1.2 times the aileron, as much rudder, and 0.3 times the elevator', from the medians of the ratios."""
+def _usage_words(pair: Mapping[str, Any], first: str) -> str:
+    """'; TLC uses 1.2 times the aileron, as much rudder and 0.3 times the elevator', from the medians of the ratios."""
     parts = []
     for metric, ratio in pair["surfaces"].items():
         if ratio is None:
@@ -163,28 +150,27 @@ def _usage_words(pair: Mapping[str, Any]) -> str:
             parts.append(f"{percent(abs(value - 1.0), 2)} {'more' if value > 1.0 else 'less'} {surface}")
         else:
             parts.append(f"{significant(value, 2)} times the {surface}")
-    return f"; {controller_label(pair['a'])} uses {joined(parts)} (rms)" if parts else ""
+    return f"; {first} uses {joined(parts)} (rms)" if parts else ""
 
 
-def _early_sentences(numbers: Mapping[str, Any]) -> list[str]:
-    """Which controller loses fewer flights, how many each ended early, and where those flights live."""
+def _survival_sentences(numbers: Mapping[str, Any]) -> list[str]:
+    """Which controller of each pair loses fewer flights, as far as the flights show it."""
     sentences = []
     for pair in numbers["paired"].values():
-        found = pair["ended_early"]
-        if found["only_a"] or found["only_b"]:
-            sentences.append(
-                f"{fixed(found['only_b'], 0)} flights ended early under {controller_label(pair['b'])} alone, "
-                f"{fixed(found['only_a'], 0)} under {controller_label(pair['a'])} alone "
-                f"(the chance of such a split were both as good: {p_value(found['p_value'])})."
-            )
-    for name, counts in numbers["flights"].items():
-        if not counts["failed"]:
+        found, (a, b) = pair["ended_early"], (_label(numbers, pair[side]) for side in ("a", "b"))
+        alone = found["only_a"], found["only_b"]
+        if not any(alone):
             continue
-        failed = count_of(counts["failed"], counts["flown"], "flights")
-        text = f"{controller_label(name)} ended {failed} early"
-        kinds = numbers["drivers"].get("controllers", {}).get(name, {}).get("failures", [])
-        rules: list[Any] = next((kind["rules"] for kind in kinds if kind["kind"] == EARLY), [])
-        sentences.append(f"{text}, most of all where {rules[0]['rule']}." if rules else f"{text}.")
+        lost = [fixed(found["both"] + count, 0) for count in alone]
+        if found["p_value"] <= _LOST_RISK and alone[0] != alone[1]:
+            head = f"{a} loses {'fewer' if alone[0] < alone[1] else 'more'} flights than {b}"
+        else:
+            head = f"No difference is shown between {a} and {b} in lost flights"
+        sentences.append(
+            f"{head}: {lost[0]} of {fixed(pair['pairs'], 0)} ended early against {lost[1]} ({fixed(alone[0], 0)} under "
+            f"{a} alone, {fixed(alone[1], 0)} under {b} alone; the chance of such a split were both as good: "
+            f"{p_value(found['p_value'])})."
+        )
     return sentences
 
 
@@ -210,7 +196,7 @@ def _driver_sentence(numbers: Mapping[str, Any], name: str) -> str:
     how = ""
     if sobol:
         how = f" (share of the variance that involves them, within {percent(round(max(widths), 2), 2)} or closer)"
-    return f"What moves {controller_label(name)}'s errors most{how}: {'; '.join(parts)}."
+    return f"What moves the errors of {_label(numbers, name)} most{how}: {'; '.join(parts)}."
 
 
 def _first_drivers_sentence(numbers: Mapping[str, Any]) -> str:
@@ -224,11 +210,11 @@ def _first_drivers_sentence(numbers: Mapping[str, Any]) -> str:
         if len(set(first.values())) == 1:
             same.append(f"{_SHORT[metric]} ({next(iter(first.values()))})")
         else:
-            each = [f"{word} for {controller_label(name)}" for name, word in first.items()]
+            each = [f"{word} for {_label(numbers, name)}" for name, word in first.items()]
             apart.append(f"{_SHORT[metric]} ({', '.join(each)})")
     parts = [f"the same in {joined(same)}"] if same else []
     parts += [f"it differs in {joined(apart)}"] if apart else []
-    who = joined([controller_label(name) for name in found])
+    who = joined([_label(numbers, name) for name in found])
     return f"What spreads an error most is for {who} {'; '.join(parts)}." if parts else ""
 
 
@@ -238,65 +224,20 @@ def _share(index: Sequence[float]) -> str:
 
 
 def answer_sentences(numbers: Mapping[str, Any]) -> list[str]:
-    """What a reader with two minutes should know, most important first: the answer against the strongest rival, what
-    endangers flights, the other rivals and requirements, then why.
+    """What a reader with two minutes should know, most important first: lost flights, the answer against the
+    strongest rival, the requirements, what endangers each controller's flights, the other rivals, then why.
 
     A Saltelli campaign was flown to learn what moves the errors, and says that before who wins.
     """
     wins = _pair_sentences(numbers)
-    if numbers["requirements"]:
-        wins.append(_requirements_sentence(numbers))
+    asked = _requirements_sentence(numbers) if numbers["requirements"] else ""
     drivers = [_first_drivers_sentence(numbers)]
     drivers += [_driver_sentence(numbers, name) for name in numbers["campaign"]["controllers"][:_MOVED]]
     for name, part in numbers["sobol"].get("controllers", {}).items():
         if part["refused"]:
-            drivers.append(f"{controller_label(name)} has no Sobol indices: {part['refused']}.")
-    known = _early_sentences(numbers) + _noteworthy_sentences(numbers)
-    sentences = drivers + wins + known if numbers["sobol"] else wins[:1] + known + wins[1:] + drivers
+            drivers.append(f"{_label(numbers, name)} has no Sobol indices: {part['refused']}.")
+    lost = [failure_case_sentence(numbers["failure_cases"], numbers["campaign"]["labels"])]
+    lost += _survival_sentences(numbers)
+    known = [asked, *noteworthy_sentences(numbers)]
+    sentences = drivers + wins + lost + known if numbers["sobol"] else lost + wins[:1] + known + wins[1:] + drivers
     return [sentence for sentence in sentences if sentence]
-
-
-def _stopping_sentence(campaign: Mapping[str, Any], flown: int) -> str:
-    """When it was looked at, and when it stopped."""
-    most = fixed(campaign["runs"], 0)
-    passed = [look for look in campaign["looks"] if look <= flown]
-    if flown == campaign["runs"]:
-        return f"The requirements were looked at {len(passed)} times, the last time after all {most} flights allowed."
-    return (
-        f"The campaign stopped at look {len(passed)} of {len(campaign['looks'])}, after {fixed(flown, 0)} of at most "
-        f"{most} flights, because every requirement was settled; the other intervals do not allow for that."
-    )
-
-
-def sureness_sentence(numbers: Mapping[str, Any]) -> str:
-    """What the intervals and verdicts rest on."""
-    campaign = numbers["campaign"]
-    flown = {counts["flown"] for counts in numbers["flights"].values()}
-    flights = joined([fixed(count, 0) for count in sorted(flown)])
-    text = f"Based on {flights} flights of each controller, the same dispersions for all"
-    text += "; intervals are 95 %." if campaign["independent_flights"] else "."
-    if not campaign["independent_flights"]:
-        text += (
-            f" The flights of a {campaign['sampling']} design are not independent draws: exact binomial statistics do "
-            "not hold, so quantiles, differences and their intervals are estimates and no verdict is given."
-        )
-        if numbers["sobol"]:
-            text += " The intervals of the Sobol indices are 95 %, from resampled groups of flights."
-    elif numbers["requirements"]:
-        risks = sorted({entry["consumer_risk"] for entry in numbers["requirements"]})
-        rule = risk_words(risks[-1], bool(campaign["looks"]))  # the largest holds for all
-        text += f" {rule[0].upper()}{rule[1:]}."
-        count = sum(len(entry["controllers"]) for entry in numbers["requirements"])
-        if numbers.get("any_false_pass") is not None and count > 1:
-            bound = percent(numbers["any_false_pass"], 2)
-            held = (
-                "held by the campaign's family of verdicts" if numbers.get("family_risk") else "each has its own risk"
-            )
-            text += f" Among all {count} verdicts the chance of any false PASS is at most {bound} ({held})."
-    if campaign["looks"] and len(flown) == 1:
-        text += " " + _stopping_sentence(campaign, flown.pop())
-    for warning in numbers["warnings"]:
-        text += f" Note: {warning}."
-    if numbers["state"] != "complete":
-        text += " The campaign is not complete; all numbers are preliminary."
-    return text

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.report.failures import failure_kinds
 from abhv_mc.report.flights import severities
-from abhv_mc.report.parameters import shown_value
+from abhv_mc.report.parameters import shown_value, spoken_name
 from abhv_mc.report.plain import interval_at, plain
 from abhv_mc.report.results import Results
 from abhv_mc.report.sobol import independent_rows
@@ -103,17 +103,19 @@ def _coefficients(results: Results, controller: str, rows: NDArray[np.intp]) -> 
 
 
 def _condition_words(condition: Condition, names: list[str]) -> str:
-    """'wind.north > 25 m/s'; a difference in standard deviations."""
+    """'wind north > 25 m/s'; a difference in standard deviations."""
     name, sign = names[condition.input], ">" if condition.above else "≤"
     if condition.minus is None:
-        return f"{name} {sign} {shown_value(name, condition.threshold)}"
-    return f"{name} minus {names[condition.minus]}, each in standard deviations, {sign} {condition.threshold:.2f}"
+        return f"{spoken_name(name)} {sign} {shown_value(name, condition.threshold)}"
+    other = spoken_name(names[condition.minus])
+    return f"{spoken_name(name)} minus {other}, each in standard deviations, {sign} {condition.threshold:.2f}"
 
 
 def _rule(rule: Rule, names: list[str]) -> dict[str, Any]:
     words = (" or " if rule.either else " and ").join(_condition_words(c, names) for c in rule.conditions)
     inside, outside = rule.failures_inside / rule.failures, rule.others_inside / rule.others
     return {
+        "where": words,
         "rule": f"{words}: {percent(inside, 2)} of the failures, {percent(outside, 2)} of the rest",
         "conditions": [
             {

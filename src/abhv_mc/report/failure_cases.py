@@ -4,7 +4,7 @@ A flight's case is what was drawn to fail before the mission's end, so that ever
 each. An unstart by the vehicle's own condition belongs to no case: it depends on the controller.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,11 @@ from abhv_mc.plant.parameters import FAILURE_TIMES
 from abhv_mc.report.columns import read_table
 from abhv_mc.report.failures import requirement_failures, requirement_words
 from abhv_mc.report.figures.failure_cases import CaseBand, CasePanel, plot_bands, plot_survival
-from abhv_mc.report.figures.paper import FigureText
+from abhv_mc.report.figures.paper import FigureText, off_reference
 from abhv_mc.report.metrics import controller_label
 from abhv_mc.report.plain import plain
 from abhv_mc.report.results import Results, read_histories
-from abhv_mc.report.words import percent
+from abhv_mc.report.words import count_of, percent
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.verdicts import clopper_pearson, judge
 from abhv_mc.store.folder import CampaignFolder
@@ -28,10 +28,10 @@ from abhv_mc.vehicle.arrays import Floats
 _MOST_CASES = 8  # in figures, the most frequent
 _FEWEST_KEPT = 5  # histories of a case that make a band
 _CHANNELS = (
-    ("altitude_m", "altitude (km)", 1e-3),
-    ("angle_of_attack_deg", "angle of attack (deg)", 1.0),
-    ("bank_deg", "bank (deg)", 1.0),
-    ("sideslip_deg", "sideslip (deg)", 1.0),
+    ("altitude_m", "altitude error (m)", "altitude_reference_m"),
+    ("angle_of_attack_deg", "angle of attack (deg)", ""),
+    ("bank_deg", "bank (deg)", ""),
+    ("sideslip_deg", "sideslip (deg)", ""),
 )
 
 
@@ -130,19 +130,18 @@ def failure_case_rows(numbers: dict[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-def failure_case_sentences(numbers: dict[str, Any]) -> list[str]:
-    """How many flights each controller lost to each single failure, in words."""
-    found: dict[str, list[str]] = {}
+def failure_case_sentence(numbers: dict[str, Any], labels: Mapping[str, str]) -> str:
+    """How many flights of each controller survived each single failure; '' where none came alone."""
+    found = []
     for entry in numbers.get("cases", []):
         if entry["case"] == NO_FAILURE or " + " in entry["case"]:
             continue
-        for name, cell in entry["controllers"].items():
-            flights, lost = cell["flights"], cell["lost"]
-            many = f"none of {flights}" if not lost else f"all {flights}" if lost == flights else f"{lost} of {flights}"
-            found.setdefault(name, []).append(f"{entry['case']}, {many}")
-    return [
-        f"Flights that {controller_label(name)} lost to one failure: {'; '.join(by)}." for name, by in found.items()
-    ]
+        words = [
+            f"{labels[name]} {count_of(cell['flights'] - cell['lost'], cell['flights'])}"
+            for name, cell in entry["controllers"].items()
+        ]
+        found.append(f"{entry['case']}: {', '.join(words)}")
+    return f"Flights that survived one failure alone: {'; '.join(found)}." if found else ""
 
 
 def still_flying(after: Floats, lost: NDArray[np.bool_], times: Floats) -> Floats:
@@ -205,13 +204,20 @@ def _bands(
     grid = np.arange(-2.0, 20.0, 0.25)
     rows: list[list[CaseBand]] = []
     single = [case for case in shown if " + " not in case][:4]
-    for channel, label, scale in _CHANNELS:
-        row = []
+    clock = results.reference["time"]
+    for channel, label, given in _CHANNELS:
+        row, less = [], results.reference[given] if given else None
         for case in single:
             bands = {}
             for name in results.controllers:
                 held = [
-                    np.interp(grid, h["time"] - first[k], h[channel] * scale, left=np.nan, right=np.nan)
+                    np.interp(
+                        grid,
+                        h["time"] - first[k],
+                        off_reference(h["time"], h[channel], clock, less),
+                        left=np.nan,
+                        right=np.nan,
+                    )
                     for k, h in kept[name].items()
                     if channel in h and cases[k] == case
                 ]

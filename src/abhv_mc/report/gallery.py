@@ -12,10 +12,10 @@ from abhv_mc.report.figures.convergence import ConvergencePanel, plot_convergenc
 from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributions, plot_error_against_usage
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.report.figures.marks import MarksPanel, plot_marks
-from abhv_mc.report.figures.paper import FigureText, paper_figures
+from abhv_mc.report.figures.paper import FigureText, off_reference, paper_figures, shown_bands
 from abhv_mc.report.figures.stability import MarginMarks, plot_margins
 from abhv_mc.report.figures.style import controller_colors
-from abhv_mc.report.metrics import FOLLOWING, HEADLINE, HOLDING, USAGE, controller_label, words_of
+from abhv_mc.report.metrics import FOLLOWING, HEADLINE, HOLDING, USAGE, words_of
 from abhv_mc.report.paired import total_usage
 from abhv_mc.report.parameters import spoken_name
 from abhv_mc.report.results import Results, read_histories
@@ -81,14 +81,14 @@ def _trade(results: Results, labels: Mapping[str, str], colors: Mapping[str, str
 
 
 _WORST_CHANNELS = (
-    ("altitude_m", "altitude (km)", 1e-3),
-    ("angle_of_attack_deg", "angle of attack (deg)", 1.0),
-    ("sideslip_deg", "sideslip (deg)", 1.0),
-    ("bank_deg", "bank (deg)", 1.0),
+    ("altitude_m", "altitude error (m)", "altitude_reference_m"),
+    ("angle_of_attack_deg", "angle of attack (deg)", ""),
+    ("sideslip_deg", "sideslip (deg)", ""),
+    ("bank_deg", "bank (deg)", ""),
 )
 
 
-def _worst(results: Results, colors: Mapping[str, str]) -> Iterator[Any]:
+def _worst(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
     names = results.controllers
     kept = {name: read_histories(results.folder, name) for name in names}
     listed = {}
@@ -99,29 +99,32 @@ def _worst(results: Results, colors: Mapping[str, str]) -> Iterator[Any]:
     if not any(listed.values()):
         return
     rows = []
-    for channel, label, scale in _WORST_CHANNELS:
-        panels = []
+    clock = results.reference["time"]
+    for channel, label, given in _WORST_CHANNELS:
+        panels, less = [], results.reference[given] if given else None
         for name in names:
             envelope = results.envelopes.get((name, channel))
             if envelope is None or (listed[name] and channel not in kept[name][listed[name][0]]):
                 break
             curves: list[tuple[Floats, Floats]] = [
-                (kept[name][k]["time"], kept[name][k][channel] * scale) for k in listed[name]
+                (kept[name][k]["time"], off_reference(kept[name][k]["time"], kept[name][k][channel], clock, less))
+                for k in listed[name]
             ]
-            bands = {key: band * scale for key, band in envelope.bands.items()}
+            bands = {
+                key: off_reference(envelope.time, band, clock, less)
+                for key, band in shown_bands(envelope.bands, less).items()
+            }
             panels.append(EnvelopePanel(envelope.time, bands, flights=curves))
         if len(panels) == len(names):
             rows.append(EnvelopeRow(label, panels))
     if rows:
-        flown = "; ".join(
-            f"{controller_label(name)}: {', '.join(map(str, listed[name]))}" for name in names if listed[name]
-        )
+        flown = "; ".join(f"{labels[name]}: {', '.join(map(str, listed[name]))}" for name in names if listed[name])
         text = FigureText(
             "worst_flights",
             "The worst flights",
             f"The worst flights whose histories were kept, over the bands of all flights. Flights of {flown}.",
         )
-        yield text, plot_envelopes(rows, [controller_label(name) for name in names], list(colors.values()))
+        yield text, plot_envelopes(rows, list(labels.values()), list(colors.values()))
 
 
 def _marks_panel(
@@ -157,16 +160,20 @@ def _drivers(
             {parameter for table in tables.values() for parameter in table},
             key=lambda p: -max(abs(table[p]["srrc"][0]) if p in table else 0.0 for table in tables.values()),
         )[:_SHOWN_PARAMETERS]
-        names = [spoken_name(name) + (", either way" if either else "") for name, either in ranked]
+        names = [spoken_name(name) + (", high or low" if either else "") for name, either in ranked]
         panels.append(_marks_panel(metric, ranked, names, tables, {"srrc": lambda e: e["driver"]}))
     if panels:
         text = FigureText(
             "drivers",
             "What drives the errors",
-            "Standardized rank regression coefficients with 95 % intervals: how far an error moves, in its own spread, "
-            "when a parameter moves by its spread. Hollow marks can be explained by chance.",
+            "How far an error moves, in its own spread, when a parameter moves by its spread (standardized rank "
+            "regression coefficients with 95 % intervals): right of zero the error grows with the parameter, left of "
+            'it the error shrinks; "high or low" is the parameter\'s distance from its median, either side. Filled '
+            "marks drive the error: beyond 0.2, beyond chance, and in a regression that explains more than half.",
         )
-        yield text, plot_marks(panels, labels, colors, "SRRC", (-1.05, 1.05))
+        meanings = ("drives the error", "does not, or not shown")
+        label = "smaller \N{LEFTWARDS ARROW} error \N{RIGHTWARDS ARROW} larger"
+        yield text, plot_marks(panels, labels, colors, label, (-1.05, 1.05), meanings)
 
 
 def _sobol(
@@ -201,7 +208,7 @@ def _convergence(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: 
             continue
         tables = {name: part["metrics"][metric] for name, part in traces.items()}
         reached = all(table["q95"]["value"][-1] is not None for table in tables.values())
-        level, words = ("q95", "95 %") if reached else ("q50", "median")
+        level, words = ("q95", "95 % quantile") if reached else ("q50", "median")
         series = {
             name: np.array([table[level][end] for end in ("value", "low", "high")], dtype=float).T
             for name, table in tables.items()
@@ -209,7 +216,7 @@ def _convergence(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: 
         if all(np.isnan(table[:, 0]).all() for table in series.values()):
             continue
         flights = {name: np.array(part["flights"], float) for name, part in traces.items()}
-        panels.append(ConvergencePanel(f"{words_of(metric).label_with_unit}, {words}", flights, series))
+        panels.append(ConvergencePanel(f"{words_of(metric).label_with_unit}\n{words}", flights, series))
     if panels and any(table.shape[0] > 1 for panel in panels for table in panel.series.values()):
         text = FigureText(
             "convergence",
@@ -250,13 +257,13 @@ def _margins(results: Results, labels: Mapping[str, str], colors: Mapping[str, s
 
 def make_figures(results: Results, numbers: Mapping[str, Any]) -> Iterator[tuple[FigureText, Figure]]:
     """Every figure that the campaign's folder has the data for."""
-    labels = {name: controller_label(name) for name in results.controllers}
+    labels = numbers["campaign"]["labels"]
     colors = controller_colors(results.controllers)
-    yield from paper_figures(results)
+    yield from paper_figures(results, list(labels.values()))
     yield from _distributions(results, labels, colors)
     yield from _trade(results, labels, colors)
     yield from failure_case_figures(results, labels, colors)
-    yield from _worst(results, colors)
+    yield from _worst(results, labels, colors)
     yield from _margins(results, labels, colors)
     yield from _drivers(results, numbers, labels, colors)
     yield from _sobol(results, numbers, labels, colors)

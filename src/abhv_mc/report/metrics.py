@@ -1,9 +1,12 @@
 """How a report speaks of each metric: its words, its group, and the sense in which it is bad."""
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 from abhv_mc.flight.signals import METRICS
+from abhv_mc.shipped import shipped_files
 from abhv_mc.stability.metrics import MARGIN_NAMES, MARGIN_VALUES
 from abhv_mc.statistics.estimates import Sense
 
@@ -85,3 +88,13 @@ _KNOWN_NAMES = {
 def controller_label(name: str) -> str:
     """A controller's name as it is printed."""
     return _KNOWN_NAMES.get(name, name.replace("_", " "))
+
+
+def full_labels(folder: Path, names: Iterable[str]) -> dict[str, str]:
+    """Labels of a campaign's controllers that say which of them is the paper's LQR, as it is not the best one."""
+    paper = shipped_files("control")["lqr"].read_bytes()
+    flown = {name: folder / "inputs" / "controllers" / name / "lqr.yaml" for name in names}
+    return {
+        name: controller_label(name) + (" (paper's weights)" if path.is_file() and path.read_bytes() == paper else "")
+        for name, path in flown.items()
+    }

@@ -1,11 +1,15 @@
 """What a board has to know of each controller's flights beside its errors: saturation, limit cycles, early ends."""
 
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+from abhv_mc.report.failures import EARLY
 from abhv_mc.report.flights import ControllerFlights
 from abhv_mc.report.results import Results
+from abhv_mc.report.stability import stability_words
+from abhv_mc.report.words import count_of, joined, percent
 
 _CYCLES = 5.0  # deg: ripple from which a flight is said to cycle
 _SATURATION, _OUTSIDE, _RIPPLE = "surface_saturation_s", "outside_tables_s", "_ripple_deg"
@@ -28,3 +32,44 @@ def _of(flights: ControllerFlights) -> dict[str, Any]:
         "cycling": cycling,
         "ripple_deg": _CYCLES,
     }
+
+
+def noteworthy_sentences(numbers: Mapping[str, Any]) -> Iterator[str]:
+    """One of each controller: its loops, flights that cycle or end early, saturated surfaces, tables left."""
+    for name, part in numbers["noteworthy"].items():
+        known = (
+            stability_words(numbers, name), _cycles(part), _early(numbers, name),
+            _in("surfaces reach a limit of deflection or rate in", part["saturated"], part["flown"]),
+            _in("the vehicle's tables are left in", part["outside_tables"], part["flown"]),
+        )  # fmt: skip
+        words = [text for text in known if text]
+        if words:
+            yield f"{numbers['campaign']['labels'][name]}: {'; '.join(words)}."
+
+
+def _in(words: str, count: int | None, flown: int) -> str:
+    return f"{words} {count_of(count, flown, 'flights')}" if count else ""
+
+
+def _cycles(part: Mapping[str, Any]) -> str:
+    found = [
+        f"in {channel.replace('_', ' ')} in {count_of(count, part['flown'], 'flights')}"
+        for channel, count in part["cycling"].items()
+        if count
+    ]
+    limit = f"{part['ripple_deg']:g} deg"
+    return f"cycles, by swings of more than {limit} about a steady command, {joined(found)}" if found else ""
+
+
+def _early(numbers: Mapping[str, Any], name: str) -> str:
+    """'3 of 40 flights ended early, 70 % of them where lift > +8 % (and 3 % of the others)'."""
+    counts = numbers["flights"][name]
+    if not counts["failed"]:
+        return ""
+    text = f"{count_of(counts['failed'], counts['flown'], 'flights')} ended early"
+    kinds = numbers["drivers"].get("controllers", {}).get(name, {}).get("failures", [])
+    rules: list[Any] = next((kind["rules"] for kind in kinds if kind["kind"] == EARLY), [])
+    if not rules:
+        return text
+    inside, others = (rules[0][f"{kind}_inside"] / rules[0][kind] for kind in ("failures", "others"))
+    return f"{text}, {percent(inside, 2)} of them where {rules[0]['where']} (and {percent(others, 2)} of the others)"

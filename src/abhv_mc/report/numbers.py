@@ -12,7 +12,7 @@ from abhv_mc.report.convergence import convergence_numbers
 from abhv_mc.report.drivers import driver_numbers
 from abhv_mc.report.failure_cases import failure_case_numbers
 from abhv_mc.report.failures import judge_all, requirement_failures, requirement_words
-from abhv_mc.report.metrics import words_of
+from abhv_mc.report.metrics import full_labels, words_of
 from abhv_mc.report.noteworthy import noteworthy_numbers
 from abhv_mc.report.paired import paired_numbers
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
@@ -21,11 +21,12 @@ from abhv_mc.report.sobol import sobol_numbers
 from abhv_mc.report.stability import stability_numbers
 from abhv_mc.report.worst import worst_numbers
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
-from abhv_mc.statistics.judgement import any_false_pass
+from abhv_mc.statistics.judgement import any_false_pass, count_standing, own_risks
 from abhv_mc.statistics.verdict_words import verdict_words
 from abhv_mc.statistics.verdicts import Verdict, clopper_pearson
 
 FORMAT = 1
+FAMILY_RISK = 0.10  # at which the report asks which PASSes would stand together
 
 
 def _flight_counts(results: Results) -> dict[str, Any]:
@@ -44,7 +45,7 @@ def _flight_counts(results: Results) -> dict[str, Any]:
     return counts
 
 
-def _requirements(results: Results) -> list[dict[str, Any]]:
+def _requirements(results: Results, judged: list[dict[str, Verdict]]) -> list[dict[str, Any]]:
     return [
         {
             **{key: getattr(item, key) for key in ("metric", "below", "limit", "probability", "consumer_risk")},
@@ -52,7 +53,7 @@ def _requirements(results: Results) -> list[dict[str, Any]]:
             "binds": list(item.controllers),
             "controllers": {name: _verdict(results, item, name, verdict) for name, verdict in verdicts.items()},
         }
-        for item, verdicts in zip(results.campaign.requirements, judge_all(results), strict=True)
+        for item, verdicts in zip(results.campaign.requirements, judged, strict=True)
     ]
 
 
@@ -69,10 +70,19 @@ def _verdict(results: Results, item: Requirement, name: str, verdict: Verdict) -
     }
 
 
-def _any_false_pass(results: Results) -> float | None:
-    """Bound on the chance of any false PASS among all verdicts; None where none is given."""
+def _together(results: Results, judged: list[dict[str, Verdict]]) -> dict[str, Any]:
+    """All verdicts as a family: the bound on the chance of any false PASS, how many false PASSes are expected at most,
+    and how many PASSes would stand if that chance were held; None where no verdict is given."""
     risks = [item.consumer_risk for item in results.campaign.requirements for _ in results.controllers]
-    return any_false_pass(risks, results.rules) if risks and results.campaign.independent else None
+    if not risks or not results.campaign.independent:
+        return dict.fromkeys(("any_false_pass", "expected_false_passes", "held_together"))
+    verdicts = [verdict for row in judged for verdict in row.values()]
+    stand = None if results.rules.plan_looks else count_standing(verdicts, FAMILY_RISK)
+    return {
+        "any_false_pass": any_false_pass(risks, results.rules),
+        "expected_false_passes": float(sum(own_risks(risks, results.rules))),
+        "held_together": {"risk": FAMILY_RISK, "stand": stand},
+    }
 
 
 def _metric_table(results: Results) -> dict[str, Any]:
@@ -112,11 +122,13 @@ def _ranges(results: Results) -> dict[str, Any]:
 def make_numbers(results: Results) -> dict[str, Any]:
     """All numbers of the report of a campaign, as JSON holds them."""
     campaign, manifest = results.campaign, results.manifest
+    verdicts = judge_all(results)
     return {
         "format": FORMAT,
         "campaign": {
             **{key: getattr(campaign, key) for key in ("name", "question", "runs", "seed", "sampling")},
             "controllers": list(results.controllers),
+            "labels": full_labels(results.folder, results.controllers),
             "looks": list(campaign.looks),
             "independent_flights": campaign.independent,
             "parameters": list(results.dispersed),
@@ -129,8 +141,8 @@ def make_numbers(results: Results) -> dict[str, Any]:
         "flights": _flight_counts(results),
         "looks": list(results.rules.looks),
         "family_risk": results.campaign.family_risk,
-        "any_false_pass": _any_false_pass(results),
-        "requirements": _requirements(results),
+        **_together(results, verdicts),
+        "requirements": _requirements(results, verdicts),
         "metrics": _metric_table(results),
         "paired": paired_numbers(results),
         "noteworthy": noteworthy_numbers(results),

@@ -16,16 +16,17 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from markupsafe import Markup
 
 from abhv_mc.report import tables
-from abhv_mc.report.answer import answer_sentences, joined, sureness_sentence
-from abhv_mc.report.failure_cases import failure_case_rows, failure_case_sentences
+from abhv_mc.report.answer import answer_sentences
+from abhv_mc.report.failure_cases import failure_case_rows, failure_case_sentence
 from abhv_mc.report.figures.paper import FigureText
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.interactive import envelope_data
 from abhv_mc.report.metrics import FOLLOWING, HOLDING, controller_label, words_of
 from abhv_mc.report.parameters import parameter_doc
 from abhv_mc.report.results import Results
-from abhv_mc.report.stability import stability_context, stability_sentences
-from abhv_mc.report.words import fixed, percent, significant
+from abhv_mc.report.stability import stability_context
+from abhv_mc.report.sureness import sureness_sentence
+from abhv_mc.report.words import fixed, joined, percent, significant
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ def _ranges_in_words(text: FigureText, numbers: Mapping[str, Any]) -> str:
     for name, ranges in numbers["ranges"].items():
         low, high = ranges.get(text.channel, (None, None))
         if low is not None:
-            parts.append(f"{controller_label(name)} {_ends(low, high, text.unit)}")
+            parts.append(f"{numbers['campaign']['labels'][name]} {_ends(low, high, text.unit)}")
     return "; ".join(parts)
 
 
@@ -130,15 +131,15 @@ def _sample_step(results: Results) -> str:
 
 def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
     campaign = numbers["campaign"]
-    names = campaign["controllers"]
     folder = shlex.quote(results.folder.as_posix())
     return {
         "campaign": campaign,
         "numbers": numbers,
-        "labels": [controller_label(name) for name in names],
+        "labels": list(campaign["labels"].values()),
+        "rivals": [controller_label(name) for name in campaign["controllers"][1:]],
         "title": campaign["name"].replace("_", " "),
         "question": campaign["question"] or f"What does the campaign {campaign['name']} show?",
-        "answers": [*answer_sentences(numbers), *stability_sentences(numbers)],
+        "answers": answer_sentences(numbers),
         "sureness": sureness_sentence(numbers),
         "verdicts": tables.verdict_rows(numbers),
         "headline": tables.headline_rows(numbers),
@@ -152,7 +153,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
             if part["failures"]
         },
         "failure_cases": failure_case_rows(numbers["failure_cases"]),
-        "failure_sentences": failure_case_sentences(numbers["failure_cases"]),
+        "failure_sentence": failure_case_sentence(numbers["failure_cases"], campaign["labels"]),
         "rates": {
             "drivers": percent(numbers["drivers"].get("false_discovery_rate"), 1),
             "rules": percent(numbers["drivers"].get("rules_false_discovery_rate"), 1),
@@ -211,7 +212,7 @@ def make_page(results: Results, numbers: Mapping[str, Any], figures: Sequence[Pa
     from plotly.offline import get_plotlyjs
 
     environment = _environment(html=True)
-    labels = {name: controller_label(name) for name in results.controllers}
+    labels = numbers["campaign"]["labels"]
     colors = controller_colors(results.controllers)
     template = files("abhv_mc.report") / "template"
     embedded = [_embedded(figure, numbers) for figure in figures]

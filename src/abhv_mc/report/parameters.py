@@ -6,6 +6,7 @@ from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.report.words import fixed, significant
 
 _UNSPOKEN = ("aero", "atmosphere", "control", "mass", "propulsion")  # groups that go without saying
+_FAILURE_KINDS = {"stuck_time": "sticking time", "loss_time": "loss time", "slow_time": "slowing time"}
 _SHOWN = {"rad": ("deg", 180.0 / math.pi), "rad/s": ("deg/s", 180.0 / math.pi)}
 
 
@@ -34,6 +35,10 @@ def spoken_name(name: str) -> str:
     group, _, rest = name.partition(".")
     if name == "mass.total":
         return "mass"
+    if group == "failure":
+        what, _, kind = rest.rpartition(".")
+        what = f"{what.removeprefix('sensor.')} sensor" if what.startswith("sensor.") else what
+        name = f"{what} {_FAILURE_KINDS.get(kind, f'failure {kind}')}"
     unspoken = group in _UNSPOKEN or (group == "sensor" and name.endswith(("_bias", "_noise")))
     words = rest if unspoken else name
     if group == "aero" and not words.endswith(".increment"):

@@ -44,17 +44,17 @@ def _answers(found: RareFound, asked: str) -> list[str]:
     estimate = found.estimate
     if estimate.refusal is None:
         answers = [
-            f"P({controller_label(found.controller)} breaks '{asked}') is about {estimate.probability:.2g}, "
-            f"95 % interval {estimate.low:.2g} .. {estimate.high:.2g}, from {estimate.flights} flights in "
+            f"P({controller_label(found.controller)} breaks '{asked}') is about {estimate.probability:.1e}, "
+            f"95 % interval {estimate.low:.1e} .. {estimate.high:.1e}, from {estimate.flights} flights in "
             f"{len(estimate.repetitions)} independent repetitions.",
-            f"As narrow an interval from plain sampling takes about {_plain_flights(found):.2g} flights.",
+            f"As narrow an interval from plain sampling takes about {_plain_flights(found):,} flights.",
         ]
     else:
         answers = [f"There is no trustworthy estimate: {estimate.refusal}."]
     check = estimate.check
     if check is not None and check.usable:
         answers.append(
-            f"Importance sampling about the failures found gives {check.probability:.2g} "
+            f"Importance sampling about the failures found gives {check.probability:.1e} "
             f"(coefficient of variation {100 * check.cov:.0f} %)."
         )
     answers.append(
@@ -95,7 +95,7 @@ def _mixing(found: RareFound) -> Shown:
     return Shown("mixing", "How the chains mix", caption, plot_mixing(rates, sizes, ACCEPTANCE))
 
 
-def _plain_flights(found: RareFound) -> float:
-    """Flights of plain sampling whose estimate has an interval as narrow as this one, as a normal logarithm."""
+def _plain_flights(found: RareFound) -> int:
+    """Flights of plain sampling with an interval of the logarithm as narrow as this one, to two digits."""
     p, half = found.estimate.probability, 0.5 * np.log(found.estimate.high / found.estimate.low)
-    return float((1.0 - p) / (p * (half / 1.96) ** 2))
+    return int(float(f"{(1.0 - p) / (p * (half / 1.96) ** 2):.1e}"))

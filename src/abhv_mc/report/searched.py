@@ -67,18 +67,24 @@ def verify_search(folder: CampaignFolder, manifest: dict[str, Any]) -> Iterator[
         tuple(code for block in blocks for code in block.outcome),
         np.concatenate([block.values for block in blocks]),
     )
-    if str(rows.digest()) != manifest["digest"]:
-        yield f"digest: {manifest['digest']} in the manifest, {rows.digest()} from the flights"
+    if str(rows.digest()) != manifest.get("digest"):
+        yield f"digest: {manifest.get('digest')} in the manifest, {rows.digest()} from the flights"
     if samples.flights != rows.stop or not np.array_equal(samples.rows(0, rows.stop), rows.samples):
         yield "samples.parquet: not the samples that the flights have"
+    metric = manifest["search"].get("metric", manifest["search"].get("requirement"))
+    result = manifest.get("result")
+    if result is None or metric not in METRIC_INDEX or not 0 < result["flights"] <= rows.stop:
+        yield "manifest.json: no result of these flights"
+        return
     remade = _worst(folder, rows, manifest) if manifest["search"]["kind"] == "worst" else _rare(folder, rows, manifest)
-    result = manifest["result"]
-    yield from (f"{key}: {result[key]} in the result, {value} from the flights" for key, value in remade.items()
-                if result[key] != value)  # fmt: skip
+    yield from (f"{key}: {result.get(key)} in the result, {value} from the flights" for key, value in remade.items()
+                if result.get(key) != value)  # fmt: skip
 
 
 def _worst(folder: CampaignFolder, rows: FlightRows, manifest: dict[str, Any]) -> dict[str, Any]:
     held, searched = manifest["search"], manifest["result"]["flights"]
+    if searched == rows.stop:
+        return {"flights": 0}  # no random ones, which follow the search's
     severities = _severities(folder, rows, held["controller"], held["metric"], 1.0 if held["largest"] else -1.0)
     worst, random = int(np.argmax(severities[:searched])), searched + int(np.argmax(severities[searched:]))
     metric = rows.values[:, METRIC_INDEX[held["metric"]]]
@@ -93,9 +99,9 @@ def _worst(folder: CampaignFolder, rows: FlightRows, manifest: dict[str, Any]) -
 
 def _rare(folder: CampaignFolder, rows: FlightRows, manifest: dict[str, Any]) -> dict[str, Any]:
     held, result = manifest["search"], manifest["result"]
-    limit, sign = (result["below"], 1.0) if "below" in result else (result["above"], -1.0)
+    limit, sign = (result["below"], 1.0) if "below" in result else (result.get("above", 0.0), -1.0)
     severities = _severities(
-        folder, rows, held["controller"], held["requirement"], sign, limit, result["ended_early_fails"]
+        folder, rows, held["controller"], held["requirement"], sign, limit, result.get("ended_early_fails", False)
     )
     return {
         "flights": rows.stop,
@@ -114,5 +120,4 @@ def _severities(
     early_is_worse: bool = True,
 ) -> Floats:
     duration = read_plan(folder.plan(controller)).timing.duration
-    severities = Severity(metric, sign, duration, limit, early_is_worse).of(rows)
-    return np.where(np.isnan(severities), -np.inf, severities)
+    return Severity(metric, sign, duration, limit, early_is_worse).ranked(rows)

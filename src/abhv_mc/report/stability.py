@@ -1,6 +1,6 @@
 """The report's section on stability: margins in steady flight and of the flights, as numbers, tables and sentences."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -67,30 +67,30 @@ def _flight_numbers(results: Results, flights: ControllerFlights) -> dict[str, A
     return entry
 
 
-def stability_sentences(numbers: Mapping[str, Any]) -> Iterator[str]:
-    """What the first screen says: which controllers are unstable in steady flight, or nearly so."""
+def stability_words(numbers: Mapping[str, Any], name: str) -> str:
+    """What the first screen says of a controller's loops in steady flight; '' where nothing is known."""
     steady = numbers["stability"]["steady"]
-    for name, entry in steady.get("controllers", {}).items():
-        label = controller_label(name)
-        if "fault" in entry:
-            yield f"{label}: no margins in steady flight at the mission's start: {entry['fault']}."
-            continue
-        *loops, together = entry["nominal"]
-        corners = f"{entry['corners_unstable']} of {steady['corners']} corners of the dispersions"
-        if not together["stable"]:
-            poles = ", ".join(_pole(*pole) for pole in together["poles"] if pole[0] > 0.0)
-            yield f"{label} is unstable in steady, level flight: poles at {poles} per second."
-        elif entry["corners_unstable"]:
-            yield f"{label} is unstable in steady, level flight at {corners}."
-        else:
-            gain, loop = min((_gain(row), row["loop"]) for row in loops)
-            phases = [(row["phase_margin_deg"], row["loop"]) for row in loops if row["phase_margin_deg"]]
-            phase, which = min(phases, default=(np.inf, loop))
-            if gain < LOW["gain_margin_min_db"] or phase < LOW["phase_margin_min_deg"]:
-                yield (
-                    f"{label} has little margin in steady, level flight: {fixed(gain, 1)} dB ({_loop(loop)}), "
-                    f"{fixed(phase, 0)} deg ({_loop(which)}); 6 dB and 30 to 45 deg are customary."
-                )
+    entry = steady.get("controllers", {}).get(name)
+    if entry is None:
+        return ""
+    if "fault" in entry:
+        return f"no margins in steady flight at the mission's start: {entry['fault']}"
+    *loops, together = entry["nominal"]
+    if not together["stable"]:
+        poles = ", ".join(_pole(*pole) for pole in together["poles"] if pole[0] > 0.0)
+        return f"unstable in steady, level flight (poles at {poles} per second)"
+    gain, loop = min((_gain(row), row["loop"]) for row in loops)
+    phases = [(row["phase_margin_deg"], row["loop"]) for row in loops if row["phase_margin_deg"]]
+    phase, which = min(phases, default=(np.inf, loop))
+    little = gain < LOW["gain_margin_min_db"] or phase < LOW["phase_margin_min_deg"]
+    margins = f"{fixed(gain, 1)} dB ({_loop(loop)})"
+    margins += f" and {fixed(phase, 0)} deg ({_loop(which)})" if np.isfinite(phase) else ""
+    words = f"least margins in steady, level flight {margins}"
+    if little:
+        words = f"little margin in steady, level flight: {margins}, where 6 dB and 30 to 45 deg are customary"
+    if entry["corners_unstable"]:
+        words += f"; unstable at {entry['corners_unstable']} of {steady['corners']} corners of the dispersions"
+    return words
 
 
 def _pole(real: float, imaginary: float) -> str:

@@ -1,6 +1,6 @@
 """The page's tables as rows of text: numbers to the digits that their Monte Carlo error allows."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from abhv_mc.report.metrics import FOLLOWING, HOLDING, USAGE, controller_label, words_of
@@ -15,6 +15,7 @@ GROUPS = {
 }
 _BOUGHT = ("less_error_less", "less_error_more", "more_error_less", "more_error_more")
 _LEVELS = ("q50", "q95", "q99.73")
+_PARAMETER_WORDS: dict[str, Callable[[str], str]] = {"parameter": str, "spoken": spoken_name, "doc": parameter_doc}
 Row = dict[str, Any]
 
 
@@ -202,10 +203,9 @@ def driver_rows(numbers: Mapping[str, Any]) -> list[Row]:
                     "explained": percent(table["explained"], 2),
                     "drivers": [
                         {
-                            "moves_with": entry["moves_with"],
-                            "parameter": entry["parameter"],
+                            "moves_with": spoken_name(entry["moves_with"]) if entry["moves_with"] else None,
+                            **{key: word(entry["parameter"]) for key, word in _PARAMETER_WORDS.items()},
                             "either_way": entry["either_way"],
-                            "doc": parameter_doc(entry["parameter"]),
                             "srrc": _cell(_interval(entry["srrc"])),
                             "prcc": _cell(_interval(entry["prcc"])),
                         }
@@ -225,7 +225,7 @@ def sobol_rows(numbers: Mapping[str, Any]) -> list[Row]:
         for metric in (*FOLLOWING, *HOLDING):
             if metric in part["metrics"]:
                 indices = [
-                    {"parameter": entry["parameter"], "doc": parameter_doc(entry["parameter"])}
+                    {key: word(entry["parameter"]) for key, word in _PARAMETER_WORDS.items()}
                     | {kind: _cell(_interval(entry[kind])) for kind in ("first", "total")}
                     for entry in part["metrics"][metric][:4]
                 ]
@@ -236,8 +236,8 @@ def sobol_rows(numbers: Mapping[str, Any]) -> list[Row]:
 
 def _dispersion_words(entry: Mapping[str, Any]) -> str:
     """'lift +8.1 % (1.6 sigma)'."""
-    sigma = fixed(entry["sigma"], 1)
-    return f"{spoken_name(entry['parameter'])} {shown_value(entry['parameter'], entry['value'])} ({sigma} sigma)"
+    sigma = "" if entry["sigma"] is None else f" ({fixed(entry['sigma'], 1)} sigma)"
+    return f"{spoken_name(entry['parameter'])} {shown_value(entry['parameter'], entry['value'])}{sigma}"
 
 
 def worst_tables(numbers: Mapping[str, Any], folder: str) -> list[Row]:

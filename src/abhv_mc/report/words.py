@@ -1,7 +1,7 @@
 """Numbers as text, to the digits that their Monte Carlo error allows."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 MINUS = "\N{MINUS SIGN}"
@@ -97,3 +97,8 @@ def count_of(count: int, total: int, noun: str = "") -> str:
 def p_value(value: float) -> str:
     """A p-value as it is printed: never 0."""
     return "< 0.0001" if value < 1e-4 else significant(value, 2)
+
+
+def joined(words: Sequence[str]) -> str:
+    """'a', 'a and b', 'a, b and c'."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""

@@ -60,13 +60,26 @@ def worst_share(flights: ControllerFlights, requirements: tuple[Requirement, ...
     return np.where(flights.failed, np.inf, share)
 
 
+def _spread(column: Floats) -> tuple[float, float]:
+    """Mean and standard deviation; both infinite where some flights have an infinite value: it never comes to them."""
+    return (float(np.mean(column)), float(np.std(column))) if np.isfinite(column).all() else (np.inf, np.inf)
+
+
+def _sigmas(value: float, mean: float, sigma: float) -> float | None:
+    return None if np.isinf(sigma) else (value - mean) / sigma if sigma > 0.0 else 0.0
+
+
 def _largest(samples: Mapping[str, float], spread: Mapping[str, tuple[float, float]]) -> list[dict[str, Any]]:
-    """The dispersions furthest from the campaign's mean in its standard deviations (its sigma), furthest first."""
+    """The dispersions furthest from the campaign's mean in its standard deviations (its sigma), furthest first.
+
+    Before them what only some flights have, such as a failure: its sigma is None.
+    """
     moved: list[dict[str, Any]] = [
-        {"parameter": key, "value": samples[key], "sigma": (samples[key] - mean) / sigma if sigma > 0.0 else 0.0}
-        for key, (mean, sigma) in spread.items()
+        {"parameter": key, "value": samples[key], "sigma": _sigmas(samples[key], *spread[key])}
+        for key in spread
+        if np.isfinite(samples[key])
     ]
-    return sorted(moved, key=lambda entry: -abs(entry["sigma"]))[:_LARGEST]
+    return sorted(moved, key=lambda entry: -np.inf if entry["sigma"] is None else -abs(entry["sigma"]))[:_LARGEST]
 
 
 def worst_numbers(results: Results) -> dict[str, Any]:
@@ -81,7 +94,7 @@ def worst_numbers(results: Results) -> dict[str, Any]:
         table = np.stack(list(scores.values())) if scores else np.zeros((0, 0))
         metrics = {m: flights.metrics[m][rows] for m in (*HEADLINE, *USAGE) if m in flights.metrics}
         samples = {key: value[numbers] for key, value in results.samples.items()}
-        spread = {key: (float(np.mean(v)), float(np.std(v))) for key, v in results.samples.items() if not is_seed(key)}
+        spread = {key: _spread(column) for key, column in results.samples.items() if not is_seed(key)}
         worst[name] = [
             {
                 "flight": int(numbers[i]),

@@ -44,6 +44,11 @@ class FlightMargins(NamedTuple):
     disk: Floats  # all loops at once
     faults: list[list[str]]  # [time][flight] why there is no margin; empty where there is one
 
+    @property
+    def table(self) -> Floats:
+        """The margins ``[flight, margin]`` in the order of :data:`abhv_mc.stability.metrics.MARGINS`."""
+        return np.column_stack([self.gain_db, self.phase_deg, self.delay_ms, self.disk])
+
 
 def analyse(linear: Linear, frequencies: int = FREQUENCIES) -> Stability:
     """Poles of the closed loops and margins of those that are stable."""

@@ -78,6 +78,5 @@ def _find(plan: MarginPlan, parameters: Floats) -> Floats:
     times: list[Time] = ["trim" if time == AT_TRIM else time for time in plan.margin_times.tolist()]
     found = margins_of_flights(plan, plan.steady, rows, times)
     faults = np.array(found.faults)  # [time, flight]
-    columns = [found.gain_db, found.phase_deg, found.delay_ms, found.disk]
-    columns += [(faults == "unstable").sum(axis=0), (np.char.find(faults, "limit") >= 0).sum(axis=0)]
+    columns = [found.table, (faults == "unstable").sum(axis=0), (np.char.find(faults, "limit") >= 0).sum(axis=0)]
     return np.array([[float(f"{value:.{_DIGITS}g}") for value in row] for row in np.column_stack(columns)[:count]])

@@ -112,7 +112,7 @@ def _differences(
     standard = {}
     for _, j in alone[:_DIFFERED]:
         values = column(j)
-        if np.ptp(values) > 0.0:
+        if np.isfinite(values).all() and np.ptp(values) > 0.0:
             standard[j] = standardise(values)
     found = []
     for one, other in combinations(sorted(standard), 2):

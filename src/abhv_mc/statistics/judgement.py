@@ -62,6 +62,11 @@ def judge_pairs(pairs: Sequence[Pair], rules: Rules) -> list[Verdict]:
     return verdicts if rules.family_risk is None else hold_family(verdicts, rules.family_risk)
 
 
+def count_standing(verdicts: Sequence[Verdict], risk: float) -> int:
+    """How many PASSes of a fixed campaign would stand if the chance of any false PASS had to be at most `risk`."""
+    return sum(verdict.status == "PASS" for verdict in hold_family(verdicts, risk))
+
+
 def any_false_pass(risks: Sequence[float], rules: Rules) -> float:
     """Bound on the chance of at least one false PASS among all pairs."""
     bound = false_pass_bound(own_risks(risks, rules))

@@ -20,6 +20,7 @@ def _check_inside(name: str) -> str:
     return name
 
 
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
 Text = Annotated[str, Field(max_length=2000), AfterValidator(_check_printable)]
 Place = Annotated[str, AfterValidator(_check_inside)]
 Hash = Annotated[str, Field(pattern=r"^[0-9a-f]*$")]
@@ -55,8 +56,40 @@ class _Machine(Entries):
     device: Text = ""
 
 
+class _Worst(Entries):
+    kind: Literal["worst"]
+    controller: Name
+    metric: Text
+    largest: bool
+    box: Number
+    flights: Count
+
+
+class _Rare(Entries):
+    kind: Literal["rare"]
+    controller: Name
+    requirement: Text
+    target_cov: Number
+    flights: Count
+
+
+class _Result(Entries):
+    """Of a search: what of it is held against its flights."""
+
+    flights: Part
+    flight: Count = 0
+    random_flight: Count = 0
+    value: float = 0.0
+    random_worst: float = 0.0
+    failures: Count = 0
+    ended_early: Count
+    ended_early_fails: bool = False
+    below: Number = 0.0
+    above: Number = 0.0
+
+
 class _Manifest(Entries):
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)] = ""
+    name: Name | Literal[""] = ""
     state: Literal["running", "complete", "interrupted"] = "running"
     runs_planned: Count = 0
     runs_done: Count = 0
@@ -78,9 +111,14 @@ class _Manifest(Entries):
     shard: Annotated[list[Part], Field(min_length=2, max_length=2)] | None = None
 
 
+class _SearchManifest(_Manifest):
+    search: _Worst | _Rare = Field(discriminator="kind")
+    result: _Result | None = None
+
+
 def find_fault(manifest: dict[str, Any]) -> str | None:
     """The first entry that is of another type, or out of range, in words; None where there is none."""
-    return first_fault(_Manifest, manifest)
+    return first_fault(_SearchManifest if "search" in manifest else _Manifest, manifest)
 
 
 def first_fault(model: type[BaseModel], data: Any) -> str | None:

@@ -45,16 +45,17 @@ class _Controller(Entries):
 
     @model_validator(mode="after")
     def _check_rows(self) -> "_Controller":
-        if self.fault is None and self.nominal is None:
-            raise ValueError("neither margins nor a fault")
-        if self.nominal is not None:
-            if len(self.nominal) < 2:
-                raise ValueError("no loops")
-            for row in self.nominal[:-1]:
-                _Loop.model_validate(row)
-            _AllLoops.model_validate(self.nominal[-1])
-            if self.corners and any("loop" not in row for row in self.corners):
-                raise ValueError("a corner without its loop")
+        if self.nominal is None:
+            if self.fault is None:
+                raise ValueError("neither margins nor a fault")
+            return self
+        if len(self.nominal) < 2:
+            raise ValueError("no loops")
+        for row in self.nominal[:-1]:
+            _Loop.model_validate(row)
+        _AllLoops.model_validate(self.nominal[-1])
+        if any("loop" not in row for row in self.corners):
+            raise ValueError("a corner without its loop")
         return self
 
 

@@ -132,6 +132,23 @@ def test_a_polite_signal_ends_with_a_manifest_that_says_so(tmp_path, number, cap
     assert result.complete
 
 
+def test_runs_that_start_in_one_new_folder_at_the_same_moment(tmp_path, capfd):
+    """One of them flies; the others are told so, or go on with what it has begun, and nothing is lost."""
+    campaign = write_campaign(tmp_path / "files", execution="{batch: 64}")
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    for k in range(4):
+        out = tmp_path / f"out{k}"
+        children = [SERVER.Process(target=fly_in_child, args=(campaign, out, 4096)) for _ in range(3)]
+        for child in children:
+            child.start()
+        for child in children:
+            child.join()
+        assert 0 in [child.exitcode for child in children]
+        done = run_campaign(Request(campaign, out), ENGINE)
+        assert done.complete and done.manifest["digest"] == whole["digest"]
+        assert sorted(done.manifest["files"]) == sorted(whole["files"])
+
+
 def fly_within(campaign, out, size):
     """Exit code 3 where a file may not grow to what it should be: all that a full disk does, and no root needed."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))

@@ -21,29 +21,34 @@ def line(tmp_path):
     return write_line(tmp_path / "files")
 
 
-def test_rare_is_right_and_resumes_to_the_same(tmp_path, line):
-    settings = RareSettings(METRIC, flights=8000)
-    whole = find_rare(SearchRequest(line, tmp_path / "whole", workers=1), settings, LINE)
-    truth = stats.norm.sf(4.0)
-    assert whole.estimate.refusal is None
-    assert whole.estimate.low <= truth <= whole.estimate.high
+def test_rare_is_right(tmp_path, line):
+    estimate = find_rare(SearchRequest(line, tmp_path / "out"), RareSettings(METRIC, flights=8000), LINE).estimate
+    assert estimate.refusal is None
+    assert estimate.low <= stats.norm.sf(4.0) <= estimate.high
 
+
+@pytest.mark.parametrize(
+    "find, settings, last",
+    [(find_rare, RareSettings(METRIC, flights=8000), 20), (find_worst, WorstSettings(METRIC, flights=1000), 8)],
+)
+def test_an_interrupted_search_goes_on_to_the_same_for_any_number_of_workers(tmp_path, line, find, settings, last):
+    whole = find(SearchRequest(line, tmp_path / "whole", workers=1), settings, LINE)
     calls = 0
 
     def fly_until(plan, parameters, record_every=None):
         nonlocal calls
         calls += 1
-        if calls == 20:
+        if calls == last:
             raise KeyboardInterrupt
         return fly_line(plan, parameters, record_every)
 
     cut = tmp_path / "cut"
     with pytest.raises(KeyboardInterrupt):
-        find_rare(SearchRequest(line, cut, workers=1), settings, Engine(prepare, fly_until, "line"))
+        find(SearchRequest(line, cut, workers=1), settings, Engine(prepare, fly_until, "line"))
     assert read_manifest(cut / "manifest.json")["state"] == "interrupted"
     stored = sorted(path.name for path in (cut / "flights").glob("*.parquet"))
     assert stored
-    again = find_rare(SearchRequest(line, cut, workers=3), settings, LINE)
+    again = find(SearchRequest(line, cut, workers=2), settings, LINE)
     assert again.numbers() == whole.numbers()
     assert read_manifest(cut / "manifest.json")["digest"] == read_manifest(tmp_path / "whole/manifest.json")["digest"]
     assert read_manifest(cut / "manifest.json")["state"] == "complete"
@@ -183,3 +188,14 @@ def test_numbers_are_json_and_fixed_names(tmp_path, line):
     worst = find_worst(SearchRequest(line, tmp_path / "worst"), WorstSettings(METRIC, flights=400), LINE).numbers()
     wanted = {"metric", "controller", "value", "flights", "parameters", "random_worst", "at_bounds"}
     assert wanted <= json.loads(json.dumps(worst)).keys()
+
+
+def test_a_requirement_on_a_metric_that_its_flights_do_not_have_is_refused(tmp_path):
+    campaign = write_line(
+        tmp_path / "files",
+        metrics="{swing: {of: bank_deg, statistic: peak_to_peak}}",
+        requirements="[{metric: swing, below: 3 deg, probability: 0.9}]",
+    )
+    with pytest.raises(InputError, match="no requirement on 'swing'"):
+        find_rare(SearchRequest(campaign, tmp_path / "out"), RareSettings("swing", flights=8000), LINE)
+    assert not (tmp_path / "out").exists()

@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from campaign.fake_flight import LIFT, write_campaign
 from campaign.search.tuned_flight import BLOCK, CONTROLLER, ENGINE, fly, prepare, write_tuned
 
+from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.run.setup import Engine
 from abhv_mc.campaign.search import tune as module
 from abhv_mc.campaign.search.tune import TuneRequest, tune_controller
@@ -44,7 +47,7 @@ def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_pat
     stored = len(list((tmp_path / "new.tuning").glob("*.npy")))
     assert stored >= 50
     calls = -10_000
-    found = tune_controller(request_, Engine(prepare, fly_until, "tuned"))
+    found = tune_controller(replace(request_, workers=2), Engine(prepare, fly_until, "tuned"))
     assert 10_000 + calls <= 113 - stored + 10
     other = TuneRequest(request_.campaign, tmp_path / "other.yaml", block=request_.block, workers=1)
     assert found.as_json() == tune_controller(other, ENGINE).as_json()
@@ -112,7 +115,7 @@ def test_numbers_that_make_no_controller_are_passed_over(request_):
 def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path):
     wrapped = tmp_path / "wrapped.yaml"
     wrapped.write_text("tune:\n" + "".join(f"  {line}\n" for line in BLOCK.splitlines()), encoding="utf-8")
-    campaign = module.read_campaign(request_.campaign)
+    campaign = read_campaign(request_.campaign)
     alone, _, _ = module.read_tune_block(campaign, request_.block)
     below, _, _ = module.read_tune_block(campaign, wrapped)
     assert alone == below
@@ -120,7 +123,7 @@ def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path
         tmp_path / "files", dispersions="{aero.lift: {distribution: normal, sigma: 5 %}}",
         tune="\n" + "".join(f"  {line}\n" for line in BLOCK.splitlines()),
     )  # fmt: skip
-    assert module.read_tune_block(module.read_campaign(inside), None)[0] == alone
+    assert module.read_tune_block(read_campaign(inside), None)[0] == alone
 
 
 @pytest.mark.parametrize(

@@ -13,10 +13,9 @@ from abhv_mc.campaign.sampling.designs import DESIGNS
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
 from abhv_mc.io.documents import File, Refusal, StrictModel, describe, one_of
 from abhv_mc.io.units import TIME, Time, parse_quantity
+from abhv_mc.store.manifest_check import Name
 
 PROCESSES, THREADS = "processes", "threads"
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
-
 
 _MOST_WORKERS = 1024
 _LARGEST_BATCH = 2**20

@@ -6,13 +6,11 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from abhv_mc.io.documents import Refusal, StrictModel
 from abhv_mc.io.units import TIME, parse_quantity
+from abhv_mc.stability.metrics import MARGIN_NAMES
 
 Quantile = Annotated[float, Field(gt=0.0, lt=1.0)]
 _METRIC = "the metric"
 _QUANTILE = "its quantile over the flights"
-
-# Stability margins that limits may name beside the metrics of flights, the least over loops and points.
-MARGINS = ("gain_margin_min_db", "phase_margin_min_deg", "delay_margin_min_ms", "disk_margin_min")
 
 
 class Free(StrictModel):
@@ -50,7 +48,7 @@ class Limit(StrictModel):
     @property
     def is_margin(self) -> bool:
         """Whether it bounds a stability margin and not a metric of flights."""
-        return self.metric in MARGINS
+        return self.metric in MARGIN_NAMES
 
     @model_validator(mode="after")
     def _one(self) -> "Limit":

@@ -60,13 +60,13 @@ class SearchRequest:
     fresh: bool = False
 
 
-def read_searched(request: SearchRequest) -> tuple[CheckedCampaign, str]:
+def read_searched(path: Path, controller: str | None, seed: int | None) -> tuple[CheckedCampaign, str]:
     """The campaign and the controller that is searched. Raises InputError."""
-    campaign = read_campaign(request.campaign, None, request.seed)
+    campaign = read_campaign(path, None, seed)
     for source in check_own_code(campaign):
         trust(source)  # his own file: he flies it
     controllers = campaign.model.controllers
-    name = request.controller or next(iter(controllers))
+    name = controller or next(iter(controllers))
     if name not in controllers:
         raise campaign.document.error(("controllers",), f"no controller '{name}'", one_of(controllers, name))
     return campaign, name
@@ -225,7 +225,7 @@ def open_search(
     """
     with ExitStack() as stack:
         folder = CampaignFolder(request.out)
-        campaign, name = read_searched(request)
+        campaign, name = read_searched(request.campaign, request.controller, request.seed)
         make_space(campaign)
         started = folder.manifest.exists()
         unknown = [] if started else folder.unknown_files()

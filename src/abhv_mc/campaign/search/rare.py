@@ -11,11 +11,11 @@ from abhv_mc.campaign.run.setup import Engine, make_engine
 from abhv_mc.campaign.search.flights import DrawnFlights, SearchRequest, open_search, read_searched
 from abhv_mc.campaign.search.severity import FAILS_ABOVE, Severity, ended_early, rank_distinct
 from abhv_mc.campaign.search.space import make_space
+from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.search.evaluation import Floats
 from abhv_mc.search.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains, estimate_rare
 from abhv_mc.search.subset import SubsetPlan
-from abhv_mc.stability.metrics import MARGIN_NAMES
 from abhv_mc.store.flights import FlightRows
 
 
@@ -89,7 +89,7 @@ class RareFound:
 
 def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | None = None) -> RareFound:
     """Estimate P(failure) of one requirement. Raises InputError for a request that is wrong."""
-    campaign, controller = read_searched(request)
+    campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     requirement, limit = _find_requirement(campaign, controller, settings.requirement)
     space = make_space(campaign)
     chains = choose_chains(settings.flights)
@@ -109,7 +109,7 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
         plan = SubsetPlan(len(space.names), FAILS_ABOVE, search.seed, chains)
         estimate = estimate_rare(evaluate, plan, settings.target_cov, settings.flights)
         rows = search.rows()
-        severities = np.where(np.isnan(severity.of(rows)), -np.inf, severity.of(rows))
+        severities = severity.ranked(rows)
         found = RareFound(
             settings,
             controller,
@@ -129,7 +129,7 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
 def _find_requirement(campaign: CheckedCampaign, controller: str, metric: str) -> tuple[Requirement, float]:
     """The campaign's requirement on this metric, and its limit. Raises InputError where there is none, or several."""
     pairs = zip(campaign.model.requirements, campaign.limits, strict=True)
-    entries = [entry for entry in pairs if entry[0].metric not in MARGIN_NAMES]  # which its flights do not have
+    entries = [entry for entry in pairs if entry[0].metric in METRIC_INDEX]  # its flights have no others
     found = [entry for entry in entries if entry[0].metric == metric]
     own = [entry for entry in found if controller in (entry[0].controllers or (controller,))]
     if len(own) == 1:

@@ -34,6 +34,11 @@ class Severity:
             metric = np.where(ended_early(rows), ENDED_EARLY + self.duration - rows.values[:, -1], metric)
         return np.where(not_computed(rows), np.nan, metric)
 
+    def ranked(self, rows: FlightRows) -> Floats:
+        """Severities ``[flight]`` with flights that could not be computed behind all others (-infinity)."""
+        found = self.of(rows)
+        return np.where(np.isnan(found), -np.inf, found)
+
 
 def ended_early(rows: FlightRows) -> NDArray[np.bool_]:
     """Flights ``[flight]`` that ended early."""

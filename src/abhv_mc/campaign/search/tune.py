@@ -8,23 +8,24 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import THREADS
-from abhv_mc.campaign.file.own_code import check_own_code
 from abhv_mc.campaign.file.resolve import resolve_campaign
-from abhv_mc.campaign.file.tuning import MARGINS, Aim, Limit, Tune
+from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
 from abhv_mc.campaign.run.executor import open_executor
 from abhv_mc.campaign.run.progress import Progress
 from abhv_mc.campaign.run.setup import Engine, make_engine
 from abhv_mc.campaign.search.controller_numbers import ControllerNumbers, read_controller_numbers
+from abhv_mc.campaign.search.flights import read_searched
 from abhv_mc.campaign.search.space import make_space
-from abhv_mc.campaign.search.tune_limits import bound_of, excess_of, limited_value, quantile_of, score
+from abhv_mc.campaign.search.tune_limits import bound_of, excess_of, limited_value, lost_as_worst, quantile_of, score
 from abhv_mc.campaign.search.tune_trials import MOST_CORNERED, Trials, cornered_vehicles
 from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.io.documents import Document, InputError, one_of, read_document, validate
 from abhv_mc.search.evaluation import Floats
 from abhv_mc.search.tune import Scores, Tuning, Validation, tune
 from abhv_mc.search.tune import validate as validate_gain
+from abhv_mc.stability.metrics import MARGIN_NAMES
 from abhv_mc.store.folder import write_whole
 from abhv_mc.store.lock import hold_lock
 
@@ -129,7 +130,7 @@ def read_tune_block(campaign: CheckedCampaign, path: Path | None) -> tuple[Tune,
         *((("limits", i, "metric"), limit.metric) for i, limit in enumerate(block.limits) if not limit.is_margin),
     ):
         if metric not in METRIC_INDEX:
-            known = (*METRIC_INDEX, *MARGINS) if keys[0] == "limits" else METRIC_INDEX
+            known = (*METRIC_INDEX, *MARGIN_NAMES) if keys[0] == "limits" else METRIC_INDEX
             raise document.error((*where, *keys), f"metric '{metric}'", one_of(known, metric))
     return block, document, where
 
@@ -157,12 +158,8 @@ def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneF
     an interruption. Raises InputError for a request that is wrong.
     """
     engine = engine or make_engine()
-    campaign = read_campaign(request.campaign, None, request.seed)
+    campaign, name = read_searched(request.campaign, request.controller, request.seed)
     model = campaign.model
-    check_own_code(campaign)
-    name = request.controller or next(iter(model.controllers))
-    if name not in model.controllers:
-        raise campaign.document.error(("controllers",), f"no controller '{name}'", one_of(model.controllers, name))
     block, document, where = read_tune_block(campaign, request.block)
     if request.out.exists():
         raise InputError(request.out, None, None, "a file that is there already", "a new file (-o NEW.yaml)")
@@ -202,7 +199,7 @@ def _validate(trials: Trials, block: Tune, found: Tuning, name: str) -> TuneFoun
     fresh = trials.draw((trials.campaign.model.seed + 1) % 2**63, block.validation)
     start, best = trials.measure(np.stack([np.zeros(len(block.free)), found.place]), fresh)
     aim, usage = block.minimise, block.usage
-    of_start, of_best = (_lost_as_worst(trial.metrics[:, METRIC_INDEX[aim.metric]]) for trial in (start, best))
+    of_start, of_best = (lost_as_worst(trial.metrics[:, METRIC_INDEX[aim.metric]]) for trial in (start, best))
 
     def side(entry: Aim) -> Sides:
         at_start, at_best = (quantile_of(trial.metrics, entry.metric, entry.quantile) for trial in (start, best))
@@ -220,10 +217,6 @@ def _validate(trials: Trials, block: Tune, found: Tuning, name: str) -> TuneFoun
     more = () if (usage.metric, usage.quantile) in known else (side(usage),)
     validation = validate_gain(of_start, of_best, aim.quantile)
     return TuneFound(name, block, trials.numbers, found, validation, (side(aim), *limits, *more))
-
-
-def _lost_as_worst(values: Floats) -> Floats:
-    return np.where(np.isnan(values), np.inf, values)
 
 
 def _comment(found: TuneFound, request: TuneRequest, seed: int) -> str:

@@ -4,25 +4,30 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from abhv_mc.campaign.file.tuning import MARGINS, Limit, Tune
+from abhv_mc.campaign.file.tuning import Limit, Tune
 from abhv_mc.campaign.search.tune_trials import Trial
 from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.search.evaluation import Floats
 from abhv_mc.search.tune import Scores
+from abhv_mc.stability.metrics import MARGIN_NAMES
 from abhv_mc.statistics.estimates import sorted_quantile
 
 
 def quantile_of(metrics: Floats, metric: str, quantile: float, sign: float = 1.0) -> float:
     """A quantile of a metric, lost flights being the worst: of its largest values, or its smallest for ``sign`` -1."""
-    values = sign * metrics[:, METRIC_INDEX[metric]]
-    return sign * sorted_quantile(np.sort(np.where(np.isnan(values), np.inf, values)), quantile)
+    return sign * sorted_quantile(np.sort(lost_as_worst(sign * metrics[:, METRIC_INDEX[metric]])), quantile)
+
+
+def lost_as_worst(values: Floats) -> Floats:
+    """Values ``[flight]``, large ones being bad, with those of lost flights infinite."""
+    return np.where(np.isnan(values), np.inf, values)
 
 
 def limited_value(trial: Trial, limit: Limit) -> float:
     """What a limit bounds: a quantile over the flights, or the least margin of the vehicles that it names."""
     if not limit.is_margin:
         return quantile_of(trial.metrics, limit.metric, limit.quantile, -1.0 if limit.above is not None else 1.0)
-    margins = trial.margins[:, MARGINS.index(limit.metric)]
+    margins = trial.margins[:, MARGIN_NAMES.index(limit.metric)]
     return float(margins.min() if limit.vehicles == "corners" else margins[0])
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.campaign.file.check import CheckedCampaign
-from abhv_mc.campaign.file.tuning import MARGINS, Tune
+from abhv_mc.campaign.file.tuning import Tune
 from abhv_mc.campaign.run.executor import Executor
 from abhv_mc.campaign.run.setup import Engine
 from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
@@ -19,7 +19,7 @@ from abhv_mc.campaign.sampling.samples import DrawnSamples, spread_parameters
 from abhv_mc.campaign.search.controller_numbers import ControllerNumbers
 from abhv_mc.campaign.search.space import Space
 from abhv_mc.control.controller_file import Controller, read_controller
-from abhv_mc.control.mission import read_mission
+from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import own_parts_of
@@ -28,8 +28,10 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.search.evaluation import Floats
 from abhv_mc.stability.analysis import Time, margins_of_flights
+from abhv_mc.stability.metrics import MARGIN_NAMES
 from abhv_mc.stability.points import make_steady_plan
 from abhv_mc.store.arrays import read_array, write_array
+from abhv_mc.vehicle.model import Vehicle
 
 MOST_CORNERED = 7  # dispersions whose corners' margins are found: 128 vehicles
 _BLOCK = 128  # flights of one call
@@ -41,7 +43,7 @@ class Trial:
     """One candidate's flights and margins."""
 
     metrics: Floats  # [flight, metric]; not-a-number in the rows of flights that are lost
-    margins: Floats  # [vehicle, MARGINS], the nominal one first; no rows where no limit asks for them
+    margins: Floats  # [vehicle, margin], the nominal one first; no rows where no limit asks for them
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ class Trials:
         candidate = self._plan(point)
         metrics = self._remember(point, parameters, lambda: self._fly(candidate(), parameters))
         if not len(self.vehicles):
-            return Trial(metrics, np.empty((0, len(MARGINS))))
+            return Trial(metrics, np.empty((0, len(MARGIN_NAMES))))
         return Trial(metrics, self._remember(point, self.vehicles, lambda: self.margins_of(candidate())))
 
     def _remember(self, point: Floats, parameters: Floats, make: Callable[[], Floats]) -> Floats:
@@ -118,22 +120,20 @@ class Trials:
         return np.where(lost[:, None], np.nan, metrics)
 
     def margins_of(self, candidate: Candidate | None) -> Floats:
-        """Least margins ``[vehicle, MARGINS]``; zero where there is no controller, or none in steady flight."""
-        model, none = self.campaign.model, np.zeros((len(self.vehicles), len(MARGINS)))
+        """Least margins ``[vehicle, margin]``; zero where there is no controller, or none in steady flight."""
+        none = np.zeros((len(self.vehicles), len(MARGIN_NAMES)))
         if candidate is None:
             return none
         try:
-            steady = make_steady_plan(
-                load_vehicle(model.vehicle),
-                read_mission(model.mission),
-                candidate.controller,
-                self.name,
-                own=own_parts_of(candidate.plan),
-            )
+            parts = own_parts_of(candidate.plan)
+            steady = make_steady_plan(*self._vehicle_and_mission, candidate.controller, self.name, own=parts)
         except (InputError, np.linalg.LinAlgError):
             return none
-        found = margins_of_flights(candidate.plan, steady, self.vehicles, self.margins_at)
-        return np.column_stack([found.gain_db, found.phase_deg, found.delay_ms, found.disk])
+        return margins_of_flights(candidate.plan, steady, self.vehicles, self.margins_at).table
+
+    @functools.cached_property
+    def _vehicle_and_mission(self) -> tuple[Vehicle, Mission]:
+        return load_vehicle(self.campaign.model.vehicle), read_mission(self.campaign.model.mission)
 
     def _plan(self, point: Floats) -> Callable[[], Candidate | None]:
         """Makes the candidate's plan once, when it is first asked for; None where its numbers make no controller."""

@@ -81,7 +81,7 @@ class WorstFound:
 
 def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine | None = None) -> WorstFound:
     """Search, then fly as many random flights in the same box. Raises InputError for a request that is wrong."""
-    campaign, controller = read_searched(request)
+    campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     if settings.metric not in METRIC_INDEX:
         wanted = one_of(METRIC_INDEX, settings.metric)
         raise InputError("--metric", None, None, f"metric '{settings.metric}'", wanted)
@@ -104,7 +104,7 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
         searched = search.flown
         _fly_random(search, bounds, searched)
         rows = search.rows()
-        severities = np.where(np.isnan(severity.of(rows)), -np.inf, severity.of(rows))
+        severities = severity.ranked(rows)
         found = WorstFound(
             settings,
             controller,

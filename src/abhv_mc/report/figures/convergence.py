@@ -26,7 +26,7 @@ def plot_convergence(
     panels: Sequence[ConvergencePanel], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> Figure:
     """Each number after so many flights, with its 95 % interval."""
-    figure, grid = new_panels(len(panels), min(3, len(panels)), 1.2, between=(0.5, 0.55))
+    figure, grid = new_panels(len(panels), min(3, len(panels)), 1.2, between=(0.5, 0.75), top=0.4)
     for axes, panel in zip(grid.flat, panels, strict=False):
         for name, table in panel.series.items():
             value, low, high = table.T

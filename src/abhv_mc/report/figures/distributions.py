@@ -115,7 +115,7 @@ def plot_error_against_usage(
                 color=colors[name],
                 markersize=7,
                 markeredgecolor="white",
-                label=f"{labels[name]} (large: median)",
+                label=labels[name],
                 zorder=5,
             )
         if not _log_if_wide(axes, "y", list(trade.errors.values())):

@@ -47,7 +47,7 @@ class EnvelopeRow:
 
 
 def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
-    for low, high, opacity, _ in BANDS:
+    for low, high, opacity, _ in [band for band in BANDS if band[0] in panel.bands]:
         axes.fill_between(panel.x, panel.bands[low], panel.bands[high], color=color, alpha=opacity, linewidth=0)
     for x, y in panel.flights:
         axes.plot(x, y, color=INK, linewidth=0.5, zorder=3)
@@ -104,7 +104,7 @@ def _set_y_limits(axes: Axes, row: EnvelopeRow) -> None:
     low, high = np.inf, -np.inf
     left, right = axes.get_xlim()
     for panel in row.panels:
-        curves = [(panel.x, panel.bands["min"]), (panel.x, panel.bands["max"]), *panel.flights]
+        curves = [*((panel.x, band) for band in panel.bands.values()), *panel.flights]
         curves += [curve for curve in (panel.nominal, panel.reference, panel.command) if curve is not None]
         for x, y in curves:
             inside = y[(x >= left) & (x <= right) & np.isfinite(y)]

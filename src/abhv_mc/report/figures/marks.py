@@ -1,5 +1,6 @@
 """How much each parameter counts for a metric, with intervals: rank coefficients and Sobol indices."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from abhv_mc.report.figures.style import INK, MARKERS, label_lowest, new_panels, put_legend, styled
 from abhv_mc.vehicle.arrays import Floats
 
+_LETTERS = 24  # of a name in a line
 Marks = Sequence[tuple[Floats, NDArray[np.bool_]]]  # ([parameter, (value, low, high)], [parameter] whether filled)
 
 
@@ -36,13 +38,16 @@ def plot_marks(
 
     The x axis spans ``limits``, or more where an interval ends outside.
     """
-    longest = max(len(name) for panel in panels for name in panel.parameters)
+    names = [[textwrap.fill(name, _LETTERS) for name in panel.parameters] for panel in panels]
+    lines = [line for panel in names for name in panel for line in name.split("\n")]
+    longest = max(map(len, lines))
     columns = min(len(panels), 3 if longest <= 16 else 2)
     most = max(len(panel.parameters) for panel in panels)
-    height, room = 0.15 * most * max(1.0, len(labels) / 2.0), 0.2 + 0.062 * longest
+    wrapped = any("\n" in name for panel in names for name in panel)
+    height, room = most * max(0.15, 0.075 * len(labels), 0.25 * wrapped), 0.2 + 0.062 * longest
     figure, grid = new_panels(len(panels), columns, height, room, (room, 0.48), sharex=True)
     lowest, highest = limits
-    for axes, panel in zip(grid.flat, panels, strict=False):
+    for axes, panel, words in zip(grid.flat, panels, names, strict=False):
         place = np.arange(len(panel.parameters))
         for i, (name, marks) in enumerate(panel.marks.items()):
             shift = (i - (len(panel.marks) - 1) / 2.0) * 0.24
@@ -63,7 +68,7 @@ def plot_marks(
                         elinewidth=0.9,
                     )
         axes.axvline(0.0, color=INK, linewidth=0.6)
-        axes.set_yticks(place, panel.parameters)
+        axes.set_yticks(place, words)
         axes.set_ylim(len(panel.parameters) - 0.5, -0.5)
         axes.set_title(panel.title, fontsize=8, loc="left")
         axes.grid(visible=False, axis="y")

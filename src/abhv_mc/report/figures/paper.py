@@ -1,6 +1,6 @@
 """Figures 2 to 11 of Zhu & Shen 2014 from a campaign: which channels each shows, and what it says."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.report.figures.style import controller_colors
-from abhv_mc.report.metrics import controller_label
 from abhv_mc.report.results import Results
 from abhv_mc.vehicle.arrays import Floats
 
@@ -30,6 +29,7 @@ class Curve:
     scale: float = 1.0
     x_range: tuple[float, float] | None = None
     note: str = ""
+    off_reference: bool = False  # what is left of it without the reference
 
 
 @dataclass(frozen=True)
@@ -69,13 +69,14 @@ PAPER_FIGURES: tuple[PaperFigure, ...] = (
         FigureText(
             "fig03_altitude_speed",
             "Altitude and speed (Fig. 3)",
-            f"Altitude and speed against their reference. {_BANDS}",
-            "altitude 20 ± 0.05 km, speed 1400 ± 5 m/s",
+            f"Altitude less its reference, and speed beside its reference. {_BANDS} The altitude "
+            "error has no band of all flights where the reference climbs.",
+            "altitude within 50 m, speed 1400 ± 5 m/s",
             "speed_mps",
             "m/s",
         ),
         (
-            Curve("altitude_m", "altitude (km)", "altitude_reference_m", scale=1e-3),
+            Curve("altitude_m", "altitude error (m)", "altitude_reference_m", off_reference=True),
             Curve("speed_mps", "speed (m/s)", "speed_reference_mps"),
         ),
     ),
@@ -96,7 +97,7 @@ PAPER_FIGURES: tuple[PaperFigure, ...] = (
     _angle_figure(
         "fig06",
         "Sideslip (Fig. 6)",
-        f"Sideslip, which every controller holds at zero; below, the first seconds. {_BANDS} {_SIGN}",
+        f"Sideslip, whose command is zero; below, the first seconds. {_BANDS} {_SIGN}",
         "−0.2 to 0.7 deg",
         _begun(Curve("sideslip_deg", "sideslip (deg)")),
     ),
@@ -144,9 +145,25 @@ GROUND_TRACK = FigureText(
     "fig02_ground_track",
     "Ground track (Fig. 2)",
     "Northward against eastward displacement, and below what is left of it without the reference. The bands at each "
-    "moment are drawn at the median displacement east of that moment. " + _BANDS,
+    "moment are drawn at the median displacement east of that moment. " + _BANDS + " Below there is no band of all "
+    "flights: it spans what a flight passes in a tenth of a second.",
     "5 km offset",
 )
+
+
+def off_reference(x: Floats, y: Floats, time: Floats, reference: Floats | None) -> Floats:
+    """A channel [x] s less its reference [time]; as it is without one."""
+    return y if reference is None else y - np.interp(x, time, reference)
+
+
+def shown_bands(bands: Mapping[str, Floats], reference: Floats | None) -> dict[str, Floats]:
+    """The bands of a channel that mean something less its reference.
+
+    Minimum and maximum are those of all control ticks between two samples: less a reference that moves meanwhile, they
+    would show its way and not the flights' error.
+    """
+    moves = reference is not None and float(np.ptp(reference)) > 0.0
+    return {name: band for name, band in bands.items() if not (moves and name in ("min", "max"))}
 
 
 def _panel(results: Results, controller: str, curve: Curve) -> EnvelopePanel | None:
@@ -156,14 +173,18 @@ def _panel(results: Results, controller: str, curve: Curve) -> EnvelopePanel | N
     flown = results.nominal.get(controller)
     command = results.envelopes.get((controller, curve.command)) if curve.command else None
 
+    time = results.reference["time"]
+    given = results.reference[curve.reference] if curve.reference else None
+    less = given if curve.off_reference else None
+
     def scaled(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        return x, y * curve.scale
+        return x, off_reference(x, y, time, less) * curve.scale
 
     return EnvelopePanel(
         x=envelope.time,
-        bands={name: band * curve.scale for name, band in envelope.bands.items()},
+        bands={name: scaled(envelope.time, band)[1] for name, band in shown_bands(envelope.bands, less).items()},
         nominal=scaled(flown["time"], flown[curve.channel]) if flown and curve.channel in flown else None,
-        reference=scaled(results.reference["time"], results.reference[curve.reference]) if curve.reference else None,
+        reference=scaled(time, given) if given is not None else None,
         command=scaled(command.time, command.bands["q50"]) if command else None,
     )
 
@@ -176,8 +197,10 @@ def _ground_track(results: Results, controller: str) -> tuple[EnvelopePanel, Env
     flown, reference = results.nominal.get(controller), results.reference
     x = east.bands["q50"] / 1e3
 
+    given = reference["north_reference_m"]
+
     def off(time: Floats, metres: Floats) -> Floats:
-        return metres - np.interp(time, reference["time"], reference["north_reference_m"])
+        return off_reference(time, metres, reference["time"], given)
 
     track = EnvelopePanel(
         x=x,
@@ -187,17 +210,16 @@ def _ground_track(results: Results, controller: str) -> tuple[EnvelopePanel, Env
     )
     deviation = EnvelopePanel(
         x=x,
-        bands={name: off(north.time, band) for name, band in north.bands.items()},
+        bands={name: off(north.time, band) for name, band in shown_bands(north.bands, given).items()},
         nominal=(flown["east_m"] / 1e3, off(flown["time"], flown["north_m"])) if flown else None,
         reference=(x, np.zeros_like(x)),
     )
     return track, deviation
 
 
-def paper_figures(results: Results) -> Iterator[tuple[FigureText, Figure]]:
+def paper_figures(results: Results, titles: list[str]) -> Iterator[tuple[FigureText, Figure]]:
     """Figures 2 to 11, as far as the envelopes hold their channels."""
     names = results.controllers
-    titles = [controller_label(name) for name in names]
     colors = list(controller_colors(names).values())
     tracks = [_ground_track(results, name) for name in names]
     kept = [track for track in tracks if track is not None]

@@ -1,0 +1,17 @@
+from campaign.fake_flight import ENGINE, write_campaign
+from campaign.search.line_flight import METRIC
+
+from abhv_mc.campaign.search.flights import SearchRequest
+from abhv_mc.campaign.search.worst import WorstSettings, find_worst
+from abhv_mc.report.worst_page import write_worst_page
+
+
+def test_a_worst_case_that_ends_early_is_told_by_its_end(tmp_path):
+    request = SearchRequest(write_campaign(tmp_path / "files"), tmp_path / "out")
+    found = find_worst(request, WorstSettings(METRIC, flights=400), ENGINE)
+    page = write_worst_page(found, tmp_path / "out/report.html").read_text(encoding="utf-8")
+    end = found.flights.values[found.worst, -1]
+    assert f"ended early, at {end:.4g} s" in page
+    assert "worse than any value of" in page and "below, the earliest such end" in page
+    assert "the flight does not end early" in page  # where sensitivities have no bar
+    assert f"replay {tmp_path / 'out'} --flight {found.worst} --controller" in page
