@@ -1,27 +1,39 @@
 """``abhv-mc rare``: the probability of a rare failure."""
 
 import sys
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from abhv_mc.cli.errors import ExitCode
+from abhv_mc.cli.searching import (
+    CampaignFile,
+    Controller,
+    Folder,
+    Fresh,
+    JsonFile,
+    Scheduler,
+    Seed,
+    Shard,
+    Workers,
+    refuse_shard,
+    write_json,
+)
 
 
 def command(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.yaml", help="Campaign file.")],
+    campaign: CampaignFile,
     requirement: Annotated[str, typer.Option(help="Metric of the requirement.")],
-    out: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the flights and the page.")],
-    controller: Annotated[str | None, typer.Option(help="Controller.", show_default="the first")] = None,
+    out: Folder,
+    controller: Controller = None,
     target_cov: Annotated[float, typer.Option(min=0.01, max=1.0, help="Coefficient of variation to reach.")] = 0.2,
     flights: Annotated[int, typer.Option(min=1, help="Flights at most.")] = 20_000,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed.", show_default="the campaign's")] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Flights in parallel.", show_default="cores")] = None,
-    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Fly on this Dask cluster.")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result.")] = None,
-    shard: Annotated[str | None, typer.Option(hidden=True)] = None,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Delete what the folder holds first.")] = False,
+    seed: Seed = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    json_file: JsonFile = None,
+    shard: Shard = None,
+    fresh: Fresh = False,
 ) -> None:
     """Estimate the probability that a flight breaks a requirement, from 1e-2 to 1e-7, by subset simulation.
 
@@ -29,7 +41,6 @@ def command(
     contradict each other, so that there is no trustworthy estimate. Ctrl-C keeps what was flown.
     """
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.cli.searching import refuse_shard, write_json
 
     refuse_shard(shard)
     announce_compiling()

@@ -7,19 +7,20 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
+from abhv_mc.cli.searching import CampaignFile, Controller, JsonFile, Seed, Shard, Workers, refuse_shard, write_json
 
 
 def command(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.yaml", help="Campaign file.")],
+    campaign: CampaignFile,
     out: Annotated[Path, typer.Option("--output", "-o", metavar="NEW.yaml", help="Controller file to write.")],
-    controller: Annotated[str | None, typer.Option(help="Controller.", show_default="the first")] = None,
+    controller: Controller = None,
     block: Annotated[
         Path | None, typer.Option("--tune", metavar="FILE", help="File with the block 'tune'.", show_default="CAMPAIGN")
     ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed.", show_default="the campaign's")] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Flights in parallel.", show_default="cores")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result.")] = None,
-    shard: Annotated[str | None, typer.Option(hidden=True)] = None,
+    seed: Seed = None,
+    workers: Workers = None,
+    json_file: JsonFile = None,
+    shard: Shard = None,
 ) -> None:
     """Tune the free numbers of a controller on common flights, and validate them on fresh ones.
 
@@ -27,7 +28,6 @@ def command(
     page beside it shows either. Ctrl-C keeps what was flown.
     """
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.cli.searching import refuse_shard, write_json
 
     refuse_shard(shard)
     announce_compiling()

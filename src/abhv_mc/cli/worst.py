@@ -1,37 +1,48 @@
 """``abhv-mc worst``: the worst case over the box of a campaign's dispersions."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from abhv_mc.cli.errors import ExitCode
+from abhv_mc.cli.searching import (
+    CampaignFile,
+    Controller,
+    Folder,
+    Fresh,
+    JsonFile,
+    Scheduler,
+    Seed,
+    Shard,
+    Workers,
+    refuse_shard,
+    write_json,
+)
 from abhv_mc.io.input_error import InputError
 
 
 def command(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.yaml", help="Campaign file.")],
+    campaign: CampaignFile,
     metric: Annotated[str, typer.Option(help="Metric to search.")],
-    out: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the flights and the page.")],
-    controller: Annotated[str | None, typer.Option(help="Controller.", show_default="the first")] = None,
+    out: Folder,
+    controller: Controller = None,
     above: Annotated[bool, typer.Option("--above", help="Large values are bad (the default).")] = False,
     below: Annotated[bool, typer.Option("--below", help="Small values are bad.")] = False,
     flights: Annotated[int, typer.Option(min=1, help="Flights of the search; as many random ones follow.")] = 2000,
     box: Annotated[float, typer.Option(min=0.1, max=8.0, help="Box of unbounded laws, sigma.")] = 3.0,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed.", show_default="the campaign's")] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Flights in parallel.", show_default="cores")] = None,
-    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Fly on this Dask cluster.")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result.")] = None,
-    shard: Annotated[str | None, typer.Option(hidden=True)] = None,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Delete what the folder holds first.")] = False,
+    seed: Seed = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    json_file: JsonFile = None,
+    shard: Shard = None,
+    fresh: Fresh = False,
 ) -> None:
     """Search the box of the dispersions for the worst value of a metric.
 
-    Bounded laws span their range, others so many sigma. Corners first, then CMA-ES, then a local polish; random flights
-    in the same box for comparison. It says what can happen, not how often. Ctrl-C keeps what was flown.
+    Bounded laws span their range, others so many sigma. Corners first, then CMA-ES, then a local polish, then random
+    flights in the same box for comparison. It says what can happen, not how often. Ctrl-C keeps what was flown.
     """
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.cli.searching import refuse_shard, write_json
 
     refuse_shard(shard)
     if above and below:

@@ -11,19 +11,9 @@ from abhv_mc.campaign.analysis.explain import Explanation
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.signals import CHANNEL_INDEX
 from abhv_mc.report.figures.explained import ExplainedPanel, plot_explained
-from abhv_mc.report.metrics import controller_label
+from abhv_mc.report.metrics import FLIGHT_PANELS, controller_label
 from abhv_mc.report.parameters import shown_value
 
-_CHANNELS = (
-    ("altitude_m", "altitude (km)", 1e-3),
-    ("speed_mps", "speed (m/s)", 1.0),
-    ("angle_of_attack_deg", "angle of attack (deg)", 1.0),
-    ("sideslip_deg", "sideslip (deg)", 1.0),
-    ("bank_deg", "bank (deg)", 1.0),
-    ("elevator_deg", "elevator (deg)", 1.0),
-    ("aileron_deg", "aileron (deg)", 1.0),
-    ("rudder_deg", "rudder (deg)", 1.0),
-)
 _IN_TITLE = 4
 _TITLE_WIDTH = 100
 _AFTER = 2.0  # how much of the nominal flight is shown, in lengths of flights that ended early
@@ -71,7 +61,7 @@ def make_explained_figure(found: Explanation) -> Figure:
     until = _AFTER * float(ends.max()) if early else float(ends.max())
     panels = [
         ExplainedPanel(label, list(found.block.history[:, :, CHANNEL_INDEX[name]].astype(np.float64) * scale))
-        for name, label, scale in _CHANNELS
+        for name, label, scale in FLIGHT_PANELS
     ]
     kept = f"only {len(found.causes)} of {len(found.samples)} dispersions"
     return plot_explained(title, found.block.times, until, panels, ("nominal", kept, "as flown"))

@@ -29,6 +29,18 @@ USAGE = ("aileron_rms_deg", "rudder_rms_deg", "elevator_rms_deg")
 FOLLOWING = ("angle_of_attack_error_rms_deg", "sideslip_rms_deg", "bank_error_rms_deg")
 HEADLINE = (*FOLLOWING, *HOLDING)
 
+# Channels, axes and scales of a figure of single flights.
+FLIGHT_PANELS = (
+    ("altitude_m", "altitude (km)", 1e-3),
+    ("speed_mps", "speed (m/s)", 1.0),
+    ("angle_of_attack_deg", "angle of attack (deg)", 1.0),
+    ("sideslip_deg", "sideslip (deg)", 1.0),
+    ("bank_deg", "bank (deg)", 1.0),
+    ("elevator_deg", "elevator (deg)", 1.0),
+    ("aileron_deg", "aileron (deg)", 1.0),
+    ("rudder_deg", "rudder (deg)", 1.0),
+)
+
 
 @dataclass(frozen=True)
 class MetricWords:

@@ -11,19 +11,11 @@ from abhv_mc.campaign.search.severity import rank_distinct
 from abhv_mc.flight.signals import CHANNEL_INDEX, METRIC_INDEX
 from abhv_mc.report.answer_page import CODE, LONG, SHORT, Shown, Table
 from abhv_mc.report.figures.searches import plot_flights
-from abhv_mc.report.metrics import words_of
+from abhv_mc.report.metrics import FLIGHT_PANELS, words_of
 from abhv_mc.report.parameters import shown_value
 from abhv_mc.search.evaluation import Floats
 from abhv_mc.store.flights import FlightRows
 
-_CHANNELS = (
-    ("altitude_m", "altitude (km)", 1e-3),
-    ("speed_mps", "speed (m/s)", 1.0),
-    ("angle_of_attack_deg", "angle of attack (deg)", 1.0),
-    ("sideslip_deg", "sideslip (deg)", 1.0),
-    ("bank_deg", "bank (deg)", 1.0),
-    ("elevator_deg", "elevator (deg)", 1.0),
-)
 _LISTED = 10
 _ELSEWHERE = (
     f"the worst flight, and the worst of those that lie elsewhere: at least {100 * DRAWN_APART:g} % of the range flown "
@@ -45,7 +37,8 @@ def with_unit(value: float, metric: str) -> str:
 def drawn_figure(drawn: DrawnFlights) -> Shown:
     """The drawn flights beside the nominal one."""
     panels = {
-        label: drawn.history[:, :, CHANNEL_INDEX[name]].astype(np.float64) * scale for name, label, scale in _CHANNELS
+        label: drawn.history[:, :, CHANNEL_INDEX[name]].astype(np.float64) * scale
+        for name, label, scale in FLIGHT_PANELS[:6]
     }
     labels = ["nominal", *(f"flight {number}" for number in drawn.numbers)]
     caption = f"{_ELSEWHERE[:1].upper()}{_ELSEWHERE[1:]}; beside the nominal one. A line ends where its flight ended."
