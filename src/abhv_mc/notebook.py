@@ -163,7 +163,8 @@ class CampaignResults:
     @property
     def answer(self) -> list[str]:
         """The campaign's answer in sentences."""
-        from abhv_mc.report.answer import answer_sentences, sureness_sentence
+        from abhv_mc.report.answer import answer_sentences
+        from abhv_mc.report.sureness import sureness_sentence
 
         return [*answer_sentences(self.numbers), sureness_sentence(self.numbers)]
 

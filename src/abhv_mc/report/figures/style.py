@@ -135,7 +135,7 @@ def put_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) ->
     figure.legend(
         handles,
         labels,
-        loc=f"{'outside ' if figure.get_layout_engine() else ''}lower center",
+        loc="outside lower center" if figure.get_layout_engine() else "lower center",
         ncols=len(labels),
         borderaxespad=0.2,
         handlelength=1.8,
