@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import fftconvolve
 from scipy.special import gammaln, xlog1py, xlogy
 
 from abhv_mc.statistics.estimates import Floats
@@ -42,6 +41,13 @@ def binomial_window(flights: int, rate: float) -> tuple[int, Floats]:
     return low, np.exp(logarithm + xlogy(count, rate) + xlog1py(flights - count, -rate))
 
 
+def _convolve_large(a: Floats, b: Floats) -> Floats:
+    from scipy.signal import fftconvolve  # half a second of imports that most commands do not need
+
+    found: Floats = np.maximum(fftconvolve(a, b), 0.0)
+    return found
+
+
 def cross(looks: Sequence[int], accept: Sequence[int], reject: Sequence[int], rate: float) -> Crossing:
     """Chances to pass (failures at most `accept`) and to fail (at least `reject`) at each look, first come first."""
     passed, failed, reached = np.zeros(len(looks)), np.zeros(len(looks)), np.zeros(len(looks))
@@ -52,7 +58,7 @@ def cross(looks: Sequence[int], accept: Sequence[int], reject: Sequence[int], ra
         reached[i] = inside.sum()
         start, more = binomial_window(look - before, rate)
         direct = inside.size * more.size <= _DIRECT
-        inside = np.convolve(inside, more) if direct else np.maximum(fftconvolve(inside, more), 0.0)
+        inside = np.convolve(inside, more) if direct else _convolve_large(inside, more)
         first, before = first + start, look
         below = int(np.clip(low + 1 - first, 0, inside.size))
         above = int(np.clip(high - first, below, inside.size))
