@@ -9,21 +9,37 @@ import pytest
 from abhv_mc.control import columns as ref
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.prepare import prepare
-from abhv_mc.flight.ripple import N_RIPPLE_ROWS, follow_ripple
+from abhv_mc.flight.ripple import N_RIPPLE_ROWS, WIGGLE, follow_ripple
 from abhv_mc.flight.signals import CHANNEL_INDEX, METRIC_INDEX
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
 
 
-def expected_ripple(error, settled) -> float:
+def turning_points(stretch, wiggle) -> list[int]:
+    """Where it turns back by more than ``wiggle`` of the swing or of the one before; the first swing begins at 0."""
+    moving = np.flatnonzero(np.diff(stretch))
+    if not moving.size:
+        return []
+    way = np.sign(stretch[moving[0] + 1] - stretch[moving[0]])
+    turns, last, seen, before = [], stretch[0], 0, 0.0
+    while True:
+        rising = way * stretch[seen:]
+        top = np.maximum.accumulate(rising)
+        back = top - rising
+        enough = np.flatnonzero((back > 0.0) & (back >= wiggle * np.maximum(top - way * last, before)))
+        if not enough.size:
+            return turns
+        turns.append(seen + int(np.argmax(rising[: enough[0]])))
+        before, last, seen, way = abs(stretch[turns[-1]] - last), stretch[turns[-1]], seen + int(enough[0]), -way
+
+
+def expected_ripple(error, settled, wiggle=0.0) -> float:
     """Largest swing between turning points with an opposite one of at least half its size after it, by definition."""
     starts = np.flatnonzero(settled & ~np.concatenate([[False], settled[:-1]]))
     stops = np.flatnonzero(settled & ~np.concatenate([settled[1:], [False]])) + 1
     found = 0.0
     for stretch in (error[start:stop] for start, stop in zip(starts, stops, strict=True)):
-        moves = np.diff(stretch)
-        moving = np.flatnonzero(moves)
-        turns = moving[1:][np.sign(moves[moving[1:]]) != np.sign(moves[moving[:-1]])]
+        turns = turning_points(stretch, wiggle)
         points = stretch[turns]
         for i in range(1, len(points)):
             after = stretch[turns[i] : turns[i + 1] + 1 if i + 1 < len(points) else None]
@@ -54,6 +70,14 @@ def test_it_is_the_definition_on_any_signal_without_wiggles(seed: int) -> None:
     error = zigzag(generator)
     settled = np.repeat(generator.uniform(size=error.size // 8) < 0.8, 8)
     assert follow(error, settled) == pytest.approx(expected_ripple(error, settled), rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_it_is_the_definition_on_any_signal(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    error = np.cumsum(generator.normal(size=600)) if seed % 2 else np.round(generator.normal(size=600), 1)
+    settled = np.repeat(generator.uniform(size=12) < 0.8, 50)
+    assert follow(error, settled) == pytest.approx(expected_ripple(error, settled, WIGGLE), rel=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -89,9 +113,9 @@ def test_the_metrics_are_those_of_the_recorded_flight(name: str) -> None:
     for row, metrics in zip(block.history.astype(np.float64), block.metrics, strict=True):
         for angle in ("bank", "angle_of_attack"):
             error = row[:, CHANNEL_INDEX[f"{angle}_deg"]] - row[:, CHANNEL_INDEX[f"{angle}_command_deg"]]
-            wanted = expected_ripple(error, settled)  # histories are float32
+            wanted = expected_ripple(error, settled, WIGGLE)  # histories are float32
             assert metrics[METRIC_INDEX[f"{angle}_ripple_deg"]] == pytest.approx(wanted, abs=2e-5, rel=1e-5)
-        wanted = expected_ripple(row[:, CHANNEL_INDEX["sideslip_deg"]], settled)
+        wanted = expected_ripple(row[:, CHANNEL_INDEX["sideslip_deg"]], settled, WIGGLE)
         assert metrics[METRIC_INDEX["sideslip_ripple_deg"]] == pytest.approx(wanted, abs=2e-5, rel=1e-5)
     if name == "lqr":  # it cycles in angle of attack, which nobody sees in its rms
         assert block.metrics[0, METRIC_INDEX["angle_of_attack_ripple_deg"]] > 5.0
