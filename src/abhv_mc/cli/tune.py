@@ -7,7 +7,17 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.searching import CampaignFile, Controller, JsonFile, Seed, Shard, Workers, refuse_shard, write_json
+from abhv_mc.cli.searching import (
+    CampaignFile,
+    Controller,
+    JsonFile,
+    Scheduler,
+    Seed,
+    Shard,
+    Workers,
+    refuse_shard,
+    write_json,
+)
 
 
 def command(
@@ -19,6 +29,7 @@ def command(
     ] = None,
     seed: Seed = None,
     workers: Workers = None,
+    scheduler: Scheduler = None,
     json_file: JsonFile = None,
     shard: Shard = None,
 ) -> None:
@@ -34,7 +45,7 @@ def command(
     from abhv_mc.campaign.search.tune import TuneRequest, tune_controller
     from abhv_mc.report.tune_page import write_tune_page
 
-    found = tune_controller(TuneRequest(campaign, out, controller, block, seed, workers))
+    found = tune_controller(TuneRequest(campaign, out, controller, block, seed, workers, scheduler))
     write_json(json_file, found.as_json())
     page = write_tune_page(found, out.with_suffix(".html"))
     gain = found.validation.difference

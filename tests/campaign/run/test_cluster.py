@@ -14,10 +14,16 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from campaign.fake_flight import DENSITY, ENGINE, fly, write_campaign
+from campaign.search import tuned_flight
+from campaign.search.line_flight import LINE, METRIC, write_line
 
 from abhv_mc.campaign.run.retry import UnusableError
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request, make_engine
+from abhv_mc.campaign.search.flights import SearchRequest
+from abhv_mc.campaign.search.rare import RareSettings, find_rare
+from abhv_mc.campaign.search.tune import tune_controller
+from abhv_mc.campaign.search.worst import WorstSettings, find_worst
 from abhv_mc.cli.errors import ExitCode, exit_code_of
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import shipped_campaigns
@@ -217,3 +223,20 @@ def test_no_scheduler_is_bad_input(tmp_path, monkeypatch, address):
     with pytest.raises(InputError, match="no scheduler"):
         run_campaign(request, ENGINE)
     assert not (tmp_path / "out").exists()
+
+
+def test_searches_find_the_same_on_a_cluster(tmp_path, two_workers):
+    line, address = write_line(tmp_path / "files"), two_workers.address
+    for find, settings in (
+        (find_rare, RareSettings(METRIC, flights=2000, target_cov=0.5)),
+        (find_worst, WorstSettings(METRIC, flights=200)),
+    ):
+        here, there = (
+            find(SearchRequest(line, tmp_path / f"{find.__name__}{i}", scheduler=where), settings, LINE).numbers()
+            for i, where in enumerate((None, address))
+        )
+        assert here == there
+    request = tuned_flight.write_tuned(tmp_path)
+    here = tune_controller(request, tuned_flight.ENGINE).as_json()
+    elsewhere = replace(request, out=tmp_path / "there.yaml", scheduler=address)
+    assert tune_controller(elsewhere, tuned_flight.ENGINE).as_json() == here

@@ -37,6 +37,7 @@ Code = tuple[OwnSource | None, OwnSource | None]  # of a law and of channels of 
 
 _CONNECT = 10.0  # s to find the scheduler
 _PER_THREAD = 2  # blocks under way for each thread of the cluster, so that none waits for the next one
+_MOST_PLANS = 32  # held on the cluster: `tune` has one for each candidate
 _FEWEST = 16  # blocks under way at least: room for workers that join later
 _warm: set[tuple[str, str, str]] = set()
 _warming = threading.Lock()
@@ -100,8 +101,10 @@ class Cluster:
         """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
         with self._lock:
             if id(plan) not in self._plans:
+                while len(self._plans) >= _MOST_PLANS:  # the oldest; flights under way hold it on their own
+                    del self._plans[next(iter(self._plans))]
                 self._plans[id(plan)] = self._client.submit(hold_plan, flatten(plan)), plan
-        future, _ = self._plans[id(plan)]
+            future, _ = self._plans[id(plan)]
         code = plan.source, plan.channels_source
         return fly_with_retries(lambda rows: self._attempt(future, code, rows, every), plan, parameters, every)
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import THREADS
 from abhv_mc.campaign.file.resolve import resolve_campaign
 from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
+from abhv_mc.campaign.run.cluster import connect_cluster
 from abhv_mc.campaign.run.executor import open_executor
 from abhv_mc.campaign.run.progress import Progress
 from abhv_mc.campaign.run.setup import Engine, make_engine
@@ -40,6 +42,7 @@ class TuneRequest:
     block: Path | None = None  # a file that holds the block ``tune``; the campaign's by default
     seed: int | None = None
     workers: int | None = None
+    scheduler: str | None = None  # of a Dask cluster
 
 
 @dataclass(frozen=True)
@@ -173,7 +176,9 @@ def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneF
     execution = model.execution.model_copy(update={"isolation": THREADS})
     text = json.dumps([resolve_campaign(campaign).identity, name, block.model_dump(), model.seed, engine.source])
     kept = request.out.with_suffix(".tuning")
-    with hold_lock(kept / ".lock"), open_executor(engine, execution, request.workers, None) as executor:
+    with hold_lock(kept / ".lock"), ExitStack() as stack:
+        cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
+        executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))
         identity = hashlib.sha256(text.encode()).hexdigest()
         vehicles = cornered_vehicles(space, block)
         trials = Trials(campaign, name, space, numbers, kept, identity, engine, executor, vehicles, block.margins_at)
