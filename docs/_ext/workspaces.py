@@ -1,4 +1,4 @@
-"""Folders below ``_build/work`` where the pages' commands and cells run, and the campaign that several pages show."""
+"""Folders below ``_build/flown`` where the pages' commands and cells run, and the campaign that several pages show."""
 
 import hashlib
 import re
@@ -17,7 +17,7 @@ PROGRAM = Path(abhv_mc.__file__).parent
 def prepare(app) -> None:
     """Folders with what the pages begin from."""
     source = Path(app.srcdir)
-    work = source / "_build" / "work"
+    work = source / "_build" / "flown"
     for folder in work.iterdir() if work.is_dir() else ():
         if folder.name != "study":
             rmtree(folder)
