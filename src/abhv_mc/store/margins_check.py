@@ -40,7 +40,7 @@ class _AllLoops(Entries):
 class _Controller(Entries):
     fault: Text | None = None
     nominal: list[dict[Text, Any]] | None = None
-    corners: list[dict[Text, Text | Margin]] = []
+    corners: list[dict[Text, bool | Text | Margin]] = []
     corners_unstable: Count = 0
 
     @model_validator(mode="after")

@@ -103,7 +103,7 @@ def test_a_lost_block_shows_in_the_digest_or_is_flown_again(tmp_path):
 def test_a_flipped_bit_in_a_part_is_told_or_mended(tmp_path, exact, monkeypatch):
     """Margins of the campaign among the files: the parts have none, the merged campaign has its own."""
     monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
-    engine = replace(ENGINE, find_stability=lambda campaign: {"runs": campaign.runs})
+    engine = replace(ENGINE, find_stability=lambda campaign, plans: {"runs": campaign.runs})
     keep = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: [altitude_m]}}"
     campaign, parts = fly_shards(tmp_path, 2, runs="60", keep=keep, execution="{batch: 15}")
     whole = run_campaign(Request(campaign, tmp_path / "whole"), engine).manifest
