@@ -118,6 +118,27 @@ def test_replay_is_the_same_flight_at_full_rate(abhv_mc, flown, tmp_path):
     assert set(history["flight"].to_pylist()) == {17}
 
 
+@pytest.mark.parametrize("place", ["samples.parquet", "flights/other.parquet"])
+def test_replay_writes_over_nothing_of_the_campaigns(abhv_mc, flown, place):
+    before = sorted((path, path.read_bytes()) for path in flown.rglob("*.parquet"))
+    code, _, error = abhv_mc("replay", flown, "--flight", 17, "--controller", "two", "-o", flown / place)
+    assert code == 2 and "a place of the campaign's own files" in error
+    assert sorted((path, path.read_bytes()) for path in flown.rglob("*.parquet")) == before
+
+
+@pytest.mark.parametrize(
+    ("sql", "words"),
+    [("select 1 a, 2 a", "several columns named a"), ("select '12:00:00+01'::timetz", "pytz"), ("selct", "LINE 1")],
+)
+def test_query_as_json_drops_nothing_and_shows_no_traceback(abhv_mc, flown, sql, words):
+    code, out, error = abhv_mc("query", flown, sql, "--json")
+    if code == 0:  # where pytz is installed
+        assert words == "pytz"
+        return
+    assert (code, out) == (2, "")
+    assert words in error and "Traceback" not in error
+
+
 def test_replay_names_what_differs(abhv_mc, flown, monkeypatch):
     def other(plan, parameters, every=None):
         block = fly(plan, parameters, every)

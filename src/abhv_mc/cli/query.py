@@ -33,16 +33,25 @@ def command(
             else:
                 answer.show(max_rows=200, max_width=200)
         except duckdb.Error as error:
-            raise InputError("query", None, None, str(error), "SQL that duckdb can answer") from None
+            words = str(error).partition("\nTraceback")[0]  # duckdb adds one where Python lacks what a type needs
+            raise InputError("query", None, None, words, "SQL that duckdb can answer") from None
 
 
 def _print_rows(columns: list[str], rows: list[tuple[object, ...]], as_json: bool) -> None:
+    """CSV as it is into a file or a pipe; on a terminal nothing that would move its cursor. Raises InputError."""
     import csv
     import json
     import sys
 
+    from abhv_mc.io.input_error import InputError, printable
+
     if as_json:
+        twice = sorted({name for name in columns if columns.count(name) > 1})
+        if twice:
+            found = f"several columns named {', '.join(twice)}"
+            raise InputError("query", None, None, found, "names of their own: select ... as ..., or --csv")
         print(json.dumps([dict(zip(columns, row, strict=True)) for row in rows], indent=2, default=str))
     else:
-        writer = csv.writer(sys.stdout, lineterminator="\n")
-        writer.writerows([columns, *rows])
+        if sys.stdout.isatty():
+            rows = [tuple(printable(cell) if isinstance(cell, str) else cell for cell in row) for row in rows]
+        csv.writer(sys.stdout, lineterminator="\n").writerows([columns, *rows])

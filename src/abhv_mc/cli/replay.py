@@ -29,6 +29,8 @@ def command(
     from abhv_mc.flight.signals import CHANNEL_INDEX
     from abhv_mc.store.histories import write_histories
 
+    if out is not None:
+        _check_place(folder, out)
     announce_compiling()
     replay = replay_flight(folder, controller, flight, make_engine().fly, trust_code=trust_code)
     end = f"{replay.outcome.code} after {replay.block.end_time[0]:g} s"
@@ -45,3 +47,17 @@ def command(
         print("metrics differ from the stored ones:", *replay.differences, sep="\n  ")
         raise typer.Exit(ExitCode.FAILED)
     print("metrics equal the stored ones bit for bit")
+
+
+def _check_place(folder: Path, out: Path) -> None:
+    """Raise InputError for an output that would be taken for one of the campaign's own files."""
+    from abhv_mc.io.input_error import InputError
+    from abhv_mc.store.folder import CampaignFolder
+    from abhv_mc.store.manifest import read_manifest
+
+    root, target = folder.resolve(), out.resolve()
+    if root not in target.parents:
+        return
+    place = target.relative_to(root)
+    if len(place.parts) > 1 or place.as_posix() in read_manifest(CampaignFolder(folder).manifest).get("files", {}):
+        raise InputError(out, None, None, "a place of the campaign's own files", "another name, or a file elsewhere")
