@@ -69,6 +69,18 @@ def test_a_block_rewritten_with_another_number_is_told(copy):
     assert "does not hold what was written" in next(verify_campaign(copy))
 
 
+def test_samples_of_another_campaign_are_told(copy):
+    """Whoever hashes the files anew still has the flights' own columns against him."""
+    table = pq.read_table(copy / "samples.parquet")
+    values = table[1].to_numpy().copy()
+    values[7] = np.nextafter(values[7], np.inf)
+    pq.write_table(table.set_column(1, table.schema.field(1), pa.array(values)), copy / "samples.parquet")
+    numbers = json.loads((copy / "report.json").read_text(encoding="utf-8"))
+    numbers["files"] = hash_files(copy)
+    (copy / "report.json").write_text(json.dumps(numbers), encoding="utf-8")
+    assert "other samples than those of samples.parquet" in next(verify_campaign(copy))
+
+
 def test_one_altered_number_is_told(copy):
     path = copy / "report.json"
     numbers = json.loads(path.read_text(encoding="utf-8"))

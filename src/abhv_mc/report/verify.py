@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.build import hash_files, hash_pages, write_json
 from abhv_mc.report.numbers import make_numbers
@@ -15,6 +17,7 @@ from abhv_mc.store.flights import DamagedFileError, read_block
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import find_damage
 from abhv_mc.store.manifest import read_manifest, read_whole_manifest
+from abhv_mc.store.samples import SampleReader
 
 _HASHED = ("files", "pages", "pictures")
 
@@ -42,14 +45,19 @@ def _short(value: Any) -> str:
 
 
 def _blocks(folder: CampaignFolder, samples: list[str]) -> Iterator[str]:
-    """Whether each block is whole, and all together have the manifest's digest."""
-    total = Digest()
+    """Whether each block is whole and of the campaign's samples, and all together have the manifest's digest."""
+    total, drawn = Digest(), SampleReader(folder.samples)
     for path in sorted(folder.flights.glob("*.parquet")):
         try:
-            total = total + read_block(path, samples).digest()
+            block = read_block(path, samples)
         except DamagedFileError as error:
             yield f"flights/{error}"
             return
+        rows = drawn.rows(block.first, block.stop)
+        if drawn.names != block.names or not np.array_equal(rows, block.samples, equal_nan=True):
+            yield f"flights/{path.name}: other samples than those of samples.parquet"
+            return
+        total = total + block.digest()
     wanted = read_manifest(folder.manifest).get("digest")
     if wanted is not None and str(total) != wanted:
         yield f"digest: {wanted} in the manifest, {total} from the flights"

@@ -55,7 +55,10 @@ def sharpen(rule: Rule, failed: NDArray[np.bool_], column: Callable[[int], Float
         bad = np.cumsum(failed[order])[tried - 1]
         worth = bad / rule.failures - (tried - bad) / rule.others
         count = int(tried[np.argmax(worth)])
-        threshold = float(values[order[count - 1]] + values[order[count]]) / 2.0
+        inside_end, outside_end = float(values[order[count - 1]]), float(values[order[count]])
+        threshold = (inside_end + outside_end) / 2.0
+        if not np.isfinite(threshold):  # times of failures that never come are infinite
+            threshold = outside_end if condition.above else inside_end
         conditions.append(replace(condition, threshold=threshold))
         inside |= _meets(conditions[-1], values)
     hits, size = int(np.sum(inside & failed)), int(inside.sum())
