@@ -29,6 +29,7 @@ from abhv_mc.campaign.run.setup import make_engine
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.campaign.search.flights import SearchFlights, SearchRequest, open_search
 from abhv_mc.campaign.search.severity import Severity
+from abhv_mc.campaign.search.worst import WorstSettings
 from abhv_mc.search.worst import search_worst
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -48,7 +49,8 @@ def measure(arguments: argparse.Namespace, isolation: str, clock: Callable[[], f
     with tempfile.TemporaryDirectory() as folder:
         request = SearchRequest(arguments.campaign, Path(folder) / "search", None, workers=arguments.workers)
         engine = replace(make_engine(), isolation=isolation)
-        with open_search(request, {"kind": "benchmark"}, 1, engine) as search:
+        settings = {"kind": "worst", **vars(WorstSettings(arguments.metric, flights=arguments.flights))}
+        with open_search(request, settings, 1, engine) as search:
             search.progress = None
             space = search.space
             bounds = space.bounds(3.0)

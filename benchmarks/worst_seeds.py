@@ -19,6 +19,7 @@ from document import write_json
 from abhv_mc.campaign.run.setup import make_engine
 from abhv_mc.campaign.search.flights import SearchRequest, open_search
 from abhv_mc.campaign.search.severity import ENDED_EARLY, Severity
+from abhv_mc.campaign.search.worst import WorstSettings
 from abhv_mc.search.worst import search_worst
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -42,7 +43,8 @@ def main() -> None:
     held, rows = 0, []
     with tempfile.TemporaryDirectory() as folder:
         request = SearchRequest(arguments.campaign, Path(folder) / "search", arguments.controller)
-        with open_search(request, {"kind": "benchmark"}, 1, make_engine()) as search:
+        settings = {"kind": "worst", **vars(WorstSettings(arguments.metric, flights=arguments.flights))}
+        with open_search(request, settings, 1, make_engine()) as search:
             search.progress = None
             space = search.space
             bounds = space.bounds(arguments.box)
