@@ -10,7 +10,7 @@ from abhv_mc.cache import own_folder
 from abhv_mc.io.input_error import InputError
 from abhv_mc.own.source import OwnSource, read_source
 
-_SIGNS = ("manifest.json", "campaign.yaml")  # of a campaign's folder: others hold either
+_SIGNS = ("manifest.json", "campaign.yaml")  # a campaign's folder holds both
 _trusted_now: set[str] = set()  # hashes of what the user of this process says that he trusts
 
 
