@@ -59,9 +59,6 @@ _WIND_NORTH = parameter_row("wind.north")
 _WIND_EAST = parameter_row("wind.east")
 _SHEAR_NORTH = parameter_row("wind.shear_north")
 _SHEAR_EAST = parameter_row("wind.shear_east")
-_AILERON_EFFECTIVENESS = parameter_row("control.aileron_effectiveness")
-_RUDDER_EFFECTIVENESS = parameter_row("control.rudder_effectiveness")
-_ELEVATOR_EFFECTIVENESS = parameter_row("control.elevator_effectiveness")
 
 _ONE = variable_row("one")
 _MACH = variable_row("mach")
@@ -199,9 +196,9 @@ def deflections(Z, width, vehicle, failing):
     ``failing``: an effector of some flight fails, see :mod:`abhv_mc.plant.failures`.
     """
     for lane in range(width):
-        Z[_DELTA_A, lane] = Z[_AILERON_EFFECTIVENESS, lane] * Z[EFFECT, lane] * Z[XS + AILERON, lane]
-        Z[_DELTA_R, lane] = Z[_RUDDER_EFFECTIVENESS, lane] * Z[EFFECT + 1, lane] * Z[XS + RUDDER, lane]
-        Z[_DELTA_E, lane] = Z[_ELEVATOR_EFFECTIVENESS, lane] * Z[EFFECT + 2, lane] * Z[XS + ELEVATOR, lane]
+        Z[_DELTA_A, lane] = Z[EFFECT, lane] * Z[XS + AILERON, lane]
+        Z[_DELTA_R, lane] = Z[EFFECT + 1, lane] * Z[XS + RUDDER, lane]
+        Z[_DELTA_E, lane] = Z[EFFECT + 2, lane] * Z[XS + ELEVATOR, lane]
         Z[_ETA, lane] = Z[XS + ETA, lane]
     set_effectors(Z, width, vehicle.effector_mix)
     if failing:

@@ -56,11 +56,11 @@ def possible_failures(Z, width, constants):
 
 @lanes
 def start_failures(Z, width):
-    """Nothing has failed."""
+    """Nothing has failed; call it when the flight's parameters stand in the lane."""
     for lane in range(width):
         for i in range(N_AXES):
             Z[s.RATE_FACTOR + i, lane] = 1.0
-            Z[s.EFFECT + i, lane] = 1.0
+            Z[s.EFFECT + i, lane] = Z[_EFFECTIVENESS + i, lane]
             Z[s.STUCK_SURFACE + i, lane] = NEVER
         for i in range(N_EFFECTORS):
             Z[s.EFFECTOR_GAIN + i, lane] = 1.0
@@ -110,7 +110,7 @@ def fail_surfaces(Z, width, constants, time):
             lost = time >= Z[_TIMES + 3 * i + 1, lane] - _SAME_TIME
             slow = time >= Z[_TIMES + 3 * i + 2, lane] - _SAME_TIME
             factor = Z[_HOW + 3 * i + 2, lane] if slow else 1.0
-            Z[s.EFFECT + i, lane] = Z[_HOW + 3 * i + 1, lane] if lost else 1.0
+            Z[s.EFFECT + i, lane] = Z[_EFFECTIVENESS + i, lane] * (Z[_HOW + 3 * i + 1, lane] if lost else 1.0)
             Z[s.RATE_FACTOR + i, lane] = factor
             fastest = constants.surface_rate_limit * Z[_RATE_LIMIT, lane] * factor
             rate = Z[X + s.AILERON_RATE + i, lane]
@@ -136,7 +136,7 @@ def fail_effectors(Z, width, vehicle, time, tick):
         for lane in range(width):
             mixed = 0.0
             for i in range(N_AXES):
-                mixed += mix[e, i] * (Z[_EFFECTIVENESS + i, lane] * Z[s.EFFECT + i, lane] * Z[X + s.AILERON + i, lane])
+                mixed += mix[e, i] * (Z[s.EFFECT + i, lane] * Z[X + s.AILERON + i, lane])
             stuck = time >= Z[_EFFECTOR_TIMES + 3 * e, lane] - _SAME_TIME
             lost = time >= Z[_EFFECTOR_TIMES + 3 * e + 1, lane] - _SAME_TIME
             slow = time >= Z[_EFFECTOR_TIMES + 3 * e + 2, lane] - _SAME_TIME
