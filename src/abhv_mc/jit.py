@@ -168,7 +168,10 @@ if _mode == "private":
     try:
         _inlined, _kernel = _make_private()
         _twice = scalar(lambda x: x + x)
-        kernel(_try_out)(np.ones(2))
+        tried = cache_folder(_mode) / "tried"
+        if not tried.exists():  # half a second, and the folder's name has this numba's version
+            kernel(_try_out)(np.ones(2))
+            tried.touch()
     except Exception as error:
         what = f"the private part of numba {numba.__version__} is another than known ({type(error).__name__}: {error})"
         warnings.warn(f"{what}: its public interface makes the same flights, slower", RuntimeWarning, stacklevel=2)

@@ -7,6 +7,7 @@ YAML 1.2, mappings with text keys only; no tags, no objects, no duplicate keys. 
 import difflib
 import sys
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -21,7 +22,7 @@ from pydantic import (
     model_validator,
 )
 
-from abhv_mc.io.document_reader import MAX_BYTES, Place, Plain, compose
+from abhv_mc.io.document_reader import MAX_BYTES, Place, Places, Plain, compose
 from abhv_mc.io.input_error import InputError, InputErrors, Refusal, describe, one_of
 
 __all__ = [
@@ -41,6 +42,8 @@ __all__ = [
 M = TypeVar("M", bound=BaseModel)
 _SAID = 50  # mistakes of one file that are said; the next run says others
 Key = str | int
+_MOST_COMPOSED = 64  # files whose content is remembered
+_composed: dict[bytes, tuple[Plain, Places, Places]] = {}
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,11 @@ def read_document(path: "str | Path | Document") -> Document:
         raise InputError(path, None, None, "a folder", "a YAML file") from None
     except OSError as error:
         raise InputError(path, None, None, f"a file that cannot be read ({error.strerror})", "a YAML file") from None
-    return Document(path, *compose(path, raw))
+    if raw not in _composed:  # a campaign's files are read again from its folder
+        if len(_composed) >= _MOST_COMPOSED:
+            _composed.clear()
+        _composed[raw] = compose(path, raw)
+    return Document(path, *deepcopy(_composed[raw]))
 
 
 def write_document(path: str | Path, data: Plain, comment: str = "") -> None:

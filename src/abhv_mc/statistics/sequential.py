@@ -14,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from abhv_mc.statistics.boundaries import Boundary, Counts, Mixture, looks_at
 from abhv_mc.statistics.crossing import Crossing, cross
@@ -152,6 +151,8 @@ def sequential_lower_bound(verdict: SequentialVerdict, plan: SequentialPlan) -> 
     least = 1e-12
     if at_least_as_good(verdict, plan, least) >= plan.risk:
         return 0.0
+    from scipy.optimize import brentq  # a third of a second of imports that most commands do not need
+
     bound = brentq(lambda p: at_least_as_good(verdict, plan, p) - plan.risk, least, 1.0 - 1e-15, xtol=1e-14)
     return float(bound)
 

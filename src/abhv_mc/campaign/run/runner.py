@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.envelopes.collector import Cells, Collector, make_collector
-from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.run.batches import Backpressure, Block, Mask, choose_batch, closing_quietly, cut_blocks, fly_block
 from abhv_mc.campaign.run.cluster import connect_cluster
 from abhv_mc.campaign.run.every_tick import BinnedBlock
@@ -33,7 +32,6 @@ from abhv_mc.campaign.run.setup import (
 )
 from abhv_mc.campaign.run.stopping import find_goal
 from abhv_mc.campaign.run.tally import Tally, judge_requirements, make_rules, make_tallies
-from abhv_mc.campaign.run.worker_pool import start_fork_server
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
@@ -84,8 +82,6 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
         cluster = None
         if request.scheduler is not None:
             cluster = stack.enter_context(connect_cluster(request.scheduler, engine))
-        elif engine.isolation == PROCESSES:
-            start_fork_server(engine.fly)  # while the campaign is made ready
         opened = open_campaign(request, engine, stack)
         execution = opened.campaign.model.execution
         executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))

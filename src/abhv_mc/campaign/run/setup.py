@@ -29,6 +29,7 @@ from abhv_mc.campaign.run.batches import Fly
 from abhv_mc.campaign.run.margin_plans import make_margin_plans
 from abhv_mc.campaign.run.stability import describe_stability
 from abhv_mc.campaign.run.trial_flights import fly_trials
+from abhv_mc.campaign.run.worker_pool import start_fork_server
 from abhv_mc.flight.own_law import open_law
 from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.io.documents import Document, InputError
@@ -147,6 +148,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
         if held is None:
             files.adopt()
         return replace(_resume(folder, wanted, engine, request, files), asked=asked)
+    _start_workers(request, engine)
     resolved = resolve_campaign(wanted)
     plans = _take_plans(request.plans_from, resolved, asked, engine, request.trust_code)
     plans = plans or make_plans(wanted, asked, engine)
@@ -170,6 +172,12 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     manifest["files"] = files.listed()
     write_manifest(folder.manifest, manifest)
     return OpenCampaign(folder, wanted, plans, manifest, asked, files, margin_plans)
+
+
+def _start_workers(request: Request, engine: Engine) -> None:
+    """Have worker processes import what they need while the campaign is made ready."""
+    if request.scheduler is None and engine.isolation == PROCESSES:
+        start_fork_server(engine.fly)
 
 
 def _check_shard(request: Request, campaign: CheckedCampaign) -> None:
@@ -220,6 +228,7 @@ def _resume(
     longer = longer or not intact  # or killed while it grew
     if added or longer or manifest.get("state") != COMPLETE:
         check_source(folder, manifest, engine)
+        _start_workers(request, engine)
     if added:
         new = make_plans(wanted, added, engine)
         _try_out(wanted, new, engine)
@@ -241,7 +250,8 @@ def _resume(
         name: mend_plan(folder, name, files, partial(_make_plan, campaign, name, engine), request.trust_code)
         for name in campaign.model.controllers
     }
-    manifest["warnings"] = find_warnings(plans, campaign)
+    if added or longer or "warnings" not in manifest:
+        manifest["warnings"] = find_warnings(plans, campaign)
     if added or not (files.holds(folder.nominal) and files.holds(folder.reference)):
         _write_nominal(folder, campaign, plans, _try_out(campaign, plans, engine))
     return OpenCampaign(folder, campaign, plans, manifest, (), files, make_margin_plans(campaign, plans, engine.device))

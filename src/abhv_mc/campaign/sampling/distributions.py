@@ -75,10 +75,8 @@ class Uniform(_Distribution):
     high: Value | None = Field(None, description=_HIGH)
 
     def draw_from(self, parameter: Parameter) -> Marginal:
-        from scipy import stats
-
         low, high = self._range(parameter, parameter.nominal)
-        return ContinuousMarginal(stats.uniform(low, high - low))
+        return ContinuousMarginal("uniform", (low, high - low))
 
 
 class Normal(_Distribution):
@@ -89,11 +87,8 @@ class Normal(_Distribution):
     mean: Value | None = Field(None, description="left out: the nominal value")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
-        from scipy import stats
-
-        return ContinuousMarginal(
-            stats.norm(_or(self._read("mean", parameter), parameter), self._positive("sigma", parameter))
-        )
+        mean, sigma = _or(self._read("mean", parameter), parameter), self._positive("sigma", parameter)
+        return ContinuousMarginal("norm", (mean, sigma))
 
 
 class TruncatedNormal(_Distribution):
@@ -107,14 +102,14 @@ class TruncatedNormal(_Distribution):
     high: Value | None = Field(None, description=_HIGH)
 
     def draw_from(self, parameter: Parameter) -> Marginal:
-        from scipy import stats
+        from scipy.special import ndtr
 
         mean, sigma = _or(self._read("mean", parameter), parameter), self._positive("sigma", parameter)
         low, high = self._range(parameter, mean)
-        law = stats.truncnorm((low - mean) / sigma, (high - mean) / sigma, mean, sigma)
-        if not stats.norm(mean, sigma).cdf(high) - stats.norm(mean, sigma).cdf(low) > 1e-9:
+        ends = (low - mean) / sigma, (high - mean) / sigma
+        if not ndtr(ends[1]) - ndtr(ends[0]) > 1e-9:
             raise Refusal("a range that the normal distribution never meets", "a range nearer to the mean", ("sigma",))
-        return ContinuousMarginal(law)
+        return ContinuousMarginal("truncnorm", (*ends, mean, sigma))
 
 
 class Triangular(_Distribution):
@@ -127,13 +122,11 @@ class Triangular(_Distribution):
     high: Value | None = Field(None, description=_HIGH)
 
     def draw_from(self, parameter: Parameter) -> Marginal:
-        from scipy import stats
-
         mode = _or(self._read("mode", parameter), parameter)
         low, high = self._range(parameter, mode)
         if not low <= mode <= high:
             raise Refusal(f"a mode of {mode:g} outside {low:g} .. {high:g}", "a mode in the range")
-        return ContinuousMarginal(stats.triang((mode - low) / (high - low), low, high - low))
+        return ContinuousMarginal("triang", ((mode - low) / (high - low), low, high - low))
 
 
 class Lognormal(_Distribution):
@@ -144,8 +137,6 @@ class Lognormal(_Distribution):
     median: Value | None = Field(None, description="left out: the nominal value")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
-        from scipy import stats
-
         sigma = _parse(self.sigma, "-", "sigma")
         median = _or(self._read("median", parameter), parameter)
         if sigma <= 0.0:
@@ -153,7 +144,7 @@ class Lognormal(_Distribution):
         if median <= 0.0:
             where = ("median",) if self.median is not None else ()
             raise Refusal(f"a median of {median:g}", "a median above zero", where)
-        return ContinuousMarginal(stats.lognorm(sigma, scale=median))
+        return ContinuousMarginal("lognorm", (sigma, 0.0, median))
 
 
 class Beta(_Distribution):
@@ -167,10 +158,8 @@ class Beta(_Distribution):
     high: Value | None = Field(None, description=_HIGH)
 
     def draw_from(self, parameter: Parameter) -> Marginal:
-        from scipy import stats
-
         low, high = self._range(parameter, parameter.nominal)
-        return ContinuousMarginal(stats.beta(self.a, self.b, low, high - low))
+        return ContinuousMarginal("beta", (self.a, self.b, low, high - low))
 
 
 class Discrete(_Distribution):
@@ -214,15 +203,16 @@ class Scipy(_Distribution):
         if self.law not in names:
             raise Refusal(f"law '{self.law}'", one_of(names, self.law), ("law",))
         law = getattr(stats, self.law)
-        shapes = [name.strip() for name in (law.shapes or "").split(",") if name.strip()]
+        shapes = [name.strip() for name in (law.shapes or "").split(",") if name.strip()]  # in the law's order
         if sorted(self.shapes) != sorted(shapes):
             found = f"shapes {', '.join(self.shapes) or 'none'}"
             raise Refusal(found, f"shapes {', '.join(shapes) or 'none'} for '{self.law}'")
         scale = 1.0 if self.scale is None else self._positive("scale", parameter)
-        frozen = law(**self.shapes, loc=self._read("loc", parameter) or 0.0, scale=scale)
-        if not np.all(np.isfinite(frozen.ppf([1e-6, 0.5, 1.0 - 1e-6]))):
+        loc = self._read("loc", parameter) or 0.0
+        marginal = ContinuousMarginal(self.law, (*(self.shapes[name] for name in shapes), loc, scale))
+        if not np.all(np.isfinite(marginal.ppf(np.array([1e-6, 0.5, 1.0 - 1e-6])))):
             raise Refusal(f"shapes that '{self.law}' does not take", "shape parameters in the distribution's domain")
-        return ContinuousMarginal(frozen)
+        return marginal
 
 
 Distribution = Annotated[

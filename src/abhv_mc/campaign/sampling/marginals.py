@@ -1,6 +1,7 @@
 """Marginal distributions in SI: what a design's probabilities are turned into values by."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -30,9 +31,17 @@ class Marginal(Protocol):
 
 @dataclass(frozen=True)
 class ContinuousMarginal:
-    """A frozen continuous distribution of scipy.stats."""
+    """A continuous distribution of scipy.stats by its name, with its shape parameters, location and scale."""
 
-    frozen: Any = field(repr=False)
+    law: str
+    arguments: tuple[float, ...]
+
+    @cached_property
+    def frozen(self) -> Any:
+        """The distribution of scipy.stats, which takes most of a second to import: nothing that is there needs it."""
+        from scipy import stats
+
+        return getattr(stats, self.law)(*self.arguments)
 
     def ppf(self, probability: Floats) -> Floats:
         return np.asarray(self.frozen.ppf(probability), np.float64)
