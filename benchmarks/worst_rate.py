@@ -25,7 +25,7 @@ from document import write_json
 
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
 from abhv_mc.campaign.run.batches import choose_batch
-from abhv_mc.campaign.run.setup import make_engine
+from abhv_mc.campaign.run.engine import make_engine
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.campaign.search.flights import SearchFlights, SearchRequest, open_search
 from abhv_mc.campaign.search.severity import Severity

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from document import write_json
 
-from abhv_mc.campaign.run.setup import make_engine
+from abhv_mc.campaign.run.engine import make_engine
 from abhv_mc.campaign.search.flights import SearchRequest, open_search
 from abhv_mc.campaign.search.severity import ENDED_EARLY, Severity
 from abhv_mc.campaign.search.worst import WorstSettings

@@ -25,7 +25,7 @@ def flown(tmp_path_factory):
 
 @pytest.fixture
 def fake(monkeypatch):
-    monkeypatch.setattr("abhv_mc.campaign.run.setup.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.campaign.run.engine.make_engine", lambda: ENGINE)
 
 
 def test_the_import_takes_nothing_heavy():

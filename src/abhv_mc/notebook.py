@@ -232,7 +232,7 @@ class CampaignResults:
         import pandas as pd
 
         from abhv_mc.campaign.analysis.replay import replay_flight
-        from abhv_mc.campaign.run.setup import make_engine
+        from abhv_mc.campaign.run.engine import make_engine
         from abhv_mc.flight.signals import CHANNEL_INDEX
 
         again = replay_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly)
@@ -245,7 +245,7 @@ class CampaignResults:
     def explain(self, flight: int, controller: str | None = None, requirement: str | None = None) -> "Explanation":
         """The smallest set of a failing flight's dispersions with which it still fails; see ``abhv-mc explain``."""
         from abhv_mc.campaign.analysis.explain import explain_flight
-        from abhv_mc.campaign.run.setup import make_engine
+        from abhv_mc.campaign.run.engine import make_engine
 
         return explain_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly, requirement)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.campaign.run.setup import Engine
+from abhv_mc.campaign.run.engine import Engine
 from abhv_mc.control.columns import REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.flight.declared import NO_METRICS
 from abhv_mc.flight.outcome import Outcome

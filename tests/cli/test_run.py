@@ -21,7 +21,7 @@ from abhv_mc.cli.run import finish
 def fake_engine(monkeypatch, tmp_path):
     """Cheap flights, in a folder of their own."""
     monkeypatch.setattr("abhv_mc.campaign.run.runner.make_engine", lambda: ENGINE)
-    monkeypatch.setattr("abhv_mc.campaign.run.setup.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.campaign.run.engine.make_engine", lambda: ENGINE)
     monkeypatch.chdir(tmp_path)
 
 
@@ -145,7 +145,7 @@ def test_replay_names_what_differs(abhv_mc, flown, monkeypatch):
         block.metrics[:, 3] = np.nextafter(block.metrics[:, 3], 1e9)
         return block
 
-    monkeypatch.setattr("abhv_mc.campaign.run.setup.make_engine", lambda: type(ENGINE)(ENGINE.prepare, other, "fake"))
+    monkeypatch.setattr("abhv_mc.campaign.run.engine.make_engine", lambda: type(ENGINE)(ENGINE.prepare, other, "fake"))
     code, out, _ = abhv_mc("replay", flown, "--flight", 17, "--controller", "two")
     assert code == 1 and "speed_error_max_mps" in out and "differ" in out
 

@@ -17,7 +17,7 @@ from abhv_mc.store.manifest import read_manifest, write_manifest
 @pytest.fixture(autouse=True)
 def fake_engine(monkeypatch, tmp_path):
     """Cheap flights, in a folder of their own."""
-    for module in ("search.worst", "search.rare", "search.tune", "run.runner", "run.setup"):
+    for module in ("search.worst", "search.rare", "search.tune", "run.runner", "run.engine"):
         monkeypatch.setattr(f"abhv_mc.campaign.{module}.make_engine", lambda: LINE)
     monkeypatch.chdir(tmp_path)
 

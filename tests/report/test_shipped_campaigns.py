@@ -7,8 +7,9 @@ from functools import cache
 import pytest
 
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.run.engine import make_engine
 from abhv_mc.campaign.run.runner import run_campaign
-from abhv_mc.campaign.run.setup import Request, make_engine
+from abhv_mc.campaign.run.setup import Request
 from abhv_mc.report.build import build_report
 from abhv_mc.report.verify import verify_campaign
 from abhv_mc.shipped import shipped_campaigns

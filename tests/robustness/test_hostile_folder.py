@@ -46,7 +46,7 @@ def folder(flown, tmp_path):
 @pytest.fixture
 def abhv_mc(monkeypatch, capfd, tmp_path):
     """Run the program within a time limit; gives exit code and all that it said."""
-    for place in ("runner", "setup"):
+    for place in ("runner", "engine"):
         monkeypatch.setattr(f"abhv_mc.campaign.run.{place}.make_engine", lambda: ENGINE)
     monkeypatch.chdir(tmp_path)
 

@@ -27,7 +27,7 @@ def searched(tmp_path_factory):
 
 @pytest.fixture
 def abhv_mc(monkeypatch, capfd, tmp_path):
-    for place in ("setup", "runner"):
+    for place in ("engine", "runner"):
         monkeypatch.setattr(f"abhv_mc.campaign.run.{place}.make_engine", lambda: LINE)
     monkeypatch.setattr("abhv_mc.campaign.search.worst.make_engine", lambda: LINE)
     monkeypatch.chdir(tmp_path)

@@ -28,7 +28,7 @@ def command(
     A flight failed that ended early or missed a requirement.
     """
     from abhv_mc.campaign.analysis.explain import explain_flight
-    from abhv_mc.campaign.run.setup import make_engine
+    from abhv_mc.campaign.run.engine import make_engine
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.cli.printing import print_json
     from abhv_mc.report.explained import explanation_numbers, explanation_words, write_explained_figure

@@ -24,7 +24,7 @@ def command(
     Exit code 1 where any differs.
     """
     from abhv_mc.campaign.analysis.replay import replay_flight
-    from abhv_mc.campaign.run.setup import make_engine
+    from abhv_mc.campaign.run.engine import make_engine
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.flight.signals import CHANNEL_INDEX
     from abhv_mc.store.histories import write_histories

@@ -79,7 +79,7 @@ def test_the_command_prints_the_causes_and_draws_the_flight(flown, table, monkey
 
     from abhv_mc.cli.app import app
 
-    monkeypatch.setattr("abhv_mc.campaign.run.setup.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.campaign.run.engine.make_engine", lambda: ENGINE)
     flight = int(table.query("outcome != 'ok'").index[0])
     shown = CliRunner().invoke(app, ["explain", str(flown), "--flight", str(flight), "--controller", "two"])
     assert shown.exit_code == 0, shown.exception

@@ -17,9 +17,10 @@ from campaign.fake_flight import DENSITY, ENGINE, fly, write_campaign
 from campaign.search import tuned_flight
 from campaign.search.line_flight import LINE, METRIC, write_line
 
+from abhv_mc.campaign.run.engine import make_engine
 from abhv_mc.campaign.run.retry import UnusableError
 from abhv_mc.campaign.run.runner import run_campaign
-from abhv_mc.campaign.run.setup import Request, make_engine
+from abhv_mc.campaign.run.setup import Request
 from abhv_mc.campaign.search.flights import SearchRequest
 from abhv_mc.campaign.search.rare import RareSettings, find_rare
 from abhv_mc.campaign.search.tune import tune_controller

@@ -10,8 +10,9 @@ import pytest
 from abhv_mc.campaign.analysis.explain import explain_flight
 from abhv_mc.campaign.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.run.engine import make_engine
 from abhv_mc.campaign.run.runner import run_campaign
-from abhv_mc.campaign.run.setup import Request, make_engine
+from abhv_mc.campaign.run.setup import Request
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.stability.metrics import MARGIN_NAMES, fly_with_margins

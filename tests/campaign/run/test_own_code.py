@@ -10,10 +10,11 @@ from campaign.run.test_cluster import Dask
 
 from abhv_mc.campaign.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.run.engine import make_engine
 from abhv_mc.campaign.run.estimate import estimate_campaign
 from abhv_mc.campaign.run.merge import merge_campaign
 from abhv_mc.campaign.run.runner import run_campaign
-from abhv_mc.campaign.run.setup import Request, make_engine
+from abhv_mc.campaign.run.setup import Request
 from abhv_mc.campaign.search.flights import SearchRequest
 from abhv_mc.campaign.search.tune import TuneRequest, tune_controller
 from abhv_mc.campaign.search.worst import WorstSettings, find_worst

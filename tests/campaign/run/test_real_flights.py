@@ -8,8 +8,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from abhv_mc.campaign.analysis.replay import replay_flight
+from abhv_mc.campaign.run.engine import make_engine
 from abhv_mc.campaign.run.runner import run_campaign
-from abhv_mc.campaign.run.setup import Request, make_engine
+from abhv_mc.campaign.run.setup import Request
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.shipped import shipped_campaigns

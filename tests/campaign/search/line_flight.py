@@ -3,7 +3,7 @@
 import numpy as np
 from campaign.fake_flight import DENSITY, LIFT, prepare, write_campaign
 
-from abhv_mc.campaign.run.setup import Engine
+from abhv_mc.campaign.run.engine import Engine
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.signals import CHANNELS, METRICS

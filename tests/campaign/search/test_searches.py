@@ -6,7 +6,7 @@ from campaign.fake_flight import ENGINE, LIFT, LOST_BELOW, prepare, write_campai
 from campaign.search.line_flight import LIMIT, LINE, METRIC, fly_line, write_line
 from scipy import stats
 
-from abhv_mc.campaign.run.setup import Engine
+from abhv_mc.campaign.run.engine import Engine
 from abhv_mc.campaign.search.flights import SearchRequest
 from abhv_mc.campaign.search.rare import RareSettings, find_rare
 from abhv_mc.campaign.search.worst import WorstSettings, find_worst

@@ -6,7 +6,7 @@ from campaign.fake_flight import LIFT, write_campaign
 from campaign.search.tuned_flight import BLOCK, CONTROLLER, ENGINE, fly, prepare, write_tuned
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.run.setup import Engine
+from abhv_mc.campaign.run.engine import Engine
 from abhv_mc.campaign.search import tune as module
 from abhv_mc.campaign.search.tune import TuneRequest, tune_controller
 from abhv_mc.control.controller_file import read_controller

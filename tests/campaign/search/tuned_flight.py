@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from campaign.fake_flight import LIFT, make_plan, write_campaign
 
-from abhv_mc.campaign.run.setup import Engine
+from abhv_mc.campaign.run.engine import Engine
 from abhv_mc.campaign.search.tune import TuneRequest
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.flight.outcome import Outcome

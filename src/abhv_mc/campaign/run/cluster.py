@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.run.engine import Engine
 from abhv_mc.campaign.run.every_tick import fly_every_tick
 from abhv_mc.campaign.run.retry import FlightLostError, UnusableError, fly_with_retries, time_limit
-from abhv_mc.campaign.run.setup import Engine
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.io.input_error import InputError

@@ -11,8 +11,9 @@ from abhv_mc.campaign.envelopes.collector import EXACT_FLIGHTS
 from abhv_mc.campaign.envelopes.histogram import BINS, KEPT
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.run.batches import choose_batch
+from abhv_mc.campaign.run.engine import Engine
+from abhv_mc.campaign.run.plans import find_warnings, make_plans, record_every
 from abhv_mc.campaign.run.retention import choose_kept
-from abhv_mc.campaign.run.setup import Engine, find_warnings, make_plans, record_every
 from abhv_mc.campaign.run.tally import Tally, make_tallies
 from abhv_mc.campaign.run.trial_flights import fly_trials
 from abhv_mc.campaign.sampling.samples import spread_parameters

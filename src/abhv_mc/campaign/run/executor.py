@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from abhv_mc.campaign.file.config import PROCESSES, Execution
 from abhv_mc.campaign.run.batches import Fly
 from abhv_mc.campaign.run.cluster import Cluster
+from abhv_mc.campaign.run.engine import Engine
 from abhv_mc.campaign.run.every_tick import fly_every_tick
 from abhv_mc.campaign.run.retry import FlightLostError, fly_with_retries
-from abhv_mc.campaign.run.setup import Engine
 from abhv_mc.campaign.run.worker_pool import WorkerPool
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.store.provenance import count_cores

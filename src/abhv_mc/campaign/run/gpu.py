@@ -1,7 +1,7 @@
 """The campaign engine that flies on a GPU."""
 
 from abhv_mc.campaign.file.config import THREADS
-from abhv_mc.campaign.run.setup import Engine
+from abhv_mc.campaign.run.engine import Engine
 from abhv_mc.campaign.run.stability import describe_stability
 
 

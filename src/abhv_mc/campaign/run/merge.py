@@ -13,8 +13,9 @@ import numpy as np
 from abhv_mc.campaign.envelopes.collector import merge_states
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.own_code import check_own_code
+from abhv_mc.campaign.run.engine import Engine
 from abhv_mc.campaign.run.runner import RunResult, run_campaign
-from abhv_mc.campaign.run.setup import Engine, Request
+from abhv_mc.campaign.run.setup import Request
 from abhv_mc.io.documents import InputError
 from abhv_mc.store.digest import Digest
 from abhv_mc.store.folder import CampaignFolder, write_whole

@@ -15,45 +15,32 @@ from numpy.typing import NDArray
 from abhv_mc.campaign.envelopes.collector import Cells, Collector, make_collector
 from abhv_mc.campaign.run.batches import Backpressure, Block, Mask, choose_batch, closing_quietly, cut_blocks, fly_block
 from abhv_mc.campaign.run.cluster import connect_cluster
+from abhv_mc.campaign.run.engine import Engine, check_source, make_engine
 from abhv_mc.campaign.run.every_tick import BinnedBlock
 from abhv_mc.campaign.run.executor import Executor, open_executor
 from abhv_mc.campaign.run.heal import fly_again, heal_blocks
 from abhv_mc.campaign.run.interrupts import interrupts_deferred, sigterm_as_interrupt
+from abhv_mc.campaign.run.plans import record_every
 from abhv_mc.campaign.run.progress import Progress
 from abhv_mc.campaign.run.retention import HistoryFile, list_histories, write_kept_histories
-from abhv_mc.campaign.run.setup import (
-    Engine,
-    OpenCampaign,
-    Request,
-    check_source,
-    make_engine,
-    open_campaign,
-    record_every,
-)
-from abhv_mc.campaign.run.stopping import find_goal
-from abhv_mc.campaign.run.tally import Tally, judge_requirements, make_rules, make_tallies
+from abhv_mc.campaign.run.setup import OpenCampaign, Request, open_campaign
+from abhv_mc.campaign.run.stock import Stock, find_blocks
+from abhv_mc.campaign.run.tally import judge_requirements
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.flight.signals import CHANNEL_INDEX
-from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.metrics import MARGIN_VALUES
-from abhv_mc.statistics.judgement import own_risks
-from abhv_mc.store.digest import Digest
 from abhv_mc.store.envelopes import is_whole, write_envelopes
 from abhv_mc.store.flights import (
     END_TIME,
-    DamagedFileError,
     FlightRows,
     flights_schema,
-    parse_block_name,
-    read_block,
     write_block,
 )
-from abhv_mc.store.folder import hash_file, write_text
+from abhv_mc.store.folder import write_text
 from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
 from abhv_mc.store.samples import SampleReader
-from abhv_mc.store.table_check import check_table
 
 _SAVE_INTERVAL = 5.0  # s between states on disk: what a kill costs the envelopes of a large campaign
 
@@ -91,18 +78,14 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
 class _Run:
     def __init__(self, opened: OpenCampaign, engine: Engine, executor: Executor) -> None:
         self.folder, self.campaign, self.plans = opened.folder, opened.campaign, opened.plans
-        self.manifest, self.asked, self.engine = opened.manifest, opened.asked, engine
+        self.manifest, self.engine = opened.manifest, engine
         self.files = opened.files
         model = self.campaign.model
-        self.first, self.stop = opened.part
+        self.stock = Stock(self.campaign, opened.part, opened.asked)
         self.sharded = "shard" in self.manifest
         self.fly, self.workers = executor.fly, executor.workers
         self.batch = model.execution.batch or engine.batch or choose_batch(self.campaign.runs, self.workers)
         self.samples = SampleReader(self.folder.samples)
-        self.tallies: dict[str, Tally] = make_tallies(self.campaign)
-        self.done = {name: np.zeros(self.campaign.runs, bool) for name in model.controllers}
-        self.tried = {name: np.zeros(self.campaign.runs, bool) for name in model.controllers}  # a second time
-        self.left: dict[str, Mask] = {}  # what an earlier run could not compute
         self.collectors: dict[str, Collector] = {}
         provenance = {"seed": str(model.seed), "campaign_hash": self.manifest["campaign_hash"]}
         provenance["version"] = str(self.manifest["versions"].get("abhv_mc"))
@@ -116,11 +99,11 @@ class _Run:
     def run(self) -> RunResult:
         """Fly and finish."""
         self._take_stock()
-        self.left = {name: tally.uncomputed.copy() for name, tally in self.tallies.items()}
+        self.stock.left = {name: tally.uncomputed.copy() for name, tally in self.stock.tallies.items()}
         flown = (
             self.manifest["state"] == COMPLETE
-            and self._whole()
-            and not any(self._to_retry(self._goal()).values())
+            and self.stock.whole()
+            and not any(self.stock.to_retry(self.stock.goal()).values())
             and (self.sharded or self._has_envelopes())
         )
         if self.files.knows(self.folder.margins) and not self.files.holds(self.folder.margins):
@@ -130,7 +113,7 @@ class _Run:
             try:
                 if not flown:
                     self._fly()
-                whole = self._whole()
+                whole = self.stock.whole()
                 if whole:
                     self._finish()
                 self._write_manifest(COMPLETE if whole else INTERRUPTED)
@@ -149,62 +132,10 @@ class _Run:
     def _has_envelopes(self) -> bool:
         return self.files.holds(self.folder.envelopes) and is_whole(self.folder.envelopes)
 
-    def _goal(self) -> int:
-        """Number of flights to have: all, or up to the look at which a campaign that stops when proven stops."""
-        if not self.campaign.looks:
-            return self.stop
-        counts = [(tally, count) for tally in self.tallies.values() for count in tally.requirements]
-        risks = own_risks([count.requirement.consumer_risk for _, count in counts], make_rules(self.campaign, ()))
-        bound = [(*pair, risk) for pair, risk in zip(counts, risks, strict=True) if pair[1].binds]
-        missed = [count.missed | tally.uncomputed for tally, count, _ in bound]
-        demands = [(count.requirement.probability, risk) for _, count, risk in bound]
-        untried = np.logical_or.reduce(list(self._untried().values()))
-        return find_goal(self.campaign.looks, self.done, missed, demands, untried)
-
-    def _untried(self) -> dict[str, Mask]:
-        """Flights [flight] of each controller that were not computed, and not flown again by this run."""
-        return {name: tally.uncomputed & ~self.tried[name] for name, tally in self.tallies.items()}
-
-    def _to_retry(self, goal: int) -> dict[str, list[int]]:
-        """Flights that have to be tried again: what earlier runs left, and all before a look settles anything."""
-        due = (
-            self._untried()
-            if self.campaign.looks
-            else {name: tally.uncomputed & self.left[name] & ~self.tried[name] for name, tally in self.tallies.items()}
-        )
-        return {name: np.flatnonzero(mask[:goal]).tolist() for name, mask in due.items() if name in self.asked}
-
-    def _whole(self) -> bool:
-        goal = self._goal()
-        return all(mask[self.first : goal].all() for mask in self.done.values())
-
     def _take_stock(self) -> None:
-        """Read every block that is there; what is damaged, foreign or double is flown again."""
-        self.tallies = make_tallies(self.campaign)
-        for flown in self.done.values():
-            flown[:] = False
-        for path in sorted(self.folder.flights.glob("*.parquet")):
-            try:
-                controller, first, stop = parse_block_name(path)
-                mask = self.done.get(controller)
-                if mask is None or stop > self.campaign.runs or mask[first:stop].any():
-                    raise DamagedFileError(f"{path.name} belongs to no part of this campaign")
-                if self.files.knows(path) and not self.files.holds(path):
-                    raise DamagedFileError(f"{path.name} is not as it was written")
-                check_table(path)
-                rows = read_block(path, self.samples.names)
-                if rows.columns != self.columns:
-                    raise DamagedFileError(f"{path.name} holds other metrics")
-                if not np.array_equal(rows.samples, self.samples.rows(first, stop)):
-                    raise DamagedFileError(f"{path.name} was flown on other samples")
-            except (DamagedFileError, InputError):
-                path.rename(path.with_name(f"_{path.name}.damaged"))  # kept, but hidden from readers of the folder
-                self.files.forget(path)
-                continue
-            if not self.files.knows(path):  # it landed after the last manifest, and holds what it says
-                self.files.note(path, hash_file(path))
-            mask[first:stop] = True
-            self.tallies[controller].add(rows, rows.digest())
+        """Count every block that is there."""
+        names = tuple(self.stock.done)
+        self.stock.count(find_blocks(self.folder, names, self.campaign.runs, self.samples, self.columns, self.files))
 
     def _make_cells(self) -> Cells:
         keep = self.campaign.model.keep.envelopes
@@ -229,9 +160,9 @@ class _Run:
                 self.folder.envelope_states, name, self.campaign.runs, self.cells, pilot
             )
         while True:
-            if any((again := self._to_retry(self._goal())).values()):
+            if any((again := self.stock.to_retry(self.stock.goal())).values()):
                 self._try_again(again)
-            elif missing := self._find_missing():
+            elif missing := self.stock.find_missing(self.collectors):
                 self._fly_missing(missing)
             else:
                 break
@@ -240,24 +171,13 @@ class _Run:
         """Fly once more what could not be computed; what can be now takes its place in its block."""
         self._write_manifest(RUNNING)
         for name, flights in again.items():
-            self.tried[name][flights] = True
+            self.stock.tried[name][flights] = True
         found = fly_again(self.fly, self.plans, again, self._parameters, self.workers)
         with interrupts_deferred():
             for name, rows in found.items():
                 heal_blocks(self.folder.flights, name, self.samples.names, rows, self.schema)
             if found:
                 self._take_stock()
-
-    def _find_missing(self) -> dict[str, tuple[Mask, Mask]]:
-        """Rows and parts of the envelopes that are missing up to the goal, by controller; empty when none is."""
-        missing = {}
-        numbers = np.arange(self.campaign.runs)
-        below = (numbers >= self.first) & (numbers < self._goal())
-        for name, done in self.done.items():
-            wanted = ~done & below & (name in self.asked)  # what was flown and is in no envelope is wanted anyhow
-            computed = ~self.tallies[name].uncomputed  # the others have nothing for the envelopes
-            missing[name] = wanted, ~self.collectors[name].covered & (done & computed | wanted)
-        return missing if any(mask.any() for masks in missing.values() for mask in masks) else {}
 
     def _plan_of(self, block: Block) -> FlightPlan:
         """The plan with margins for the rows of flights that are to have them."""
@@ -316,10 +236,9 @@ class _Run:
                 self.plans[block.controller].timing.duration,
             )
             digest = write_block(self.folder.flights, rows, self.schema)
-            self.tallies[block.controller].add(rows, digest)
+            self.stock.add(rows, digest)
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
                 print(f"flight {flight} of {block.controller} failed to run", file=sys.stderr, flush=True)
-            self.done[block.controller][block.first : block.stop] = True
 
     def _extremes(self, flown: FlightBlock, history: NDArray[np.float32]) -> NDArray[np.float32]:
         """Smallest and largest values ``[side, cell]`` of a block: of every tick, or of the samples from a GPU."""
@@ -348,13 +267,13 @@ class _Run:
         if self.collectors:
             tables = {name: self.collectors[name].table() for name in self.plans}
             write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables)
-        flown = replace(self.campaign, runs=self._goal())
+        flown = replace(self.campaign, runs=self.stock.goal())
         write_kept_histories(
-            self.folder, flown, self.plans, self.tallies, self.samples, self.fly, self.workers, self.files
+            self.folder, flown, self.plans, self.stock.tallies, self.samples, self.fly, self.workers, self.files
         )
         self._write_stability()
         for name, collector in self.collectors.items():
-            if self.tallies[name].uncomputed.any():
+            if self.stock.tallies[name].uncomputed.any():
                 collector.save()  # the next run tries these flights again, and adds them
             else:
                 collector.finish()
@@ -369,7 +288,9 @@ class _Run:
             write_text(self.folder.margins, json.dumps(found, indent=1, allow_nan=False) + "\n")
 
     def _list_histories(self) -> list[HistoryFile]:
-        return list_histories(self.folder, replace(self.campaign, runs=self._goal()), self.tallies, self.files)
+        return list_histories(
+            self.folder, replace(self.campaign, runs=self.stock.goal()), self.stock.tallies, self.files
+        )
 
     def _look(self, state: str, gapless: int) -> None:
         """Write down at how many flights everything planned was there: verdicts are given there, and only there."""
@@ -381,31 +302,16 @@ class _Run:
         self.manifest["looks"] = looks
 
     def _write_manifest(self, state: str) -> None:
-        failed_code = Outcome.FAILED_TO_RUN.code
-        failed = max((tally.outcomes[failed_code] for tally in self.tallies.values()), default=0)
-        together = np.logical_and.reduce(list(self.done.values()))
-        flown, gapless = int(together.sum()), int(np.argmin(np.append(together, False)))
-        self.manifest |= {
-            "state": state,
-            "runs_planned": self.stop - self.first,
-            "runs_done": flown - failed,
-            "runs_failed": failed,
-            "wall_time_s": round(self.wall_before + time.monotonic() - self.start, 3),
-            "digest": str(sum((tally.digest for tally in self.tallies.values()), Digest())),
-            "digests": {name: str(tally.digest) for name, tally in self.tallies.items()},
-            "controllers": {
-                name: {"flights_done": int(self.done[name].sum()), "outcomes": dict(sorted(tally.outcomes.items()))}
-                | ({"failed_to_run": sorted(tally.not_computed)} if tally.not_computed else {})
-                for name, tally in self.tallies.items()
-            },
-        }
+        gapless = self.stock.gapless()
+        self.manifest |= {"state": state} | self.stock.describe()
+        self.manifest["wall_time_s"] = round(self.wall_before + time.monotonic() - self.start, 3)
         self.manifest["files"] = self.files.listed()
         self._look(state, gapless)
         looks = tuple(self.manifest["looks"])
         if self.sharded:
             self.manifest["requirements"] = []
         else:
-            judged = judge_requirements(self.tallies, self.campaign, gapless, looks, self._untried())
+            judged = judge_requirements(self.stock.tallies, self.campaign, gapless, looks, self.stock.untried())
             self.manifest["requirements"] = judged
         if self.campaign.looks:
             self.manifest["stopped_at"] = gapless if state == COMPLETE else None

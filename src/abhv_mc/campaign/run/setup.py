@@ -2,7 +2,7 @@
 
 import contextlib
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, read_campaign
-from abhv_mc.campaign.file.config import PROCESSES, THREADS
-from abhv_mc.campaign.file.own_code import check_own_code, read_trusted_plan
-from abhv_mc.campaign.file.possible import find_impossible
+from abhv_mc.campaign.file.config import PROCESSES
+from abhv_mc.campaign.file.own_code import check_own_code
 from abhv_mc.campaign.file.resolve import (
     ResolvedCampaign,
     check_inputs,
@@ -25,22 +24,21 @@ from abhv_mc.campaign.file.resolve import (
     read_held,
     resolve_campaign,
 )
-from abhv_mc.campaign.run.batches import Fly
+from abhv_mc.campaign.run.engine import Engine, check_source
 from abhv_mc.campaign.run.margin_plans import make_margin_plans
-from abhv_mc.campaign.run.stability import describe_stability
+from abhv_mc.campaign.run.plans import find_warnings, make_plan, make_plans, mend_plan, record_every, take_plans
 from abhv_mc.campaign.run.trial_flights import fly_trials
 from abhv_mc.campaign.run.worker_pool import start_fork_server
-from abhv_mc.flight.own_law import open_law
-from abhv_mc.flight.plan import LANES, FlightPlan
-from abhv_mc.io.documents import Document, InputError
-from abhv_mc.own.trust import read_trusted, trust
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.io.documents import InputError
+from abhv_mc.own.trust import trust
 from abhv_mc.stability.metrics import MarginPlan
 from abhv_mc.store.folder import CampaignFolder
-from abhv_mc.store.hashes import FileHashes, read_checked, record_hashes, refuse_links
+from abhv_mc.store.hashes import FileHashes, record_hashes, refuse_links
 from abhv_mc.store.histories import write_nominal, write_reference
 from abhv_mc.store.lock import hold_lock
 from abhv_mc.store.manifest import COMPLETE, RUNNING, read_manifest, read_whole_manifest, write_manifest
-from abhv_mc.store.plans import pack_plan, write_plan
+from abhv_mc.store.plans import write_plan
 from abhv_mc.store.provenance import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.store.samples import ROW_GROUP, SampleReader, write_samples
 from abhv_mc.store.table_check import check_table
@@ -67,22 +65,6 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Engine:
-    """How a plan is made and flown; tests put cheap ones in their place."""
-
-    prepare: Prepare
-    fly: Fly
-    source: str  # hash of the code that flies: two of them never share a campaign
-    # what margins.json holds
-    find_stability: Callable[[CheckedCampaign, dict[str, FlightPlan]], dict[str, Any]] | None = None
-    checked: bool = False  # whether ``source`` is what cache.source_hash() must give on every machine
-    isolation: str = THREADS  # where "auto" flies; processes need a ``fly`` that can be imported
-    device: str = "cpu"  # or the name of a GPU
-    batch: int | None = None  # flights of a block and workers, where neither the campaign nor its user says
-    workers: int | None = None
-
-
-@dataclass(frozen=True)
 class OpenCampaign:
     """A campaign whose folder is ready to fly, and locked."""
 
@@ -99,25 +81,6 @@ class OpenCampaign:
         """First flight of this folder's shard and the one after its last; all flights without shards."""
         i, n = self.manifest.get("shard") or (1, 1)
         return self.campaign.runs * (i - 1) // n, self.campaign.runs * i // n
-
-
-def make_engine() -> Engine:
-    """The compiled flight."""
-    from abhv_mc.cache import source_hash
-    from abhv_mc.flight.prepare import prepare
-    from abhv_mc.stability.metrics import fly_with_margins
-
-    return Engine(prepare, fly_with_margins, source_hash(), describe_stability, checked=True, isolation=PROCESSES)
-
-
-def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -> int:
-    """Control ticks between records at ``rate``. Raises InputError when the control rate is no multiple of it."""
-    ticks = 1.0 / (rate * plan.timing.tick)
-    every = round(ticks)
-    if every < 1 or abs(ticks - every) > 1e-9 * ticks:
-        found = f"{rate:g} Hz with control ticks at {1.0 / plan.timing.tick:g} Hz"
-        raise document.error(("keep", kind, "rate"), found, "a rate that divides the control rate")
-    return every
 
 
 def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCampaign:
@@ -150,7 +113,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
         return replace(_resume(folder, wanted, engine, request, files), asked=asked)
     _start_workers(request, engine)
     resolved = resolve_campaign(wanted)
-    plans = _take_plans(request.plans_from, resolved, asked, engine, request.trust_code)
+    plans = take_plans(request.plans_from, resolved, asked, engine, request.trust_code)
     plans = plans or make_plans(wanted, asked, engine)
     nominal = _try_out(wanted, plans, engine)
     margin_plans = make_margin_plans(wanted, plans, engine.device)
@@ -247,7 +210,7 @@ def _resume(
         manifest["files"] = files.listed()
         write_manifest(folder.manifest, manifest)
     plans = {
-        name: mend_plan(folder, name, files, partial(_make_plan, campaign, name, engine), request.trust_code)
+        name: mend_plan(folder, name, files, partial(make_plan, campaign, name, engine), request.trust_code)
         for name in campaign.model.controllers
     }
     if added or longer or "warnings" not in manifest:
@@ -255,75 +218,6 @@ def _resume(
     if added or not (files.holds(folder.nominal) and files.holds(folder.reference)):
         _write_nominal(folder, campaign, plans, _try_out(campaign, plans, engine))
     return OpenCampaign(folder, campaign, plans, manifest, (), files, make_margin_plans(campaign, plans, engine.device))
-
-
-def check_source(folder: CampaignFolder, manifest: dict[str, Any], engine: Engine) -> None:
-    """Refuse to go on with other code than the one that flew so far. Raises InputError."""
-    flown = manifest.get("source_hash")
-    if flown != engine.source:
-        device = manifest.get("machine", {}).get("device", engine.device)
-        kind = "another version of the program" if device == engine.device else "another device"
-        found = f"flights of {kind} (source {flown} on {device}, now {engine.source} on {engine.device})"
-        raise InputError(folder.root, None, None, found, "the same again, another folder (-o DIR), or --fresh")
-
-
-def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) -> dict[str, FlightPlan]:
-    """The plans of some of a campaign's controllers, with what it declares. Raises InputError."""
-    model = campaign.model
-    check_own_code(campaign)
-    made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
-    plans = {name: replace(plan, declared=campaign.declared) for name, plan in made.items()}
-    if model.channels is None:
-        return plans
-    channels = read_trusted(model.channels)
-    plans = {name: replace(plan, channels_source=channels, channels_hash=channels.hash) for name, plan in plans.items()}
-    for plan in plans.values():
-        with open_law(plan, LANES):  # compiled now, before anything is written
-            pass
-    return plans
-
-
-def _make_plan(campaign: CheckedCampaign, name: str, engine: Engine) -> FlightPlan:
-    return make_plans(campaign, [name], engine)[name]
-
-
-def _take_plans(
-    root: Path | None, resolved: ResolvedCampaign, names: tuple[str, ...], engine: Engine, trust_code: bool
-) -> dict[str, FlightPlan]:
-    """The plans of another folder of the same inputs; empty without one. Raises InputError where it does not fit."""
-    if root is None:
-        return {}
-    source = CampaignFolder(root)
-    manifest = read_checked(source, [source.plan(name) for name in names])
-    check_source(source, manifest, engine)
-    held = manifest.get("inputs") or {}
-    for place, content in resolved.hashes.items():
-        if held.get(place) != content and not place.startswith("inputs/samples/"):
-            raise InputError(root, None, None, f"plans made from another {place}", "plans of this campaign's files")
-    return {name: read_trusted_plan(source, name, trust_code) for name in names}
-
-
-def mend_plan(
-    folder: CampaignFolder, name: str, files: FileHashes, make: Callable[[], FlightPlan], trust_code: bool = False
-) -> FlightPlan:
-    """The stored plan; where it is damaged, a new one that is the same to the bit. Raises InputError without one."""
-    path = folder.plan(name)
-    if not files.holds(path) and files.knows(path):
-        again = make()
-        if not files.is_content(path, pack_plan(again)):
-            found = "a damaged plan, and here it comes out otherwise"
-            wish = "the plan as it was written: restore it, or --fresh to delete what was flown and fly it anew"
-            raise InputError(path, None, None, found, wish)
-        write_plan(path, again)
-    return read_trusted_plan(folder, name, trust_code)
-
-
-def find_warnings(plans: dict[str, FlightPlan], campaign: CheckedCampaign) -> list[str]:
-    """What the plans say about their mission, and what of the campaign cannot come out, each sentence once."""
-    plain = [warning for plan in plans.values() for warning in plan.warnings.tolist()]
-    return list(
-        dict.fromkeys([*plain, *(f"{error.found}; wanted {error.wanted}" for error in find_impossible(campaign))])
-    )
 
 
 def _try_out(

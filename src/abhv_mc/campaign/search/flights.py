@@ -21,9 +21,10 @@ from abhv_mc.campaign.file.own_code import check_own_code
 from abhv_mc.campaign.file.resolve import resolve_campaign
 from abhv_mc.campaign.run.batches import choose_batch
 from abhv_mc.campaign.run.cluster import connect_cluster
+from abhv_mc.campaign.run.engine import Engine, check_source
 from abhv_mc.campaign.run.executor import Executor, open_executor
+from abhv_mc.campaign.run.plans import mend_plan
 from abhv_mc.campaign.run.progress import Progress
-from abhv_mc.campaign.run.setup import Engine, check_source, mend_plan
 from abhv_mc.campaign.run.trial_flights import fly_trials
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.campaign.search.severity import not_computed, rank_distinct

@@ -7,7 +7,7 @@ import numpy as np
 
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
-from abhv_mc.campaign.run.setup import Engine, make_engine
+from abhv_mc.campaign.run.engine import Engine, make_engine
 from abhv_mc.campaign.search.flights import DrawnFlights, SearchRequest, open_search, read_searched
 from abhv_mc.campaign.search.severity import FAILS_ABOVE, Severity, ended_early, rank_distinct
 from abhv_mc.campaign.search.space import make_space

@@ -14,9 +14,9 @@ from abhv_mc.campaign.file.config import THREADS
 from abhv_mc.campaign.file.resolve import resolve_campaign
 from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
 from abhv_mc.campaign.run.cluster import connect_cluster
+from abhv_mc.campaign.run.engine import Engine, make_engine
 from abhv_mc.campaign.run.executor import open_executor
 from abhv_mc.campaign.run.progress import Progress
-from abhv_mc.campaign.run.setup import Engine, make_engine
 from abhv_mc.campaign.search.controller_numbers import ControllerNumbers, read_controller_numbers
 from abhv_mc.campaign.search.flights import read_searched
 from abhv_mc.campaign.search.space import make_space

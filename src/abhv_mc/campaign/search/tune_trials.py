@@ -12,8 +12,8 @@ import numpy as np
 
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.tuning import Tune
+from abhv_mc.campaign.run.engine import Engine
 from abhv_mc.campaign.run.executor import Executor
-from abhv_mc.campaign.run.setup import Engine
 from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
 from abhv_mc.campaign.sampling.samples import DrawnSamples, spread_parameters
 from abhv_mc.campaign.search.controller_numbers import ControllerNumbers

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.campaign.run.setup import Engine, make_engine
+from abhv_mc.campaign.run.engine import Engine, make_engine
 from abhv_mc.campaign.search.flights import (
     DrawnFlights,
     SearchFlights,

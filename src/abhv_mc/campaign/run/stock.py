@@ -1,0 +1,145 @@
+"""What a campaign's folder holds of its flights, and what it lacks."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.campaign.envelopes.collector import Collector
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.run.batches import Mask
+from abhv_mc.campaign.run.stopping import find_goal
+from abhv_mc.campaign.run.tally import Tally, make_rules, make_tallies
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.io.input_error import InputError
+from abhv_mc.statistics.judgement import own_risks
+from abhv_mc.store.digest import Digest
+from abhv_mc.store.flights import DamagedFileError, FlightRows, parse_block_name, read_block
+from abhv_mc.store.folder import CampaignFolder, hash_file
+from abhv_mc.store.hashes import FileHashes
+from abhv_mc.store.samples import SampleReader
+from abhv_mc.store.table_check import check_table
+
+
+class Stock:
+    """The flights of a folder, counted: those that are done, and those that could not be computed."""
+
+    def __init__(self, campaign: CheckedCampaign, part: tuple[int, int], asked: tuple[str, ...]) -> None:
+        """``part``: first flight of this folder's shard and the one after its last; ``asked``: controllers to fly."""
+        self.campaign, self.asked = campaign, asked
+        self.first, self.stop = part
+        self.tallies: dict[str, Tally] = make_tallies(campaign)
+        self.done = {name: np.zeros(campaign.runs, bool) for name in self.tallies}
+        self.tried = {name: np.zeros(campaign.runs, bool) for name in self.tallies}  # a second time
+        self.left: dict[str, Mask] = {}  # what an earlier run could not compute
+
+    def count(self, blocks: Iterator[FlightRows]) -> None:
+        """Begin anew with these."""
+        self.tallies = make_tallies(self.campaign)
+        for flown in self.done.values():
+            flown[:] = False
+        for rows in blocks:
+            self.add(rows, rows.digest())
+
+    def add(self, rows: FlightRows, digest: Digest) -> None:
+        """Count a block."""
+        self.tallies[rows.controller].add(rows, digest)
+        self.done[rows.controller][rows.first : rows.stop] = True
+
+    def goal(self) -> int:
+        """Number of flights to have: all, or up to the look at which a campaign that stops when proven stops."""
+        if not self.campaign.looks:
+            return self.stop
+        counts = [(tally, count) for tally in self.tallies.values() for count in tally.requirements]
+        risks = own_risks([count.requirement.consumer_risk for _, count in counts], make_rules(self.campaign, ()))
+        bound = [(*pair, risk) for pair, risk in zip(counts, risks, strict=True) if pair[1].binds]
+        missed = [count.missed | tally.uncomputed for tally, count, _ in bound]
+        demands = [(count.requirement.probability, risk) for _, count, risk in bound]
+        untried = np.logical_or.reduce(list(self.untried().values()))
+        return find_goal(self.campaign.looks, self.done, missed, demands, untried)
+
+    def untried(self) -> dict[str, Mask]:
+        """Flights [flight] of each controller that were not computed, and not flown again by this run."""
+        return {name: tally.uncomputed & ~self.tried[name] for name, tally in self.tallies.items()}
+
+    def to_retry(self, goal: int) -> dict[str, list[int]]:
+        """Flights that have to be tried again: what earlier runs left, and all before a look settles anything."""
+        due = (
+            self.untried()
+            if self.campaign.looks
+            else {name: tally.uncomputed & self.left[name] & ~self.tried[name] for name, tally in self.tallies.items()}
+        )
+        return {name: np.flatnonzero(mask[:goal]).tolist() for name, mask in due.items() if name in self.asked}
+
+    def whole(self) -> bool:
+        goal = self.goal()
+        return all(mask[self.first : goal].all() for mask in self.done.values())
+
+    def find_missing(self, collectors: dict[str, Collector]) -> dict[str, tuple[Mask, Mask]]:
+        """Rows and parts of the envelopes that are missing up to the goal, by controller; empty when none is."""
+        missing = {}
+        numbers = np.arange(self.campaign.runs)
+        below = (numbers >= self.first) & (numbers < self.goal())
+        for name, done in self.done.items():
+            wanted = ~done & below & (name in self.asked)  # what was flown and is in no envelope is wanted anyhow
+            computed = ~self.tallies[name].uncomputed  # the others have nothing for the envelopes
+            missing[name] = wanted, ~collectors[name].covered & (done & computed | wanted)
+        return missing if any(mask.any() for masks in missing.values() for mask in masks) else {}
+
+    def gapless(self) -> int:
+        """Number of flights from the first on that all controllers have."""
+        return int(np.argmin(np.append(self._together(), False)))
+
+    def describe(self) -> dict[str, Any]:
+        """What the manifest says of the flights."""
+        failed = max((tally.outcomes[Outcome.FAILED_TO_RUN.code] for tally in self.tallies.values()), default=0)
+        return {
+            "runs_planned": self.stop - self.first,
+            "runs_done": int(self._together().sum()) - failed,
+            "runs_failed": failed,
+            "digest": str(sum((tally.digest for tally in self.tallies.values()), Digest())),
+            "digests": {name: str(tally.digest) for name, tally in self.tallies.items()},
+            "controllers": {
+                name: {"flights_done": int(self.done[name].sum()), "outcomes": dict(sorted(tally.outcomes.items()))}
+                | ({"failed_to_run": sorted(tally.not_computed)} if tally.not_computed else {})
+                for name, tally in self.tallies.items()
+            },
+        }
+
+    def _together(self) -> Mask:
+        together: Mask = np.logical_and.reduce(list(self.done.values()))
+        return together
+
+
+def find_blocks(
+    folder: CampaignFolder,
+    controllers: tuple[str, ...],
+    runs: int,
+    samples: SampleReader,
+    columns: tuple[str, ...],
+    files: FileHashes,
+) -> Iterator[FlightRows]:
+    """The sound blocks; what is damaged, foreign or double gets a name that hides it from readers of the folder."""
+    flown = {name: np.zeros(runs, bool) for name in controllers}
+    for path in sorted(folder.flights.glob("*.parquet")):
+        try:
+            controller, first, stop = parse_block_name(path)
+            mask = flown.get(controller)
+            if mask is None or stop > runs or mask[first:stop].any():
+                raise DamagedFileError(f"{path.name} belongs to no part of this campaign")
+            if files.knows(path) and not files.holds(path):
+                raise DamagedFileError(f"{path.name} is not as it was written")
+            check_table(path)
+            rows = read_block(path, samples.names)
+            if rows.columns != columns:
+                raise DamagedFileError(f"{path.name} holds other metrics")
+            if not np.array_equal(rows.samples, samples.rows(first, stop)):
+                raise DamagedFileError(f"{path.name} was flown on other samples")
+        except (DamagedFileError, InputError):
+            path.rename(path.with_name(f"_{path.name}.damaged"))
+            files.forget(path)
+            continue
+        if not files.knows(path):  # it landed after the last manifest, and holds what it says
+            files.note(path, hash_file(path))
+        mask[first:stop] = True
+        yield rows
