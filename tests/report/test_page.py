@@ -9,6 +9,7 @@ import json
 import re
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 from report.synthetic import CAMPAIGN, write_campaign
 
@@ -130,6 +131,44 @@ def test_the_embedded_data_are_the_envelopes(report_page, report_folder):
     lqr = next(c for c in data["controllers"] if c["name"] == "lqr")
     assert len(lqr["time"]) == len(lqr["curves"]["bank_deg"]["q5"]) == 301
     assert lqr["curves"]["bank_deg"]["q5"] == pytest.approx(envelope.bands["q5"][::2], abs=1e-3)
+
+
+def test_the_interactive_band_of_all_flights_holds_the_samples_that_it_leaves_out(report_page, report_folder):
+    """It was drawn from every other sample, and flights left it in between."""
+    text = re.search(r'<script type="application/json" id="envelope-data">(.*?)</script>', report_page).group(1)
+    for controller in json.loads(text)["controllers"]:
+        for channel in ("bank_deg", "aileron_deg", "sideslip_deg"):
+            envelope = read_results(report_folder).envelopes[controller["name"], channel]
+            drawn = {end: np.interp(envelope.time, controller["time"], controller["curves"][channel][end])
+                     for end in ("min", "max")}  # fmt: skip
+            assert np.all(drawn["min"] <= envelope.bands["min"] + 1e-4)
+            assert np.all(drawn["max"] >= envelope.bands["max"] - 1e-4)
+            assert min(controller["curves"][channel]["min"]) == pytest.approx(envelope.bands["min"].min(), abs=1e-4)
+
+
+def test_bands_are_said_to_be_pointwise_and_of_the_flights_that_still_fly(report_page):
+    """On the page, below the interactive plot and in the captions of the figures."""
+    words = " ".join(report_page.split())
+    section = words[words.index('id="envelopes"') :]
+    assert "hold at each moment by itself, over the flights that still fly then" in section
+    script = words[words.rindex("<script>") :]
+    assert "Bands hold at each moment by itself, over the flights that still fly then." in script
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", words)
+    told = [
+        caption for caption in captions if "Bands hold at each moment by itself, over the flights that still" in caption
+    ]
+    assert len(told) == 10  # Figures 2 to 11
+
+
+def test_what_few_read_is_folded_and_the_page_has_a_dark_mode(report_page, outline):
+    """The tables of all metrics, the provenance and the files made half of 21 pages."""
+    folded = [inside for tag, attributes, inside in outline.elements if tag == "table" and "details" in inside]
+    metrics = [inside for tag, a, inside in outline.elements if tag == "table" and "metrics" in a.get("class", "")]
+    assert metrics and all("details" in inside for inside in metrics)
+    assert len(folded) >= len(metrics) + 2
+    assert not any("open" in attributes for attributes in outline.all("details"))
+    dark = re.search(r"prefers-color-scheme: dark\) \{(.*?)\n\}", report_page, re.S)[1]
+    assert "--paper:" in dark and "--ink:" in dark
 
 
 def test_markdown_says_the_same_and_needs_no_question(tmp_path):

@@ -144,6 +144,17 @@ def test_discrete_choices_are_weighed_by_their_probabilities(tmp_path):
     assert found["controllers"]["one"]["effective_flights"] == pytest.approx(expected)
 
 
+def test_a_discrete_value_that_no_flight_had_is_refused(tmp_path):
+    """Was answered as 'worth 300 flights' where 30 % of the new flights fail."""
+    laws = "{aero.lift: {distribution: discrete, values: [0.9, 1.0, 1.1], weights: [1, 1, 0.00001]}}"
+    files = write_campaign(tmp_path / "f", runs="300", requirements=REQUIREMENT, dispersions=laws)
+    folder = run_campaign(Request(files, tmp_path / "out"), ENGINE).folder
+    assert pq.read_table(folder / "samples.parquet")["aero.lift"].to_numpy().max() == 1.0
+    with pytest.raises(InputError, match=r"beyond all 300 flights|wanted at most 1 %"):
+        make_whatif(folder, parse_settings(["aero.lift.weights=[0.35, 0.35, 0.3]"]))
+    assert make_whatif(folder, parse_settings(["aero.lift.weights=[0.4, 0.595, 0.005]"]))["controllers"]
+
+
 def test_the_command(flown):
     words = ["whatif", str(flown), "--set", "aero.lift.sigma=4%"]
     shown = CliRunner().invoke(app, words)

@@ -69,15 +69,17 @@ def follow_the_page(failed, most):
         looks.append(following)
 
 
-def test_extending_until_it_passes_stays_within_the_risk():
+@pytest.mark.parametrize(("most", "without_looks"), [(5000, 0.18), (20_000, 0.31)])
+def test_extending_until_it_passes_stays_within_the_risk(most, without_looks):
+    """It passed a system that just misses the requirement in 24.9 % by 5000 flights and in 37.8 % by 20,000."""
     draw = np.random.default_rng(41)
     naive = honest = 0
     for _ in range(600):
-        failed = draw.random(5000) < 1.0 - PROBABILITY
-        looks, passed = follow_the_page(failed, 5000)
+        failed = draw.random(most) < 1.0 - PROBABILITY
+        looks, passed = follow_the_page(failed, most)
         naive += passed
         honest += judge_at_looks(failed[: looks[-1]], flags(looks[-1]), looks, PROBABILITY, RISK).status == "PASS"
-    assert naive > 0.18 * 600  # the audit: 24.9 %
+    assert naive > without_looks * 600
     assert honest <= RISK * 600
 
 

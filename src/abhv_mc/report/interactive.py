@@ -22,6 +22,15 @@ def _rounded(curve: Floats) -> list[float | None]:
     return [value if np.isfinite(value) else None for value in rounded]
 
 
+def _thinned(curve: Floats, band: str, every: int) -> Floats:
+    """Every so many samples; of the ends those of all samples in between too, so that no flight leaves them."""
+    extreme = {"min": np.fmin, "max": np.fmax}.get(band)
+    if extreme is None or every == 1:
+        return curve[::every]
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(curve, every - 1, constant_values=np.nan), 2 * every - 1)
+    return np.asarray(extreme.reduce(around, axis=1)[::every], dtype=np.float64)
+
+
 def _label(name: str, unit: str) -> str:
     """'Angle of attack command' from 'angle_of_attack_command_deg'."""
     suffix = {"m/s": "_mps", "deg/s": "_dps", "-": ""}.get(unit, f"_{unit.lower()}")
@@ -56,7 +65,7 @@ def envelope_data(results: Results, labels: Mapping[str, str], colors: Mapping[s
             envelope = results.envelopes[name, signal.name]
             every = max(1, -(-envelope.time.size // _MOST_TIMES))
             time = envelope.time[::every]
-            curves[signal.name] = {band: _rounded(envelope.bands[band][::every]) for band in BANDS}
+            curves[signal.name] = {band: _rounded(_thinned(envelope.bands[band], band, every)) for band in BANDS}
             flown = results.nominal.get(name)
             if flown is not None and signal.name in flown:
                 nominal = np.interp(time, flown["time"], flown[signal.name], right=np.nan)
