@@ -11,7 +11,9 @@ from abhv_mc.campaign.analysis.replay import replay_flight
 from abhv_mc.campaign.run.engine import make_engine
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request
+from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.flight.signals import CHANNEL_INDEX
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.store.plans import flatten, read_plan
@@ -77,6 +79,23 @@ def test_kept_histories_are_the_replayed_ones(flown, engine):
     block = replay_flight(flown.folder, "tlc", flight, engine.fly, every=10).block
     np.testing.assert_array_equal(rows["time"].to_numpy(), block.times)
     np.testing.assert_array_equal(rows["altitude_m"].to_numpy(), block.history[0, :, 0])
+
+
+def test_no_flight_leaves_the_band_of_all_flights_at_any_tick(flown, engine):
+    """Bands were of samples a tenth of a second apart, and TLC's surfaces saturate in between."""
+    samples = pq.read_table(flown.folder / "samples.parquet").drop_columns(["flight"])
+    rows = spread_parameters(samples.column_names, np.column_stack([column.to_numpy() for column in samples.columns]))
+    bands = pq.read_table(flown.folder / "envelopes.parquet").to_pandas().set_index(["controller", "channel"])
+    block = engine.fly(read_plan(flown.folder / "plans/tlc.npz"), rows, 1)
+    between = 0
+    for channel in ("aileron_deg", "rudder_deg", "sideslip_deg", "bank_deg", "speed_mps"):
+        band, history = bands.loc["tlc", channel], block.history[:, :, CHANNEL_INDEX[channel]]
+        slack = 1e-5 * np.abs(history).max()
+        low, high = (np.interp(block.times, band["time"], band[end]) for end in ("min", "max"))
+        assert np.all(history >= low - slack) and np.all(history <= high + slack)
+        sampled = history[:, :: round(band["time"].iloc[1] / block.times[1])]
+        between += sampled.max() < history.max() or sampled.min() > history.min()
+    assert between  # samples alone would not hold them
 
 
 def test_nominal_and_reference_stand_on_the_same_times(flown):
