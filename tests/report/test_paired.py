@@ -21,7 +21,9 @@ def winner_when_better_in(results, count, controllers):
     """Who wins a metric in which the first controller is better in so many of 200 flights, and worse in the others."""
     better = np.arange(200) < count
     flights = {
-        name: replace(results.flights[name], metrics={METRIC: np.where(better, 1.0, 1.5) if k == 0 else np.full(200, 1.2)})
+        name: replace(
+            results.flights[name], metrics={METRIC: np.where(better, 1.0, 1.5) if k == 0 else np.full(200, 1.2)}
+        )
         for k, name in enumerate(controllers)
     }
     held = {"sideslip_max_deg", "angle_of_attack_error_rms_deg", "bank_error_rms_deg", "altitude_error_max_m"}

@@ -51,6 +51,25 @@ def test_the_report_names_what_causes_the_variance(flown):
     assert list(verify_campaign(flown)) == []
 
 
+def test_indices_within_noise_are_not_told(flown):
+    """144 flights said 'density (34 %, 59 % alone), within 118 % or closer', and what spreads an error most."""
+    numbers = json.loads((flown / "report.json").read_text(encoding="utf-8"))
+    for part in numbers["sobol"]["controllers"].values():
+        for entries in part["metrics"].values():
+            for entry, total in zip(entries, (0.6, 0.5, 0.1), strict=True):
+                entry["total"], entry["first"] = [total, total - 0.4, total + 0.4], [0.7, 0.4, 1.0]
+    first, second, *_ = answer_sentences(numbers)
+    assert first.startswith("What spreads an error most is for one and two open in altitude, speed")
+    assert "too few flights to share out" in second and "alone" not in second and "within" not in second
+    for part in numbers["sobol"]["controllers"].values():
+        for entries in part["metrics"].values():
+            for entry, total in zip(entries, (0.6, 0.3, 0.1), strict=True):
+                entry["total"], entry["first"] = [total, total - 0.1, total + 0.1], [0.7, 0.6, 0.8]
+    first, second, *_ = answer_sentences(numbers)
+    assert first.startswith("What spreads an error most is for one and two the same in ")
+    assert "(60\u202f%, 60\u202f% alone)" in second and "within 10\u202f% or closer" in second
+
+
 def test_failed_flights_are_refused_by_name(tmp_path):
     numbers = make_numbers(read_results(fly(tmp_path, "10 %")))
     part = numbers["sobol"]["controllers"]["two"]

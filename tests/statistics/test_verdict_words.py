@@ -56,3 +56,4 @@ def test_probabilities_never_round_to_certainty():
     verdict = replace(judge(0, 10_000, 0.9973), met=0.9999999)
     assert "99.99999 %" in verdict_words(verdict)
     assert "98 %" in verdict_words(replace(verdict, met=0.98))
+    assert "a probability of less than 0.0001 %" in verdict_words(replace(verdict, met=2.3e-58))

@@ -62,6 +62,9 @@ def test_who_loses_two_hundred_flights_more_does_not_win():
     assert 0.95 in found.worse
     mirrored = decide(b, lose(a, lost), NONE, lost, 9)
     assert (mirrored.closer, mirrored.winner) == ("b", "")
+    # Nor where the metric does not see that the flights were lost.
+    blind = decide(a, b, np.arange(1000) < 20, NONE, 9)
+    assert (blind.closer, blind.winner, blind.worse, blind.loses_more) == ("a", "", (), True)
 
 
 @pytest.mark.parametrize("size", [1000, 5000])

@@ -1,6 +1,7 @@
 """The campaign's answer in sentences: flights lost, who wins and by how much, verdicts, why."""
 
 from collections.abc import Mapping, Sequence
+from math import hypot
 from typing import Any
 
 from abhv_mc.report.failure_cases import failure_case_sentence
@@ -20,6 +21,7 @@ _NAMED = 2  # drivers of an error
 _MOVED = 2  # controllers whose drivers are told
 _LOST_RISK = 0.05  # of saying that one controller loses more flights where both are as good
 _LEAST_SHARE = 0.05  # of the variance, by the lower end of the total index
+_SURE = 0.5  # of a total index: half an interval up to which it is told
 
 
 def _label(numbers: Mapping[str, Any], name: str) -> str:
@@ -90,12 +92,15 @@ def _verdict_of(pair: Mapping[str, Any]) -> str:
 
 
 def _by_strength(numbers: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The pairs, the rival first against which the first controller stands worst."""
+    """The pairs, the rival first against which the first controller stands worst; of equals the one that fails less."""
     order = {"worse": 0, "mixed": 1, "open": 2, "better": 3}
-    pairs = list(numbers["paired"].values())
-    return sorted(
-        pairs, key=lambda p: (order[_verdict_of(p)], len(_standing(p)["better"]) - len(_standing(p)["worse"]))
-    )
+
+    def strength(pair: Mapping[str, Any]) -> tuple[int, int, int]:
+        found = _standing(pair)
+        failed = sum(entry["controllers"][pair["b"]]["status"] == "FAIL" for entry in numbers["requirements"])
+        return order[_verdict_of(pair)], len(found["better"]) - len(found["worse"]), failed
+
+    return sorted(numbers["paired"].values(), key=strength)
 
 
 def _pair_sentences(numbers: Mapping[str, Any]) -> list[str]:
@@ -179,22 +184,29 @@ def _driver_sentence(numbers: Mapping[str, Any], name: str) -> str:
     sobol = numbers["sobol"].get("controllers", {}).get(name, {}).get("metrics", {})
     ranks = numbers["drivers"].get("controllers", {}).get(name, {}).get("metrics", {})
     parts, widths = [], [0.0]
+    none: list[str] = []
+    unsure: list[str] = []
     for metric in (*HOLDING, *FOLLOWING):
         if metric in sobol:
             top = [e for e in sobol[metric] if e["total"][1] > _LEAST_SHARE][:_NAMED]
-            widths += [(e[kind][2] - e[kind][1]) / 2.0 for e in top for kind in ("first", "total")]
-            words = [f"{spoken_name(e['parameter'])} ({_share(e['total'])}, {_share(e['first'])} alone)" for e in top]
+            sure = [e for e in top if _half(e) <= max(_SURE * e["total"][0], _LEAST_SHARE)]
+            unsure += [_SHORT[metric]] if top and not sure else []
+            widths += [_half(e) for e in sure]
+            words = [f"{spoken_name(e['parameter'])} ({_share(e, 'total')}, {_share(e, 'first')} alone)" for e in sure]
         else:
             found = [e["parameter"] for e in ranks.get(metric, {}).get("parameters", []) if e["driver"]]
             words = [spoken_name(parameter) for parameter in dict.fromkeys(found)][:_NAMED]
             if not words and metric in ranks:
-                words = ["no single parameter"]
+                none.append(_SHORT[metric])
         if words:
             parts.append(f"{_SHORT[metric]}: {joined(words)}")
+    told = bool(parts)
+    parts += [f"no single parameter moves {joined(none)}"] if none else []
+    parts += [f"too few flights to share out {joined(unsure)}"] if unsure else []
     if not parts:
         return ""
     how = ""
-    if sobol:
+    if sobol and told:
         how = f" (share of the variance that involves them, within {percent(round(max(widths), 2), 2)} or closer)"
     return f"What moves the errors of {_label(numbers, name)} most{how}: {'; '.join(parts)}."
 
@@ -202,25 +214,38 @@ def _driver_sentence(numbers: Mapping[str, Any], name: str) -> str:
 def _first_drivers_sentence(numbers: Mapping[str, Any]) -> str:
     """In which errors the parameter with the largest total index is the same for all controllers, and where not."""
     found = {n: part["metrics"] for n, part in numbers["sobol"].get("controllers", {}).items() if part["metrics"]}
-    same, apart = [], []
+    same, apart, untold = [], [], []
     for metric in (*HOLDING, *FOLLOWING) if len(found) > 1 else ():
         if any(metric not in part for part in found.values()):
             continue
         first = {name: spoken_name(part[metric][0]["parameter"]) for name, part in found.items()}
-        if len(set(first.values())) == 1:
+        if not all(_leads(part[metric]) for part in found.values()):
+            untold.append(_SHORT[metric])
+        elif len(set(first.values())) == 1:
             same.append(f"{_SHORT[metric]} ({next(iter(first.values()))})")
         else:
             each = [f"{word} for {_label(numbers, name)}" for name, word in first.items()]
             apart.append(f"{_SHORT[metric]} ({', '.join(each)})")
     parts = [f"the same in {joined(same)}"] if same else []
     parts += [f"it differs in {joined(apart)}"] if apart else []
+    parts += [f"open in {joined(untold)} (no parameter leads by more than the noise)"] if untold else []
     who = joined([_label(numbers, name) for name in found])
     return f"What spreads an error most is for {who} {'; '.join(parts)}." if parts else ""
 
 
-def _share(index: Sequence[float]) -> str:
-    """A Sobol index in percent; noise may take the estimate past the ends."""
-    return percent(min(max(round(index[0], 2), 0.0), 1.0), 2)
+def _leads(indices: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether the first total index is larger than the second one by more than the noise of both."""
+    return len(indices) < 2 or indices[0]["total"][0] - indices[1]["total"][0] > hypot(*map(_half, indices[:2]))
+
+
+def _half(entry: Mapping[str, Any]) -> float:
+    """Half the width of the wider interval of a parameter's two indices."""
+    return max((entry[kind][2] - entry[kind][1]) / 2.0 for kind in ("first", "total"))
+
+
+def _share(entry: Mapping[str, Any], kind: str) -> str:
+    """A Sobol index in percent; noise may take the estimate past the ends, and what acts alone past the total."""
+    return percent(min(max(round(min(entry[kind][0], entry["total"][0]), 2), 0.0), 1.0), 2)
 
 
 def answer_sentences(numbers: Mapping[str, Any]) -> list[str]:

@@ -136,7 +136,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "campaign": campaign,
         "numbers": numbers,
         "labels": list(campaign["labels"].values()),
-        "rivals": [controller_label(name) for name in campaign["controllers"][1:]],
+        "rivals": list(campaign["labels"].values())[1:],
         "title": campaign["name"].replace("_", " "),
         "question": campaign["question"] or f"What does the campaign {campaign['name']} show?",
         "answers": answer_sentences(numbers),

@@ -89,7 +89,8 @@ def stability_words(numbers: Mapping[str, Any], name: str) -> str:
     if little:
         words = f"little margin in steady, level flight: {margins}, where 6 dB and 30 to 45 deg are customary"
     if entry["corners_unstable"]:
-        words += f"; unstable at {entry['corners_unstable']} of {steady['corners']} corners of the dispersions"
+        tried = "corners" if steady.get("all_corners") else "corners, drawn at random,"
+        words += f"; unstable at {entry['corners_unstable']} of {steady['corners']} {tried} of the dispersions"
     return words
 
 

@@ -2,11 +2,15 @@
 
 from abhv_mc.statistics.verdicts import Verdict, runs_needed
 
+_LEAST = 1e-6  # of the probabilities that are told as a number
+
 
 def _share(value: float) -> str:
     """A probability in percent, with as many digits as tell it from 0 and 1."""
     if value in (0.0, 1.0):
         return f"{100.0 * value:g} %"
+    if value < _LEAST:
+        return f"less than {100.0 * _LEAST:g} %"
     digits = 2
     text = f"{100.0 * value:.{digits}g}"
     while float(text) >= 100.0 and digits < 15:

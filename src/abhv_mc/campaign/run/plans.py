@@ -83,6 +83,5 @@ def mend_plan(
 def find_warnings(plans: dict[str, FlightPlan], campaign: CheckedCampaign) -> list[str]:
     """What the plans say about their mission, and what of the campaign cannot come out, each sentence once."""
     plain = [warning for plan in plans.values() for warning in plan.warnings.tolist()]
-    return list(
-        dict.fromkeys([*plain, *(f"{error.found}; wanted {error.wanted}" for error in find_impossible(campaign))])
-    )
+    asked = [f"the campaign asks for {error.found}; it takes {error.wanted}" for error in find_impossible(campaign)]
+    return list(dict.fromkeys([*plain, *asked]))
