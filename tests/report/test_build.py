@@ -7,6 +7,8 @@ import pyarrow.parquet as pq
 import pytest
 from report.synthetic import write_campaign
 
+from abhv_mc.campaign.run.runner import RunResult
+from abhv_mc.cli.run import finish
 from abhv_mc.report.build import build_report, is_up_to_date
 from abhv_mc.store.flights import flights_schema, read_block, write_block
 from abhv_mc.store.samples import SampleReader
@@ -34,6 +36,20 @@ def lost(tmp_path_factory):
 
 def test_a_campaign_without_a_whole_flight_gets_its_report(lost):
     assert build_report(lost).is_file() and (lost / "figures/fig02_ground_track.png").is_file()
+
+
+def test_a_second_run_with_nothing_new_does_not_make_the_report_again(lost, monkeypatch, capsys):
+    """It took 12.5 s, almost all of them for the same report."""
+    build_report(lost)
+
+    def never(*_):
+        raise AssertionError("made again")
+
+    monkeypatch.setattr("abhv_mc.report.build.build_report", never)
+    manifest = {"state": "complete", "runs_done": 30, "runs_planned": 30, "digest": "", "warnings": []}
+    manifest |= {"controllers": {"tlc": {"outcomes": {"sideslip_limit": 30}}}, "requirements": []}
+    finish(RunResult(lost, manifest), no_report=False)
+    assert "report.html, up to date" in capsys.readouterr().out
 
 
 def test_a_report_is_up_to_date_until_something_changes(lost):

@@ -3,6 +3,7 @@ from itertools import combinations
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 from abhv_mc.report.figures.distributions import Spread, plot_distributions
@@ -124,3 +125,15 @@ def test_the_callers_settings_survive(tmp_path):
 def test_controllers_have_colours_of_their_own():
     colors = controller_colors(["a", "b", "c"])
     assert list(colors.values()) == list(CYCLE[:3])
+
+
+def test_a_figure_is_laid_out_and_drawn_once_in_full_colour(tmp_path, monkeypatch):
+    """Half of a report's time went into drawing each figure twice, and into palettes."""
+    drawn = []
+    draw = Figure.draw
+    monkeypatch.setattr(Figure, "draw", lambda self, renderer: (drawn.append(self), draw(self, renderer)))
+    figure = plot_envelopes([EnvelopeRow("y", [_panel()])], ["A"], [BLUE])
+    write_png(figure, tmp_path / "a.png")
+    assert drawn == [figure]
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.mode in ("RGB", "RGBA")

@@ -70,18 +70,19 @@ def test_no_single_parameter_where_little_is_explained():
 
 @pytest.mark.parametrize("together", [0.5, 0.8, 0.95])
 def test_an_idle_partner_of_a_driver_is_not_named(together):
-    """Was named in 16 to 100 % of campaigns."""
+    """Was named in 16 to 100 % of campaigns of 5000 flights: the ranks of a curved output leave it a small part."""
     named = marked = 0
-    for seed in range(100):
+    for seed in range(40):
         draw = np.random.default_rng(5000 + seed)
-        inputs = draw.normal(size=(1000, 4))
+        inputs = draw.normal(size=(5000, 4))
         inputs[:, 1] = together * inputs[:, 0] + np.sqrt(1.0 - together**2) * inputs[:, 1]
-        output = np.exp(inputs[:, 0]) + inputs[:, 0] ** 3 + 0.3 * draw.normal(size=1000)
-        found = rank_drivers(inputs, output[:, None])
-        assert found.found[0, 0]
-        named += found.found[1, 0]
-        marked += found.moves_with[1, 0] == 0
-    assert named <= 5 and marked >= 95
+        curved = inputs[:, 0] ** 2 + inputs[:, 0] + 0.3 * draw.normal(size=5000)
+        steady = np.exp(inputs[:, 0]) + inputs[:, 0] ** 3 + 0.3 * draw.normal(size=5000)
+        found = rank_drivers(np.hstack([inputs, np.abs(inputs)]), np.column_stack([curved, steady]))
+        assert found.found[0, 1] and found.found[[0, 4]].any(axis=0).all()
+        named += found.found[[1, 5]].any()
+        marked += found.moves_with[1, 1] == 0
+    assert named <= 2 and marked >= 38
 
 
 def test_intervals_cover_the_coefficients_of_all_flights():

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from math import hypot
 from typing import Any
 
+from abhv_mc.report.drivers import otherwise_words
 from abhv_mc.report.failure_cases import failure_case_sentence
 from abhv_mc.report.metrics import FOLLOWING, HOLDING, words_of
 from abhv_mc.report.noteworthy import noteworthy_sentences
@@ -196,6 +197,7 @@ def _driver_sentence(numbers: Mapping[str, Any], name: str) -> str:
         else:
             found = [e["parameter"] for e in ranks.get(metric, {}).get("parameters", []) if e["driver"]]
             words = [spoken_name(parameter) for parameter in dict.fromkeys(found)][:_NAMED]
+            words = words or otherwise_words(ranks.get(metric, {}).get("otherwise", []))[:_NAMED]
             if not words and metric in ranks:
                 none.append(_SHORT[metric])
         if words:

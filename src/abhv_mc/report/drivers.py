@@ -1,5 +1,6 @@
 """What drives each metric and where failures live, for each controller."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.report.failures import failure_kinds
 from abhv_mc.report.flights import severities
+from abhv_mc.report.metrics import HEADLINE
 from abhv_mc.report.parameters import shown_value, spoken_name
 from abhv_mc.report.plain import interval_at, plain
 from abhv_mc.report.results import Results
@@ -16,6 +18,7 @@ from abhv_mc.statistics.drivers import FALSE_DISCOVERY_RATE, rank_drivers
 from abhv_mc.statistics.failure_drivers import FALSE_DISCOVERY_RATE as RULES_RATE
 from abhv_mc.statistics.failure_drivers import FEWEST_FAILURES, bin_inputs, find_rules
 from abhv_mc.statistics.failure_rules import Condition, Rule
+from abhv_mc.statistics.given_data import given_data_indices
 
 _COUNTS = ("failures_inside", "failures", "others_inside", "others", "p_value", "q_value")
 _LISTED = 12  # parameters of a metric, largest first
@@ -80,6 +83,7 @@ def _coefficients(results: Results, controller: str, rows: NDArray[np.intp]) -> 
     if drivers is None:
         return {}
     table = {}
+    otherwise = _given_data(results, np.column_stack(inputs), outputs, drivers.tells)
     for column, metric in enumerate(metrics):
         if not np.isfinite(drivers.explained[column]):
             continue
@@ -87,6 +91,7 @@ def _coefficients(results: Results, controller: str, rows: NDArray[np.intp]) -> 
         table[metric] = {
             "explained": plain(drivers.explained[column]),
             "tells": bool(drivers.tells[column]),
+            "otherwise": otherwise.get(metric, []),
             "parameters": [
                 {
                     "parameter": names[row % len(names)],
@@ -100,6 +105,35 @@ def _coefficients(results: Results, controller: str, rows: NDArray[np.intp]) -> 
             ],
         }
     return table
+
+
+def _given_data(
+    results: Results, inputs: NDArray[np.float64], outputs: NDArray[np.float64], tells: NDArray[np.bool_]
+) -> dict[str, list[dict[str, Any]]]:
+    """Parameters that decide a headline error in another way than steadily up or down, largest first.
+
+    By first-order and total indices from the flights, of metrics that the rank regression does not explain. Designs
+    whose flights are no random draws have an order that these would take for an effect.
+    """
+    names = list(results.dispersed)
+    chosen = [c for c, metric in enumerate(results.metrics) if metric in HEADLINE and not tells[c]]
+    found = given_data_indices(inputs, outputs[:, chosen]) if chosen and results.campaign.independent else None
+    if found is None:
+        return {}
+    metrics = list(results.metrics)
+    return {
+        metrics[column]: [
+            {
+                "parameter": names[row],
+                "first": plain(found.first[row, place]),
+                "total": plain(found.total[row, place]),
+                "partner": names[found.partner[row, place]] if found.partner[row, place] >= 0 else None,
+            }
+            for row in np.argsort(-found.total[:, place], kind="stable").tolist()
+            if found.found[row, place]
+        ]
+        for place, column in enumerate(chosen)
+    }
 
 
 def _condition_words(condition: Condition, names: list[str]) -> str:
@@ -128,3 +162,17 @@ def _rule(rule: Rule, names: list[str]) -> dict[str, Any]:
         ],
         **{key: getattr(rule, key) for key in _COUNTS},
     }
+
+
+def otherwise_words(entries: Sequence[Mapping[str, Any]]) -> list[str]:
+    """'drag' of a parameter that acts alone, 'lift together with density' of one that mostly does not, each once."""
+    words: list[str] = []
+    told: set[str] = set()
+    for entry in entries:
+        name, partner = entry["parameter"], entry["partner"]
+        if name in told:
+            continue
+        together = partner is not None and entry["first"] < entry["total"] / 2.0
+        words.append(f"{spoken_name(name)} together with {spoken_name(partner)}" if together else spoken_name(name))
+        told |= {name, partner} if together else {name}
+    return words

@@ -3,9 +3,10 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
+from abhv_mc.report.drivers import otherwise_words
 from abhv_mc.report.metrics import FOLLOWING, HOLDING, USAGE, controller_label, words_of
 from abhv_mc.report.parameters import parameter_doc, shown_value, spoken_name
-from abhv_mc.report.words import bounds, count_of, estimate, fixed, p_value, percent, significant
+from abhv_mc.report.words import bounds, count_of, estimate, fixed, joined, p_value, percent, significant
 
 GROUPS = {
     "tracking": "Tracking errors",
@@ -201,6 +202,7 @@ def driver_rows(numbers: Mapping[str, Any]) -> list[Row]:
                     "controller": controller_label(name),
                     "label": words_of(metric).label,
                     "explained": percent(table["explained"], 2),
+                    "otherwise": _otherwise(table["otherwise"]),
                     "drivers": [
                         {
                             "moves_with": spoken_name(entry["moves_with"]) if entry["moves_with"] else None,
@@ -214,6 +216,18 @@ def driver_rows(numbers: Mapping[str, Any]) -> list[Row]:
                 }
             )
     return rows
+
+
+def _otherwise(entries: Sequence[Mapping[str, Any]]) -> str:
+    """'lift together with density, not steadily up or down: lift 4 % alone and 62 % in all, ...'."""
+    if not entries:
+        return "no single parameter"
+    shares = [
+        f"{spoken_name(entry['parameter'])} {percent(entry['first'], 2)} alone, {percent(entry['total'], 2)} in all"
+        for entry in entries[:4]
+    ]
+    names = joined(otherwise_words(entries[:4]))
+    return f"{names}, not steadily up or down (of the variance of ranks: {'; '.join(shares)})"
 
 
 def sobol_rows(numbers: Mapping[str, Any]) -> list[Row]:
