@@ -4,17 +4,19 @@ import contextlib
 import csv
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import typer
-from campaign.fake_flight import ENGINE, fly, write_campaign
+from campaign.fake_flight import DENSITY, ENGINE, fly, write_campaign
 
 from abhv_mc.campaign.run.runner import RunResult
 from abhv_mc.cli.app import main
 from abhv_mc.cli.run import finish
+from abhv_mc.flight.outcome import Outcome
 
 
 @pytest.fixture(autouse=True)
@@ -229,6 +231,31 @@ def test_an_empty_name_of_a_controller_is_refused(names):
 
     with pytest.raises(InputError, match="empty name"):
         parse_names(names)
+
+
+@pytest.mark.parametrize("controllers", ["{one: one.yaml}", "{one: one.yaml, two: two.yaml}"])
+def test_a_campaign_of_which_no_flight_was_computed_is_told_and_no_success(abhv_mc, tmp_path, monkeypatch, controllers):
+    """0 of 6 flights: was complete, with exit code 0. There is nothing to report of."""
+
+    def none(plan, parameters, every=None):
+        block = fly(plan, parameters, every)
+        lost = (parameters[:, DENSITY] != 1.0) & ((plan.controller == "one") | ("two" not in controllers))
+        metrics, history = block.metrics.copy(), block.history.copy()
+        metrics[lost], history[lost] = np.nan, np.nan
+        return replace(
+            block, outcome=np.where(lost, Outcome.FAILED_TO_RUN, block.outcome), metrics=metrics, history=history
+        )
+
+    engine = replace(ENGINE, fly=none)
+    monkeypatch.setattr("abhv_mc.campaign.run.runner.make_engine", lambda: engine)
+    keep = "{histories: {flights: none}, envelopes: {rate: 5 Hz}}"
+    campaign = write_campaign(tmp_path / "files", runs="6", keep=keep, controllers=controllers)
+    code, out, err = abhv_mc("run", campaign)
+    assert code == 3 and "6 flights could not be computed" in err and "FAIL (provisional)" in out
+    assert ("report    " in out) == ("two" in controllers)
+    if "two" in controllers:
+        page = (tmp_path / "reports/fake/report.html").read_text(encoding="utf-8")
+        assert "one: the machine could compute none of 6 flights" in page
 
 
 @pytest.mark.parametrize(("lost", "verdict", "code"), [(0, "PASS", 0), (0, "FAIL", 1), (2, "PASS", 3), (2, "FAIL", 3)])

@@ -93,6 +93,12 @@ def test_errors_that_no_single_parameter_moves_are_told_together(report_json):
     assert "no single parameter moves altitude, speed, angle of attack, sideslip and bank." in text
 
 
+def test_flights_that_were_not_computed_are_told(report_json):
+    numbers = copy.deepcopy(report_json)
+    numbers["flights"]["lqr"]["not_computed"] = 20
+    assert any(text.startswith("LQR: the machine could not compute 20 of 100 fl") for text in answer_sentences(numbers))
+
+
 def test_saturation_and_cycles_are_told(report_json):
     numbers = copy.deepcopy(report_json)
     numbers["noteworthy"]["tlc"] |= {"saturated": 80}

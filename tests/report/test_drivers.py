@@ -46,3 +46,15 @@ def test_chance_is_not_told(results):
 def test_designs_that_are_no_random_draws_have_no_such_indices(results):
     facts = replace(results.campaign, sampling="corners")
     assert told_of(replace(results, campaign=facts), lambda x: 2.0 + np.sin(6.0 * x["aero.lift"])) == ([], [])
+
+
+def test_each_parameter_is_named_once():
+    def entry(name, partner, first):
+        return {"parameter": name, "partner": partner, "first": first, "total": 0.6}
+
+    density, lift, drag = "atmosphere.density", "aero.lift", "aero.drag"
+    assert otherwise_words([entry(density, lift, 0.1), entry(lift, density, 0.1), entry(drag, density, 0.0)]) == [
+        "density together with lift",
+        "drag",
+    ]
+    assert otherwise_words([entry(density, lift, 0.5), entry(lift, density, 0.1)]) == ["density", "lift"]

@@ -101,12 +101,13 @@ def finish(result: "RunResult", no_report: bool, place: Path | None = None) -> N
     if not result.complete:
         print("incomplete: the same command goes on where this one ended", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
-    if not no_report:
+    outcomes = [facts["outcomes"] for facts in result.manifest["controllers"].values()]
+    if not no_report and any(set(ended) - {"failed_to_run"} for ended in outcomes):
         from abhv_mc.report.build import build_report, is_up_to_date
 
         made = is_up_to_date(result.folder)
         print(f"report    {named}/{'report.html, up to date' if made else build_report(result.folder).name}")
-    if lost := sum(facts["outcomes"].get("failed_to_run", 0) for facts in result.manifest["controllers"].values()):
+    if lost := sum(ended.get("failed_to_run", 0) for ended in outcomes):
         count = "1 flight" if lost == 1 else f"{lost} flights"
         print(f"{count} could not be computed: the same command tries again", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)

@@ -165,14 +165,14 @@ def _rule(rule: Rule, names: list[str]) -> dict[str, Any]:
 
 
 def otherwise_words(entries: Sequence[Mapping[str, Any]]) -> list[str]:
-    """'drag' of a parameter that acts alone, 'lift together with density' of one that mostly does not, each once."""
+    """'drag' of a parameter that acts alone, 'lift together with density' of two that mostly do not, each name once."""
     words: list[str] = []
     told: set[str] = set()
     for entry in entries:
         name, partner = entry["parameter"], entry["partner"]
         if name in told:
             continue
-        together = partner is not None and entry["first"] < entry["total"] / 2.0
+        together = partner is not None and partner not in told and entry["first"] < entry["total"] / 2.0
         words.append(f"{spoken_name(name)} together with {spoken_name(partner)}" if together else spoken_name(name))
         told |= {name, partner} if together else {name}
     return words

@@ -20,6 +20,13 @@ def noteworthy_numbers(results: Results) -> dict[str, Any]:
     return {name: _of(results.flights[name]) for name in results.controllers}
 
 
+def left_out(results: Results) -> dict[str, int]:
+    """Flights of each controller that a report has nothing of, because the machine computed none of them."""
+    listed = (results.manifest.get("controllers") or {}).items()
+    lost = {name: facts.get("outcomes", {}).get("failed_to_run", 0) for name, facts in listed}
+    return {name: count for name, count in lost.items() if count and name not in results.controllers}
+
+
 def _of(flights: ControllerFlights) -> dict[str, Any]:
     def above(metric: str, limit: float) -> int | None:
         return int(np.sum(flights.metrics[metric] > limit)) if metric in flights.metrics else None
@@ -35,9 +42,14 @@ def _of(flights: ControllerFlights) -> dict[str, Any]:
 
 
 def noteworthy_sentences(numbers: Mapping[str, Any]) -> Iterator[str]:
-    """One of each controller: its loops, flights that cycle or end early, saturated surfaces, tables left."""
+    """One of each controller: flights not computed, its loops, flights that cycle or end early, saturated surfaces,
+    tables left."""
+    for name, count in numbers["left_out"].items():
+        yield f"{name}: the machine could compute none of {count} flights, so it is not in this report; it met nothing."
     for name, part in numbers["noteworthy"].items():
+        absent = numbers["flights"][name]["not_computed"]
         known = (
+            _in("the machine could not compute", absent, part["flown"] + absent),
             stability_words(numbers, name), _cycles(part), _early(numbers, name),
             _in("surfaces reach a limit of deflection or rate in", part["saturated"], part["flown"]),
             _in("the vehicle's tables are left in", part["outside_tables"], part["flown"]),

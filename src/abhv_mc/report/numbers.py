@@ -13,7 +13,7 @@ from abhv_mc.report.drivers import driver_numbers
 from abhv_mc.report.failure_cases import failure_case_numbers
 from abhv_mc.report.failures import judge_all, requirement_failures, requirement_words
 from abhv_mc.report.metrics import full_labels, words_of
-from abhv_mc.report.noteworthy import noteworthy_numbers
+from abhv_mc.report.noteworthy import left_out, noteworthy_numbers
 from abhv_mc.report.paired import paired_numbers
 from abhv_mc.report.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.results import Requirement, Results
@@ -114,6 +114,8 @@ def _ranges(results: Results) -> dict[str, Any]:
     """Smallest and largest value of each channel over all flights and times."""
     ranges: dict[str, Any] = {}
     for (controller, channel), envelope in results.envelopes.items():
+        if np.isnan(envelope.bands["min"]).all():  # no flight was computed
+            continue
         low, high = np.nanmin(envelope.bands["min"]), np.nanmax(envelope.bands["max"])
         ranges.setdefault(controller, {})[channel] = [plain(float(low)), plain(float(high))]
     return ranges
@@ -146,6 +148,7 @@ def make_numbers(results: Results) -> dict[str, Any]:
         "metrics": _metric_table(results),
         "paired": paired_numbers(results),
         "noteworthy": noteworthy_numbers(results),
+        "left_out": left_out(results),
         "worst": worst_numbers(results),
         "failure_cases": failure_case_numbers(results),
         "ranges": _ranges(results),
