@@ -17,6 +17,7 @@ def level(repository, vehicle):
 
 
 def test_without_an_empty_mass_the_engine_runs_and_the_mass_stays(repository, tmp_path):
+    """It flew with its engine off, and nothing said so."""
     (tmp_path / "ghame").symlink_to(repository / "configs/vehicle/ghame")
     text = (repository / "configs/vehicle/ghame_x.yaml").read_text()
     file = tmp_path / "vehicle.yaml"

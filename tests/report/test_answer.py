@@ -62,6 +62,7 @@ def test_lists_read_as_english():
 
 
 def test_the_strongest_rival_comes_first(report_json):
+    """The page began with the weakest rival: 'TLC is better', where a tuned LQR beats it in some errors."""
     numbers = copy.deepcopy(report_json)
     pair = numbers["paired"]["tlc - lqr_retuned"]
     for metric in ("sideslip_rms_deg", "speed_error_max_mps"):
@@ -100,6 +101,7 @@ def test_flights_that_were_not_computed_are_told(report_json):
 
 
 def test_saturation_and_cycles_are_told(report_json):
+    """Of 1000 TLC flights all saturate their surfaces, and no sentence said so."""
     numbers = copy.deepcopy(report_json)
     numbers["noteworthy"]["tlc"] |= {"saturated": 80}
     numbers["noteworthy"]["lqr"] |= {"cycling": {"angle_of_attack": 7, "bank": 0}}

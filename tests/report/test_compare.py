@@ -63,6 +63,7 @@ def test_margins_that_are_none_are_refused(text):
 
 @pytest.mark.parametrize(("margin", "code"), [("500%", 0), ("5%", 1)])
 def test_the_gate_is_the_exit_code(failing_folder, monkeypatch, margin, code):
+    """There was no such gate: continuous integration could not ask whether a change made a metric worse."""
     crossed = ["--controllers", "lqr_retuned,lqr", "--fail-if-worse", f"bank_error_rms_deg={margin}"]
     monkeypatch.setattr(sys, "argv", ["abhv-mc", "compare", str(failing_folder), str(failing_folder), *crossed])
     with pytest.raises(SystemExit) as ended:

@@ -62,6 +62,7 @@ def test_a_tiny_coefficient_names_nobody():
 
 
 def test_no_single_parameter_where_little_is_explained():
+    """A parameter was named however little of the error it explained."""
     draw = np.random.default_rng(91)
     inputs = draw.uniform(-1.0, 1.0, (1000, 3))
     found = rank_drivers(inputs, (inputs[:, 0] + 1.5 * draw.normal(size=1000))[:, None])

@@ -26,6 +26,7 @@ def test_what_the_first_look_settled_stays_with_its_flights():
 
 
 def test_what_it_did_not_settle_is_an_estimate():
+    """700 flights, a look, then 1440: the same '10 %' was printed."""
     found = judge_at_looks(flags(1440), flags(1440), (700, 1440), PROBABILITY, RISK)
     assert (found.status, found.failures, found.runs) == ("ESTIMATE", 0, 1440)
     assert found.lower_bound is found.consumer_risk is found.met is None
@@ -98,6 +99,7 @@ FIRST = next(look for look, accept in zip(PLAN.looks, PLAN.accept, strict=True) 
 
 
 def test_fixed_and_sequential_count_uncomputed_flights_alike():
+    """Each left them out in its own way."""
     uncomputed = flags(5000, *range(0, 5000, 7))
     fixed = judge_at_looks(flags(5000), uncomputed, (5000,), PROBABILITY, RISK)
     stopped = judge_by_plan(flags(5000), uncomputed, PLAN)

@@ -54,6 +54,7 @@ def test_the_closer_one_wins(swapped):
 
 
 def test_who_loses_two_hundred_flights_more_does_not_win():
+    """Was 'better', its flights that got through being closer."""
     draw = np.random.default_rng(64)
     lost = np.arange(1000) < 200
     a, b = draw.normal(1.0, 0.1, 1000), draw.normal(2.0, 0.1, 1000)
@@ -69,6 +70,7 @@ def test_who_loses_two_hundred_flights_more_does_not_win():
 
 @pytest.mark.parametrize("size", [1000, 5000])
 def test_who_is_many_times_worse_in_two_per_cent_does_not_win(size):
+    """Was 'better': 6.7 times worse in 2 % of the flights is no matter of the median."""
     draw = np.random.default_rng(65)
     b = draw.normal(1.0, 0.1, size)
     a = np.where(np.arange(size) < 0.02 * size, 6.7 * b, 0.9 * b)

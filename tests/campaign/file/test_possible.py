@@ -41,6 +41,7 @@ def disperse(law, name="atmosphere.density"):
     ],
 )
 def test_what_cannot_come_out_is_found(tmp_path, entries, words):
+    """Each of these was valid, and flew for nothing."""
     (problem,) = find_impossible(read_campaign(write_campaign(tmp_path, **entries)))
     assert any(part in str(problem) for part in words.split("|")) and problem.line
 
