@@ -5,7 +5,6 @@ import pytest
 
 from abhv_mc.statistics.flights_planned import (
     can_show,
-    failure_rates,
     flights_for_failures,
     most_failures,
     pass_chance,
@@ -44,7 +43,7 @@ def test_chance_of_pass_is_that_of_flown_campaigns():
 
 def test_the_curve_with_stop_meets_the_risk_at_the_requirement():
     plan = make_sequential_plan(choose_looks(0.9973, 0.1, 5000), 0.9973, 0.1)
-    rates = failure_rates(0.9973)
+    rates = np.unique(np.append(np.geomspace(2.7e-5, 8.1e-3, 60), 1.0 - 0.9973))
     curve = sequential_curve(plan, rates)
     at = int(np.argmin(np.abs(rates - 0.0027)))
     assert curve.passed[at] == pytest.approx(plan.false_pass) and curve.failed[at] == pytest.approx(plan.false_fail)

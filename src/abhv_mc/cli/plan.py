@@ -39,25 +39,34 @@ def _print(numbers: dict[str, Any]) -> None:
     from abhv_mc.cli.printing import new_table, print_table
     from abhv_mc.report.words import percent, significant
 
-    flights, share = f"PASS at {numbers['runs']} flights", 0.2
-    heads = ("0 failures", "1", "2", "3", f"{flights} with at most", "chance at a fifth of the allowed failures",
-             "expected flights if it stops when proven")  # fmt: skip
+    share = 0.2
+    each = "chance of PASS *", "of a false one **"
+    heads = ("0 failures", "1", "2", "3", f"all {numbers['runs']} flights: PASS with at most", *each,
+             "stopping when proven: flights *", *each)  # fmt: skip
     table = new_table(("requirement",), heads, f"{numbers['name']}: flights needed for PASS")
     place = min(range(len(numbers["rates_over_allowed"])), key=lambda k: abs(numbers["rates_over_allowed"][k] - share))
     for entry in numbers["requirements"]:
-        most = entry["most_failures_at_runs"]
+        most, stops = entry["most_failures_at_runs"], entry["stop_when_proven"]
         table.add_row(
             f"{entry['words']} in {percent(entry['probability'])}",
             *map(str, entry["flights_for_failures"].values()),
             "never" if most < 0 else f"{most} failures",
             percent(entry["pass_chance"][place], 2),
-            significant(entry["stop_when_proven"]["expected_flights"][place], 3),
+            percent(entry["false_pass"]),
+            significant(stops["expected_flights"][place], 3),
+            percent(stops["pass_chance"][place], 2),
+            percent(stops["false_pass"]),
         )
     print_table(table)
+    print("*  where a fifth of the allowed failures is true    ** where just more than allowed is true: exact")
     if len(numbers["requirements"]) > 1:
         both = numbers["together"]["stop_when_proven" if numbers["stops_when_proven"] else "fixed"]
         low, high = (percent(both[end][place], 2) for end in ("low", "high"))
         print(f"All of them PASS with a chance between {low} and {high} at a fifth of the allowed failures each.")
-    print(f"The chance of any false PASS is at most {percent(numbers['any_false_pass'], 2)}.")
+    if numbers["expected_false_passes"] < 1.0 or numbers["family_risk"]:
+        print(f"The chance of any false PASS is at most {percent(numbers['any_false_pass'], 2)}.")
+    else:
+        print(f"Were each just missed, up to {significant(numbers['expected_false_passes'], 2)} of the "
+              f"{numbers['verdicts']} verdicts would PASS on average.")  # fmt: skip
     if not numbers["independent_flights"]:
         print("Its flights are not independent draws: it gets estimates and no verdict. These numbers are for random.")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.campaign.file.check import CheckedCampaign
-from abhv_mc.campaign.file.possible import find_impossible
+from abhv_mc.campaign.file.possible import asked_in_vain
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.report.failures import limit_words
 from abhv_mc.report.plain import plain
@@ -20,7 +20,10 @@ from abhv_mc.statistics.flights_planned import (
 from abhv_mc.statistics.judgement import Rules, any_false_pass, own_risks
 from abhv_mc.statistics.sequential import choose_looks, make_sequential_plan
 
-_RATES = np.concatenate([[0.0], np.geomspace(0.01, 3.0, 40)])  # true failure rate over the allowed one
+# True failure rates over the allowed one, a fifth and the whole of it among them.
+_RATES = np.concatenate(
+    [[0.0], *(np.geomspace(*ends)[:-1] for ends in ((0.01, 0.2, 22), (0.2, 1.0, 13))), np.geomspace(1.0, 3.0, 7)]
+)
 
 
 def plan_numbers(campaign: CheckedCampaign) -> dict[str, Any]:
@@ -55,6 +58,7 @@ def plan_numbers(campaign: CheckedCampaign) -> dict[str, Any]:
                 "flights_for_failures": {str(k): n for k, n in flights_for_failures(item.probability, risk).items()},
                 "most_failures_at_runs": most_failures(runs, item.probability, risk),
                 "pass_chance": plain(fixed[-1]),
+                "false_pass": float(pass_chance(runs, item.probability, risk, np.array([allowed]))[0]),
                 "stop_when_proven": {
                     "looks": list(looks),
                     "false_pass": plan.false_pass,
@@ -64,13 +68,16 @@ def plan_numbers(campaign: CheckedCampaign) -> dict[str, Any]:
                 },
             }
         )
+    rules = Rules((), campaign.looks, True, family)
     return {
         "name": model.name,
         "runs": runs,
         "independent_flights": model.sampling.design == INDEPENDENT,
         "stops_when_proven": bool(campaign.looks),
         "family_risk": family,
-        "any_false_pass": any_false_pass(risks, Rules((), campaign.looks, True, family)) if risks else None,
+        "verdicts": len(risks),
+        "any_false_pass": any_false_pass(risks, rules) if risks else None,
+        "expected_false_passes": float(sum(own_risks(risks, rules))),
         "rates_over_allowed": plain(_RATES),
         "requirements": requirements,
         "together": {
@@ -78,7 +85,7 @@ def plan_numbers(campaign: CheckedCampaign) -> dict[str, Any]:
             for kind, curves in (("fixed", fixed), ("stop_when_proven", stopped))
             if curves
         },
-        "problems": [f"{error.found}; wanted {error.wanted}" for error in find_impossible(campaign)],
+        "problems": asked_in_vain(campaign),
     }
 
 

@@ -32,13 +32,6 @@ def can_show(runs: int, probability: float, risk: float) -> bool:
     return runs_needed(0, probability, risk) <= runs
 
 
-def failure_rates(probability: float, number: int = 60) -> Floats:
-    """True failure rates for a figure, from a hundredth of the allowed one to three times it, at most 1; with it."""
-    allowed = 1.0 - probability
-    rates = np.geomspace(0.01 * allowed, min(3.0 * allowed, 1.0), number)
-    return np.unique(np.append(rates, allowed))
-
-
 def pass_chance(runs: int, probability: float, risk: float, rates: Floats) -> Floats:
     """Chance of PASS after `runs` flights, for each true failure rate [rate]."""
     most = most_failures(runs, probability, risk)

@@ -35,6 +35,11 @@ def find_impossible(campaign: CheckedCampaign, vehicle: Vehicle | None = None) -
     return found if vehicle is None else [*found, *_lacking(campaign, vehicle)]
 
 
+def asked_in_vain(campaign: CheckedCampaign) -> list[str]:
+    """The same in sentences (without their full stops), where it is no reason to refuse the campaign."""
+    return [f"the campaign asks for {error.found}; it takes {error.wanted}" for error in find_impossible(campaign)]
+
+
 def _requirements(campaign: CheckedCampaign) -> Iterator[InputError]:
     document, entries = campaign.document, campaign.model.requirements
     for i, (entry, limit) in enumerate(zip(entries, campaign.limits, strict=True)):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.own_code import check_own_code, read_trusted_plan
-from abhv_mc.campaign.file.possible import find_impossible
+from abhv_mc.campaign.file.possible import asked_in_vain
 from abhv_mc.campaign.file.resolve import ResolvedCampaign
 from abhv_mc.campaign.run.engine import Engine, check_source
 from abhv_mc.flight.own_law import open_law
@@ -83,5 +83,4 @@ def mend_plan(
 def find_warnings(plans: dict[str, FlightPlan], campaign: CheckedCampaign) -> list[str]:
     """What the plans say about their mission, and what of the campaign cannot come out, each sentence once."""
     plain = [warning for plan in plans.values() for warning in plan.warnings.tolist()]
-    asked = [f"the campaign asks for {error.found}; it takes {error.wanted}" for error in find_impossible(campaign)]
-    return list(dict.fromkeys([*plain, *asked]))
+    return list(dict.fromkeys([*plain, *asked_in_vain(campaign)]))
