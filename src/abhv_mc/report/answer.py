@@ -230,7 +230,8 @@ def _first_drivers_sentence(numbers: Mapping[str, Any]) -> str:
             apart.append(f"{_SHORT[metric]} ({', '.join(each)})")
     parts = [f"the same in {joined(same)}"] if same else []
     parts += [f"it differs in {joined(apart)}"] if apart else []
-    parts += [f"open in {joined(untold)} (no parameter leads by more than the noise)"] if untold else []
+    if untold:
+        parts.append(f"{'it is ' if parts else ''}open in {joined(untold)} (no parameter leads by more than the noise)")
     who = joined([_label(numbers, name) for name in found])
     return f"What spreads an error most is for {who} {'; '.join(parts)}." if parts else ""
 
