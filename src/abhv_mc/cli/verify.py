@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from abhv_mc.io.input_error import printable
+
 if TYPE_CHECKING:
     from abhv_mc.verification.rows import Row
 
@@ -17,21 +19,35 @@ _REFERENCES = Path("tests/reference")
 
 @app.command("campaign")
 def campaign(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a campaign.")]) -> None:
-    """Make every number of a campaign's report again from its Parquet; exit 1 at the first that differs."""
+    """Hold everything in a campaign's folder against the flights; exit 1 at the first that differs.
+
+    The campaign file and its inputs, the samples, the manifest's counts and verdicts, histories, envelopes, and every
+    number of the report. Nothing is flown again: replay does that with one flight.
+    """
+    from abhv_mc.report.consistency import has_facts
     from abhv_mc.report.searched import search_command
     from abhv_mc.report.verify import verify_campaign
     from abhv_mc.store.folder import CampaignFolder
-    from abhv_mc.store.manifest import read_manifest
+    from abhv_mc.store.manifest import COMPLETE, read_manifest
 
     for difference in verify_campaign(folder):
-        print(difference)
+        print(printable(difference))
         raise typer.Exit(1)
     manifest = read_manifest(CampaignFolder(folder).manifest)
     if "search" in manifest:
         print(f"{folder}: the search's flights are whole, and its counts and worst flights follow from them")
         print(f"its estimate and page are made again from these flights by: {search_command(folder, manifest)}")
-    else:
-        print(f"{folder}: every number of the report follows from the data")
+        return
+    print(f"{folder}: every number of the report follows from the flights, envelopes and margins")
+    if not has_facts(manifest):
+        print("nothing else was held against the flights: the folder is of an older version, without hashes")
+        return
+    print("every file has its hash; samples follow from the campaign file, the manifest's counts and verdicts from the")
+    print("flights" + _KEPT * (manifest.get("state") == COMPLETE))
+    print("plans, nominal flights, reference and margins have their hashes alone; nothing was flown again (see replay)")
+
+
+_KEPT = "; histories and envelopes are of these flights, as long as they, and within the extremes of their metrics"
 
 
 @app.command("nesc")

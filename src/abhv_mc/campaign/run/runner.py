@@ -32,7 +32,14 @@ from abhv_mc.campaign.run.setup import (
     record_every,
 )
 from abhv_mc.campaign.run.stopping import find_goal
-from abhv_mc.campaign.run.tally import Tally, judge_requirements, make_rules, make_tallies
+from abhv_mc.campaign.run.tally import (
+    Tally,
+    count_flights,
+    flight_values,
+    judge_requirements,
+    make_rules,
+    make_tallies,
+)
 from abhv_mc.campaign.run.worker_pool import start_fork_server
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import Outcome
@@ -41,10 +48,8 @@ from abhv_mc.flight.signals import CHANNEL_INDEX
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.metrics import MARGIN_VALUES
 from abhv_mc.statistics.judgement import own_risks
-from abhv_mc.store.digest import Digest
 from abhv_mc.store.envelopes import is_whole, write_envelopes
 from abhv_mc.store.flights import (
-    END_TIME,
     DamagedFileError,
     FlightRows,
     flights_schema,
@@ -110,7 +115,7 @@ class _Run:
         self.collectors: dict[str, Collector] = {}
         provenance = {"seed": str(model.seed), "campaign_hash": self.manifest["campaign_hash"]}
         provenance["version"] = str(self.manifest["versions"].get("abhv_mc"))
-        values = (*self.campaign.metrics.values(), END_TIME, *(MARGIN_VALUES if model.margins else ()))
+        values = flight_values(self.campaign)
         self.columns = tuple(signal.name for signal in values)
         self.schema = flights_schema(self.samples.names, provenance, values)
         self.margin_plans = opened.margin_plans
@@ -385,23 +390,11 @@ class _Run:
         self.manifest["looks"] = looks
 
     def _write_manifest(self, state: str) -> None:
-        failed_code = Outcome.FAILED_TO_RUN.code
-        failed = max((tally.outcomes[failed_code] for tally in self.tallies.values()), default=0)
-        together = np.logical_and.reduce(list(self.done.values()))
-        flown, gapless = int(together.sum()), int(np.argmin(np.append(together, False)))
-        self.manifest |= {
+        counted, gapless = count_flights(self.tallies, self.done)
+        self.manifest |= counted | {
             "state": state,
             "runs_planned": self.stop - self.first,
-            "runs_done": flown - failed,
-            "runs_failed": failed,
             "wall_time_s": round(self.wall_before + time.monotonic() - self.start, 3),
-            "digest": str(sum((tally.digest for tally in self.tallies.values()), Digest())),
-            "digests": {name: str(tally.digest) for name, tally in self.tallies.items()},
-            "controllers": {
-                name: {"flights_done": int(self.done[name].sum()), "outcomes": dict(sorted(tally.outcomes.items()))}
-                | ({"failed_to_run": sorted(tally.not_computed)} if tally.not_computed else {})
-                for name, tally in self.tallies.items()
-            },
         }
         self.manifest["files"] = self.files.listed()
         self._look(state, gapless)
