@@ -307,7 +307,7 @@ def assert_refused(ended, words):
 
 
 def test_a_plan_that_unpacks_to_gigabytes_or_runs_code(flown, folder, abhv_mc, monkeypatch):
-    monkeypatch.setattr("abhv_mc.store.plans._MAX_BYTES", 2**20)
+    monkeypatch.setattr("abhv_mc.store.packed.MAX_BYTES", 2**20)
     plan = folder / "plans/one.npz"
     parts = dict(np.load(plan, allow_pickle=False))
 

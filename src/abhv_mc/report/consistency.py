@@ -42,7 +42,7 @@ class _Flown:
 
 
 def find_contradictions(results: Results) -> Iterator[str]:
-    """What in the folder does not fit the rest of it, one sentence each. Raises InputError for a file it cannot read."""
+    """What in the folder does not fit the rest of it, one sentence each. Raises InputError for an unreadable file."""
     folder, manifest = CampaignFolder(results.folder), results.manifest
     campaign = read_own_campaign(folder)
     drawn, flown = SampleReader(folder.samples), _empty(campaign)
