@@ -29,9 +29,9 @@ LOST_BELOW = 0.91
 TICKS = 20  # of 0.1 s
 _SOURCES = [channel.source for channel in CHANNELS]
 _EXTREMES = {
-    Statistic.MAX_ABS: lambda values: np.nanmax(np.abs(values), axis=1),
-    Statistic.MIN: lambda values: np.nanmin(values, axis=1),
-    Statistic.MAX: lambda values: np.nanmax(values, axis=1),
+    Statistic.MAX_ABS: lambda values: np.fmax.reduce(np.abs(values), axis=1),
+    Statistic.MIN: lambda values: np.fmin.reduce(values, axis=1),
+    Statistic.MAX: lambda values: np.fmax.reduce(values, axis=1),
 }
 
 

@@ -218,6 +218,8 @@ TABLES = {
     "no columns": lambda t: t.select([]),
     "half the columns": lambda t: t.select(t.column_names[: len(t.column_names) // 2]),
     "more rows": lambda t: pa.concat_tables([t, t]),
+    "unknown words": lambda t: change(t, t.column_names[2], pa.array(["\x1b[2Jlanded"] * len(t))),
+    "hidden names": lambda t: t.rename_columns([*t.column_names[:-1], "aero.\u202elift"]),
     "huge numbers": lambda t: change(t, t.column_names[0], pa.array([2**62] * len(t))),
 }
 
@@ -232,7 +234,21 @@ def test_tables_of_wrong_types_and_sizes(flown, folder, abhv_mc, name, kind):
     for words in commands(flown[0], folder):
         if words[0] not in ("status", "list", "merge"):
             code, said = abhv_mc(*words)
-            assert code in (0, 1, 2) and "Traceback" not in said, (words, code, said)
+            assert code in (0, 1, 2) and "Traceback" not in said and "\x1b" not in said, (words, code, said)
+
+
+@pytest.mark.parametrize(
+    ("column", "word"), [("outcome", "landed"), ("outcome", "OK"), ("controller", "two"), ("controller", "")]
+)
+def test_words_that_no_campaign_writes_are_refused_by_every_reader(flown, folder, abhv_mc, column, word):
+    table = pq.read_table(folder / BLOCK, partitioning=None)
+    values = table[column].to_pylist()
+    pq.write_table(change(table, column, pa.array([*values[:-1], word])), folder / BLOCK)
+    sign(folder)
+    for words in commands(flown[0], folder):
+        if words[0] in ("query", "export", "compare", "whatif"):
+            assert_refused(abhv_mc(*words), f"the {column} '{word}'")
+    assert_refused(abhv_mc("report", folder), f"the {column} '{word}'")
 
 
 LOOP = {"loop": "aileron", "stable": True, "gain_margin_low_db": -9.0, "gain_margin_high_db": 9.0}

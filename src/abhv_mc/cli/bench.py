@@ -6,10 +6,12 @@ from typing import Annotated, Any
 
 import typer
 
+from abhv_mc.cli.outputs import apart
+
 
 def command(
     json: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write the figures; - prints them.")
+        Path | None, typer.Option("--json", callback=apart, metavar="FILE", help="Write the figures; - prints them.")
     ] = None,
     repetitions: Annotated[int, typer.Option(min=1, help="Of each measurement; medians are shown.")] = 9,
 ) -> None:

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from abhv_mc.cli.outputs import apart
+
 
 def command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder.")],
@@ -16,7 +18,9 @@ def command(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE.png", help="Where the figure goes.", show_default="in DIR"),
+        typer.Option(
+            "--output", "-o", callback=apart, metavar="FILE.png", help="Where the figure goes.", show_default="in DIR"
+        ),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     trust_code: Annotated[

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from abhv_mc.cli.outputs import folder_apart
+
 if TYPE_CHECKING:
     from abhv_mc.flight.plan import FlightBlock
 
@@ -17,7 +19,8 @@ def command(
         typer.Option(metavar="C", help="Controller file or shipped name; may be repeated.", show_default="tlc and lqr"),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write history and figures here.")
+        Path | None,
+        typer.Option("--output", "-o", callback=folder_apart, metavar="DIR", help="Write history and figures here."),
     ] = None,
 ) -> None:
     """Fly a mission once with each controller, nothing dispersed, and print how it went."""

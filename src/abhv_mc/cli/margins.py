@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from abhv_mc.cli.outputs import apart, folder_apart
+
 if TYPE_CHECKING:
     from abhv_mc.linearising import Place, Setup
     from abhv_mc.stability.analysis import Stability, Time
@@ -40,9 +42,14 @@ def command(
         str, typer.Option(metavar="POINTS", help="trim, or times of the nominal flight such as 0s,30s,48s.")
     ] = "trim",
     bank: Annotated[str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")] = "0",
-    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the rows here.")] = None,
+    json: Annotated[
+        Path | None, typer.Option("--json", callback=apart, metavar="FILE", help="Write the rows here.")
+    ] = None,
     out: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write Bode and Nichols figures here.")
+        Path | None,
+        typer.Option(
+            "--output", "-o", callback=folder_apart, metavar="DIR", help="Write Bode and Nichols figures here."
+        ),
     ] = None,
     trust_code: Annotated[
         bool, typer.Option("--trust-code", help="Run Python code of a campaign's folder that you have not flown.")

@@ -5,14 +5,19 @@ from typing import Annotated, Any
 
 import typer
 
+from abhv_mc.cli.outputs import apart, folder_apart
+
 
 def command(
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.yaml", help="Campaign file.")],
     out: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write the figure plan.png there.")
+        Path | None,
+        typer.Option("--output", "-o", callback=folder_apart, metavar="DIR", help="Write the figure plan.png there."),
     ] = None,
     runs: Annotated[int | None, typer.Option(min=1, help="Flights of each controller.")] = None,
-    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the numbers as JSON.")] = None,
+    json: Annotated[
+        Path | None, typer.Option("--json", callback=apart, metavar="FILE", help="Write the numbers as JSON.")
+    ] = None,
 ) -> None:
     """Say how many flights each requirement needs, and how likely it is to PASS at the planned number."""
     from json import dumps

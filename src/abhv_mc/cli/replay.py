@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
+from abhv_mc.cli.outputs import apart
 
 
 def command(
@@ -13,7 +14,8 @@ def command(
     flight: Annotated[int, typer.Option(min=0, help="Number of the flight.")],
     controller: Annotated[str, typer.Option(help="Name of the controller.")],
     out: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE.parquet", help="Write its history at full rate.")
+        Path | None,
+        typer.Option("--output", "-o", callback=apart, metavar="FILE.parquet", help="Write its history at full rate."),
     ] = None,
     trust_code: Annotated[
         bool, typer.Option("--trust-code", help="Run Python code in the folder that you have not flown yourself.")
@@ -29,8 +31,6 @@ def command(
     from abhv_mc.flight.signals import CHANNEL_INDEX
     from abhv_mc.store.histories import write_histories
 
-    if out is not None:
-        _check_place(folder, out)
     announce_compiling()
     replay = replay_flight(folder, controller, flight, make_engine().fly, trust_code=trust_code)
     end = f"{replay.outcome.code} after {replay.block.end_time[0]:g} s"
@@ -47,17 +47,3 @@ def command(
         print("metrics differ from the stored ones:", *replay.differences, sep="\n  ")
         raise typer.Exit(ExitCode.FAILED)
     print("metrics equal the stored ones bit for bit")
-
-
-def _check_place(folder: Path, out: Path) -> None:
-    """Raise InputError for an output that would be taken for one of the campaign's own files."""
-    from abhv_mc.io.input_error import InputError
-    from abhv_mc.store.folder import CampaignFolder
-    from abhv_mc.store.manifest import read_manifest
-
-    root, target = folder.resolve(), out.resolve()
-    if root not in target.parents:
-        return
-    place = target.relative_to(root)
-    if len(place.parts) > 1 or place.as_posix() in read_manifest(CampaignFolder(folder).manifest).get("files", {}):
-        raise InputError(out, None, None, "a place of the campaign's own files", "another name, or a file elsewhere")

@@ -10,6 +10,7 @@ import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.names import parse_names
+from abhv_mc.cli.outputs import apart
 from abhv_mc.io.input_error import Refusal
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ def command(
         typer.Option(
             "--output",
             "-o",
+            callback=apart,
             metavar="DIR",
             help="Folder, or an address such as s3://bucket/folder.",
             show_default="reports/NAME",

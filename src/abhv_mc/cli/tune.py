@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
+from abhv_mc.cli.outputs import apart
 from abhv_mc.cli.searching import (
     CampaignFile,
     Controller,
@@ -22,7 +23,9 @@ from abhv_mc.cli.searching import (
 
 def command(
     campaign: CampaignFile,
-    out: Annotated[Path, typer.Option("--output", "-o", metavar="NEW.yaml", help="Controller file to write.")],
+    out: Annotated[
+        Path, typer.Option("--output", "-o", callback=apart, metavar="NEW.yaml", help="Controller file to write.")
+    ],
     controller: Controller = None,
     block: Annotated[
         Path | None, typer.Option("--tune", metavar="FILE", help="File with the block 'tune'.", show_default="CAMPAIGN")
@@ -41,6 +44,7 @@ def command(
     from abhv_mc.cli.announce import announce_compiling
 
     refuse_shard(shard)
+    apart(out.with_suffix(".html"))
     announce_compiling()
     from abhv_mc.campaign.search.tune import TuneRequest, tune_controller
     from abhv_mc.report.tune_page import write_tune_page

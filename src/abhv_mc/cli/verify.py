@@ -5,13 +5,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from abhv_mc.cli.outputs import apart
 from abhv_mc.io.input_error import printable
 
 if TYPE_CHECKING:
     from abhv_mc.verification.rows import Row
 
 app = typer.Typer(help="Hold flights against other people's, and reports against their data.", no_args_is_help=True)
-_Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the rows as JSON too.")]
+_Json = Annotated[
+    Path | None, typer.Option("--json", callback=apart, metavar="FILE", help="Write the rows as JSON too.")
+]
 _Scale = Annotated[float, typer.Option("--tolerance-scale", metavar="X", help="Multiply every tolerance.")]
 
 _REFERENCES = Path("tests/reference")

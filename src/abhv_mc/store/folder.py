@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import hashlib
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -89,6 +90,19 @@ class CampaignFolder:
         if self.root.is_dir():
             for path in self.root.rglob(f"*{ASIDE}"):
                 path.unlink(missing_ok=True)
+
+
+def find_own_place(path: Path) -> Path | None:
+    """Where in a campaign's folder a path lies that is, or is in, a part of it; empty for the folder itself."""
+    target = Path(os.path.realpath(path))
+    for root in (target, *target.parents):
+        folder = CampaignFolder(root)
+        others = (folder.campaign, folder.samples, folder.flights)
+        if folder.manifest.exists() and any(part.exists() for part in others):
+            place = target.relative_to(root)
+            if not place.parts or root / place.parts[0] in (*folder.parts, folder.lock):
+                return place
+    return None
 
 
 def is_inside(name: str) -> bool:

@@ -1,4 +1,4 @@
-"""Arrays of an .npz file of anybody's: only those that are asked for are unpacked, and their headers say first how large.
+"""Arrays of an .npz file of anybody's: unpacked one by one where asked for, once their headers have said how large.
 
 What a few kilobytes unpack to may be terabytes; numpy's own reader unpacks first.
 """
