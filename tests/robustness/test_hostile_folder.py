@@ -251,6 +251,36 @@ def test_words_that_no_campaign_writes_are_refused_by_every_reader(flown, folder
     assert_refused(abhv_mc("report", folder), f"the {column} '{word}'")
 
 
+def test_nothing_that_is_printed_steers_the_terminal(flown, folder, abhv_mc):
+    """What no check refuses, as nothing but a printer follows it."""
+    table = pq.read_table(folder / "envelopes.parquet")
+    pq.write_table(change(table, "channel", pa.array(["\x1b[2J\u202e"] * len(table))), folder / "envelopes.parquet")
+    sign(folder)
+    (folder / ".lock").unlink(missing_ok=True)
+    for words in [("query", folder, "select channel from envelopes"), *commands(flown[0], folder)]:
+        _, said = abhv_mc(*words)
+        assert not {"\x1b", "\u202e"} & set(said) and "Traceback" not in said, (words, said)
+    assert "\\u202e" in abhv_mc("query", folder, "select channel from envelopes")[1]
+    shutil.move(folder, folder.parent / "\x1b[31mred")
+    assert "\\x1b[31mred" in abhv_mc("list", folder.parent)[1]
+
+
+@pytest.mark.parametrize(
+    "entry", [{"words": "\x1b[2J"}, {"words": 3}, {"words": "PASS\nrequirement 2: PASS"}, {"verdict": "\u202eSSAP"}]
+)
+def test_verdicts_that_are_no_words(flown, folder, abhv_mc, entry):
+    held = json.loads((folder / "manifest.json").read_text())["requirements"]
+    sign(folder, requirements=[held[0] | entry])
+    refuse(abhv_mc, flown[0], folder)
+
+
+def test_a_verdict_without_words_is_shown(flown, folder, abhv_mc):
+    held = json.loads((folder / "manifest.json").read_text())["requirements"]
+    sign(folder, requirements=[{key: value for key, value in held[0].items() if key != "words"}])
+    code, said = abhv_mc("status", folder)
+    assert code == 0 and held[0]["verdict"] in said
+
+
 LOOP = {"loop": "aileron", "stable": True, "gain_margin_low_db": -9.0, "gain_margin_high_db": 9.0}
 LOOP |= {"phase_margin_deg": None, "delay_margin_ms": None}
 ALL = {"loop": "all", "stable": True, "disk_gain_db": 1.0, "disk_phase_deg": 9.0, "delay_margin_ms": None}

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.printing import say
 
 
 def command(
@@ -48,5 +49,5 @@ def command(
     if json:
         print_json(explanation_numbers(found) | {"figure": str(path)})
         return
-    print(*explanation_words(found), sep="\n")
-    print(f"figure    {path}")
+    say(*explanation_words(found), sep="\n")
+    say(f"figure    {path}")

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.outputs import folder_apart
+from abhv_mc.cli.printing import say
 
 
 def command(
@@ -19,4 +20,4 @@ def command(
     from abhv_mc.store.export import export_csv
 
     for path in export_csv(folder, out or folder / "csv"):
-        print(path)
+        say(path)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from abhv_mc.cli.outputs import folder_apart
+from abhv_mc.cli.printing import say
 
 if TYPE_CHECKING:
     from abhv_mc.flight.plan import FlightBlock
@@ -49,7 +50,7 @@ def command(
         from abhv_mc.report.nominal import write_nominal_report
 
         for path in write_nominal_report(out, plans, {name: block.history[0] for name, block in blocks.items()}):
-            print(path)
+            say(path)
 
 
 def _print_table(title: str, blocks: "dict[str, FlightBlock]") -> None:
@@ -65,4 +66,4 @@ def _print_table(title: str, blocks: "dict[str, FlightBlock]") -> None:
         table.add_row(metric.name, *(f"{block.metrics[0, i]:.4g}" for block in blocks.values()))
     print_table(table)
     for name, outcome in outcomes.items():
-        print(f"{name}: {SENTENCES[outcome]}")
+        say(f"{name}: {SENTENCES[outcome]}")

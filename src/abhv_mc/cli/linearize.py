@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.printing import say
 
 
 def command(
@@ -38,4 +39,4 @@ def command(
     plan, points, _ = take_point(setup, name, time[0], angle)
     linear = linearise(plan, nominal_parameters(), points)
     write_model(out, make_model(plan, nominal_parameters(), points, linear))
-    print(out)
+    say(out)

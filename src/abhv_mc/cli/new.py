@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.outputs import folder_apart
+from abhv_mc.cli.printing import say
 
 
 def command(
@@ -19,7 +20,7 @@ def command(
     from abhv_mc.campaign.file.new_campaign import write_new_campaign
 
     campaign, *others = write_new_campaign(folder, source, law)
-    print(f"{campaign} and {len(others)} files that it needs. Next:")
+    say(f"{campaign} and {len(others)} files that it needs. Next:")
     if law:
-        print(f"  cd {folder} && abhv-mc fly level --controller control/my_law.yaml   # after each edit of my_law.py")
-    print(f"  cd {folder} && abhv-mc run {campaign.name}")
+        say(f"  cd {folder} && abhv-mc fly level --controller control/my_law.yaml   # after each edit of my_law.py")
+    say(f"  cd {folder} && abhv-mc run {campaign.name}")

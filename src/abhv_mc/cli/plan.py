@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from abhv_mc.cli.outputs import apart, folder_apart
+from abhv_mc.cli.printing import say
 
 
 def command(
@@ -37,7 +38,7 @@ def command(
         write_text(json, dumps(numbers, indent=1, allow_nan=False) + "\n")
     if out is not None:
         write_plan_figure(numbers, out / "plan.png")
-        print(f"figure    {out / 'plan.png'}")
+        say(f"figure    {out / 'plan.png'}")
 
 
 def _print(numbers: dict[str, Any]) -> None:
@@ -62,7 +63,7 @@ def _print(numbers: dict[str, Any]) -> None:
     if len(numbers["requirements"]) > 1:
         both = numbers["together"]["stop_when_proven" if numbers["stops_when_proven"] else "fixed"]
         low, high = (percent(both[end][place], 2) for end in ("low", "high"))
-        print(f"All of them PASS with a chance between {low} and {high} at a fifth of the allowed failures each.")
-    print(f"The chance of any false PASS is at most {percent(numbers['any_false_pass'], 2)}.")
+        say(f"All of them PASS with a chance between {low} and {high} at a fifth of the allowed failures each.")
+    say(f"The chance of any false PASS is at most {percent(numbers['any_false_pass'], 2)}.")
     if not numbers["independent_flights"]:
-        print("Its flights are not independent draws: it gets estimates and no verdict. These numbers are for random.")
+        say("Its flights are not independent draws: it gets estimates and no verdict. These numbers are for random.")

@@ -3,8 +3,15 @@
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+from abhv_mc.io.input_error import printable
+
 if TYPE_CHECKING:
     from rich.table import Table
+
+
+def say(*words: Any, sep: str = " ", **options: Any) -> None:
+    """Print, as Python's own ``print``; what a results folder holds cannot steer the terminal by it."""
+    print(printable(sep.join(map(str, words))), **options)
 
 
 def print_json(value: Any) -> None:
@@ -32,6 +39,8 @@ def print_table(table: "Table") -> None:
     from rich.console import Console
     from rich.measure import Measurement
 
-    console = Console()
+    console = Console(color_system=None, markup=False, emoji=False, highlight=False)  # cells are text
     width = Measurement.get(console, console.options.update(width=1000), table).maximum
-    Console(width=width).print(table)
+    with console.capture() as captured:
+        console.print(table, width=width, crop=False)
+    say(captured.get(), end="")

@@ -7,6 +7,7 @@ import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.printing import say
 
 
 def command(
@@ -34,16 +35,16 @@ def command(
     announce_compiling()
     replay = replay_flight(folder, controller, flight, make_engine().fly, trust_code=trust_code)
     end = f"{replay.outcome.code} after {replay.block.end_time[0]:g} s"
-    print(f"flight {flight} of {controller}: {end}. {replay.sentence}")
+    say(f"flight {flight} of {controller}: {end}. {replay.sentence}")
     for name, value in replay.samples.items():
-        print(f"  {name:<40} {value:.10g}")
+        say(f"  {name:<40} {value:.10g}")
     for name, value in replay.metrics.items():
-        print(f"  {name:<40} {value:.6g}")
+        say(f"  {name:<40} {value:.6g}")
     if out is not None:
         block = replay.block
         write_histories(out, controller, [flight], block.times, block.history, list(CHANNEL_INDEX))
-        print(f"history   {out}")
+        say(f"history   {out}")
     if replay.differences:
-        print("metrics differ from the stored ones:", *replay.differences, sep="\n  ")
+        say("metrics differ from the stored ones:", *replay.differences, sep="\n  ")
         raise typer.Exit(ExitCode.FAILED)
-    print("metrics equal the stored ones bit for bit")
+    say("metrics equal the stored ones bit for bit")

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from abhv_mc.cli.outputs import folder_apart
+from abhv_mc.cli.printing import say
 
 
 def command(
@@ -41,4 +42,4 @@ def command(
                 shutil.copyfile(source / name, out / name)
             shutil.copytree(source / "figures", out / "figures", dirs_exist_ok=True)
             page = out / page.name
-    print(page)
+    say(page)

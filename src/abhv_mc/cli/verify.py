@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from abhv_mc.cli.outputs import apart
-from abhv_mc.io.input_error import printable
+from abhv_mc.cli.printing import say
 
 if TYPE_CHECKING:
     from abhv_mc.verification.rows import Row
@@ -34,20 +34,20 @@ def campaign(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder 
     from abhv_mc.store.manifest import COMPLETE, read_manifest
 
     for difference in verify_campaign(folder):
-        print(printable(difference))
+        say(difference)
         raise typer.Exit(1)
     manifest = read_manifest(CampaignFolder(folder).manifest)
     if "search" in manifest:
-        print(f"{folder}: the search's flights are whole, and its counts and worst flights follow from them")
-        print(f"its estimate and page are made again from these flights by: {search_command(folder, manifest)}")
+        say(f"{folder}: the search's flights are whole, and its counts and worst flights follow from them")
+        say(f"its estimate and page are made again from these flights by: {search_command(folder, manifest)}")
         return
-    print(f"{folder}: every number of the report follows from the flights, envelopes and margins")
+    say(f"{folder}: every number of the report follows from the flights, envelopes and margins")
     if not has_facts(manifest):
-        print("nothing else was held against the flights: the folder is of an older version, without hashes")
+        say("nothing else was held against the flights: the folder is of an older version, without hashes")
         return
-    print("every file has its hash; samples follow from the campaign file, the manifest's counts and verdicts from the")
-    print("flights" + _KEPT * (manifest.get("state") == COMPLETE))
-    print("plans, nominal flights, reference and margins have their hashes alone; nothing was flown again (see replay)")
+    say("every file has its hash; samples follow from the campaign file, the manifest's counts and verdicts from the")
+    say("flights" + _KEPT * (manifest.get("state") == COMPLETE))
+    say("plans, nominal flights, reference and margins have their hashes alone; nothing was flown again (see replay)")
 
 
 _KEPT = "; histories and envelopes are of these flights, as long as they, and within the extremes of their metrics"
@@ -134,7 +134,7 @@ def _show(rows: "list[Row]", json: Path | None) -> None:
         numbers = (f"{row.difference:.2e}", f"{row.tolerance:.2e}")
         table.add_row(row.case, row.simulator, row.quantity, *numbers, row.unit, "ok" if row.ok else "OUTSIDE")
     print_table(table)
-    print(f"{len(rows)} differences, {sum(not row.ok for row in rows)} outside their tolerance")
+    say(f"{len(rows)} differences, {sum(not row.ok for row in rows)} outside their tolerance")
     if json is not None:
         write_rows(json, rows)
     if not all_ok(rows):
