@@ -129,7 +129,8 @@ def test_refused_bombs(tmp_path: Path) -> None:
     aliases = "a: &a [x, x, x, x, x, x, x, x, x, x]\n"
     for name, before in zip("bcdefg", "abcdef", strict=True):
         aliases += f"{name}: &{name} [{', '.join([f'*{before}'] * 10)}]\n"
-    for text in (aliases, "[" * 50, "[" * 100_000, "#" * 3_000_000):
+    long = f"a: &a {'x' * 1_000_000}\nb: [{', '.join(['*a'] * 5000)}]\n"
+    for text in (aliases, long, "[" * 50, "[" * 100_000, "#" * 3_000_000):
         with pytest.raises(InputError):
             document(tmp_path, text)
 

@@ -22,8 +22,10 @@ from abhv_mc.cli.app import main
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.build import _read_pages, is_up_to_date
 from abhv_mc.report.results import read_results
+from abhv_mc.store.flights import read_block, write_block
 from abhv_mc.store.folder import hash_file
 from abhv_mc.store.manifest import write_manifest
+from abhv_mc.store.samples import SampleReader
 
 BLOCK = "flights/one-000000000-000000020.parquet"
 LIMIT = 20  # s; a command that waits for a pipe would wait for ever
@@ -279,6 +281,23 @@ def test_a_verdict_without_words_is_shown(flown, folder, abhv_mc):
     sign(folder, requirements=[{key: value for key, value in held[0].items() if key != "words"}])
     code, said = abhv_mc("status", folder)
     assert code == 0 and held[0]["verdict"] in said
+
+
+@pytest.mark.parametrize("rows", [slice(None, None, 2), slice(None)])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e308, -1e200, 1e-308])
+def test_flights_with_numbers_that_no_flight_has(flown, folder, abhv_mc, value, rows):
+    """A metric of a flight that broke at once may be infinite, a margin missing: readers take them, or say so."""
+    names = SampleReader(folder / "samples.parquet").names
+    for path in (folder / "flights").iterdir():
+        block = read_block(path, names)
+        block.values[rows] = value
+        write_block(path.parent, block, pq.read_schema(path))
+    sign(folder)
+    code = 2 if 1e30 < abs(value) < np.inf else 0
+    for words in [("report", folder), ("compare", folder, flown[1]), ("compare", flown[1], folder, "--json")]:
+        ended, said = abhv_mc(*words)
+        assert ended == code and "Traceback" not in said and "Warning" not in said, (words, said)
+    assert abhv_mc("query", folder, "select avg(fuel_used_kg) from flights")[0] in (0, 2)
 
 
 LOOP = {"loop": "aileron", "stable": True, "gain_margin_low_db": -9.0, "gain_margin_high_db": 9.0}

@@ -36,6 +36,7 @@ def command(
     from abhv_mc.campaign.run.setup import make_engine
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.cli.printing import print_json
+    from abhv_mc.own.aside import run_aside
     from abhv_mc.report.explained import explanation_numbers, explanation_words, write_explained_figure
     from abhv_mc.report.results import read_facts
     from abhv_mc.store.folder import CampaignFolder
@@ -43,7 +44,8 @@ def command(
     paths = CampaignFolder(folder)
     name = controller or read_facts(paths.campaign).controllers[0]
     announce_compiling()
-    found = explain_flight(folder, name, flight, make_engine().fly, requirement, trust_code=trust_code)
+    fly = make_engine().fly
+    found = run_aside(lambda: explain_flight(folder, name, flight, fly, requirement, trust_code=trust_code))
     path = out or paths.explained / f"{name}-{flight}.png"
     write_explained_figure(found, path)
     if json:

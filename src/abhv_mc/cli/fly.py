@@ -25,6 +25,8 @@ def command(
     ] = None,
 ) -> None:
     """Fly a mission once with each controller, nothing dispersed, and print how it went."""
+    from functools import partial
+
     from abhv_mc.cli.announce import announce_compiling, announce_warnings
     from abhv_mc.io.input_error import InputError
     from abhv_mc.shipped import find_input
@@ -39,12 +41,14 @@ def command(
     announce_compiling()
     from abhv_mc.flight.fly import fly, nominal_parameters
     from abhv_mc.flight.prepare import prepare
+    from abhv_mc.own.aside import run_aside
 
     plans = {file.stem: prepare(*paths, file, file.stem) for file in files}
     announce_warnings(warning for plan in plans.values() for warning in plan.warnings.tolist())
     if out is not None and len({plan.timing.tick for plan in plans.values()}) > 1:
         raise InputError("--output", None, None, "controllers of different rates", "one folder for each rate")
-    blocks = {name: fly(plan, nominal_parameters(), record_every=1) for name, plan in plans.items()}
+    nominal = nominal_parameters()
+    blocks = {name: run_aside(partial(fly, plan, nominal, record_every=1)) for name, plan in plans.items()}
     _print_table(f"{paths[1].stem} with {paths[0].stem}, nominal", blocks)
     if out is not None:
         from abhv_mc.report.nominal import write_nominal_report

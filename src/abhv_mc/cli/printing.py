@@ -36,11 +36,13 @@ def new_table(left: Iterable[str], right: Iterable[str], title: str | None = Non
 
 def print_table(table: "Table") -> None:
     """Print a table without wrapping or cutting its cells, where a terminal is narrow or there is none."""
+    import io
+
     from rich.console import Console
     from rich.measure import Measurement
 
-    console = Console(color_system=None, markup=False, emoji=False, highlight=False)  # cells are text
+    console = Console()
     width = Measurement.get(console, console.options.update(width=1000), table).maximum
-    with console.capture() as captured:
-        console.print(table, width=width, crop=False)
-    say(captured.get(), end="")
+    text = io.StringIO()
+    Console(width=width, file=text, color_system=None, markup=False, emoji=False, highlight=False).print(table)
+    say(text.getvalue(), end="")

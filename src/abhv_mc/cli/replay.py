@@ -30,10 +30,12 @@ def command(
     from abhv_mc.campaign.run.setup import make_engine
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.flight.signals import CHANNEL_INDEX
+    from abhv_mc.own.aside import run_aside
     from abhv_mc.store.histories import write_histories
 
     announce_compiling()
-    replay = replay_flight(folder, controller, flight, make_engine().fly, trust_code=trust_code)
+    fly = make_engine().fly
+    replay = run_aside(lambda: replay_flight(folder, controller, flight, fly, trust_code=trust_code))
     end = f"{replay.outcome.code} after {replay.block.end_time[0]:g} s"
     say(f"flight {flight} of {controller}: {end}. {replay.sentence}")
     for name, value in replay.samples.items():

@@ -104,6 +104,7 @@ class _Builder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.length = 0  # of all texts, those of aliases each time
         self.values: Places = {}
         self.keys: Places = {}
 
@@ -151,6 +152,9 @@ class _Builder:
 
     def scalar(self, node: ScalarNode, tag: str) -> str | int | float | bool | None:
         text = str(node.value)
+        self.length += len(text)
+        if self.length > MAX_BYTES:
+            self.refuse(node, f"more than {MAX_BYTES} characters", "fewer (an alias may have multiplied them)")
         kind = tag.removeprefix(_TAG)
         if kind in ("str", "timestamp", "merge", "value"):  # a date is text here, and so is "<<"
             self.check_shown(node, text, "\n\t")

@@ -73,6 +73,16 @@ class CampaignFolder:
         known = {*self.parts, self.lock}
         return sorted(p for p in self.root.iterdir() if p not in known and not p.name.endswith(ASIDE))
 
+    def refuse_strange(self, fresh: bool) -> None:
+        """Raises InputError, without a manifest, for files of others, and for flights that only ``fresh`` deletes."""
+        unknown = self.unknown_files()
+        if unknown:
+            found = f"a folder with '{unknown[0].name}', which no campaign wrote"
+            raise InputError(self.root, None, None, found, "an empty folder or a campaign's")
+        if not fresh and any(self.flights.glob("*.parquet")):
+            found = "flights without the manifest that says what they are"
+            raise InputError(self.root, None, None, found, "another folder (-o DIR), or --fresh to delete them")
+
     def clear(self) -> None:
         """Delete what a campaign wrote, the manifest first, so that no half of it looks whole."""
         import shutil
