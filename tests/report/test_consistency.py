@@ -2,16 +2,20 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from campaign.fake_flight import ENGINE, write_campaign
+from campaign.fake_flight import DENSITY, ENGINE, fly, write_campaign
 
+from abhv_mc.campaign.envelopes import collector
 from abhv_mc.campaign.file.resolve import read_own_campaign, resolve_campaign
+from abhv_mc.campaign.run.merge import merge_campaign
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.report.build import build_report
 from abhv_mc.report.consistency import find_contradictions
 from abhv_mc.report.results import read_results
@@ -187,3 +191,66 @@ def test_a_folder_that_says_it_is_older_is_only_half_checked_and_told_so(folder,
     write_manifest(folder / "manifest.json", {key: value for key, value in manifest.items() if key != "files"})
     assert list(find_contradictions(read_results(folder))) == []
     assert "written by an older version" in capsys.readouterr().err
+
+
+LAW = "{distribution: uniform, half_width: 2 %}"
+THREE = f"{{atmosphere.density: {LAW}, aero.lift: {LAW}, aero.drag: {LAW}}}"
+VARIANTS = {
+    "lhs": {"sampling": "lhs"},
+    "sobol": {"sampling": "sobol", "runs": "64"},
+    "corners": {"sampling": "corners", "runs": "4", "keep": "{histories: {flights: all}}"},
+    "saltelli": {"sampling": "saltelli", "runs": "80", "dispersions": THREE},
+    "all histories at another rate": {"keep": "{histories: {flights: all, rate: 2 Hz}, envelopes: {rate: 10 Hz}}"},
+    "no histories": {"keep": "{histories: {flights: none}, envelopes: {rate: 1 Hz, channels: all}}"},
+    "failed ones and some channels": {"keep": "{histories: {flights: [failed, every 7], channels: [mass_kg]}}"},
+    "when proven": {"stop": "when proven", "runs": "900", "keep": "{histories: {flights: [worst 2, 899]}}"},
+    "as measured": {
+        "requirements": "[{metric: sideslip_max_deg, above: 0.1, probability: 0.5, ended_early: as_measured}]",
+        "family": "{method: holm, risk: 0.1}",
+    },
+    "no requirement": {"requirements": "[]", "correlations": "[{between: [atmosphere.density, aero.lift], rank: 0.5}]"},
+    "own metric": {"metrics": "{}", "controllers": "{one: one.yaml}"},
+}
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_campaigns_of_all_kinds_fit(tmp_path, variant):
+    entries = {"runs": "60", "execution": "{batch: 20}", **VARIANTS[variant]}
+    result = run_campaign(Request(write_campaign(tmp_path / "f", **entries), tmp_path / "out"), ENGINE)
+    assert result.complete and list(find_contradictions(read_results(result.folder))) == []
+
+
+def test_a_campaign_that_grew_and_got_a_controller_fits(tmp_path):
+    campaign = write_campaign(tmp_path / "f", runs="40")
+    for more in ({"controllers": ("two",)}, {}, {"runs": 70}):
+        folder = run_campaign(Request(campaign, tmp_path / "out", **more), ENGINE).folder
+        assert list(find_contradictions(read_results(folder))) == [], more
+
+
+def test_merged_shards_fit(tmp_path):
+    campaign = write_campaign(tmp_path / "f", runs="40")
+    parts = [run_campaign(Request(campaign, tmp_path / f"p{i}", shard=(i, 2)), ENGINE).folder for i in (1, 2)]
+    folder = merge_campaign(parts, tmp_path / "merged", ENGINE).folder
+    assert list(find_contradictions(read_results(folder))) == []
+
+
+def test_a_campaign_of_many_flights_fits(tmp_path, monkeypatch):
+    """Whose envelopes are histograms."""
+    monkeypatch.setattr(collector, "EXACT_FLIGHTS", 0)
+    folder = run_campaign(Request(write_campaign(tmp_path / "f", runs="300"), tmp_path / "out"), ENGINE).folder
+    assert list(find_contradictions(read_results(folder))) == []
+
+
+def fly_but_some(plan, parameters, record_every=None):
+    """Flights of much density cannot be computed."""
+    block = fly(plan, parameters, record_every)
+    lost = parameters[:, DENSITY] > 1.095
+    block.outcome[lost], block.metrics[lost], block.history[lost] = Outcome.FAILED_TO_RUN, np.nan, np.nan
+    return block
+
+
+def test_flights_that_could_not_be_computed_fit(tmp_path):
+    campaign = write_campaign(tmp_path / "f", runs="60", execution="{batch: 20}")
+    for engine in (replace(ENGINE, fly=fly_but_some), ENGINE):  # then they can be
+        result = run_campaign(Request(campaign, tmp_path / "out"), engine)
+        assert list(find_contradictions(read_results(result.folder))) == []

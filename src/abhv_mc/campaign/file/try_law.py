@@ -37,7 +37,7 @@ def try_law(file: Path, controller: PythonController, vehicle: Path | None, miss
     except TimeoutError:
         found = f"a law whose first tick is not done in {_LONGEST:g} s"
         raise InputError(controller.file, None, None, found, "a law whose loops end") from None
-    found = _BROKEN.get(Outcome(int(block.outcome[0])))
-    if found is not None:
-        raise InputError(controller.file, None, None, found, "finite commands")
+    broken = _BROKEN.get(Outcome(int(block.outcome[0])))
+    if broken is not None:
+        raise InputError(controller.file, None, None, broken, "finite commands")
     return []
