@@ -251,6 +251,7 @@ def fly_but_some(plan, parameters, record_every=None):
 
 def test_flights_that_could_not_be_computed_fit(tmp_path):
     campaign = write_campaign(tmp_path / "f", runs="60", execution="{batch: 20}")
-    for engine in (replace(ENGINE, fly=fly_but_some), ENGINE):  # then they can be
+    for engine, failed in ((replace(ENGINE, fly=fly_but_some), True), (ENGINE, False)):  # then they can be
         result = run_campaign(Request(campaign, tmp_path / "out"), engine)
+        assert (result.manifest["runs_failed"] > 0) == failed
         assert list(find_contradictions(read_results(result.folder))) == []
