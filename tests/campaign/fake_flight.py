@@ -15,7 +15,7 @@ from abhv_mc.control.columns import REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.flight.declared import NO_METRICS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Limits, Timing
-from abhv_mc.flight.signals import CHANNELS, METRICS
+from abhv_mc.flight.signals import CHANNELS, METRICS, Statistic
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.air_profile import no_profile
 from abhv_mc.plant.effectiveness import make_effectiveness
@@ -27,6 +27,12 @@ from abhv_mc.vehicle.pack import Axis, Table, pack_tables
 DENSITY, LIFT, DRAG = (PARAMETER_INDEX[name] for name in ("atmosphere.density", "aero.lift", "aero.drag"))
 LOST_BELOW = 0.91
 TICKS = 20  # of 0.1 s
+_SOURCES = [channel.source for channel in CHANNELS]
+_EXTREMES = {
+    Statistic.MAX_ABS: lambda values: np.fmax.reduce(np.abs(values), axis=1),
+    Statistic.MIN: lambda values: np.fmin.reduce(values, axis=1),
+    Statistic.MAX: lambda values: np.fmax.reduce(values, axis=1),
+}
 
 
 def make_plan(name: str, gain: float = 1.0) -> FlightPlan:
@@ -84,11 +90,22 @@ def fly(plan: FlightPlan, parameters: np.ndarray, record_every: int | None = Non
     lost = density < LOST_BELOW
     metrics = error[:, None] * plan.gains[0, 0] + np.arange(len(METRICS)) + np.abs(error[:, None])
     every = record_every or TICKS + 1
-    times = np.arange(TICKS // every + 1) * every * plan.timing.tick if record_every else np.empty(0)
+    ticks = np.arange(TICKS + 1) * plan.timing.tick
     end = np.where(lost, 1.0, TICKS * plan.timing.tick)
     shape = 1.0 + 0.01 * np.arange(len(CHANNELS))
-    history = (error[:, None, None] * np.cos(times)[None, :, None] * shape).astype(np.float32)
-    history[times[None, :] > end[:, None] + 1e-9] = np.nan
+    history = (error[:, None, None] * plan.gains[0, 0] * np.cos(ticks)[None, :, None] * shape).astype(np.float32)
+    history[ticks[None, :] > end[:, None] + 1e-9] = np.nan
+    last = history[np.arange(len(end)), np.rint(end / plan.timing.tick).astype(int)]
+    for row, metric in enumerate(METRICS):  # extremes and ends are those of the history, as a flight's are
+        if metric.source in _SOURCES:
+            column = _SOURCES.index(metric.source)
+            if metric.statistic in _EXTREMES:
+                values = _EXTREMES[metric.statistic](history[:, :, column])
+                metrics[:, row] = np.maximum(values, -np.inf if metric.initial is None else metric.initial)
+            elif metric.statistic == Statistic.FINAL:
+                metrics[:, row] = last[:, column]
+    times = ticks[::every] if record_every else np.empty(0)
+    history = history[:, ::every] if record_every else history[:, :0]
     outcome = np.where(lost, Outcome.SIDESLIP_LIMIT, Outcome.OK).astype(np.int64)
     return FlightBlock(outcome, end, metrics, history, times)
 

@@ -1,5 +1,6 @@
 """The command line's frame: exit codes, what is said, and that starting is cheap."""
 
+import ast
 import errno
 import os
 import signal
@@ -171,3 +172,15 @@ def test_libraries_that_are_loaded_without_memory_or_into_an_interrupt_are_no_de
     assert "interrupted" in said and "not enough memory" in said and "Traceback" not in said
     assert exit_code_of(raised_from(KeyError("x"), KeyboardInterrupt())) == ExitCode.DEFECT
     assert exit_code_of(raised_from(ImportError("no such module"), KeyError())) == ExitCode.DEFECT
+
+
+def test_every_command_prints_through_what_escapes():
+    """`say`, which shows a character that would steer the terminal as an escape."""
+    folder = Path(abhv_mc.__file__).parent / "cli"
+    calls = {
+        path.name
+        for path in folder.glob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Name) and node.id == "print"
+    }
+    assert calls == {"printing.py", "__init__.py"}  # the latter on systems on which it does not run

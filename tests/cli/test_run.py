@@ -120,14 +120,6 @@ def test_replay_is_the_same_flight_at_full_rate(abhv_mc, flown, tmp_path):
     assert set(history["flight"].to_pylist()) == {17}
 
 
-@pytest.mark.parametrize("place", ["samples.parquet", "flights/other.parquet"])
-def test_replay_writes_over_nothing_of_the_campaigns(abhv_mc, flown, place):
-    before = sorted((path, path.read_bytes()) for path in flown.rglob("*.parquet"))
-    code, _, error = abhv_mc("replay", flown, "--flight", 17, "--controller", "two", "-o", flown / place)
-    assert code == 2 and "a place of the campaign's own files" in error
-    assert sorted((path, path.read_bytes()) for path in flown.rglob("*.parquet")) == before
-
-
 @pytest.mark.parametrize(
     ("sql", "words"),
     [("select 1 a, 2 a", "several columns named a"), ("select '12:00:00+01'::timetz", "pytz"), ("selct", "LINE 1")],

@@ -80,6 +80,10 @@ def test_quantity(text: str | float, dimension: Dimension, value: float) -> None
         (10**400, units.FRACTION, "1000"),
         ("10 percent", units.FRACTION, "unknown unit"),
         ("20 / km", units.LENGTH, "something else"),
+        ("٢٠ km", units.LENGTH, "'٢٠ km'"),
+        ("1_0 km", units.LENGTH, "unknown unit"),
+        ("0x10 km", units.LENGTH, "unknown unit"),
+        ("2 m\N{ARABIC-INDIC DIGIT TWO}", units.AREA, "unknown unit"),
     ],
 )
 def test_refused(text: object, dimension: Dimension, found: str) -> None:

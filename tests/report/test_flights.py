@@ -47,9 +47,3 @@ def test_a_block_unlike_the_first_is_bad_input(tmp_path):
     write(tmp_path / "2.parquet", [1], ["x"])
     with pytest.raises(InputError, match=r"2\.parquet.*b_m"):
         read_flights(tmp_path)
-
-
-def test_an_unknown_outcome_is_bad_input(tmp_path):
-    write(tmp_path / "1.parquet", [0], ["x"], ["landed"])
-    with pytest.raises(InputError, match="landed"):
-        read_flights(tmp_path)

@@ -22,8 +22,10 @@ from abhv_mc.cli.app import main
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.build import _read_pages, is_up_to_date
 from abhv_mc.report.results import read_results
+from abhv_mc.store.flights import read_block, write_block
 from abhv_mc.store.folder import hash_file
 from abhv_mc.store.manifest import write_manifest
+from abhv_mc.store.samples import SampleReader
 
 BLOCK = "flights/one-000000000-000000020.parquet"
 LIMIT = 20  # s; a command that waits for a pipe would wait for ever
@@ -218,6 +220,8 @@ TABLES = {
     "no columns": lambda t: t.select([]),
     "half the columns": lambda t: t.select(t.column_names[: len(t.column_names) // 2]),
     "more rows": lambda t: pa.concat_tables([t, t]),
+    "unknown words": lambda t: change(t, t.column_names[2], pa.array(["\x1b[2Jlanded"] * len(t))),
+    "hidden names": lambda t: t.rename_columns([*t.column_names[:-1], "aero.\u202elift"]),
     "huge numbers": lambda t: change(t, t.column_names[0], pa.array([2**62] * len(t))),
 }
 
@@ -232,7 +236,68 @@ def test_tables_of_wrong_types_and_sizes(flown, folder, abhv_mc, name, kind):
     for words in commands(flown[0], folder):
         if words[0] not in ("status", "list", "merge"):
             code, said = abhv_mc(*words)
-            assert code in (0, 1, 2) and "Traceback" not in said, (words, code, said)
+            assert code in (0, 1, 2) and "Traceback" not in said and "\x1b" not in said, (words, code, said)
+
+
+@pytest.mark.parametrize(
+    ("column", "word"), [("outcome", "landed"), ("outcome", "OK"), ("controller", "two"), ("controller", "")]
+)
+def test_words_that_no_campaign_writes_are_refused_by_every_reader(flown, folder, abhv_mc, column, word):
+    table = pq.read_table(folder / BLOCK, partitioning=None)
+    values = table[column].to_pylist()
+    pq.write_table(change(table, column, pa.array([*values[:-1], word])), folder / BLOCK)
+    sign(folder)
+    for words in commands(flown[0], folder):
+        if words[0] in ("query", "export", "compare", "whatif"):
+            assert_refused(abhv_mc(*words), f"the {column} '{word}'")
+    assert_refused(abhv_mc("report", folder), f"the {column} '{word}'")
+
+
+def test_nothing_that_is_printed_steers_the_terminal(flown, folder, abhv_mc):
+    """What no check refuses, as nothing but a printer follows it."""
+    table = pq.read_table(folder / "envelopes.parquet")
+    pq.write_table(change(table, "channel", pa.array(["\x1b[2J\u202e"] * len(table))), folder / "envelopes.parquet")
+    sign(folder)
+    (folder / ".lock").unlink(missing_ok=True)
+    for words in [("query", folder, "select channel from envelopes"), *commands(flown[0], folder)]:
+        _, said = abhv_mc(*words)
+        assert not {"\x1b", "\u202e"} & set(said) and "Traceback" not in said, (words, said)
+    assert "\\u202e" in abhv_mc("query", folder, "select channel from envelopes")[1]
+    shutil.move(folder, folder.parent / "\x1b[31mred")
+    assert "\\x1b[31mred" in abhv_mc("list", folder.parent)[1]
+
+
+@pytest.mark.parametrize(
+    "entry", [{"words": "\x1b[2J"}, {"words": 3}, {"words": "PASS\nrequirement 2: PASS"}, {"verdict": "\u202eSSAP"}]
+)
+def test_verdicts_that_are_no_words(flown, folder, abhv_mc, entry):
+    held = json.loads((folder / "manifest.json").read_text())["requirements"]
+    sign(folder, requirements=[held[0] | entry])
+    refuse(abhv_mc, flown[0], folder)
+
+
+def test_a_verdict_without_words_is_shown(flown, folder, abhv_mc):
+    held = json.loads((folder / "manifest.json").read_text())["requirements"]
+    sign(folder, requirements=[{key: value for key, value in held[0].items() if key != "words"}])
+    code, said = abhv_mc("status", folder)
+    assert code == 0 and held[0]["verdict"] in said
+
+
+@pytest.mark.parametrize("rows", [slice(None, None, 2), slice(None)])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e308, -1e200, 1e-308])
+def test_flights_with_numbers_that_no_flight_has(flown, folder, abhv_mc, value, rows):
+    """A metric of a flight that broke at once may be infinite, a margin missing: readers take them, or say so."""
+    names = SampleReader(folder / "samples.parquet").names
+    for path in (folder / "flights").iterdir():
+        block = read_block(path, names)
+        block.values[rows] = value
+        write_block(path.parent, block, pq.read_schema(path))
+    sign(folder)
+    code = 2 if 1e30 < abs(value) < np.inf else 0
+    for words in [("report", folder), ("compare", folder, flown[1]), ("compare", flown[1], folder, "--json")]:
+        ended, said = abhv_mc(*words)
+        assert ended == code and "Traceback" not in said and "Warning" not in said, (words, said)
+    assert abhv_mc("query", folder, "select avg(fuel_used_kg) from flights")[0] in (0, 2)
 
 
 LOOP = {"loop": "aileron", "stable": True, "gain_margin_low_db": -9.0, "gain_margin_high_db": 9.0}
@@ -307,7 +372,7 @@ def assert_refused(ended, words):
 
 
 def test_a_plan_that_unpacks_to_gigabytes_or_runs_code(flown, folder, abhv_mc, monkeypatch):
-    monkeypatch.setattr("abhv_mc.store.plans._MAX_BYTES", 2**20)
+    monkeypatch.setattr("abhv_mc.store.packed.MAX_BYTES", 2**20)
     plan = folder / "plans/one.npz"
     parts = dict(np.load(plan, allow_pickle=False))
 

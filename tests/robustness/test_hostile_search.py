@@ -7,6 +7,8 @@ import sys
 import pytest
 from campaign.search.line_flight import LINE, write_line
 
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
 from abhv_mc.campaign.search.flights import SearchRequest
 from abhv_mc.campaign.search.rare import RareSettings, find_rare
 from abhv_mc.campaign.search.worst import WorstSettings, find_worst
@@ -50,6 +52,21 @@ def commands(campaign, folder, fly):
     yield "run", campaign, "-o", folder, "--no-report"
     if fly and folder.name == "worst":
         yield "worst", campaign, "--metric", METRIC, "-o", folder, "--flights", 160
+
+
+@pytest.mark.parametrize("kind", ["worst", "rare"])
+def test_a_search_deletes_no_flights_that_it_does_not_know(searched, abhv_mc, tmp_path, kind):
+    """Neither a campaign's, nor those whose manifest is lost."""
+    campaign, _ = searched
+    flown = run_campaign(Request(campaign, tmp_path / "flown", runs=40), LINE).folder
+    words = ("--metric", METRIC) if kind == "worst" else ("--requirement", METRIC)
+    for lost in ((), (flown / "manifest.json",)):
+        for path in lost:
+            path.unlink()
+        held = {path: path.read_bytes() for path in flown.rglob("*.parquet")}
+        code, said = abhv_mc(kind, campaign, *words, "-o", flown, "--flights", 2000)
+        assert code == 2 and "flights" in said and str(flown) in said, said
+        assert {path: path.read_bytes() for path in flown.rglob("*.parquet")} == held
 
 
 ODD = [5, None, {}, {"kind": 3}, {"kind": "worst"}, {"kind": "rare", "controller": "\x1b]0;t\x07"}]

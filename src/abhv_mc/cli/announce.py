@@ -3,13 +3,15 @@
 import sys
 from collections.abc import Iterable
 
+from abhv_mc.cli.printing import say
+
 
 def announce_compiling() -> None:
     """From here on, tell standard error once when the flight is being compiled instead of found in the cache."""
     from abhv_mc.jit import on_first_compile
 
     on_first_compile(
-        lambda: print(
+        lambda: say(
             "compiling the flight for this machine (about 20 seconds, once per version)", file=sys.stderr, flush=True
         )
     )
@@ -18,4 +20,4 @@ def announce_compiling() -> None:
 def announce_warnings(warnings: Iterable[str]) -> None:
     """What deserves a second look about the mission of these flights, each sentence once."""
     for warning in dict.fromkeys(warnings):
-        print(f"warning: {warning}", file=sys.stderr, flush=True)
+        say(f"warning: {warning}", file=sys.stderr, flush=True)

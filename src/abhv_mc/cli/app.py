@@ -14,6 +14,7 @@ import typer
 
 from abhv_mc import __version__
 from abhv_mc.cli.errors import ExitCode, exit_code_of
+from abhv_mc.cli.printing import say
 from abhv_mc.cli.signals import heed_signals, ignore_signals
 
 _COMMANDS = {
@@ -50,7 +51,7 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        print(f"abhv-mc {__version__}")
+        say(f"abhv-mc {__version__}")
         raise typer.Exit
 
 

@@ -6,10 +6,13 @@ from typing import Annotated, Any
 
 import typer
 
+from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.printing import say
+
 
 def command(
     json: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write the figures; - prints them.")
+        Path | None, typer.Option("--json", callback=apart, metavar="FILE", help="Write the figures; - prints them.")
     ] = None,
     repetitions: Annotated[int, typer.Option(min=1, help="Of each measurement; medians are shown.")] = 9,
 ) -> None:
@@ -22,13 +25,13 @@ def command(
     from abhv_mc.cli.announce import announce_compiling
 
     announce_compiling()
-    print("flying", file=sys.stderr, flush=True)
+    say("flying", file=sys.stderr, flush=True)
     speed = measure_speed(repetitions)
-    print("starting anew, and flying the default campaign", file=sys.stderr, flush=True)
+    say("starting anew, and flying the default campaign", file=sys.stderr, flush=True)
     figures = make_figures(speed, measure_start(min(repetitions, 5)))
     text = writer.dumps(figures, indent=2) + "\n"
     if json == Path("-"):
-        print(text, end="")
+        say(text, end="")
         return
     _print_figures(figures, {name: vars(one.operations) for name, one in speed.controllers.items()})
     if json is not None:
@@ -40,17 +43,17 @@ def command(
 def _print_figures(figures: dict[str, Any], operations: dict[str, dict[str, float]]) -> None:
     machine = figures["machine"]
     peak = figures["peak_gflops_per_core"]
-    print(f"{machine['cpu']}, {machine['cores']} cores, {machine['simd']}")
-    print(f"{peak:.1f} GFLOP/s of one core: additions and multiplications, not fused, vectors in registers")
-    print(f"steps of {1e3 * figures['step_s']:g} ms (RK4), control at {figures['control_rate_hz']:g} Hz")
+    say(f"{machine['cpu']}, {machine['cores']} cores, {machine['simd']}")
+    say(f"{peak:.1f} GFLOP/s of one core: additions and multiplications, not fused, vectors in registers")
+    say(f"steps of {1e3 * figures['step_s']:g} ms (RK4), control at {figures['control_rate_hz']:g} Hz")
     for name, one in figures["controllers"].items():
         counts = ", ".join(f"{n / 1e6:.2f} M {kind.replace('_', ' ')}" for kind, n in operations[name].items())
         rate, floor = one["flights_per_second_per_core"], one["flops_per_flight"] / 1e6
-        print(f"\n{name}")
-        print(f"  {rate:.0f} flights per second and core, {one['ms_per_flight']:.2f} ms each")
-        print(f"  {one['one_at_a_time_ms']:.2f} ms one at a time: batched {one['batched_over_one']:.2f} times as fast")
-        print(f"  {one['times_the_floor']:.2f} times the floor of {floor:.1f} M operations: {counts}")
-    print(f"\ntwo workers fly {figures['two_workers_over_one']:.2f} times as many as one")
-    print(f"start to first flight {figures['cold_start_s']:.1f} s cold, {figures['warm_start_s']:.2f} s from the cache")
-    print(f"import abhv_mc {1e3 * figures['import_s']:.0f} ms")
-    print(f"default campaign with its report: {figures['peak_memory_mb']:.0f} MB")
+        say(f"\n{name}")
+        say(f"  {rate:.0f} flights per second and core, {one['ms_per_flight']:.2f} ms each")
+        say(f"  {one['one_at_a_time_ms']:.2f} ms one at a time: batched {one['batched_over_one']:.2f} times as fast")
+        say(f"  {one['times_the_floor']:.2f} times the floor of {floor:.1f} M operations: {counts}")
+    say(f"\ntwo workers fly {figures['two_workers_over_one']:.2f} times as many as one")
+    say(f"start to first flight {figures['cold_start_s']:.1f} s cold, {figures['warm_start_s']:.2f} s from the cache")
+    say(f"import abhv_mc {1e3 * figures['import_s']:.0f} ms")
+    say(f"default campaign with its report: {figures['peak_memory_mb']:.0f} MB")

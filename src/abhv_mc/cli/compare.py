@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from abhv_mc.cli.errors import ExitCode
+from abhv_mc.cli.printing import say
 
 
 def command(
@@ -58,10 +59,10 @@ def _print(found: dict[str, Any]) -> None:
         print_table(table)
         _print_usage(pair["usage"])
         for metric, gate in pair["not_worse"].items():
-            print(f"{words_of(metric).label}: {_gate_words(gate)}")
+            say(f"{words_of(metric).label}: {_gate_words(gate)}")
         listed = [*found["requirements"], "reached the end of the mission"]
         for words_, failed in zip(listed, [*pair["requirements"], pair["ended_early"]], strict=True):
-            print(
+            say(
                 f"{words_}: only A failed {failed['only_a']}, only B {failed['only_b']}, both {failed['both']} "
                 f"(McNemar p {p_value(failed['p_value'])}){_listed(failed)}"
             )

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from enum import IntEnum
 from pathlib import Path
 
+from abhv_mc.cli.printing import say
 from abhv_mc.cli.signals import settle_interrupt
 from abhv_mc.io.input_error import InputError, Refusal
 from abhv_mc.store.folder import FolderLostError, StorageFullError, told_plainly
@@ -38,25 +39,25 @@ def exit_code_of(error: BaseException) -> int | str | None:
     cut_short = isinstance(error, ImportError) and any(isinstance(cause, KeyboardInterrupt) for cause in causes)
     if isinstance(error, (SystemExit, KeyboardInterrupt)) or cut_short:
         settle_interrupt()
-        print("interrupted: what was done is kept, and the same command goes on", file=sys.stderr)
+        say("interrupted: what was done is kept, and the same command goes on", file=sys.stderr)
         return ExitCode.INCOMPLETE
     if isinstance(error, OSError):
         error = _explain(error)
     if any(isinstance(cause, MemoryError) or any(words in str(cause) for words in _NO_MEMORY) for cause in causes):
-        print("not enough memory: what was flown is kept; fewer workers or smaller blocks need less", file=sys.stderr)
+        say("not enough memory: what was flown is kept; fewer workers or smaller blocks need less", file=sys.stderr)
         return ExitCode.INCOMPLETE
     if type(error).__module__.partition(".")[0] == "distributed":  # of many kinds, as a scheduler or its host dies
         reason = str(error).partition("\n")[0] or type(error).__name__
-        print(f"the cluster does not answer ({reason}): what was flown is kept", file=sys.stderr)
+        say(f"the cluster does not answer ({reason}): what was flown is kept", file=sys.stderr)
         return ExitCode.INCOMPLETE
     if isinstance(error, (StorageFullError, FolderLostError)):
-        print(error, file=sys.stderr)
+        say(error, file=sys.stderr)
         return ExitCode.INCOMPLETE
     if isinstance(error, (InputError, Refusal)):
-        print(error, file=sys.stderr)
+        say(error, file=sys.stderr)
         return ExitCode.BAD_INPUT
     traceback.print_exception(error)
-    print("This is a defect of abhv-mc; please report it with the lines above.", file=sys.stderr)
+    say("This is a defect of abhv-mc; please report it with the lines above.", file=sys.stderr)
     return ExitCode.DEFECT
 
 

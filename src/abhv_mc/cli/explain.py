@@ -5,6 +5,9 @@ from typing import Annotated
 
 import typer
 
+from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.printing import say
+
 
 def command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder.")],
@@ -16,7 +19,9 @@ def command(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE.png", help="Where the figure goes.", show_default="in DIR"),
+        typer.Option(
+            "--output", "-o", callback=apart, metavar="FILE.png", help="Where the figure goes.", show_default="in DIR"
+        ),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     trust_code: Annotated[
@@ -31,6 +36,7 @@ def command(
     from abhv_mc.campaign.run.engine import make_engine
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.cli.printing import print_json
+    from abhv_mc.own.aside import run_aside
     from abhv_mc.report.explained import explanation_numbers, explanation_words, write_explained_figure
     from abhv_mc.report.results import read_facts
     from abhv_mc.store.folder import CampaignFolder
@@ -38,11 +44,12 @@ def command(
     paths = CampaignFolder(folder)
     name = controller or read_facts(paths.campaign).controllers[0]
     announce_compiling()
-    found = explain_flight(folder, name, flight, make_engine().fly, requirement, trust_code=trust_code)
+    fly = make_engine().fly
+    found = run_aside(lambda: explain_flight(folder, name, flight, fly, requirement, trust_code=trust_code))
     path = out or paths.explained / f"{name}-{flight}.png"
     write_explained_figure(found, path)
     if json:
         print_json(explanation_numbers(found) | {"figure": str(path)})
         return
-    print(*explanation_words(found), sep="\n")
-    print(f"figure    {path}")
+    say(*explanation_words(found), sep="\n")
+    say(f"figure    {path}")

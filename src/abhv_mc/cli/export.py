@@ -5,15 +5,19 @@ from typing import Annotated
 
 import typer
 
+from abhv_mc.cli.outputs import folder_apart
+from abhv_mc.cli.printing import say
+
 
 def command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder.")],
     out: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where to.", show_default="DIR/csv")
+        Path | None,
+        typer.Option("--output", "-o", callback=folder_apart, metavar="DIR", help="Where to.", show_default="DIR/csv"),
     ] = None,
 ) -> None:
     """Write every table as a CSV file; numbers read back to the same bits."""
     from abhv_mc.store.export import export_csv
 
     for path in export_csv(folder, out or folder / "csv"):
-        print(path)
+        say(path)

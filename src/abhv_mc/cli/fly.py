@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from abhv_mc.cli.outputs import folder_apart
+from abhv_mc.cli.printing import say
+
 if TYPE_CHECKING:
     from abhv_mc.flight.plan import FlightBlock
 
@@ -17,10 +20,13 @@ def command(
         typer.Option(metavar="C", help="Controller file or shipped name; may be repeated.", show_default="tlc and lqr"),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write history and figures here.")
+        Path | None,
+        typer.Option("--output", "-o", callback=folder_apart, metavar="DIR", help="Write history and figures here."),
     ] = None,
 ) -> None:
     """Fly a mission once with each controller, nothing dispersed, and print how it went."""
+    from functools import partial
+
     from abhv_mc.cli.announce import announce_compiling, announce_warnings
     from abhv_mc.io.input_error import InputError
     from abhv_mc.shipped import find_input
@@ -35,18 +41,20 @@ def command(
     announce_compiling()
     from abhv_mc.flight.fly import fly, nominal_parameters
     from abhv_mc.flight.prepare import prepare
+    from abhv_mc.own.aside import run_aside
 
     plans = {file.stem: prepare(*paths, file, file.stem) for file in files}
     announce_warnings(warning for plan in plans.values() for warning in plan.warnings.tolist())
     if out is not None and len({plan.timing.tick for plan in plans.values()}) > 1:
         raise InputError("--output", None, None, "controllers of different rates", "one folder for each rate")
-    blocks = {name: fly(plan, nominal_parameters(), record_every=1) for name, plan in plans.items()}
+    nominal = nominal_parameters()
+    blocks = {name: run_aside(partial(fly, plan, nominal, record_every=1)) for name, plan in plans.items()}
     _print_table(f"{paths[1].stem} with {paths[0].stem}, nominal", blocks)
     if out is not None:
         from abhv_mc.report.nominal import write_nominal_report
 
         for path in write_nominal_report(out, plans, {name: block.history[0] for name, block in blocks.items()}):
-            print(path)
+            say(path)
 
 
 def _print_table(title: str, blocks: "dict[str, FlightBlock]") -> None:
@@ -62,4 +70,4 @@ def _print_table(title: str, blocks: "dict[str, FlightBlock]") -> None:
         table.add_row(metric.name, *(f"{block.metrics[0, i]:.4g}" for block in blocks.values()))
     print_table(table)
     for name, outcome in outcomes.items():
-        print(f"{name}: {SENTENCES[outcome]}")
+        say(f"{name}: {SENTENCES[outcome]}")

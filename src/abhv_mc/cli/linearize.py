@@ -5,10 +5,15 @@ from typing import Annotated
 
 import typer
 
+from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.printing import say
+
 
 def command(
     mission: Annotated[str, typer.Argument(metavar="MISSION", help="Mission file, or the name of a shipped one.")],
-    out: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="Ends in .npz, .mat or .json.")],
+    out: Annotated[
+        Path, typer.Option("--output", "-o", callback=apart, metavar="FILE", help="Ends in .npz, .mat or .json.")
+    ],
     vehicle: Annotated[str, typer.Option(metavar="V", help="Vehicle file, or the name of a shipped one.")] = "ghame_x",
     controller: Annotated[str, typer.Option(metavar="C", help="Controller file or shipped name.")] = "tlc",
     at: Annotated[
@@ -34,4 +39,4 @@ def command(
     plan, points, _ = take_point(setup, name, time[0], angle)
     linear = linearise(plan, nominal_parameters(), points)
     write_model(out, make_model(plan, nominal_parameters(), points, linear))
-    print(out)
+    say(out)

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from abhv_mc.cli.printing import say
 from abhv_mc.io.input_error import InputError
 
 _DEFAULT = Path("reports")
@@ -25,9 +26,9 @@ def command(
         print_json(found)
         return
     if not found:
-        print(f"no campaigns in {folder}")
+        say(f"no campaigns in {folder}")
     for status in found:
         flights = f"{status['runs_done']}/{status['runs_planned']}"
         names = ",".join(status["controllers"])
         words = (status["folder"], status["state"], flights, names, status["started"], str(status["digest"])[:12])
-        print("{:<32} {:<12} {:>16}  {:<20} {:<26} {}".format(*words))
+        say("{:<32} {:<12} {:>16}  {:<20} {:<26} {}".format(*words))

@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from abhv_mc.cli.outputs import apart, folder_apart
+from abhv_mc.cli.printing import say
+
 if TYPE_CHECKING:
     from abhv_mc.linearising import Place, Setup
     from abhv_mc.stability.analysis import Stability, Time
@@ -40,9 +43,14 @@ def command(
         str, typer.Option(metavar="POINTS", help="trim, or times of the nominal flight such as 0s,30s,48s.")
     ] = "trim",
     bank: Annotated[str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")] = "0",
-    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the rows here.")] = None,
+    json: Annotated[
+        Path | None, typer.Option("--json", callback=apart, metavar="FILE", help="Write the rows here.")
+    ] = None,
     out: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write Bode and Nichols figures here.")
+        Path | None,
+        typer.Option(
+            "--output", "-o", callback=folder_apart, metavar="DIR", help="Write Bode and Nichols figures here."
+        ),
     ] = None,
     trust_code: Annotated[
         bool, typer.Option("--trust-code", help="Run Python code of a campaign's folder that you have not flown.")
@@ -78,7 +86,7 @@ def command(
                 out.mkdir(parents=True, exist_ok=True)
                 stem = f"{name}_{time if time == 'trim' else f'{time:g}s'}"
                 for path in write_loop_figures(out, stem, linear):
-                    print(path)
+                    say(path)
     if json is not None:
         from json import dumps
 
@@ -177,12 +185,12 @@ def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") 
     from abhv_mc.stability.analysis import NO_SLOPES
 
     if not stability.poles[0].size:
-        print(f"{title}: no margins: {NO_SLOPES}")
+        say(f"{title}: no margins: {NO_SLOPES}")
         return
     poles = [pole for pole in stability.poles[0] if pole.imag >= 0.0]
     if not rows[0]["stable"]:
         growing = ", ".join(f"{p.real:+.3f}{f' +- {p.imag:.2f}j' if p.imag else ''}" for p in poles if p.real >= 0.0)
-        print(f"{title}: unstable, no margins; poles {growing} per second")
+        say(f"{title}: unstable, no margins; poles {growing} per second")
         return
     table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0))
     table.add_column("loop", no_wrap=True)
@@ -195,10 +203,10 @@ def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") 
     everything = rows[-1]
     gain = "any" if everything["disk_gain_db"] is None else f"{everything['disk_gain_db']:.2f} dB"
     delay = "any" if everything["delay_margin_ms"] is None else f"{everything['delay_margin_ms']:.1f} ms"
-    print(
+    say(
         f"all loops at once: disk margin {everything['disk_margin']:.4f} (gain {gain} up and down or phase "
         f"{everything['disk_phase_deg']:.1f} deg in each at the same time), the same delay in all {delay}"
     )
     damped = min((p for p in poles if p.imag > 0.0), key=lambda p: abs(p.real) / abs(p), default=None)
     if damped is not None:
-        print(f"least damped pole {damped.real:.3f} +- {damped.imag:.2f}j per second")
+        say(f"least damped pole {damped.real:.3f} +- {damped.imag:.2f}j per second")

@@ -5,11 +5,16 @@ from typing import Annotated
 
 import typer
 
+from abhv_mc.cli.outputs import folder_apart
+
 
 def command(
     parts: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of all shards.")],
     out: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="New folder.", show_default="reports/NAME")
+        Path | None,
+        typer.Option(
+            "--output", "-o", callback=folder_apart, metavar="DIR", help="New folder.", show_default="reports/NAME"
+        ),
     ] = None,
     no_report: Annotated[bool, typer.Option("--no-report", help="Make no report.")] = False,
     trust_code: Annotated[

@@ -5,9 +5,12 @@ from typing import Annotated
 
 import typer
 
+from abhv_mc.cli.outputs import folder_apart
+from abhv_mc.cli.printing import say
+
 
 def command(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or an empty folder.")],
+    folder: Annotated[Path, typer.Argument(callback=folder_apart, metavar="DIR", help="A new or an empty folder.")],
     source: Annotated[
         str, typer.Option("--from", metavar="NAME", help="Name of a shipped campaign, such as wide or failures.")
     ] = "s_manoeuvre",
@@ -17,7 +20,7 @@ def command(
     from abhv_mc.campaign.file.new_campaign import write_new_campaign
 
     campaign, *others = write_new_campaign(folder, source, law)
-    print(f"{campaign} and {len(others)} files that it needs. Next:")
+    say(f"{campaign} and {len(others)} files that it needs. Next:")
     if law:
-        print(f"  cd {folder} && abhv-mc fly level --controller control/my_law.yaml   # after each edit of my_law.py")
-    print(f"  cd {folder} && abhv-mc run {campaign.name}")
+        say(f"  cd {folder} && abhv-mc fly level --controller control/my_law.yaml   # after each edit of my_law.py")
+    say(f"  cd {folder} && abhv-mc run {campaign.name}")

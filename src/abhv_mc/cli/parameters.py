@@ -4,6 +4,8 @@ from typing import Annotated
 
 import typer
 
+from abhv_mc.cli.printing import say
+
 
 def command(json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
     """Print every dispersible parameter: name, unit, nominal value, meaning. A unit of - is a factor or a number."""
@@ -17,4 +19,4 @@ def command(json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = 
         print_json([asdict(parameter) for parameter in listed])
         return
     for parameter in listed:
-        print(f"{parameter.name:<36} {parameter.unit:>6} {parameter.nominal:>4g}  {parameter.doc}")
+        say(f"{parameter.name:<36} {parameter.unit:>6} {parameter.nominal:>4g}  {parameter.doc}")

@@ -5,14 +5,20 @@ from typing import Annotated, Any
 
 import typer
 
+from abhv_mc.cli.outputs import apart, folder_apart
+from abhv_mc.cli.printing import say
+
 
 def command(
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.yaml", help="Campaign file.")],
     out: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write the figure plan.png there.")
+        Path | None,
+        typer.Option("--output", "-o", callback=folder_apart, metavar="DIR", help="Write the figure plan.png there."),
     ] = None,
     runs: Annotated[int | None, typer.Option(min=1, help="Flights of each controller.")] = None,
-    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the numbers as JSON.")] = None,
+    json: Annotated[
+        Path | None, typer.Option("--json", callback=apart, metavar="FILE", help="Write the numbers as JSON.")
+    ] = None,
 ) -> None:
     """Say how many flights each requirement needs, and how likely it is to PASS at the planned number."""
     from json import dumps
@@ -32,7 +38,7 @@ def command(
         write_text(json, dumps(numbers, indent=1, allow_nan=False) + "\n")
     if out is not None:
         write_plan_figure(numbers, out / "plan.png")
-        print(f"figure    {out / 'plan.png'}")
+        say(f"figure    {out / 'plan.png'}")
 
 
 def _print(numbers: dict[str, Any]) -> None:
@@ -58,15 +64,15 @@ def _print(numbers: dict[str, Any]) -> None:
             percent(stops["false_pass"]),
         )
     print_table(table)
-    print("*  where a fifth of the allowed failures is true    ** where just more than allowed is true: exact")
+    say("*  where a fifth of the allowed failures is true    ** where just more than allowed is true: exact")
     if len(numbers["requirements"]) > 1:
         both = numbers["together"]["stop_when_proven" if numbers["stops_when_proven"] else "fixed"]
         low, high = (percent(both[end][place], 2) for end in ("low", "high"))
-        print(f"All of them PASS with a chance between {low} and {high} at a fifth of the allowed failures each.")
+        say(f"All of them PASS with a chance between {low} and {high} at a fifth of the allowed failures each.")
     if numbers["expected_false_passes"] < 1.0 or numbers["family_risk"]:
-        print(f"The chance of any false PASS is at most {percent(numbers['any_false_pass'], 2)}.")
+        say(f"The chance of any false PASS is at most {percent(numbers['any_false_pass'], 2)}.")
     else:
-        print(f"Were each just missed, up to {significant(numbers['expected_false_passes'], 2)} of the "
-              f"{numbers['verdicts']} verdicts would PASS on average.")  # fmt: skip
+        say(f"Were each just missed, up to {significant(numbers['expected_false_passes'], 2)} of the "
+            f"{numbers['verdicts']} verdicts would PASS on average.")  # fmt: skip
     if not numbers["independent_flights"]:
-        print("Its flights are not independent draws: it gets estimates and no verdict. These numbers are for random.")
+        say("Its flights are not independent draws: it gets estimates and no verdict. These numbers are for random.")

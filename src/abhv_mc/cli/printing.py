@@ -3,8 +3,15 @@
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+from abhv_mc.io.input_error import printable
+
 if TYPE_CHECKING:
     from rich.table import Table
+
+
+def say(*words: Any, sep: str = " ", **options: Any) -> None:
+    """Print, as Python's own ``print``; what a results folder holds cannot steer the terminal by it."""
+    print(printable(sep.join(map(str, words))), **options)
 
 
 def print_json(value: Any) -> None:
@@ -29,9 +36,13 @@ def new_table(left: Iterable[str], right: Iterable[str], title: str | None = Non
 
 def print_table(table: "Table") -> None:
     """Print a table without wrapping or cutting its cells, where a terminal is narrow or there is none."""
+    import io
+
     from rich.console import Console
     from rich.measure import Measurement
 
     console = Console()
     width = Measurement.get(console, console.options.update(width=1000), table).maximum
-    Console(width=width).print(table)
+    text = io.StringIO()
+    Console(width=width, file=text, color_system=None, markup=False, emoji=False, highlight=False).print(table)
+    say(text.getvalue(), end="")

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from abhv_mc.cli.printing import say
+
 
 def command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder, or its address.")],
@@ -16,6 +18,9 @@ def command(
 
     Parameters have a dot in their names: write them in double quotes, as in select "aero.lift" from samples.
     """
+    import contextlib
+    import io
+
     import duckdb
 
     from abhv_mc.io.input_error import InputError
@@ -31,7 +36,10 @@ def command(
             if json or csv:
                 _print_rows(answer.columns, answer.fetchall(), json)
             else:
-                answer.show(max_rows=200, max_width=200)
+                shown = io.StringIO()
+                with contextlib.redirect_stdout(shown):
+                    answer.show(max_rows=200, max_width=200)
+                say(shown.getvalue(), end="")
         except duckdb.Error as error:
             words = str(error).partition("\nTraceback")[0]  # duckdb adds one where Python lacks what a type needs
             raise InputError("query", None, None, words, "SQL that duckdb can answer") from None
@@ -50,7 +58,7 @@ def _print_rows(columns: list[str], rows: list[tuple[object, ...]], as_json: boo
         if twice:
             found = f"several columns named {', '.join(twice)}"
             raise InputError("query", None, None, found, "names of their own: select ... as ..., or --csv")
-        print(json.dumps([dict(zip(columns, row, strict=True)) for row in rows], indent=2, default=str))
+        say(json.dumps([dict(zip(columns, row, strict=True)) for row in rows], indent=2, default=str))
     else:
         if sys.stdout.isatty():
             rows = [tuple(printable(cell) if isinstance(cell, str) else cell for cell in row) for row in rows]

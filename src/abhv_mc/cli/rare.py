@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
+from abhv_mc.cli.printing import say
 from abhv_mc.cli.searching import (
     CampaignFile,
     Controller,
@@ -56,11 +57,11 @@ def command(
     estimate = found.estimate
     if estimate.refusal is None:
         interval = f"{estimate.low:.1e} .. {estimate.high:.1e}"
-        print(f"estimate  P(failure) of {found.controller} {estimate.probability:.1e}, 95 % interval {interval}")
+        say(f"estimate  P(failure) of {found.controller} {estimate.probability:.1e}, 95 % interval {interval}")
     else:
-        print(f"no trustworthy estimate: {estimate.refusal}", file=sys.stderr)
-    print(f"flights   {estimate.flights}, {found.failures} of them failures")
-    print(f"report    {page}")
+        say(f"no trustworthy estimate: {estimate.refusal}", file=sys.stderr)
+    say(f"flights   {estimate.flights}, {found.failures} of them failures")
+    say(f"report    {page}")
     if found.failed_to_run:
         raise typer.Exit(ExitCode.INCOMPLETE)
     if estimate.refusal is not None:

@@ -6,6 +6,8 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
+from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.printing import say
 
 
 def command(
@@ -13,7 +15,8 @@ def command(
     flight: Annotated[int, typer.Option(min=0, help="Number of the flight.")],
     controller: Annotated[str, typer.Option(help="Name of the controller.")],
     out: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE.parquet", help="Write its history at full rate.")
+        Path | None,
+        typer.Option("--output", "-o", callback=apart, metavar="FILE.parquet", help="Write its history at full rate."),
     ] = None,
     trust_code: Annotated[
         bool, typer.Option("--trust-code", help="Run Python code in the folder that you have not flown yourself.")
@@ -27,37 +30,23 @@ def command(
     from abhv_mc.campaign.run.engine import make_engine
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.flight.signals import CHANNEL_INDEX
+    from abhv_mc.own.aside import run_aside
     from abhv_mc.store.histories import write_histories
 
-    if out is not None:
-        _check_place(folder, out)
     announce_compiling()
-    replay = replay_flight(folder, controller, flight, make_engine().fly, trust_code=trust_code)
+    fly = make_engine().fly
+    replay = run_aside(lambda: replay_flight(folder, controller, flight, fly, trust_code=trust_code))
     end = f"{replay.outcome.code} after {replay.block.end_time[0]:g} s"
-    print(f"flight {flight} of {controller}: {end}. {replay.sentence}")
+    say(f"flight {flight} of {controller}: {end}. {replay.sentence}")
     for name, value in replay.samples.items():
-        print(f"  {name:<40} {value:.10g}")
+        say(f"  {name:<40} {value:.10g}")
     for name, value in replay.metrics.items():
-        print(f"  {name:<40} {value:.6g}")
+        say(f"  {name:<40} {value:.6g}")
     if out is not None:
         block = replay.block
         write_histories(out, controller, [flight], block.times, block.history, list(CHANNEL_INDEX))
-        print(f"history   {out}")
+        say(f"history   {out}")
     if replay.differences:
-        print("metrics differ from the stored ones:", *replay.differences, sep="\n  ")
+        say("metrics differ from the stored ones:", *replay.differences, sep="\n  ")
         raise typer.Exit(ExitCode.FAILED)
-    print("metrics equal the stored ones bit for bit")
-
-
-def _check_place(folder: Path, out: Path) -> None:
-    """Raise InputError for an output that would be taken for one of the campaign's own files."""
-    from abhv_mc.io.input_error import InputError
-    from abhv_mc.store.folder import CampaignFolder
-    from abhv_mc.store.manifest import read_manifest
-
-    root, target = folder.resolve(), out.resolve()
-    if root not in target.parents:
-        return
-    place = target.relative_to(root)
-    if len(place.parts) > 1 or place.as_posix() in read_manifest(CampaignFolder(folder).manifest).get("files", {}):
-        raise InputError(out, None, None, "a place of the campaign's own files", "another name, or a file elsewhere")
+    say("metrics equal the stored ones bit for bit")

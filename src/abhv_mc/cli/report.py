@@ -5,6 +5,9 @@ from typing import Annotated, Literal
 
 import typer
 
+from abhv_mc.cli.outputs import folder_apart
+from abhv_mc.cli.printing import say
+
 
 def command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a campaign, or its address.")],
@@ -12,7 +15,12 @@ def command(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", metavar="DIR", help="Where to.", show_default="DIR; reports/NAME for an address"
+            "--output",
+            "-o",
+            callback=folder_apart,
+            metavar="DIR",
+            help="Where to.",
+            show_default="DIR; reports/NAME for an address",
         ),
     ] = None,
 ) -> None:
@@ -27,11 +35,11 @@ def command(
     with fetched(folder) as source:
         page = build_report(source, format)
         if out is None and local_path(folder) is None:
-            out = Path("reports") / read_manifest(CampaignFolder(source).manifest)["name"]
+            out = folder_apart(Path("reports") / read_manifest(CampaignFolder(source).manifest)["name"])
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
             for name in (page.name, "report.json"):
                 shutil.copyfile(source / name, out / name)
             shutil.copytree(source / "figures", out / "figures", dirs_exist_ok=True)
             page = out / page.name
-    print(page)
+    say(page)

@@ -10,6 +10,8 @@ import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.names import parse_names
+from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.printing import say
 from abhv_mc.io.input_error import Refusal
 
 if TYPE_CHECKING:
@@ -33,6 +35,7 @@ def command(
         typer.Option(
             "--output",
             "-o",
+            callback=apart,
             metavar="DIR",
             help="Folder, or an address such as s3://bucket/folder.",
             show_default="reports/NAME",
@@ -83,7 +86,7 @@ def command(
             request = Request(file, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code)
             finish(run_campaign(request, engine), no_report or part is not None, out)
     except UnusableError as error:
-        print(error, file=sys.stderr)
+        say(error, file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE) from None
 
 
@@ -99,17 +102,17 @@ def finish(result: "RunResult", no_report: bool, place: Path | None = None) -> N
     _print_result(result, named)
     announce_warnings(result.manifest["warnings"])
     if not result.complete:
-        print("incomplete: the same command goes on where this one ended", file=sys.stderr)
+        say("incomplete: the same command goes on where this one ended", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
     outcomes = [facts["outcomes"] for facts in result.manifest["controllers"].values()]
     if not no_report and any(set(ended) - {"failed_to_run"} for ended in outcomes):
         from abhv_mc.report.build import build_report, is_up_to_date
 
         made = is_up_to_date(result.folder)
-        print(f"report    {named}/{'report.html, up to date' if made else build_report(result.folder).name}")
+        say(f"report    {named}/{'report.html, up to date' if made else build_report(result.folder).name}")
     if lost := sum(ended.get("failed_to_run", 0) for ended in outcomes):
         count = "1 flight" if lost == 1 else f"{lost} flights"
-        print(f"{count} could not be computed: the same command tries again", file=sys.stderr)
+        say(f"{count} could not be computed: the same command tries again", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
     if any(entry["verdict"] == "FAIL" for entry in result.manifest["requirements"]):
         raise typer.Exit(ExitCode.FAILED)
@@ -126,13 +129,13 @@ def _parse_shard(text: str) -> tuple[int, int]:
 
 def _print_result(result: "RunResult", named: str) -> None:
     manifest = result.manifest
-    print(f"folder    {named}")
-    print(f"flights   {manifest['runs_done']} of {manifest['runs_planned']}, {manifest['state']}")
+    say(f"folder    {named}")
+    say(f"flights   {manifest['runs_done']} of {manifest['runs_planned']}, {manifest['state']}")
     for name, facts in manifest["controllers"].items():
-        print(f"  {name:<12} {describe_outcomes(facts)}")
+        say(f"  {name:<12} {describe_outcomes(facts)}")
     for entry in manifest["requirements"]:
-        print(f"  {describe_requirement(entry)}")
-    print(f"digest    {manifest['digest']}")
+        say(f"  {describe_requirement(entry)}")
+    say(f"digest    {manifest['digest']}")
 
 
 def describe_outcomes(facts: dict[str, Any]) -> str:
@@ -144,4 +147,4 @@ def describe_requirement(entry: dict[str, Any]) -> str:
     """One line on a requirement: what it asks, what was counted, the verdict."""
     side = "below" if "below" in entry else "above"
     asked = f"{entry['metric']} {side} {entry[side]:g} in {100 * entry['probability']:g} %"
-    return f"{entry['controller']:<12} {asked}: {entry['words']}"
+    return f"{entry['controller']:<12} {asked}: {entry.get('words', entry['verdict'])}"

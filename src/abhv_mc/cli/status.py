@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from abhv_mc.cli.printing import say
+
 
 def command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder.")],
@@ -19,13 +21,13 @@ def command(
     if json:
         print_json(status)
         return
-    print(f"{status['name']}: {status['state']}, {status['runs_done']} of {status['runs_planned']} flights")
+    say(f"{status['name']}: {status['state']}, {status['runs_done']} of {status['runs_planned']} flights")
     if status["holder"]:
-        print(f"  flown now by {status['holder']}")
+        say(f"  flown now by {status['holder']}")
     for name, facts in status["controllers"].items():
-        print(f"  {name:<12} {facts['flights_done']} flown: {describe_outcomes(facts)}")
+        say(f"  {name:<12} {facts['flights_done']} flown: {describe_outcomes(facts)}")
     for entry in status["requirements"]:
-        print(f"  {describe_requirement(entry)}")
-    print(f"  digest       {status['digest']}")
-    print(f"  time flown   {status['wall_time_s']:.1f} s")
-    print(f"  on disk      {status['bytes'] / 1e6:.1f} MB")
+        say(f"  {describe_requirement(entry)}")
+    say(f"  digest       {status['digest']}")
+    say(f"  time flown   {status['wall_time_s']:.1f} s")
+    say(f"  on disk      {status['bytes'] / 1e6:.1f} MB")

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from abhv_mc.cli.printing import say
+
 if TYPE_CHECKING:
     from abhv_mc.io.units import Dimension
 
@@ -104,4 +106,4 @@ def _print_table(vehicle: Path, altitude: float, speed: float, points: list[dict
     print_table(table)
     for point in points:
         if point["fault"]:
-            print(f"no trim at {point['bank_deg']:g} deg of bank: {point['fault']}")
+            say(f"no trim at {point['bank_deg']:g} deg of bank: {point['fault']}")

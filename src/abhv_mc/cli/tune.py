@@ -7,6 +7,8 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
+from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.printing import say
 from abhv_mc.cli.searching import (
     CampaignFile,
     Controller,
@@ -22,7 +24,9 @@ from abhv_mc.cli.searching import (
 
 def command(
     campaign: CampaignFile,
-    out: Annotated[Path, typer.Option("--output", "-o", metavar="NEW.yaml", help="Controller file to write.")],
+    out: Annotated[
+        Path, typer.Option("--output", "-o", callback=apart, metavar="NEW.yaml", help="Controller file to write.")
+    ],
     controller: Controller = None,
     block: Annotated[
         Path | None, typer.Option("--tune", metavar="FILE", help="File with the block 'tune'.", show_default="CAMPAIGN")
@@ -41,6 +45,7 @@ def command(
     from abhv_mc.cli.announce import announce_compiling
 
     refuse_shard(shard)
+    apart(out.with_suffix(".html"))
     announce_compiling()
     from abhv_mc.campaign.search.tune import TuneRequest, tune_controller
     from abhv_mc.report.tune_page import write_tune_page
@@ -51,13 +56,13 @@ def command(
     gain = found.validation.difference
     for side in found.sides:
         bound = "" if side.limit is None else f"  (limit {side.limit:.5g}{'' if side.keeps else ', broken'})"
-        print(f"{side.words}: {side.start:.5g} -> {side.best:.5g}{bound}")
-    print(f"difference {gain.value:.5g}, 95 % interval {gain.low:.5g} .. {gain.high:.5g}, on fresh flights")
+        say(f"{side.words}: {side.start:.5g} -> {side.best:.5g}{bound}")
+    say(f"difference {gain.value:.5g}, 95 % interval {gain.low:.5g} .. {gain.high:.5g}, on fresh flights")
     ends = found.numbers.at_ends(found.tuning.place)
     for key, value in found.numbers.values(found.tuning.place).items():
-        print(f"  {key:<40} {value}{'  (at the end of its range)' if key in ends else ''}")
-    print(f"report    {page}")
+        say(f"  {key:<40} {value}{'  (at the end of its range)' if key in ends else ''}")
+    say(f"report    {page}")
     if not found.shown:
-        print("not shown to be better within the limits: no file is written", file=sys.stderr)
+        say("not shown to be better within the limits: no file is written", file=sys.stderr)
         raise typer.Exit(ExitCode.FAILED)
-    print(f"controller {out}")
+    say(f"controller {out}")

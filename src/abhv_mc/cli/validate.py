@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from abhv_mc.cli.printing import say
+
 
 def command(
     files: Annotated[
@@ -29,9 +31,9 @@ def command(
             errors.extend(several.errors)
             continue
         for found in checked:
-            print(f"{found.path}: a valid {found.kind} file")
+            say(f"{found.path}: a valid {found.kind} file")
             for warning in found.warnings:
-                print(f"{found.path}: warning: {warning}")
+                say(f"{found.path}: warning: {warning}")
     if errors:
         raise InputErrors(errors)
     if dry_run:
@@ -52,10 +54,8 @@ def _estimate(file: Path) -> None:
     announce_compiling()
     cost = estimate_campaign(read_campaign(file), make_engine())
     announce_warnings(cost.warnings)
-    print(f"{file}: {cost.flights} flights of {cost.controllers} controllers, blocks of {cost.batch}")
-    print(
-        f"  time    {cost.flying_s:.0f} s with {cost.workers} workers ({1e3 * cost.flight_s:.2f} ms a flight and core)"
-    )
+    say(f"{file}: {cost.flights} flights of {cost.controllers} controllers, blocks of {cost.batch}")
+    say(f"  time    {cost.flying_s:.0f} s with {cost.workers} workers ({1e3 * cost.flight_s:.2f} ms a flight and core)")
     kept, flying = f"{cost.kept} histories {cost.histories_bytes / 1e6:.1f}", f"{cost.envelope_bytes / 1e6:.1f}"
-    print(f"  disk    {cost.disk_bytes / 1e6:.1f} MB at most", end="")
-    print(f" (rows {cost.rows_bytes / 1e6:.1f}, {kept}, envelopes while flying {flying})")
+    say(f"  disk    {cost.disk_bytes / 1e6:.1f} MB at most", end="")
+    say(f" (rows {cost.rows_bytes / 1e6:.1f}, {kept}, envelopes while flying {flying})")

@@ -5,11 +5,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.printing import say
+
 if TYPE_CHECKING:
     from abhv_mc.verification.rows import Row
 
 app = typer.Typer(help="Hold flights against other people's, and reports against their data.", no_args_is_help=True)
-_Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the rows as JSON too.")]
+_Json = Annotated[
+    Path | None, typer.Option("--json", callback=apart, metavar="FILE", help="Write the rows as JSON too.")
+]
 _Scale = Annotated[float, typer.Option("--tolerance-scale", metavar="X", help="Multiply every tolerance.")]
 
 _REFERENCES = Path("tests/reference")
@@ -17,21 +22,35 @@ _REFERENCES = Path("tests/reference")
 
 @app.command("campaign")
 def campaign(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a campaign.")]) -> None:
-    """Make every number of a campaign's report again from its Parquet; exit 1 at the first that differs."""
+    """Hold everything in a campaign's folder against the flights; exit 1 at the first that differs.
+
+    The campaign file and its inputs, the samples, the manifest's counts and verdicts, histories, envelopes, and every
+    number of the report. Nothing is flown again: replay does that with one flight.
+    """
+    from abhv_mc.report.consistency import has_facts
     from abhv_mc.report.searched import search_command
     from abhv_mc.report.verify import verify_campaign
     from abhv_mc.store.folder import CampaignFolder
-    from abhv_mc.store.manifest import read_manifest
+    from abhv_mc.store.manifest import COMPLETE, read_manifest
 
     for difference in verify_campaign(folder):
-        print(difference)
+        say(difference)
         raise typer.Exit(1)
     manifest = read_manifest(CampaignFolder(folder).manifest)
     if "search" in manifest:
-        print(f"{folder}: the search's flights are whole, and its counts and worst flights follow from them")
-        print(f"its estimate and page are made again from these flights by: {search_command(folder, manifest)}")
-    else:
-        print(f"{folder}: every number of the report follows from the data")
+        say(f"{folder}: the search's flights are whole, and its counts and worst flights follow from them")
+        say(f"its estimate and page are made again from these flights by: {search_command(folder, manifest)}")
+        return
+    say(f"{folder}: every number of the report follows from the flights, envelopes and margins")
+    if not has_facts(manifest):
+        say("nothing else was held against the flights: the folder is of an older version, without hashes")
+        return
+    say("every file has its hash; samples follow from the campaign file, the manifest's counts and verdicts from the")
+    say("flights" + _KEPT * (manifest.get("state") == COMPLETE))
+    say("plans, nominal flights, reference and margins have their hashes alone; nothing was flown again (see replay)")
+
+
+_KEPT = "; histories and envelopes are of these flights, as long as they, and within the extremes of their metrics"
 
 
 @app.command("nesc")
@@ -115,7 +134,7 @@ def _show(rows: "list[Row]", json: Path | None) -> None:
         numbers = (f"{row.difference:.2e}", f"{row.tolerance:.2e}")
         table.add_row(row.case, row.simulator, row.quantity, *numbers, row.unit, "ok" if row.ok else "OUTSIDE")
     print_table(table)
-    print(f"{len(rows)} differences, {sum(not row.ok for row in rows)} outside their tolerance")
+    say(f"{len(rows)} differences, {sum(not row.ok for row in rows)} outside their tolerance")
     if json is not None:
         write_rows(json, rows)
     if not all_ok(rows):

@@ -1,5 +1,7 @@
 """``abhv-mc version``: the program, its libraries and the machine, for a problem report."""
 
+from abhv_mc.cli.printing import say
+
 _LIBRARIES = ("numba", "llvmlite", "numpy", "scipy", "pandas", "pyarrow", "joblib", "pydantic", "plotly", "duckdb")
 
 
@@ -10,7 +12,7 @@ def command() -> None:
 
     from abhv_mc import __version__
 
-    print(f"abhv-mc {__version__}")
-    print(f"python {platform.python_version()} on {platform.platform()}")
+    say(f"abhv-mc {__version__}")
+    say(f"python {platform.python_version()} on {platform.platform()}")
     for library in _LIBRARIES:
-        print(f"{library} {version(library)}")
+        say(f"{library} {version(library)}")

@@ -5,6 +5,8 @@ from typing import Annotated, Any
 
 import typer
 
+from abhv_mc.cli.printing import say
+
 
 def command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a campaign with sampling: random.")],
@@ -32,9 +34,9 @@ def _print(found: dict[str, Any]) -> None:
     from abhv_mc.report.words import bounds, estimate, percent, significant
 
     for name, after in found["after"].items():
-        print(f"{name}: {_entry(found['before'][name])}  ->  {_entry(after)}")
+        say(f"{name}: {_entry(found['before'][name])}  ->  {_entry(after)}")
     if found["stopped_when_proven"]:
-        print("The campaign stopped when proven; the intervals do not allow for that.")
+        say("The campaign stopped when proven; the intervals do not allow for that.")
     for name, part in found["controllers"].items():
         worth = significant(part["effective_flights"])
         title = f"{controller_label(name)}: {part['flights']} flights, worth {worth} under the changed dispersions"

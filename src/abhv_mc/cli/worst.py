@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
+from abhv_mc.cli.printing import say
 from abhv_mc.cli.searching import (
     CampaignFile,
     Controller,
@@ -59,11 +60,11 @@ def command(
     write_json(json_file, numbers)
     ended = "" if numbers["outcome"] == "ok" else f" (ended early: {numbers['outcome']})"
     beside = "" if numbers["random_outcome"] == "ok" else f" (ended early: {numbers['random_outcome']})"
-    print(f"worst     {metric} {numbers['value']:.6g} of {found.controller}, flight {found.worst}{ended}")
-    print(f"random    {numbers['random_worst']:.6g} in as many random flights of the same box{beside}")
+    say(f"worst     {metric} {numbers['value']:.6g} of {found.controller}, flight {found.worst}{ended}")
+    say(f"random    {numbers['random_worst']:.6g} in as many random flights of the same box{beside}")
     for name, value in numbers["parameters"].items():
-        print(f"  {name:<40} {value:.6g}{'  (at its bound)' if name in found.at_bounds else ''}")
-    print(f"flights   {found.searched} searched, {found.flights.stop - found.searched} random")
-    print(f"report    {page}")
+        say(f"  {name:<40} {value:.6g}{'  (at its bound)' if name in found.at_bounds else ''}")
+    say(f"flights   {found.searched} searched, {found.flights.stop - found.searched} random")
+    say(f"report    {page}")
     if found.failed_to_run:
         raise typer.Exit(ExitCode.INCOMPLETE)

@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-import threading
+import secrets
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,8 +17,9 @@ def atomic_write(path: Path, durable: bool = False) -> Iterator[Path]:
     ``durable`` waits until the disk has the content. Raises OSError.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    # The dot hides it from readers of the folder.
-    aside = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}{ASIDE}")
+    # The dot hides it from readers of the folder; nobody who may write there can have laid a link in its place.
+    aside = path.with_name(f".{path.name[:100]}.{secrets.token_hex(8)}{ASIDE}")
+    os.close(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666))
     try:
         yield aside
         if durable:

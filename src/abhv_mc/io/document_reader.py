@@ -1,6 +1,7 @@
 """YAML text to plain data and the places of its values; used through :mod:`abhv_mc.io.documents`."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -10,7 +11,8 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
-from abhv_mc.io.input_error import InputError, describe
+from abhv_mc.io.input_error import InputError, describe, is_printable
+from abhv_mc.io.unit_pattern import NUMBER
 
 Place = tuple[int, int]
 Plain = dict[str, Any] | list[Any] | str | int | float | bool | None
@@ -20,6 +22,7 @@ MAX_BYTES = 2_000_000
 MAX_VALUES = 10_000  # a hundred times the largest file that is shipped; aliases of aliases grow exponentially
 MAX_DEPTH = 40
 
+_DECIMAL = re.compile(NUMBER)
 _TAG = "tag:yaml.org,2002:"
 
 
@@ -47,7 +50,7 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
         raise InputError(path, None, None, str(error).splitlines()[0], "YAML 1.2") from None
     if root is None:
         raise InputError(path, 1, 1, "an empty file", "a YAML mapping")
-    builder = _Builder(path, yaml.constructor)
+    builder = _Builder(path)
     return builder.build(root, ()), builder.values, builder.keys
 
 
@@ -99,9 +102,9 @@ class _Bounded(Composer):
 class _Builder:
     """Turns ruamel's nodes into plain data, noting where each value and key stands."""
 
-    def __init__(self, path: Path, constructor: Any) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
-        self.constructor = constructor
+        self.length = 0  # of all texts, those of aliases each time
         self.values: Places = {}
         self.keys: Places = {}
 
@@ -129,6 +132,7 @@ class _Builder:
             key = self.scalar(key_node, str(key_node.tag)) if isinstance(key_node, ScalarNode) else None
             if not isinstance(key, str):
                 self.refuse(key_node, f"the key {describe(key)}", "a name as the key (in quotes, if need be)")
+            self.check_shown(key_node, key)
             place = (*keys, key)
             if key in result:
                 line, _ = self.keys[place]
@@ -139,24 +143,31 @@ class _Builder:
                 self.values[place] = self.keys[place]
         return result
 
+    def check_shown(self, node: ScalarNode, text: str, allowed: str = "") -> None:
+        """Refuse characters that nothing shows, or that turn text around."""
+        hidden = next((char for char in text if char not in allowed and not is_printable(char)), None)
+        if hidden is not None:
+            found = f"the character {ascii(hidden)[1:-1]} in a text"
+            self.refuse(node, found, "text without characters that control a terminal or the direction of writing")
+
     def scalar(self, node: ScalarNode, tag: str) -> str | int | float | bool | None:
         text = str(node.value)
+        self.length += len(text)
+        if self.length > MAX_BYTES:
+            self.refuse(node, f"more than {MAX_BYTES} characters", "fewer (an alias may have multiplied them)")
         kind = tag.removeprefix(_TAG)
         if kind in ("str", "timestamp", "merge", "value"):  # a date is text here, and so is "<<"
+            self.check_shown(node, text, "\n\t")
             return text
         if kind == "null":
             return None
         if kind == "bool":
             return text.lower() == "true"
         if kind in ("int", "float"):
-            try:
-                number = self.constructor.construct_object(node)
-                finite = math.isfinite(number)  # an integer may be too large to tell
-            except (ValueError, OverflowError):
-                finite = False
-            if not finite:
-                self.refuse(node, describe(text), "a finite number")
-            return float(number) if kind == "float" else int(number)
+            number = float(text) if _DECIMAL.fullmatch(text) else math.nan
+            if not math.isfinite(number):
+                self.refuse(node, describe(text), "a finite decimal number such as 1000 or 2.5e-3")
+            return number if kind == "float" else int(text)
         self.refuse(node, f"the tag {tag.replace(_TAG, '!!')}", "plain data without tags")
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.unit_pattern import NUMBER
+
+_DECIMAL = re.compile(NUMBER)
 
 
 @dataclass(frozen=True)
@@ -74,10 +78,7 @@ def read_number_table(
 
 def _number(path: Path, line: int, cells: list[str], place: int, most: float) -> float:
     text = cells[place].strip() if place < len(cells) else ""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = float(text) if _DECIMAL.fullmatch(text) else math.nan
     if not math.isfinite(value):
         raise InputError(path, line, _column(cells, place), f"'{text}'", "a finite number")
     if abs(value) > most:

@@ -7,7 +7,7 @@ It knows the usual ways to write a unit: one symbol of that dimension ('Pa', 'kt
 
 from collections.abc import Mapping
 
-_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"  # a plain decimal one; \d knows all scripts
 _ORDER = (1, 0, 3, 2)  # of the exponents of metre, kilogram, second, radian in a product
 _POWERS = {1: "", 2: r"(?:\^?2|²)", 3: r"(?:\^?3|³)"}
 
@@ -30,7 +30,7 @@ def quantity_pattern(exponents: Exponents, symbols: Mapping[str, Exponents]) -> 
     if sum(map(abs, exponents)) > 1 or under:
         units.append(r"[ *·]".join(over) + "".join(r"\s?/\s?" + part for part in under) if over else
                      r"1?\s?" + r"\s?".join("/" + part for part in under))  # fmt: skip
-    return rf"^\s*{_NUMBER}\s*(?:{'|'.join(units)})\s*$"
+    return rf"^\s*{NUMBER}\s*(?:{'|'.join(units)})\s*$"
 
 
 def _base(place: int) -> Exponents:

@@ -14,7 +14,7 @@ from typing import Annotated
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
 from abhv_mc.io.input_error import Refusal, describe, one_of
-from abhv_mc.io.unit_pattern import quantity_pattern
+from abhv_mc.io.unit_pattern import NUMBER, quantity_pattern
 
 Exponents = tuple[int, int, int, int]  # of metre, kilogram, second, radian
 
@@ -56,8 +56,8 @@ _UNITS: dict[str, tuple[float, Exponents]] = {
 }
 _SPELLINGS = {"°": "deg", "²": "2", "³": "3", "·": " ", "*": " "}
 
-_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(.*)", re.DOTALL)
-_FACTOR = re.compile(r"\s*(/?)\s*([A-Za-z]+|%)(?:\^?(-?\d{1,2})(?!\d))?")
+_QUANTITY = re.compile(f"({NUMBER})(.*)", re.DOTALL)
+_FACTOR = re.compile(r"\s*(/?)\s*([A-Za-z]+|%)(?:\^?(-?[0-9]{1,2})(?![0-9]))?")
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
         bare_unit = "-"
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
         raise Refusal(describe(text), dimension.wanted)
-    match = _NUMBER.fullmatch(str(text).strip().replace("\N{MINUS SIGN}", "-"))
+    match = _QUANTITY.fullmatch(str(text).strip().replace("\N{MINUS SIGN}", "-"))
     if match is None:
         raise Refusal(describe(text), dimension.wanted)
     number, unit = float(match.group(1)), match.group(2).strip()

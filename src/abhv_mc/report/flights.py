@@ -19,6 +19,7 @@ from abhv_mc.store.flights import END_TIME
 from abhv_mc.vehicle.arrays import Floats
 
 _WANTED = "a block of flights"
+_LARGEST = 1e30  # its square is a number still; a metric of a flight that broke at once may be infinite
 _CODES = {outcome.code: int(outcome) for outcome in Outcome}
 
 
@@ -91,7 +92,7 @@ class _Collected:
 def read_flights(folder: Path, known: Collection[Path] | None = None) -> dict[str, ControllerFlights]:
     """All blocks of a folder, each read once; controllers without a computed flight are left out.
 
-    With ``known``, only those among them.
+    With ``known``, only those among them; :func:`abhv_mc.store.table_check.check_table` has been through them.
 
     Raises InputError where there is no flight, or where a block is unreadable or not like the others.
     """
@@ -109,9 +110,8 @@ def read_flights(folder: Path, known: Collection[Path] | None = None) -> dict[st
             values = np.stack([table[name].to_numpy() for name in metrics])
         except KeyError as error:
             raise InputError(path, None, None, str(error.args[0]), f"the columns of {files[0].name}") from None
-        unknown = [code for code in codes if code not in _CODES]
-        if unknown:
-            raise InputError(path, None, None, f"the outcome '{unknown[0]}'", " or ".join(_CODES))
+        if (np.abs(values[np.isfinite(values)]) > _LARGEST).any():
+            raise InputError(path, None, None, f"a metric beyond {_LARGEST:g}", "numbers that a flight may have")
         outcome = np.array([_CODES[code] for code in codes], dtype=np.uint8)[which]
         for k, name in enumerate(names):
             rows = owner == k

@@ -36,7 +36,7 @@ def _scores(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -
 
 
 def _comparable(share: Floats) -> Floats:
-    return np.nan_to_num(share, nan=np.inf)
+    return np.where(np.isnan(share), np.inf, share)
 
 
 def rank_worst(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -> NDArray[np.intp]:

@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import hashlib
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -72,6 +73,16 @@ class CampaignFolder:
         known = {*self.parts, self.lock}
         return sorted(p for p in self.root.iterdir() if p not in known and not p.name.endswith(ASIDE))
 
+    def refuse_strange(self, fresh: bool) -> None:
+        """Raises InputError, without a manifest, for files of others, and for flights that only ``fresh`` deletes."""
+        unknown = self.unknown_files()
+        if unknown:
+            found = f"a folder with '{unknown[0].name}', which no campaign wrote"
+            raise InputError(self.root, None, None, found, "an empty folder or a campaign's")
+        if not fresh and any(self.flights.glob("*.parquet")):
+            found = "flights without the manifest that says what they are"
+            raise InputError(self.root, None, None, found, "another folder (-o DIR), or --fresh to delete them")
+
     def clear(self) -> None:
         """Delete what a campaign wrote, the manifest first, so that no half of it looks whole."""
         import shutil
@@ -89,6 +100,19 @@ class CampaignFolder:
         if self.root.is_dir():
             for path in self.root.rglob(f"*{ASIDE}"):
                 path.unlink(missing_ok=True)
+
+
+def find_own_place(path: Path) -> Path | None:
+    """Where in a campaign's folder a path lies that is, or is in, a part of it; empty for the folder itself."""
+    target = Path(os.path.realpath(path))
+    for root in (target, *target.parents):
+        folder = CampaignFolder(root)
+        others = (folder.campaign, folder.samples, folder.flights)
+        if folder.manifest.exists() and any(part.exists() for part in others):
+            place = target.relative_to(root)
+            if not place.parts or root / place.parts[0] in (*folder.parts, folder.lock):
+                return place
+    return None
 
 
 def is_inside(name: str) -> bool:

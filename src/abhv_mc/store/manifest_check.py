@@ -50,6 +50,7 @@ class _Requirement(Entries):
     flights: Count
     failures: Count
     verdict: Text
+    words: Text = ""
 
 
 class _Machine(Entries):

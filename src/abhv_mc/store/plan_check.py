@@ -10,6 +10,7 @@ from abhv_mc.control.laws.trim_lookup import AXES as TRIM_AXES
 from abhv_mc.flight.declared import MAX_METRICS, MAX_REGISTERS, DeclaredMetrics, DeclaredStatistic, Operation
 from abhv_mc.flight.memory import Z_ROWS
 from abhv_mc.flight.plan import FlightPlan, Timing
+from abhv_mc.io.input_error import is_printable
 from abhv_mc.plant.air_profile import PROFILE
 from abhv_mc.plant.effectiveness import Effectiveness, count_rows, make_effectiveness
 from abhv_mc.plant.parameters import PARAMETERS
@@ -55,6 +56,9 @@ def _faults(plan: FlightPlan) -> Iterator[str]:
     for name in ("warnings", "gain_names"):
         if getattr(plan, name).ndim != 1:
             yield f"{name}: no list"
+    shown = (plan.controller, *plan.warnings.flat, *plan.gain_names.flat, *plan.declared.names.flat)
+    if not all(is_printable(str(text)) for text in shown):
+        yield "names or warnings with characters that nothing shows"
 
 
 def _timing_faults(timing: Timing) -> Iterator[str]:

@@ -3,6 +3,7 @@
 import dataclasses
 import io
 import typing
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -11,6 +12,7 @@ import numpy as np
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.store.folder import write_bytes
+from abhv_mc.store.packed import open_packed
 from abhv_mc.store.plan_check import find_fault
 
 T = TypeVar("T")
@@ -22,7 +24,6 @@ _BOUNDS = (
     "vehicle.constants.bounds.",
     "declared.program.end",
 )  # may be infinite
-_MAX_BYTES = 2**30
 
 
 def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
@@ -35,7 +36,7 @@ def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
     return flat
 
 
-def rebuild(kind: type[T], flat: dict[str, np.ndarray], prefix: str = "") -> T:
+def rebuild(kind: type[T], flat: Mapping[str, np.ndarray], prefix: str = "") -> T:
     """The record of type ``kind`` from what :func:`flatten` gave, with contiguous arrays and finite numbers.
 
     Bounds alone may be infinite. Raises KeyError for a missing part and ValueError for one of another type.
@@ -83,17 +84,15 @@ def pack_plan(plan: FlightPlan) -> bytes:
 def read_plan(path: Path) -> FlightPlan:
     """A stored plan, equal to the bit. Raises InputError."""
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            if sum(member.file_size for member in stored.zip.infolist()) > _MAX_BYTES:
-                raise ValueError(f"more than {_MAX_BYTES} bytes")
-            plan = rebuild(FlightPlan, dict(stored))
+        with open_packed(path) as stored:
+            plan = rebuild(FlightPlan, stored)
             fault = find_fault(plan)
             if fault is not None:
                 raise ValueError(fault)
             return plan
     except FileNotFoundError:
         raise InputError(path, None, None, "no such file", _WISH) from None
-    except Exception as error:  # numpy's and zipfile's on damaged files are of many kinds, SyntaxError among them
+    except Exception as error:  # those of numpy and zipfile on damaged files are of many kinds, SyntaxError among them
         raise InputError(path, None, None, f"a damaged plan ({error})", _WISH) from None
 
 

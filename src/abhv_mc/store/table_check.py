@@ -5,8 +5,9 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.signals import CHANNELS, METRICS
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.input_error import InputError, is_printable, one_of
 from abhv_mc.store.flights import CASE, END_TIME, DamagedFileError, parse_block_name
 
 _WISH = "a table as a campaign writes it: restore it, or make it anew (abhv-mc run)"
@@ -37,7 +38,7 @@ def check_table(path: Path) -> None:
         with pq.ParquetFile(path) as file:
             schema, rows = file.schema_arrow, file.metadata.num_rows
         if kind == "flights":
-            _, first, stop = parse_block_name(path)
+            controller, first, stop = parse_block_name(path)
             if rows != stop - first:
                 raise InputError(path, None, None, f"{rows} rows", f"the {stop - first} of its name")
     except (pa.ArrowException, OSError, ValueError, DamagedFileError) as error:
@@ -45,6 +46,9 @@ def check_table(path: Path) -> None:
     names = schema.names
     if len(set(names)) < len(names):
         raise InputError(path, None, None, "two columns of one name", _WISH)
+    odd = [name for name in names if not is_printable(name)]
+    if odd:
+        raise InputError(path, None, None, f"a column '{odd[0]}'", _WISH)
     missing = [name for name in _NEEDED.get(kind, ()) if name not in names]
     if missing:
         raise InputError(path, None, None, f"no column '{missing[0]}'", _WISH)
@@ -55,3 +59,18 @@ def check_table(path: Path) -> None:
         right = field.type == wanted if wanted else pa.types.is_float32(field.type) or pa.types.is_float64(field.type)
         if not right:
             raise InputError(path, None, None, f"a column '{field.name}' of {field.type}", _WISH)
+    if kind == "flights":
+        _check_words(path, "outcome", [outcome.code for outcome in Outcome])
+        _check_words(path, "controller", [controller])
+
+
+def _check_words(path: Path, column: str, known: list[str]) -> None:
+    """Raises InputError for a text in a column that is none of those ``known``."""
+    try:
+        table = pq.read_table(path, columns=[column], read_dictionary=[column], partitioning=None)
+        words = table[column].unique().to_pylist()
+    except (pa.ArrowException, OSError, ValueError) as error:  # or bytes that are no text
+        raise InputError(path, None, None, str(error).splitlines()[0], _WISH) from None
+    for word in words:
+        if word not in known:
+            raise InputError(path, None, None, f"the {column} '{word}'", one_of(known))

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.io.input_error import InputError, Refusal, one_of
+from abhv_mc.io.unit_pattern import NUMBER
 from abhv_mc.io.units import ANGLE, LENGTH, MASS, parse_unit
 from abhv_mc.vehicle.arrays import MAX_DIMENSIONS, VARIABLES, Floats
 from abhv_mc.vehicle.pack import Axis, Table
@@ -41,7 +42,7 @@ _PLAUSIBLE = {
 }
 _NARROWEST_ANGLE_DEG = 1.0  # a degree axis narrower than this holds radians
 _NARROWEST_ALTITUDE_M = 200.0  # an axis in metres narrower than this holds kilometres
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NUMBER = re.compile(NUMBER)
 
 
 @dataclass(frozen=True)

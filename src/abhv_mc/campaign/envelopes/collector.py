@@ -15,15 +15,26 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.envelopes.histogram import Histograms, make_bins
+from abhv_mc.campaign.envelopes.histogram import BINS, KEPT, Histograms, make_bins
 from abhv_mc.store.arrays import read_array, write_array
 from abhv_mc.store.envelopes import QUANTILES, EnvelopeTable
 from abhv_mc.store.flights import DamagedFileError, parse_block_name
 from abhv_mc.store.folder import FolderLostError, write_whole
+from abhv_mc.store.packed import open_packed
 
 EXACT_FLIGHTS = 4096
 PILOT_FLIGHTS = 128  # flights 0 .. 127 set the bins
 _SLAB = 4_000_000  # values sorted at once
+
+_STATE: dict[str, tuple[type, tuple[int | None, ...]]] = {  # types and shapes; None: one for each cell
+    "low": (np.float32, (None,)),
+    "width": (np.float32, (None,)),
+    "counts": (np.uint32, (None, BINS)),
+    "extremes": (np.float32, (2, None, KEPT)),
+    "seen": (np.float32, (2, None)),
+    "covered": (np.uint8, ()),
+    "flights": (np.int64, ()),
+}
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -92,7 +103,8 @@ class ExactCollector:
             with contextlib.suppress(DamagedFileError):
                 name, first, stop = parse_block_name(path)
                 values = read_array(path) if name == controller else None
-                if values is not None and values.shape == (stop - first + 2, cells.count):
+                shape = stop - first + 2, cells.count
+                if values is not None and values.dtype == np.float32 and values.shape == shape and stop <= flights:
                     self.covered[first:stop] |= _computed(values[:-2])
                     self._blocks[path] = first, stop
 
@@ -170,7 +182,7 @@ class HistogramCollector:
 
     def _load(self) -> dict[str, NDArray] | None:
         state = _read_state(self._path)
-        return state if state is not None and state.get("seen", np.empty(0)).size == 2 * self._cells.count else None
+        return state if state is not None and state["low"].size == self._cells.count else None
 
     def add(self, first: int, history: Singles, extremes: Singles) -> None:
         self._histograms.add(history)
@@ -211,11 +223,25 @@ def _computed(values: Singles) -> Mask:
 
 
 def _read_state(path: Path) -> dict[str, NDArray] | None:
+    """What :func:`_write_state` wrote; None where the file is missing, damaged or not of its kind.
+
+    Compiled code follows the edges of the bins without a look.
+    """
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            return dict(stored)
-    except Exception:  # numpy's and zipfile's on damaged files are of many kinds, SyntaxError among them
+        with open_packed(path) as stored:
+            state = {name: stored[name] for name in _STATE}
+    except Exception:  # those of numpy and zipfile on damaged files are of many kinds, SyntaxError among them
         return None
+    cells, flights = state["low"].size, state["flights"]
+    shapes = {name: tuple(cells if n is None else n for n in shape) for name, (_, shape) in _STATE.items()}
+    if any(state[name].dtype != kind for name, (kind, _) in _STATE.items()) or flights.shape or flights < 0:
+        return None
+    shapes["covered"] = ((int(flights) + 7) // 8,)
+    if any(state[name].shape != shape for name, shape in shapes.items()):
+        return None
+    with np.errstate(all="ignore"):
+        right = np.isfinite(state["low"]) & (state["width"] > 0.0) & np.isfinite(np.float32(1.0) / state["width"])
+    return state if right.all() and np.isfinite(state["width"]).all() else None
 
 
 def _write_state(path: Path, histograms: Histograms, covered: Mask, seen: Singles) -> None:
@@ -246,6 +272,8 @@ def merge_states(folders: Sequence[Path], target: Path) -> None:
             write_whole(target / "blocks" / path.name, partial(shutil.copyfile, path))
     for name in sorted({path.name for folder in folders for path in folder.glob("*.npz")}):
         states = [state for folder in folders if (state := _read_state(folder / name)) is not None]
+        if not states:
+            continue
         histograms = Histograms(states[0]["low"], states[0]["width"])
         covered, seen = np.zeros(int(states[0]["flights"]), bool), _nothing_seen(states[0]["low"].size)
         for state in states:

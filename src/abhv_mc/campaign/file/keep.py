@@ -44,7 +44,13 @@ Channels = Annotated[
 def _flights(value: tuple[int | str, ...]) -> tuple[int | str, ...]:
     for i, item in enumerate(value):
         words = str(item).split()
-        number = len(words) == 2 and words[0] in ("worst", "every") and words[1].isdecimal() and int(words[1]) > 0
+        number = (
+            len(words) == 2
+            and words[0] in ("worst", "every")
+            and words[1].isascii()
+            and words[1].isdecimal()
+            and int(words[1]) > 0
+        )
         if not (isinstance(item, int) and item >= 0) and item not in ("failed", "all", "none") and not number:
             where = (i,) if len(value) > 1 else ()
             raise Refusal(describe(item), "all, none, failed, 'worst 20', 'every 100' or a flight's number", where)

@@ -8,10 +8,12 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError
+from abhv_mc.own.aside import run_aside
 from abhv_mc.own.source import read_source
 from abhv_mc.own.trust import is_in_a_folder, is_trusted
 from abhv_mc.shipped import shipped_configs
 
+_LONGEST = 600.0  # s, compiling included
 _BROKEN = {
     Outcome.NOT_FINITE: "a law whose command at the first tick is not a number",
     Outcome.LAW_FAILED: "a law that raises an exception at the first tick (above)",
@@ -29,8 +31,13 @@ def try_law(file: Path, controller: PythonController, vehicle: Path | None, miss
     vehicle = vehicle or configs / "vehicle" / "ghame_x.yaml"
     mission = mission or configs / "mission" / "level.yaml"
     plan = prepare(vehicle, mission, file, file.stem)
-    block = fly(replace(plan, timing=plan.timing._replace(ticks=0)), nominal_parameters())
-    found = _BROKEN.get(Outcome(int(block.outcome[0])))
-    if found is not None:
-        raise InputError(controller.file, None, None, found, "finite commands")
+    one_tick = replace(plan, timing=plan.timing._replace(ticks=0))
+    try:
+        block = run_aside(lambda: fly(one_tick, nominal_parameters()), _LONGEST)
+    except TimeoutError:
+        found = f"a law whose first tick is not done in {_LONGEST:g} s"
+        raise InputError(controller.file, None, None, found, "a law whose loops end") from None
+    broken = _BROKEN.get(Outcome(int(block.outcome[0])))
+    if broken is not None:
+        raise InputError(controller.file, None, None, broken, "finite commands")
     return []

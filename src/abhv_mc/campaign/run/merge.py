@@ -5,6 +5,7 @@ import shutil
 from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, read_manifest, read_wh
 from abhv_mc.store.plans import flatten, read_plan
 from abhv_mc.store.samples import ROW_GROUP, SampleReader
 
+_NAMED = 20  # missing shards that are told
 _SAME = ("campaign_hash", "source_hash", "inputs")
 
 
@@ -60,6 +62,7 @@ def merge_campaign(
         try:
             merge_states([folder.envelope_states for folder in folders], target.envelope_states)
         except ValueError as error:
+            shutil.rmtree(out, ignore_errors=True)  # it was new or empty
             raise InputError(out, None, None, str(error), "shards of one campaign") from None
         merged = {key: value for key, value in manifests[order[0]].items() if key not in ("shard", "files")}
         merged |= {"state": INTERRUPTED, "merged_from": [manifests[i]["digest"] for i in order]}
@@ -99,9 +102,9 @@ def _check_parts(folders: Sequence[CampaignFolder], manifests: Sequence[dict[str
     for i, number in enumerate(numbers):
         if number in numbers[:i]:
             raise InputError(folders[i].root, None, None, f"shard {number}/{count} a second time", "each shard once")
-    missing = sorted(set(range(1, int(count or 0) + 1)) - set(numbers))
+    missing = list(islice((k for k in range(1, int(count or 0) + 1) if k not in numbers), _NAMED))  # of any number
     if missing:
-        found = f"no shard {', '.join(map(str, missing))} of {count}"
+        found = f"no shard {', '.join(map(str, missing))}{', ...' * (len(missing) == _NAMED)} of {count}"
         raise InputError("merge", None, None, found, "all shards")
     return sorted(range(len(numbers)), key=numbers.__getitem__)
 

@@ -25,7 +25,7 @@ from abhv_mc.campaign.run.progress import Progress
 from abhv_mc.campaign.run.retention import HistoryFile, list_histories, write_kept_histories
 from abhv_mc.campaign.run.setup import OpenCampaign, Request, open_campaign
 from abhv_mc.campaign.run.stock import Stock, find_blocks
-from abhv_mc.campaign.run.tally import judge_requirements
+from abhv_mc.campaign.run.tally import count_flights, flight_values, judge_requirements
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
@@ -33,7 +33,6 @@ from abhv_mc.flight.signals import CHANNEL_INDEX
 from abhv_mc.stability.metrics import MARGIN_VALUES
 from abhv_mc.store.envelopes import is_whole, write_envelopes
 from abhv_mc.store.flights import (
-    END_TIME,
     FlightRows,
     flights_schema,
     write_block,
@@ -89,7 +88,7 @@ class _Run:
         self.collectors: dict[str, Collector] = {}
         provenance = {"seed": str(model.seed), "campaign_hash": self.manifest["campaign_hash"]}
         provenance["version"] = str(self.manifest["versions"].get("abhv_mc"))
-        values = (*self.campaign.metrics.values(), END_TIME, *(MARGIN_VALUES if model.margins else ()))
+        values = flight_values(self.campaign)
         self.columns = tuple(signal.name for signal in values)
         self.schema = flights_schema(self.samples.names, provenance, values)
         self.margin_plans = opened.margin_plans
@@ -302,9 +301,12 @@ class _Run:
         self.manifest["looks"] = looks
 
     def _write_manifest(self, state: str) -> None:
-        gapless = self.stock.gapless()
-        self.manifest |= {"state": state} | self.stock.describe()
-        self.manifest["wall_time_s"] = round(self.wall_before + time.monotonic() - self.start, 3)
+        counted, gapless = count_flights(self.stock.tallies, self.stock.done)
+        self.manifest |= counted | {
+            "state": state,
+            "runs_planned": self.stock.stop - self.stock.first,
+            "wall_time_s": round(self.wall_before + time.monotonic() - self.start, 3),
+        }
         self.manifest["files"] = self.files.listed()
         self._look(state, gapless)
         looks = tuple(self.manifest["looks"])

@@ -94,14 +94,9 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
         trust(source)  # his own file: he has flown it
     _check_shard(request, wanted)
     started = folder.manifest.exists()
-    unknown = [] if started else folder.unknown_files()
-    if unknown:
-        found = f"a folder with '{unknown[0].name}', which no campaign wrote"
-        raise InputError(folder.root, None, None, found, "an empty folder or a campaign's")
-    if not started and not request.fresh and any(folder.flights.glob("*.parquet")):
-        found = "flights without the manifest that says what they are"
-        raise InputError(folder.root, None, None, found, "another folder (-o DIR), or --fresh to delete them")
-    if started:
+    if not started:
+        folder.refuse_strange(request.fresh)
+    else:
         stack.enter_context(hold_lock(folder.lock))
     refuse_links(folder.root)
     asked = tuple(wanted.model.controllers)

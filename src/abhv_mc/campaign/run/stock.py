@@ -1,7 +1,6 @@
 """What a campaign's folder holds of its flights, and what it lacks."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -10,7 +9,6 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.run.batches import Mask
 from abhv_mc.campaign.run.stopping import find_goal
 from abhv_mc.campaign.run.tally import Tally, make_rules, make_tallies
-from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.input_error import InputError
 from abhv_mc.statistics.judgement import own_risks
 from abhv_mc.store.digest import Digest
@@ -85,30 +83,6 @@ class Stock:
             computed = ~self.tallies[name].uncomputed  # the others have nothing for the envelopes
             missing[name] = wanted, ~collectors[name].covered & (done & computed | wanted)
         return missing if any(mask.any() for masks in missing.values() for mask in masks) else {}
-
-    def gapless(self) -> int:
-        """Number of flights from the first on that all controllers have."""
-        return int(np.argmin(np.append(self._together(), False)))
-
-    def describe(self) -> dict[str, Any]:
-        """What the manifest says of the flights."""
-        failed = max((tally.outcomes[Outcome.FAILED_TO_RUN.code] for tally in self.tallies.values()), default=0)
-        return {
-            "runs_planned": self.stop - self.first,
-            "runs_done": int(self._together().sum()) - failed,
-            "runs_failed": failed,
-            "digest": str(sum((tally.digest for tally in self.tallies.values()), Digest())),
-            "digests": {name: str(tally.digest) for name, tally in self.tallies.items()},
-            "controllers": {
-                name: {"flights_done": int(self.done[name].sum()), "outcomes": dict(sorted(tally.outcomes.items()))}
-                | ({"failed_to_run": sorted(tally.not_computed)} if tally.not_computed else {})
-                for name, tally in self.tallies.items()
-            },
-        }
-
-    def _together(self) -> Mask:
-        together: Mask = np.logical_and.reduce(list(self.done.values()))
-        return together
 
 
 def find_blocks(

@@ -2,6 +2,7 @@
 
 from array import array
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,11 +13,13 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.signals import Signal
+from abhv_mc.stability.metrics import MARGIN_VALUES
 from abhv_mc.statistics.judgement import Pair, Rules, judge_pairs
 from abhv_mc.statistics.requirement import measured_failures, requirement_failures
 from abhv_mc.statistics.verdict_words import verdict_words
 from abhv_mc.store.digest import Digest
-from abhv_mc.store.flights import FlightRows
+from abhv_mc.store.flights import END_TIME, FlightRows
 
 _OK, _FAILED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
 Mask = NDArray[np.bool_]
@@ -103,6 +106,29 @@ def make_tallies(campaign: CheckedCampaign) -> dict[str, Tally]:
         ]
         tallies[name] = Tally(name, number, keep.by, counts, np.zeros(campaign.runs, bool))
     return tallies
+
+
+def flight_values(campaign: CheckedCampaign) -> tuple[Signal, ...]:
+    """What the flights table holds after the samples, in the order of its columns."""
+    return (*campaign.metrics.values(), END_TIME, *(MARGIN_VALUES if campaign.model.margins else ()))
+
+
+def count_flights(tallies: Mapping[str, Tally], done: Mapping[str, Mask]) -> tuple[dict[str, Any], int]:
+    """What the manifest says of the flights ``done`` [flight] of each controller, and how many are without a gap."""
+    failed = max((tally.outcomes[_FAILED] for tally in tallies.values()), default=0)
+    together = np.logical_and.reduce(list(done.values()))
+    entries = {
+        "runs_done": int(together.sum()) - failed,
+        "runs_failed": failed,
+        "digest": str(sum((tally.digest for tally in tallies.values()), Digest())),
+        "digests": {name: str(tally.digest) for name, tally in tallies.items()},
+        "controllers": {
+            name: {"flights_done": int(done[name].sum()), "outcomes": dict(sorted(tally.outcomes.items()))}
+            | ({"failed_to_run": sorted(tally.not_computed)} if tally.not_computed else {})
+            for name, tally in tallies.items()
+        },
+    }
+    return entries, int(np.argmin(np.append(together, False)))
 
 
 def make_rules(campaign: CheckedCampaign, looks: tuple[int, ...]) -> Rules:

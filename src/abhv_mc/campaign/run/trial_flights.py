@@ -4,8 +4,6 @@ A dispersion that reaches no equation gives the same flight to the last bit; it 
 so that no campaign silently varies nothing.
 """
 
-import threading
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +13,7 @@ from abhv_mc.campaign.run.retry import time_limit
 from abhv_mc.campaign.sampling.samples import spread_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.io.documents import InputError, InputErrors
+from abhv_mc.own.aside import run_aside
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 
 Floats = NDArray[np.float64]
@@ -68,24 +67,12 @@ def fly_trials(campaign: CheckedCampaign, plans: dict[str, FlightPlan], fly: Fly
 
 
 def _fly_aside(fly: Fly, plan: FlightPlan, trials: Floats, every: int, limit: float) -> FlightBlock:
-    """Fly in a thread of its own: a law that never returns from compiled code would keep Ctrl-C from this one."""
-    flown: list[FlightBlock | BaseException] = []
-
-    def work() -> None:
-        try:
-            flown.append(fly(plan, trials, every))
-        except BaseException as error:
-            flown.append(error)
-
-    thread = threading.Thread(target=work, daemon=True)
-    thread.start()
-    thread.join(limit)
-    if not flown:
+    try:
+        return run_aside(lambda: fly(plan, trials, every), limit)
+    except TimeoutError:
         found = f"first flights of '{plan.controller}' that are not done in {limit:g} s"
-        raise InputError("controllers", None, None, found, "a law whose loops end, or a longer 'flight_time_limit'")
-    if isinstance(flown[0], BaseException):
-        raise flown[0]
-    return flown[0]
+        wish = "a law whose loops end, or a longer 'flight_time_limit'"
+        raise InputError("controllers", None, None, found, wish) from None
 
 
 def _differs(block: FlightBlock, a: int, b: int) -> bool:

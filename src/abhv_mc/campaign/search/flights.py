@@ -229,10 +229,8 @@ def open_search(
         campaign, name = read_searched(request.campaign, request.controller, request.seed)
         make_space(campaign)
         started = folder.manifest.exists()
-        unknown = [] if started else folder.unknown_files()
-        if unknown:
-            found = f"a folder with '{unknown[0].name}', which no search wrote"
-            raise InputError(folder.root, None, None, found, "an empty folder or this search's")
+        if not started:
+            folder.refuse_strange(request.fresh)
         resolved = resolve_campaign(campaign)
         settings = {**settings, "controller": name}
         if started:

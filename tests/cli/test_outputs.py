@@ -1,0 +1,101 @@
+"""No command writes over what a campaign's folder holds: every option that names an output refuses it."""
+
+import shutil
+import sys
+import typing
+from pathlib import Path
+
+import pytest
+from campaign.fake_flight import ENGINE, write_campaign
+from typer.models import OptionInfo
+
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
+from abhv_mc.cli.app import app, main
+from abhv_mc.store.folder import find_own_place
+
+NOT_OUTPUTS = {"block", "plans", "references", "file"}  # options that name a file to read
+
+
+def outputs(group, words=()):
+    """The options of all commands that name a file or folder to write, each after the command's words."""
+    for inner in group.registered_groups:
+        yield from outputs(inner.typer_instance, (*words, inner.name))
+    for command in group.registered_commands:
+        for name, hint in typing.get_type_hints(command.callback, include_extras=True).items():
+            kind, *infos = typing.get_args(hint) or (hint,)
+            options = [info for info in infos if isinstance(info, OptionInfo)]
+            if options and Path in (kind, *typing.get_args(kind)) and name not in NOT_OUTPUTS:
+                first = options[0].default  # where typer keeps the first name of an annotated option
+                yield (*words, command.name, first if str(first).startswith("--") else f"--{name}")
+
+
+PLACES = ["manifest.json", "flights", "histories/more/x.parquet", "report.html", "inputs/x", ".lock"]
+OPTIONS = list(outputs(app))
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    root = tmp_path_factory.mktemp("flown")
+    campaign = write_campaign(root / "f", runs="8", keep="{envelopes: {rate: 2 Hz, channels: [altitude_m]}}")
+    return run_campaign(Request(campaign, root / "out"), ENGINE).folder
+
+
+@pytest.fixture
+def call(monkeypatch, capfd, flown):
+    """Run the program; nothing in the folder is changed."""
+
+    def run(*words):
+        monkeypatch.setattr(sys, "argv", ["abhv-mc", *map(str, words)])
+        before = {path: path.read_bytes() for path in flown.rglob("*") if path.is_file()}
+        with pytest.raises(SystemExit) as caught:
+            main()
+        assert {path: path.read_bytes() for path in flown.rglob("*") if path.is_file()} == before
+        return caught.value.code, capfd.readouterr().err
+
+    return run
+
+
+def test_all_commands_are_looked_at():
+    assert {words[0] for words in OPTIONS} >= {
+        *("run", "merge", "fly", "replay", "worst", "rare", "tune", "report", "explain", "export"),
+        *("margins", "linearize", "plan", "verify", "bench"),
+    }
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("words", OPTIONS, ids=" ".join)
+def test_outputs_keep_away_from_what_is_the_campaigns(call, flown, words, place):
+    code, said = call(*words, flown / place)
+    assert code == 2 and "a place of the campaign's own files" in said, said
+
+
+@pytest.mark.parametrize("command", ["fly", "report", "export", "margins", "plan", "merge"])
+def test_folders_of_files_are_not_a_campaigns(call, flown, command):
+    """`fly -o` would write its nominal flight over the campaign's."""
+    code, said = call(command, "-o", flown)
+    assert code == 2 and "own files" in said
+
+
+def test_neither_through_a_link_nor_a_way_around(call, flown, tmp_path):
+    (tmp_path / "link").symlink_to(flown / "flights")
+    for out in (tmp_path / "link/x", flown / "csv/../plans", tmp_path / "none/.." / "link"):
+        code, said = call("export", flown, "-o", out)
+        assert code == 2 and "own files" in said
+
+
+def test_the_page_beside_a_tuned_controller_is_no_campaigns_report(call, flown):
+    code, said = call("tune", "campaign.yaml", "-o", flown / "report.yaml")
+    assert code == 2 and "own files" in said
+
+
+def test_other_places_are_free(flown, tmp_path):
+    copy = shutil.copytree(flown, tmp_path / "copy")
+    assert find_own_place(copy) == Path()
+    for free in (copy / "csv", copy / "mine.parquet", copy.parent / "flights", tmp_path / "new"):
+        assert find_own_place(free) is None
+    (copy / "campaign.yaml").unlink()  # a damaged folder is one all the same
+    assert find_own_place(copy / "flights/x") == Path("flights/x")
+    (tmp_path / "manifest.json").write_text("{}")  # of a web page
+    (tmp_path / "figures").mkdir()
+    assert find_own_place(tmp_path / "figures/x.png") is None

@@ -1,0 +1,45 @@
+"""A file gets to its place whole or not at all, and follows no link that somebody laid there."""
+
+import os
+
+import pytest
+
+from abhv_mc.io.atomic_write import ASIDE, atomic_write
+
+
+def test_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "a/b.txt"
+    with atomic_write(path, durable=True) as aside:
+        aside.write_text("new")
+        assert not path.exists()
+    assert path.read_text() == "new"
+    with pytest.raises(TypeError), atomic_write(path) as aside:
+        aside.write_text(3)
+    assert path.read_text() == "new" and list(path.parent.iterdir()) == [path]
+
+
+def test_no_link_is_followed(tmp_path, monkeypatch):
+    """Neither at the name of the file, nor, by one who guesses it, at that of the one beside it."""
+    victim, path = tmp_path / "victim", tmp_path / "b.txt"
+    victim.write_text("kept")
+    path.symlink_to(victim)
+    with atomic_write(path) as aside:
+        aside.write_text("new")
+    assert victim.read_text() == "kept" and path.read_text() == "new" and not path.is_symlink()
+    monkeypatch.setattr("secrets.token_hex", lambda size: "guessed")
+    (tmp_path / f".b.txt.guessed{ASIDE}").symlink_to(victim)
+    with pytest.raises(FileExistsError), atomic_write(path) as aside:
+        aside.write_text("evil")
+    assert victim.read_text() == "kept"
+    (tmp_path / f".b.txt.guessed{ASIDE}").unlink()
+    with atomic_write(path) as aside:
+        assert os.lstat(aside).st_nlink == 1
+        aside.write_text("newer")
+    assert path.read_text() == "newer"
+
+
+def test_what_is_written_has_the_rights_of_any_file(tmp_path):
+    with atomic_write(tmp_path / "a") as aside:
+        aside.write_bytes(b"")
+    (tmp_path / "b").touch()
+    assert (tmp_path / "a").stat().st_mode == (tmp_path / "b").stat().st_mode
