@@ -16,7 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parent
-_COMPILED_FILES = ("cache.py", "jit.py", "jit_cuda.py", "jit_pointer.py")
+_COMPILED_FILES = ("cache.py", "compiler_target.py", "jit.py", "jit_cuda.py", "jit_pointer.py")
 _COMPILED_LAYERS = ("numerics", "world", "vehicle", "plant", "control", "flight")
 
 # Settings of numba that change the code and that its own cache does not look at.

@@ -28,6 +28,7 @@ import numpy as np
 from numba.core import event
 
 from abhv_mc.cache import cache_folder, one_compiles, source_unchanged
+from abhv_mc.compiler_target import choose_target
 
 F = TypeVar("F", bound=Callable[..., Any])
 _PUBLIC = "ABHV_MC_PUBLIC_NUMBA"
@@ -159,8 +160,7 @@ def _try_out(row: Any) -> None:
     row[0] = _twice(row[0])
 
 
-# LLVM's level 2: an eighth less to compile than level 3, and flights as fast.
-numba.config.OPT = type(numba.config.OPT)(2)  # type: ignore[attr-defined]
+choose_target()
 # numba decides on its cache's place when it decorates, so that is set before any function is made.
 _mode = "public" if PLAIN or os.environ.get(_PUBLIC, "0") not in ("", "0") else "private"
 numba.config.CACHE_DIR = str(cache_folder(_mode))  # type: ignore[attr-defined]
@@ -168,8 +168,7 @@ if _mode == "private":
     try:
         _inlined, _kernel = _make_private()
         _twice = scalar(lambda x: x + x)
-        tried = cache_folder(_mode) / "tried"
-        if not tried.exists():  # half a second, and the folder's name has this numba's version
+        if not (tried := cache_folder(_mode) / "tried").exists():  # half a second; numba's version is in the name
             kernel(_try_out)(np.ones(2))
             tried.touch()
     except Exception as error:
