@@ -83,7 +83,7 @@ def stability_words(numbers: Mapping[str, Any], name: str) -> str:
     phases = [(row["phase_margin_deg"], row["loop"]) for row in loops if row["phase_margin_deg"]]
     phase, which = min(phases, default=(np.inf, loop))
     little = gain < LOW["gain_margin_min_db"] or phase < LOW["phase_margin_min_deg"]
-    margins = f"{fixed(gain, 1)} dB ({_loop(loop)})" if np.isfinite(gain) else "no end of the gain"
+    margins = f"{fixed(gain, 1)} dB ({_loop(loop)})" if np.isfinite(gain) else "no limit on the gain"
     margins += f" and {fixed(phase, 0)} deg ({_loop(which)})" if np.isfinite(phase) else ""
     words = f"least margins in steady, level flight {margins}"
     if little:

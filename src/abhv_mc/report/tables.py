@@ -63,7 +63,7 @@ def verdict_rows(numbers: Mapping[str, Any]) -> list[Row]:
 def _needed(verdict: Mapping[str, Any]) -> str:
     if verdict["flights_needed"] is None:
         return "\N{EM DASH}"
-    return fixed(verdict["flights_needed"], 0) if verdict["flights_needed"] else "none"
+    return fixed(verdict["flights_needed"], 0) if verdict["flights_needed"] else "not needed"
 
 
 def headline_rows(numbers: Mapping[str, Any]) -> list[Row]:
