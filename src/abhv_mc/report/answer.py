@@ -156,7 +156,7 @@ def _usage_words(pair: Mapping[str, Any], first: str) -> str:
             parts.append(f"{percent(abs(value - 1.0), 2)} {'more' if value > 1.0 else 'less'} {surface}")
         else:
             parts.append(f"{significant(value, 2)} times the {surface}")
-    return f"; {first} uses {joined(parts)} (rms)" if parts else ""
+    return f"; {first} uses {joined(parts)} (rms, median of the flights' ratios)" if parts else ""
 
 
 def _survival_sentences(numbers: Mapping[str, Any]) -> list[str]:
