@@ -5,10 +5,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from report.few_figures import build_with
 from report.synthetic import write_campaign
 
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.build import build_report, hash_files
+from abhv_mc.report.build import hash_files
 from abhv_mc.report.verify import differences, verify_campaign
 
 
@@ -50,7 +51,7 @@ def test_a_byte_of_the_page_is_told_and_a_page_that_is_gone(copy):
     path.unlink()
     assert next(verify_campaign(copy)).startswith("pages.report.html: ")
     path.write_bytes(whole)
-    build_report(copy, "md")
+    build_with(copy, page="md")
     assert list(json.loads((copy / "report.json").read_text(encoding="utf-8"))["pages"]) == ["report.html", "report.md"]
     assert list(verify_campaign(copy)) == []
 
