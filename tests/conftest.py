@@ -7,6 +7,9 @@ import pytest
 from hypothesis import settings
 
 os.environ["MPLBACKEND"] = "Agg"  # figures without a display
+# The matrices here are small, and workers share the cores: threads that wait for each other took half of the time.
+# Linear algebra reads it when numpy is loaded, which nothing has done yet.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # The same examples in each run: a suite that fails now and then teaches people to run it again.
 settings.register_profile("repeatable", deadline=None, derandomize=True, print_blob=True)
