@@ -20,3 +20,8 @@ settings.load_profile("repeatable")
 def repository() -> Path:
     """The checkout's root."""
     return Path(__file__).parents[1]
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What compiles everything anew for minutes comes first: at the end, the other workers would wait for it."""
+    items.sort(key=lambda item: item.path.name not in ("test_public_numba.py", "test_wheel.py"))
