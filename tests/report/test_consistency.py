@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from campaign.fake_flight import DENSITY, ENGINE, fly, write_campaign
+from report.few_figures import build_with
 
 from abhv_mc.campaign.envelopes import collector
 from abhv_mc.campaign.file.resolve import read_own_campaign, resolve_campaign
@@ -16,7 +17,6 @@ from abhv_mc.campaign.run.merge import merge_campaign
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.report.build import build_report
 from abhv_mc.report.consistency import find_contradictions
 from abhv_mc.report.results import read_results
 from abhv_mc.report.verify import verify_campaign
@@ -34,7 +34,7 @@ def flown(tmp_path_factory):
     requirements = "[{metric: altitude_error_max_m, below: 1.6, probability: 0.9, controllers: [one, two]}]"
     campaign = write_campaign(root / "f", runs="60", keep=KEEP, requirements=requirements, execution="{batch: 20}")
     folder = run_campaign(Request(campaign, root / "out"), ENGINE).folder
-    build_report(folder)
+    build_with(folder)
     return folder
 
 

@@ -72,24 +72,29 @@ def test_a_zoomed_row_takes_its_limits_from_inside():
     assert figure.axes[0].get_ylim()[0] > -0.2  # sin falls to -1 only later
 
 
-def test_nothing_is_cut_off_and_no_panel_reaches_into_another(failing, failing_numbers):
+@pytest.fixture(scope="module")
+def figures(failing, failing_numbers):
+    """Every figure of a report by its name."""
+    return {text.name: figure for text, figure in make_figures(failing, failing_numbers)}
+
+
+def test_nothing_is_cut_off_and_no_panel_reaches_into_another(figures):
     """Margins are fixed, so this is what holds them."""
-    for text, figure in make_figures(failing, failing_numbers):
+    for name, figure in figures.items():
         figure.canvas.draw()
         box = figure.get_tightbbox()
-        assert min(box.x0, box.y0) >= -0.01, text.name
-        assert box.x1 <= figure.get_figwidth() + 0.01 and box.y1 <= figure.get_figheight() + 0.01, text.name
+        assert min(box.x0, box.y0) >= -0.01, name
+        assert box.x1 <= figure.get_figwidth() + 0.01 and box.y1 <= figure.get_figheight() + 0.01, name
         shown = [axes.get_tightbbox() for axes in figure.axes if axes.get_visible()]
         shown += [legend.get_window_extent() for legend in figure.legends]
         for one, other in combinations(shown, 2):
             width, height = (min(getattr(one, e), getattr(other, e)) for e in ("x1", "y1"))
             apart = width - max(one.x0, other.x0), height - max(one.y0, other.y0)
-            assert min(apart) <= 6.0, text.name  # px of 1440
+            assert min(apart) <= 6.0, name  # px of 1440
 
 
-def test_altitude_errors_are_in_metres_and_a_moving_reference_is_not_the_flights_spread(failing, failing_numbers):
+def test_altitude_errors_are_in_metres_and_a_moving_reference_is_not_the_flights_spread(figures):
     """The band of all flights spans the ticks of a tenth of a second, in which the reference itself moves 15 m."""
-    figures = {text.name: figure for text, figure in make_figures(failing, failing_numbers)}
     assert "(m)" in figures["fig03_altitude_speed"].axes[0].get_ylabel()
     assert "(m)" in figures["worst_flights"].axes[0].get_ylabel()
     low, high = figures["fig03_altitude_speed"].axes[0].get_ylim()
@@ -99,8 +104,8 @@ def test_altitude_errors_are_in_metres_and_a_moving_reference_is_not_the_flights
     assert len(deviation.collections) == 2
 
 
-def test_the_drivers_are_told_in_words(failing, failing_numbers):
-    (figure,) = (figure for text, figure in make_figures(failing, failing_numbers) if text.name == "drivers")
+def test_the_drivers_are_told_in_words(figures):
+    figure = figures["drivers"]
     words = [text.get_text() for text in figure.legends[0].get_texts()]
     assert words[-2:] == ["drives the error", "does not, or not shown"]
     assert {axes.get_xlabel() for axes in figure.axes} <= {

@@ -1,5 +1,6 @@
 """Every shipped campaign is valid, and those beside the default one fly and pass through the report as they are."""
 
+import html
 import json
 import re
 from dataclasses import replace
@@ -14,6 +15,8 @@ from abhv_mc.campaign.run.engine import make_engine
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request
 from abhv_mc.report.build import build_report
+from abhv_mc.report.page import make_markdown
+from abhv_mc.report.results import read_results
 from abhv_mc.report.verify import verify_campaign
 from abhv_mc.shipped import shipped_campaigns
 
@@ -48,12 +51,11 @@ def number(text):
     return float(text.replace("\N{MINUS SIGN}", "-").replace("\u202f", ""))
 
 
-def check_captions(markdown, numbers, flights):
+def check_captions(page, numbers, flights):
     """Captions said 'TLC -13 to 5 deg' where every flight reached 20.0: their ranges were of samples, not of ticks."""
-    captions = dict(
-        re.findall(r"^\*\*(?:Altitude and )?(\w[\w ]*?)(?: angle)? \(Fig\. \d+\)\.\*\* (.*)$", markdown, re.M)
-    )
-    captions = {title.capitalize(): caption for title, caption in captions.items()}
+    title = r"<strong>(?:Altitude and )?(\w[\w ]*?)(?: angle)? \(Fig\. \d+\)\.</strong>"
+    captions = dict(re.findall(rf"^ *<figcaption>{title} (.*)$", page, re.M))
+    captions = {title.capitalize(): html.unescape(caption) for title, caption in captions.items()}
     of = np.array(flights["controller"].to_pylist())
     for title, metrics in ENDS.items():
         here = captions[title].rpartition(" Here: ")[2]
@@ -74,12 +76,12 @@ def test_it_flies_and_its_report_follows_from_the_data(name, engine, tmp_path):
     flown = run_campaign(Request(path, tmp_path / name, SHORTENED[name]), engine)
     assert flown.complete
     page = build_report(flown.folder).read_text(encoding="utf-8")
-    markdown = build_report(flown.folder, "md").read_text(encoding="utf-8")
     numbers = json.loads((flown.folder / "report.json").read_text(encoding="utf-8"))
+    markdown = make_markdown(read_results(flown.folder), numbers, [])
     question = read_campaign(path).model.question
     assert f"<h1>{question}</h1>" in page and markdown.startswith(f"# {question}\n")
     assert list(verify_campaign(flown.folder)) == []
-    check_captions(markdown, numbers, pq.read_table(flown.folder / "flights"))
+    check_captions(page, numbers, pq.read_table(flown.folder / "flights"))
     statuses = {entry["status"] for item in numbers["requirements"] for entry in item["controllers"].values()}
     failed = {name: counts["failed"] for name, counts in numbers["flights"].items()}
     if name == "wide":

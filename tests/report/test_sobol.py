@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 from campaign.fake_flight import ENGINE, write_campaign
+from report.few_figures import build_with
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.answer import answer_sentences
-from abhv_mc.report.build import build_report
 from abhv_mc.report.numbers import make_numbers
 from abhv_mc.report.results import read_results
 from abhv_mc.report.verify import verify_campaign
@@ -30,7 +30,7 @@ def fly(folder, half_width="5 %", runs=640):
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     folder = fly(tmp_path_factory.mktemp("saltelli"))
-    build_report(folder)
+    build_with(folder, "sobol")
     return folder
 
 

@@ -3,9 +3,9 @@
 import json
 
 import pytest
+from report.few_figures import build_with
 from report.synthetic import write_campaign
 
-from abhv_mc.report.build import build_report
 from abhv_mc.report.stability import stability_words
 from abhv_mc.report.verify import verify_campaign
 
@@ -51,7 +51,7 @@ def _steady():
 def folder(tmp_path_factory):
     made = write_campaign(tmp_path_factory.mktemp("stability") / "campaign", runs=40)
     (made / "margins.json").write_text(json.dumps(_steady()), encoding="utf-8")
-    build_report(made)
+    build_with(made)
     return made
 
 

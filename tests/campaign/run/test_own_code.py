@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from campaign.run.test_cluster import Dask
+from report.few_figures import build_with
 
 from abhv_mc.campaign.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
@@ -23,7 +24,6 @@ from abhv_mc.flight.fly import fly
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.own.source import load_law, read_source
-from abhv_mc.report.build import build_report
 from abhv_mc.report.results import read_results
 from abhv_mc.store.manifest import read_manifest
 
@@ -94,7 +94,7 @@ def test_workers_resume_and_replay_give_the_same_digest(study, tmp_path):
     assert results.flights["mine"].metrics["twist_max"].min() > 0.0
     entry = read_manifest(tmp_path / "two" / "manifest.json")["requirements"][0]
     assert (entry["metric"], entry["verdict"]) == ("late_bank_swing_deg", "PASS")
-    assert "Late bank swing" in build_report(tmp_path / "two").read_text()
+    assert "Late bank swing" in build_with(tmp_path / "two").read_text()
 
 
 def test_shards_and_a_cluster_give_the_same_digest(study, tmp_path, capfd):
@@ -149,7 +149,7 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):
         kept.cache_clear()
     read_campaign(out / "campaign.yaml")
     read_results(out)
-    build_report(out)
+    build_with(out)
     checked = check_inputs(out / "campaign.yaml")
     assert any("was not run" in warning for found in checked for warning in found.warnings)
     with pytest.raises(InputError, match="--trust-code"):

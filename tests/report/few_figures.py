@@ -1,0 +1,26 @@
+"""Reports with few figures, for tests of words and numbers: drawing all sixteen takes most of a report's time."""
+
+from pathlib import Path
+
+import pytest
+
+from abhv_mc.report import gallery
+from abhv_mc.report.build import Format, build_report
+
+
+def build_with(folder: Path, *figures: str, page: Format = "html") -> Path:
+    """Build a campaign's report with these of its figures only."""
+    make_figures = gallery.make_figures
+
+    def make_few(results, numbers):
+        missing = set(figures)
+        made = make_figures(results, numbers)
+        while missing:
+            text, figure = next(made)
+            if text.name in missing:
+                missing.remove(text.name)
+                yield text, figure
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gallery, "make_figures", make_few)
+        return build_report(folder, page)
