@@ -169,7 +169,7 @@ def trim(
     from abhv_mc.world.earth import WGS84
 
     document: Any = make_document("vehicle", vehicle)
-    banks = [bank] if isinstance(bank, str | Real) else list(bank)
+    banks = [bank] if isinstance(bank, str | int | float | Real) else list(bank)
     if not banks:
         raise InputError("bank", None, None, "no angle", "one or more")
 

@@ -69,6 +69,7 @@ def test_shell_completion(shell: str) -> None:
         (StorageFullError("x: no space left"), 3, "x: no space left"),
         (OSError(errno.ENOSPC, "No space left on device", "y.png"), 3, "y.png: no space left"),
         (OSError(errno.ENOSPC, "No space left on device"), 3, "standard output: no space left"),
+        (OSError(errno.EMFILE, "Too many open files", "y.ttf"), 3, "too many open files"),
         (OSError(errno.EFBIG, "File too large", "y.png"), 3, "y.png: no space left"),
         (PermissionError(errno.EACCES, "Permission denied", "y.png"), 2, "y.png: found a place that cannot be written"),
         (FileNotFoundError(errno.ENOENT, "No such file", "y.png"), 70, "FileNotFoundError"),

@@ -1,6 +1,7 @@
 """What the command line says, and the code it exits with, when it does not end well."""
 
 import contextlib
+import errno
 import os
 import sys
 import traceback
@@ -47,6 +48,9 @@ def exit_code_of(error: BaseException) -> int | str | None:
         return ExitCode.INCOMPLETE
     if isinstance(error, OSError):
         error = _explain(error)
+    if any(isinstance(cause, OSError) and cause.errno in (errno.EMFILE, errno.ENFILE) for cause in causes):
+        _tell("too many open files: what was flown is kept; a higher limit (ulimit -n) or fewer workers help")
+        return ExitCode.INCOMPLETE
     if any(isinstance(cause, MemoryError) or any(words in str(cause) for words in _NO_MEMORY) for cause in causes):
         _tell("not enough memory: what was flown is kept; fewer workers or smaller blocks need less")
         return ExitCode.INCOMPLETE

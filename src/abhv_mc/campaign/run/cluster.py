@@ -131,8 +131,8 @@ class Cluster:
 
 async def _greet(address: str) -> None:
     """Raises what keeps an address from being a scheduler's: a client that finds out hangs and leaves tracebacks."""
-    from distributed.comm import connect
     from distributed.comm.addressing import get_address_host_port
+    from distributed.comm.core import connect
 
     get_address_host_port(address)
     comm = await asyncio.wait_for(connect(address, timeout=_CONNECT), 2 * _CONNECT)
