@@ -110,6 +110,8 @@ def test_a_folder_in_which_somebody_flies_is_not_called_damaged(flown, tmp_path)
     flip(folder / "envelopes.parquet", 100, 1)
     with hold_lock(folder / ".lock"), pytest.raises(InputError, match=r"while process .* flies .* the end of that run"):
         read_results(folder)
+    with hold_lock(folder / ".lock"), pytest.raises(InputError, match=r"campaign that process .* is flying"):
+        list(verify_campaign(folder))
     with pytest.raises(InputError, match="damaged, or changed since"):
         read_results(folder)
 
