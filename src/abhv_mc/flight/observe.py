@@ -113,10 +113,10 @@ class Observed(NamedTuple):
 def make_observed(limits: Limits) -> Observed:
     """The tables for one plan's limits."""
     bounded = [limit for limit in LIMITS if any(map(math.isfinite, limit.bounds(limits)))]
-    bounds = np.array([limit.bounds(limits) for limit in bounded], dtype=np.float64)
+    bounds = np.array([limit.bounds(limits) for limit in bounded], dtype=np.float64).reshape(-1, 2)  # check-cases: none
     return Observed(
-        np.array([find_row(limit.source) for limit in bounded]),
-        np.array([float(limit.outcome) or _FLOWN for limit in bounded]),
+        np.array([find_row(limit.source) for limit in bounded], dtype=np.int64),
+        np.array([float(limit.outcome) or _FLOWN for limit in bounded], dtype=np.float64),
         bounds[:, 0].copy(),
         bounds[:, 1].copy(),
         *_metric_and_channel_tables(),
