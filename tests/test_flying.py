@@ -1,10 +1,14 @@
 """Flights, trims and campaigns from Python without files."""
 
+import math
+
+import numpy as np
 import pandas as pd
 import pytest
 
 import abhv_mc
 from abhv_mc.flight.signals import CHANNELS, METRICS
+from abhv_mc.flying import make_parameters
 from abhv_mc.io.documents import InputError
 
 
@@ -46,6 +50,25 @@ def test_trims_are_a_table_by_bank():
     assert table.attrs["units"]["thrust_n"] == "N" and table.trimmed.all()
     with pytest.raises(InputError, match="altitude"):
         abhv_mc.trim(altitude="20 kg")
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"speed": 0}, {"speed": -5.0}, {"altitude": 1e7}, {"bank": []}, {"bank": math.pi}, {"mass": 0.0}]
+)
+def test_a_trim_has_the_limits_of_the_command_line(wrong):
+    """A speed of zero was divided by; other numbers gave tables of nonsense."""
+    with pytest.raises(InputError, match=f"{next(iter(wrong))}: found"):
+        abhv_mc.trim(**wrong)
+
+
+def test_numbers_of_numpy_are_numbers_and_those_that_are_not_finite_are_refused():
+    """A dispersion of nan flew, and ended as a flight that is not finite; a float32 was called no speed."""
+    assert abhv_mc.trim(speed=np.float32(1400)).equals(abhv_mc.trim(speed=1400.0))
+    assert abhv_mc.trim(speed=np.int64(1400)).equals(abhv_mc.trim(speed=1400.0))
+    for value in (math.nan, -math.inf, None, True):
+        with pytest.raises(InputError, match=r"aero\.lift"):
+            make_parameters({"aero.lift": value})
+    assert (make_parameters({"aero.lift": np.float32(1.5)}) == make_parameters({"aero.lift": "150 %"})).all()
 
 
 def test_a_gain_sweep_needs_no_files(tmp_path):

@@ -7,11 +7,12 @@ dotted keys: ``{"base": "tlc", "attitude.bank.bandwidth": "0.4 rad/s"}``. Nothin
 import copy
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from abhv_mc.io.documents import Document, InputError, Refusal, one_of, read_document
-from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED, Dimension, parse_in_unit, parse_quantity
+from abhv_mc.io.documents import Document, InputError, Refusal, describe, one_of, read_document
+from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED, Dimension, dimension_of, format_quantity, parse_quantity
 from abhv_mc.shipped import find_input
 
 if TYPE_CHECKING:
@@ -41,6 +42,15 @@ TRIM_UNITS = {
     "fuel_flow_kgps": "kg/s",
     "mach": "-",
     "dynamic_pressure_pa": "Pa",
+}
+TRIM_LIMITS = {  # in SI
+    "altitude": (LENGTH, -500.0, 86e3),
+    "speed": (SPEED, 1.0, 1e4),
+    "bank": (ANGLE, -1.56, 1.56),
+    "flight_path_angle": (ANGLE, -1.56, 1.56),
+    "latitude": (ANGLE, -1.56, 1.56),
+    "heading": (ANGLE, -7.0, 7.0),
+    "mass": (MASS, 1e-3, 1e7),
 }
 
 
@@ -89,8 +99,8 @@ def make_parameters(dispersions: Mapping[str, Quantity]) -> "NDArray[np.float64]
         if name not in PARAMETER_INDEX or name == PARAMETERS[0].name:
             raise InputError("dispersions", None, None, f"parameter '{name}'", one_of(list(PARAMETER_INDEX)[1:], name))
         try:
-            unit = PARAMETERS[PARAMETER_INDEX[name]].unit
-            row[0, PARAMETER_INDEX[name]] = parse_in_unit(value, unit) if isinstance(value, str) else float(value)
+            dimension = dimension_of(PARAMETERS[PARAMETER_INDEX[name]].unit)
+            row[0, PARAMETER_INDEX[name]] = parse_quantity(value, dimension, dimension.unit)
         except Refusal as refusal:
             raise InputError("dispersions", None, None, f"{name}: {refusal.found}", refusal.wanted) from None
     return row
@@ -159,18 +169,24 @@ def trim(
     from abhv_mc.world.earth import WGS84
 
     document: Any = make_document("vehicle", vehicle)
-    banks = [bank] if isinstance(bank, str | int | float) else list(bank)
-    point = FlightPoint(
-        to_si(altitude, LENGTH, "altitude"),
-        to_si(speed, SPEED, "speed"),
-        0.0,
-        to_si(latitude, ANGLE, "latitude"),
-        to_si(heading, ANGLE, "heading"),
-        to_si(flight_path_angle, ANGLE, "flight_path_angle"),
-    )
+    banks = [bank] if isinstance(bank, str | int | float | Real) else list(bank)
+    if not banks:
+        raise InputError("bank", None, None, "no angle", "one or more")
+
+    def limited(name: str, value: Quantity) -> float:
+        dimension, low, high = TRIM_LIMITS[name]
+        number = to_si(value, dimension, name)
+        if not low <= number <= high:
+            wish = f"{format_quantity(low, dimension)} to {format_quantity(high, dimension)}"
+            raise InputError(name, None, None, describe(value), wish)
+        return number
+
+    climb = limited("flight_path_angle", flight_path_angle)
+    where = limited("latitude", latitude), limited("heading", heading), climb
+    point = FlightPoint(limited("altitude", altitude), limited("speed", speed), 0.0, *where)
     earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
-    angles = [to_si(angle, ANGLE, "bank") for angle in banks]
-    kilograms = None if mass is None else to_si(mass, MASS, "mass")
+    angles = [limited("bank", angle) for angle in banks]
+    kilograms = None if mass is None else limited("mass", mass)
     rows = list(trim_rows(load_vehicle(document), earth, point, angles, kilograms))
     table = pd.DataFrame(rows).set_index("bank_deg")
     table.attrs = {"units": dict(TRIM_UNITS)}

@@ -3,6 +3,7 @@
 import random
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
@@ -23,6 +24,8 @@ from abhv_mc.report.verify import verify_campaign
 from abhv_mc.report.whatif import make_whatif
 from abhv_mc.store.database import open_database
 from abhv_mc.store.export import export_csv
+from abhv_mc.store.hashes import refuse_links
+from abhv_mc.store.lock import hold_lock
 
 KEEP = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: [altitude_m, bank_deg]}}"
 READERS = {
@@ -98,6 +101,26 @@ def test_run_mends_any_flipped_bit(flown, tmp_path, capfd):
             assert {name: (out / name).read_bytes() for name in whole} == whole, (file, place)
             open_results(out)
             shutil.rmtree(out)
+
+
+def test_a_folder_in_which_somebody_flies_is_not_called_damaged(flown, tmp_path):
+    """A run that goes on writes its envelopes before its manifest: readers asked for the file to be restored."""
+    folder = tmp_path / "out"
+    shutil.copytree(flown[1], folder)
+    flip(folder / "envelopes.parquet", 100, 1)
+    with hold_lock(folder / ".lock"), pytest.raises(InputError, match=r"while process .* flies .* the end of that run"):
+        read_results(folder)
+    with hold_lock(folder / ".lock"), pytest.raises(InputError, match=r"campaign that process .* is flying"):
+        list(verify_campaign(folder))
+    with pytest.raises(InputError, match="damaged, or changed since"):
+        read_results(folder)
+
+
+def test_a_file_that_goes_while_the_folder_is_looked_through_is_no_device(flown, monkeypatch):
+    """What a run writes aside goes at any moment: it was called a pipe, socket or device."""
+    listed = Path.rglob
+    monkeypatch.setattr(Path, "rglob", lambda path, pattern: [*listed(path, pattern), path / ".x.0.aside"])
+    refuse_links(flown[1])
 
 
 def test_replay_looks_at_what_it_reads(flown):

@@ -2,6 +2,7 @@
 
 import ast
 import errno
+import io
 import os
 import signal
 import subprocess
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import abhv_mc
+from abhv_mc.campaign.run.progress import Progress
 from abhv_mc.cli.app import app
 from abhv_mc.cli.errors import ExitCode, exit_code_of
 from abhv_mc.io.documents import InputError
@@ -66,6 +68,8 @@ def test_shell_completion(shell: str) -> None:
         (SystemExit(130), 3, "interrupted"),  # how typer reports an interrupt
         (StorageFullError("x: no space left"), 3, "x: no space left"),
         (OSError(errno.ENOSPC, "No space left on device", "y.png"), 3, "y.png: no space left"),
+        (OSError(errno.ENOSPC, "No space left on device"), 3, "standard output: no space left"),
+        (OSError(errno.EMFILE, "Too many open files", "y.ttf"), 3, "too many open files"),
         (OSError(errno.EFBIG, "File too large", "y.png"), 3, "y.png: no space left"),
         (PermissionError(errno.EACCES, "Permission denied", "y.png"), 2, "y.png: found a place that cannot be written"),
         (FileNotFoundError(errno.ENOENT, "No such file", "y.png"), 70, "FileNotFoundError"),
@@ -172,6 +176,61 @@ def test_libraries_that_are_loaded_without_memory_or_into_an_interrupt_are_no_de
     assert "interrupted" in said and "not enough memory" in said and "Traceback" not in said
     assert exit_code_of(raised_from(KeyError("x"), KeyboardInterrupt())) == ExitCode.DEFECT
     assert exit_code_of(raised_from(ImportError("no such module"), KeyError())) == ExitCode.DEFECT
+
+
+@pytest.mark.parametrize("ending", ["", "; sys.stdout.flush()", "; raise SystemExit(1)", "; 1 / 0"])
+def test_output_that_nobody_reads_any_more_is_no_failed_requirement(ending):
+    """`status DIR | head -1` ended with exit code 1, which says that a requirement failed."""
+    code = (
+        "import sys\n"
+        "from abhv_mc.cli import app\n"
+        f"def talk():\n    print('words' * 100){ending}\n"
+        "app.app.command('talk')(talk)\n"
+        "sys.argv = ['abhv-mc', 'talk']; app.main()\n"
+    )
+    environment = os.environ | {"PYTHONUNBUFFERED": ""}  # else nothing is left to write at the end
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "wb") as closed:
+        program = [sys.executable, "-c", code]
+        answer = subprocess.run(program, stdout=closed, stderr=subprocess.PIPE, text=True, check=False, env=environment)
+        wanted = {"; raise SystemExit(1)": ExitCode.FAILED, "; 1 / 0": ExitCode.DEFECT}.get(ending, ExitCode.INCOMPLETE)
+        assert answer.returncode == wanted
+        assert ("Traceback" in answer.stderr) == (wanted == ExitCode.DEFECT)
+        if wanted == ExitCode.DEFECT:  # the code does not depend on whether it can be told
+            assert (
+                subprocess.run(program, stdout=closed, stderr=closed, check=False, env=environment).returncode == wanted
+            )
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a system without /dev/full")
+def test_output_to_a_full_disk_is_told_as_that():
+    with Path("/dev/full").open("w") as full:
+        program = [sys.executable, "-m", "abhv_mc", "--version"]
+        answer = subprocess.run(program, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        assert answer.returncode == ExitCode.INCOMPLETE
+        assert "standard output: no space left" in answer.stderr
+        assert subprocess.run(program, stdout=full, stderr=full, check=False).returncode == ExitCode.INCOMPLETE
+
+
+def test_a_log_that_takes_nothing_stops_no_campaign():
+    """A full disk or a dead reader of standard error ended the campaign, with the code of a failed requirement."""
+
+    class FullLog(io.StringIO):
+        def write(self, _: str) -> int:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with Progress("flights", 1, FullLog()) as progress:
+        progress.add(1)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_locale_that_lacks_characters_shows_their_escapes(encoding):
+    """Tables have lines that Latin-1 lacks: they ended with a traceback and exit code 70."""
+    arguments = ("trim", "ghame_x", "--altitude", "20km", "--speed", "1400")
+    answer = run_program(*arguments, PYTHONIOENCODING=encoding)
+    assert (answer.returncode, answer.stderr) == (0, "")
+    assert "3.519" in answer.stdout and "\\u2500" in answer.stdout
 
 
 def test_every_command_prints_through_what_escapes():

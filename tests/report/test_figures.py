@@ -57,6 +57,19 @@ def test_rows_share_their_axes_so_that_controllers_compare():
     assert words == ["all flights", "0.135–99.865 %", "5–95 %", "median", "command (median)"]
 
 
+def test_a_users_settings_of_the_plotting_library_do_not_reach_the_figures(tmp_path):
+    """A matplotlibrc in the working folder changed every figure, and one with LaTeX ended in a traceback."""
+
+    def draw(name):
+        figure = plot_envelopes([EnvelopeRow("y (m)", [_panel(), _panel(5.0)])], ["A", "B"], [BLUE, VERMILION])
+        write_png(figure, tmp_path / name)
+        return (tmp_path / name).read_bytes()
+
+    plain = draw("plain.png")
+    with mpl.rc_context({"text.usetex": True, "axes.xmargin": 0.3, "path.sketch": (1, 100, 2), "xtick.top": True}):
+        assert draw("set.png") == plain
+
+
 def test_bands_are_drawn_where_they_say():
     panel = _panel()
     figure = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE])

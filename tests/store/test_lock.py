@@ -2,6 +2,7 @@
 
 import errno
 import fcntl
+import threading
 
 import pytest
 
@@ -15,6 +16,16 @@ def test_the_holder_is_named(tmp_path):
         with pytest.raises(InputError, match=r"process .* is flying"), hold_lock(tmp_path / ".lock"):
             pass
     assert lock_holder(tmp_path / ".lock") is None
+
+
+def test_a_look_at_the_lock_keeps_nobody_from_taking_it(tmp_path):
+    """`status` or `list` at the moment of a start made `run` refuse a folder in which nobody flew."""
+    (tmp_path / ".lock").touch()
+    look = (tmp_path / ".lock").open()
+    fcntl.flock(look, fcntl.LOCK_SH)
+    threading.Timer(0.1, look.close).start()
+    with hold_lock(tmp_path / ".lock"):
+        assert look.closed
 
 
 @pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP])

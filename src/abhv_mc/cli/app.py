@@ -13,8 +13,8 @@ from importlib import import_module
 import typer
 
 from abhv_mc import __version__
-from abhv_mc.cli.errors import ExitCode, exit_code_of
-from abhv_mc.cli.printing import say
+from abhv_mc.cli.errors import ExitCode, exit_code_of, settle_output
+from abhv_mc.cli.printing import escape_unknown_characters, say
 from abhv_mc.cli.signals import heed_signals, ignore_signals
 
 _COMMANDS = {
@@ -76,6 +76,7 @@ for _panel, _names in _COMMANDS.items():
 def main() -> None:
     """Run the command line and exit with its code."""
     gc.set_threshold(100_000, 10, 10)  # libraries being loaded are no garbage: a tenth of a cached start
+    escape_unknown_characters()
     atexit.register(ignore_signals)  # while Python takes itself apart there is nothing left to stop
     with heed_signals():
         try:
@@ -85,4 +86,4 @@ def main() -> None:
                 code = exit_code_of(error)
             except KeyboardInterrupt:  # a second one, while the first is told
                 code = ExitCode.INCOMPLETE
-            sys.exit(code)
+            sys.exit(settle_output(code))

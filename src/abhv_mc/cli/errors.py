@@ -1,5 +1,8 @@
 """What the command line says, and the code it exits with, when it does not end well."""
 
+import contextlib
+import errno
+import os
 import sys
 import traceback
 from collections.abc import Iterator
@@ -33,32 +36,58 @@ _NO_MEMORY = (  # as Python and Arrow (no thread's stack), the loader of librari
 
 def exit_code_of(error: BaseException) -> int | str | None:
     """Tell standard error what ended the program, and give the code to exit with."""
+    if isinstance(error, SystemExit) and isinstance(error.__context__, BrokenPipeError):
+        return ExitCode.INCOMPLETE  # whoever read the output has ended; typer would exit as a failed requirement does
     if isinstance(error, SystemExit) and error.code != _TYPER_INTERRUPTED:
         return error.code
     causes = list(_causes(error))
     cut_short = isinstance(error, ImportError) and any(isinstance(cause, KeyboardInterrupt) for cause in causes)
     if isinstance(error, (SystemExit, KeyboardInterrupt)) or cut_short:
         settle_interrupt()
-        say("interrupted: what was done is kept, and the same command goes on", file=sys.stderr)
+        _tell("interrupted: what was done is kept, and the same command goes on")
         return ExitCode.INCOMPLETE
     if isinstance(error, OSError):
         error = _explain(error)
+    if any(isinstance(cause, OSError) and cause.errno in (errno.EMFILE, errno.ENFILE) for cause in causes):
+        _tell("too many open files: what was flown is kept; a higher limit (ulimit -n) or fewer workers help")
+        return ExitCode.INCOMPLETE
     if any(isinstance(cause, MemoryError) or any(words in str(cause) for words in _NO_MEMORY) for cause in causes):
-        say("not enough memory: what was flown is kept; fewer workers or smaller blocks need less", file=sys.stderr)
+        _tell("not enough memory: what was flown is kept; fewer workers or smaller blocks need less")
         return ExitCode.INCOMPLETE
     if type(error).__module__.partition(".")[0] == "distributed":  # of many kinds, as a scheduler or its host dies
         reason = str(error).partition("\n")[0] or type(error).__name__
-        say(f"the cluster does not answer ({reason}): what was flown is kept", file=sys.stderr)
+        _tell(f"the cluster does not answer ({reason}): what was flown is kept")
         return ExitCode.INCOMPLETE
     if isinstance(error, (StorageFullError, FolderLostError)):
-        say(error, file=sys.stderr)
+        _tell(error)
         return ExitCode.INCOMPLETE
     if isinstance(error, (InputError, Refusal)):
-        say(error, file=sys.stderr)
+        _tell(error)
         return ExitCode.BAD_INPUT
-    traceback.print_exception(error)
-    say("This is a defect of abhv-mc; please report it with the lines above.", file=sys.stderr)
+    with contextlib.suppress(OSError):
+        traceback.print_exception(error)
+    _tell("This is a defect of abhv-mc; please report it with the lines above.")
     return ExitCode.DEFECT
+
+
+def settle_output(code: int | str | None) -> int | str | None:
+    """Write out what was printed; the code to exit with where that fails: Python's own would be that of a defect."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            if stream is not None:  # closed before the start
+                stream.flush()
+        except OSError as error:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())  # so that Python does not try again
+            if not isinstance(error, BrokenPipeError):
+                _tell(_explain(error))
+            code = code or ExitCode.INCOMPLETE
+    return code
+
+
+def _tell(words: object) -> None:
+    """Say it on standard error; where that takes nothing, the exit code says enough."""
+    with contextlib.suppress(OSError):
+        say(words, file=sys.stderr)
 
 
 def _causes(error: BaseException | None) -> Iterator[BaseException]:
@@ -83,7 +112,7 @@ def _explain(error: OSError) -> Exception:
     if isinstance(error, FileNotFoundError) and error.filename is None and _working_folder_is_gone():
         return InputError(".", None, None, "a working folder that was deleted", "one that is there (cd)")
     try:
-        with told_plainly(Path(error.filename or ".")):
+        with told_plainly(Path(error.filename or "the disk or standard output")):
             raise error
     except Exception as explained:
         return explained

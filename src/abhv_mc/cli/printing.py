@@ -1,6 +1,8 @@
 """What commands print: JSON for programs, and tables as wide as their text, in which no number is ever cut."""
 
+import sys
 from collections.abc import Iterable
+from io import TextIOWrapper
 from typing import TYPE_CHECKING, Any
 
 from abhv_mc.io.input_error import printable
@@ -12,6 +14,13 @@ if TYPE_CHECKING:
 def say(*words: Any, sep: str = " ", **options: Any) -> None:
     """Print, as Python's own ``print``; what a results folder holds cannot steer the terminal by it."""
     print(printable(sep.join(map(str, words))), **options)
+
+
+def escape_unknown_characters() -> None:
+    """Where the locale's encoding lacks a character, such as a table's lines in Latin-1, print its escape."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # None where it was closed before the start
+            stream.reconfigure(errors="backslashreplace")
 
 
 def print_json(value: Any) -> None:

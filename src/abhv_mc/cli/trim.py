@@ -1,14 +1,11 @@
 """``abhv-mc trim``: the controls of steady flight, from the full tables."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from abhv_mc.cli.printing import say
-
-if TYPE_CHECKING:
-    from abhv_mc.io.units import Dimension
 
 # Columns of the table: key of the JSON, heading, unit, divisor, digits.
 _COLUMNS = (
@@ -42,19 +39,18 @@ def command(
     """
     from abhv_mc.flying import trim_rows
     from abhv_mc.io.documents import InputError
-    from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED
     from abhv_mc.plant.trim import FlightPoint
     from abhv_mc.plant.vehicles import load_vehicle
     from abhv_mc.shipped import find_input
     from abhv_mc.world.earth import WGS84
 
-    height = _quantity("--altitude", altitude, LENGTH, -500.0, 86e3)
-    velocity = _quantity("--speed", speed, SPEED, 1.0, 1e4)
-    banks = [_quantity("--bank", text, ANGLE, -1.56, 1.56) for text in bank.split(",")]
-    climb = _quantity("--flight-path-angle", flight_path_angle, ANGLE, -1.56, 1.56)
-    north = _quantity("--latitude", latitude, ANGLE, -1.56, 1.56)
-    course = _quantity("--heading", heading, ANGLE, -7.0, 7.0)
-    kilograms = None if mass is None else _quantity("--mass", mass, MASS, 1e-3, 1e7)
+    height = _quantity("altitude", altitude)
+    velocity = _quantity("speed", speed)
+    banks = [_quantity("bank", text) for text in bank.split(",")]
+    climb = _quantity("flight_path_angle", flight_path_angle)
+    north = _quantity("latitude", latitude)
+    course = _quantity("heading", heading)
+    kilograms = None if mass is None else _quantity("mass", mass)
 
     file = find_input(vehicle, "vehicle")
     packed = load_vehicle(file)
@@ -71,11 +67,13 @@ def command(
         raise typer.Exit(1)
 
 
-def _quantity(option: str, text: str, dimension: "Dimension", low: float, high: float) -> float:
+def _quantity(name: str, text: str) -> float:
     """A quantity of an option in SI; without a unit it is in m, m/s, kg or deg."""
+    from abhv_mc.flying import TRIM_LIMITS
     from abhv_mc.io.documents import InputError, Refusal
     from abhv_mc.io.units import ANGLE, format_quantity, parse_quantity
 
+    option, (dimension, low, high) = f"--{name.replace('_', '-')}", TRIM_LIMITS[name]
     bare = "deg" if dimension is ANGLE else dimension.unit
     try:
         value = parse_quantity(text.strip(), dimension, bare)

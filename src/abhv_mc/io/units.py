@@ -9,6 +9,7 @@ Factors: NIST SP 811 (2008), appendix B; all of them are exact, but for the slug
 import math
 import re
 from dataclasses import dataclass
+from numbers import Real
 from typing import Annotated
 
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
@@ -135,7 +136,7 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
     """
     if dimension is FRACTION:
         bare_unit = "-"
-    if isinstance(text, bool) or not isinstance(text, (str, int, float)):
+    if isinstance(text, bool) or not isinstance(text, (str, Real)):  # numbers of numpy, too
         raise Refusal(describe(text), dimension.wanted)
     match = _QUANTITY.fullmatch(str(text).strip().replace("\N{MINUS SIGN}", "-"))
     if match is None:

@@ -14,6 +14,7 @@ from abhv_mc.report.results import read_results
 from abhv_mc.report.searched import verify_search
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import find_damage
+from abhv_mc.store.lock import lock_holder
 from abhv_mc.store.manifest import read_whole_manifest
 
 _HASHED = ("files", "pages", "pictures")
@@ -22,13 +23,15 @@ _HASHED = ("files", "pages", "pictures")
 def verify_campaign(root: Path) -> Iterator[str]:
     """What in a campaign's folder does not fit the rest of it, one sentence each; nothing where all fits.
 
-    Raises InputError where the report or the data cannot be read at all.
+    Raises InputError where the report or the data cannot be read at all, or somebody flies there.
     """
     folder = CampaignFolder(root)
     manifest = read_whole_manifest(folder.manifest)
     if "search" in manifest:
         yield from verify_search(folder, manifest)
         return
+    if holder := lock_holder(folder.lock):
+        raise InputError(root, None, None, f"a campaign that {holder} is flying", "the end of that run")
     yield from (f"{path.relative_to(root).as_posix()}: {found}" for path, found in find_damage(folder, manifest))
     path = root / "report.json"
     if not path.is_file():

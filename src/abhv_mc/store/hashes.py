@@ -3,6 +3,7 @@
 import contextlib
 import hashlib
 import os
+import stat
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 from abhv_mc.io.input_error import InputError
 from abhv_mc.store.folder import CampaignFolder, FolderLostError, hash_file, recording
+from abhv_mc.store.lock import lock_holder
 from abhv_mc.store.manifest import COMPLETE, read_whole_manifest
 from abhv_mc.store.table_check import check_table
 
@@ -94,7 +96,11 @@ def refuse_links(root: Path) -> None:
     for path in sorted(root.rglob("*")) if root.is_dir() else ():
         if path.is_symlink() and not Path(os.path.realpath(path)).is_relative_to(base):
             raise InputError(path, None, None, _LINK, "files of the campaign's own, as it wrote them")
-        if not (path.is_file() or path.is_dir() or path.is_symlink()):
+        try:
+            mode = path.lstat().st_mode
+        except FileNotFoundError:  # gone since, as files that a run writes aside go
+            continue
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode) or stat.S_ISLNK(mode)):
             raise InputError(path, None, None, _SPECIAL, "files of the campaign's own, as it wrote them")
 
 
@@ -144,6 +150,9 @@ def read_checked(folder: CampaignFolder, paths: Iterable[Path] | None = None) ->
     manifest = read_whole_manifest(folder.manifest)
     refuse_links(folder.root)
     for path, found in find_damage(folder, manifest, paths):
+        if holder := lock_holder(folder.lock):
+            flown = f"a file that is not as the manifest says, while {holder} flies a campaign there"
+            raise InputError(path, None, None, flown, "the end of that run, and the same command once more")
         wish = f"the file as it was written: restore it, or make it anew (abhv-mc run CAMPAIGN.yaml -o {folder.root})"
         raise InputError(path, None, None, found, wish)
     for path in data_files(folder, manifest) if paths is None else paths:

@@ -7,6 +7,7 @@ import json
 import os
 import platform
 import stat
+import time
 from collections.abc import Iterator
 from io import FileIO
 from pathlib import Path
@@ -16,6 +17,7 @@ from abhv_mc.store.folder import told_plainly
 
 _LONGEST = 4096  # bytes of who holds it
 _HELD = (errno.EAGAIN, errno.EWOULDBLOCK, errno.EACCES)
+_GLANCE = 0.5  # s: `status` and `list` hold a lock for a moment to see whether somebody else does
 
 
 @contextlib.contextmanager
@@ -26,7 +28,7 @@ def hold_lock(path: Path) -> Iterator[None]:
         file = _open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT)  # held open as long as the lock
     with file:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(file)
         except OSError as error:
             if error.errno not in _HELD:
                 found = f"a file system without locks ({error.strerror})"
@@ -38,6 +40,18 @@ def hold_lock(path: Path) -> Iterator[None]:
             file.truncate(0)
             file.write(json.dumps({"pid": os.getpid(), "host": platform.node()}).encode())
         yield
+
+
+def _lock(file: FileIO) -> None:
+    """Raises OSError where another process holds it for longer than a look takes."""
+    end = time.monotonic() + _GLANCE
+    while True:
+        try:
+            return fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno not in _HELD or time.monotonic() > end:
+                raise
+        time.sleep(0.01)
 
 
 def lock_holder(path: Path) -> str | None:

@@ -18,6 +18,7 @@ TABLE = [
     ("unknown_parameter", 10, 3, ["'aero.lfit'", "'aero.lift'"]),
     ("no_effect", 10, 3, ["'aero.side_force.elevator'", "changes no controller's flight"]),
     ("missing_controller", 4, 20, ["tcl.yaml", "not there"]),
+    ("controllers_in_case", 4, 58, ["'tlc' and 'TLC'", "differ in more than case"]),
     ("empty_range", 9, 63, ["empty range from 1.1 to 0.9"]),
     ("not_positive_definite", 13, 3, ["not positive definite"]),
     ("unknown_metric", 13, 14, ["'altitude_error_max'", "'altitude_error_max_m'"]),

@@ -1,8 +1,10 @@
 """A scheduler and workers as processes of their own, started as Dask's documentation says: the same digest."""
 
+import contextlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -217,7 +219,31 @@ def test_workers_with_other_code_stop_the_campaign(dask, tmp_path):
         run_campaign(request, replace(ENGINE, checked=True))
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "carrier-pigeon://here:1"])
+@pytest.mark.parametrize("answer", [None, b"HTTP/1.0 400 Bad Request\r\n\r\n", bytes(65536), b"\xff" * 65536])
+def test_what_is_no_scheduler_may_answer_anything(tmp_path, monkeypatch, answer):
+    """Silence made the client wait for ever; zeros and web servers ended in its tracebacks."""
+    monkeypatch.setattr("abhv_mc.campaign.run.cluster._CONNECT", 0.5)
+    request = Request(write_campaign(tmp_path / "f"), tmp_path / "out")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            connections = []
+            with contextlib.suppress(OSError):  # closed at the end
+                while True:
+                    connections.append(server.accept()[0])
+                    if answer is not None:
+                        connections[-1].sendall(answer)
+
+        threading.Thread(target=serve, daemon=True).start()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        with pytest.raises(InputError, match="no scheduler"):
+            run_campaign(replace(request, scheduler=address), ENGINE)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "address", ["tcp://127.0.0.1:9", "nowhere", "carrier-pigeon://here:1", "tls://127.0.0.1:9", "tcp://a\nb:1"]
+)
 def test_no_scheduler_is_bad_input(tmp_path, monkeypatch, address):
     monkeypatch.setattr("abhv_mc.campaign.run.cluster._CONNECT", 0.5)
     request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=address)

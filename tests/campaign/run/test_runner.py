@@ -20,8 +20,10 @@ from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request
 from abhv_mc.flight.signals import CHANNEL_INDEX, METRIC_INDEX
 from abhv_mc.io.input_error import InputError
-from abhv_mc.store.folder import StorageFullError
+from abhv_mc.store.folder import CampaignFolder, StorageFullError
+from abhv_mc.store.hashes import find_damage
 from abhv_mc.store.lock import hold_lock
+from abhv_mc.store.manifest import read_whole_manifest
 
 GRID = "{design: grid, levels: 3}"
 
@@ -155,6 +157,35 @@ def test_controllers_can_be_added(campaign, tmp_path):
         pq.read_table(tmp_path / "a/envelopes.parquet").num_rows
         == pq.read_table(tmp_path / "b/envelopes.parquet").num_rows
     )
+
+
+def test_requirements_without_controllers_follow_the_first_of_the_file(campaign, tmp_path):
+    """A folder begun with the second controller, or by a file in another order, went on judging the other one."""
+
+    def judged(file, out, **options):
+        result = run(file, tmp_path / out, **options)
+        assert result.complete
+        return [entry["controller"] for entry in result.manifest["requirements"]]
+
+    turned = write_campaign(tmp_path / "turned", controllers="{two: two.yaml, one: one.yaml}")
+    assert judged(campaign, "a") == ["one"]
+    assert judged(turned, "a") == ["two"]
+    assert json.loads((tmp_path / "a/manifest.json").read_text())["requirements"][0]["controller"] == "two"
+    assert judged(turned, "a", controllers=("one",)) == ["two"]  # asked for again; the campaign is the same
+    assert judged(campaign, "b", controllers=("one",)) == ["one"]
+    assert judged(campaign, "b", controllers=("two",)) == ["one"]
+    assert judged(turned, "b") == ["two"]
+    assert list(find_damage(CampaignFolder(tmp_path / "a"), read_whole_manifest(tmp_path / "a/manifest.json"))) == []
+
+
+def test_a_controller_added_under_a_name_that_differs_in_case_alone_is_refused(campaign, tmp_path):
+    """Where a file system takes 'one' and 'ONE' for the same file, the one's plan becomes the other's."""
+    run(campaign, tmp_path / "out", controllers=("one",))
+    before = (tmp_path / "out/campaign.yaml").read_bytes()
+    other = write_campaign(tmp_path / "other", controllers="{ONE: two.yaml}")
+    with pytest.raises(InputError, match="differ in case alone"):
+        run(other, tmp_path / "out")
+    assert (tmp_path / "out/campaign.yaml").read_bytes() == before
 
 
 @pytest.mark.parametrize(

@@ -122,17 +122,25 @@ def describe_changes(held: ResolvedCampaign, wanted: ResolvedCampaign, extensibl
         if key == "runs" and extensible and (before or 0) < (after or 0):
             continue
         changes.append(f"{key}: {_words(before)} -> {_words(after)}")
+    for name in wanted.data["controllers"].keys() - held.data["controllers"].keys():
+        twins = [other for other in held.data["controllers"] if other.casefold() == name.casefold()]
+        changes += [f"controllers: '{twin}' -> '{name}': names that differ in case alone" for twin in twins]
     for part in ("vehicle", "mission", "samples", "channels", *(f"controllers/{name}" for name in shared)):
         changes += _changed_files(held.hashes, wanted.hashes, f"inputs/{part}/")
     return changes
 
 
-def merge_campaigns(held: ResolvedCampaign, wanted: ResolvedCampaign) -> ResolvedCampaign:
-    """``wanted`` and the controllers that only ``held`` has, with their requirements."""
-    others = {k: v for k, v in held.data["controllers"].items() if k not in wanted.data["controllers"]}
+def merge_campaigns(held: ResolvedCampaign, wanted: ResolvedCampaign, selected: bool = False) -> ResolvedCampaign:
+    """``wanted`` and the controllers that only ``held`` has, with their requirements.
+
+    The first controller, to which requirements apply where they name none, is that of ``wanted``; where that is
+    ``selected`` controllers of a campaign it stays that of ``held``.
+    """
+    first, then = (held, wanted) if selected else (wanted, held)
+    controllers = {**first.data["controllers"], **then.data["controllers"], **wanted.data["controllers"]}
     requirements = list(wanted.data.get("requirements") or [])
     requirements += [entry for entry in held.data.get("requirements") or [] if entry not in requirements]
-    data = {**wanted.data, "controllers": wanted.data["controllers"] | others, "requirements": requirements}
+    data = {**wanted.data, "controllers": controllers, "requirements": requirements}
     return ResolvedCampaign(replace(held.document, data=data), wanted.copies, held.hashes | wanted.hashes)
 
 

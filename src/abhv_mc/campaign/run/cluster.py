@@ -4,12 +4,14 @@ Dask flies a block whose worker died on another one; a block that ends several w
 flown in pieces (see :mod:`abhv_mc.campaign.run.retry`). Workers may come and go while a campaign flies.
 """
 
+import asyncio
 import math
 import os
 import sys
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -127,20 +129,30 @@ class Cluster:
         return answer
 
 
+async def _greet(address: str) -> None:
+    """Raises what keeps an address from being a scheduler's: a client that finds out hangs and leaves tracebacks."""
+    from distributed.comm.addressing import get_address_host_port
+    from distributed.comm.core import connect
+
+    get_address_host_port(address)
+    comm = await asyncio.wait_for(connect(address, timeout=_CONNECT), 2 * _CONNECT)
+    comm.abort()
+
+
 @contextmanager
 def connect_cluster(address: str, engine: Engine) -> Iterator[Cluster]:
     """The cluster whose scheduler is at ``address``. Raises InputError where there is none."""
     try:
         from distributed import Client
-        from distributed.comm.addressing import get_address_host_port
     except ImportError:
         wish = "pip install 'abhv-mc[cluster]'"
         raise InputError("--scheduler", None, None, "no Dask in this installation", wish) from None
     try:
-        get_address_host_port(address)  # a client that has found this out leaves a traceback half a minute later
+        with ThreadPoolExecutor(1) as thread:  # as a notebook's own thread runs a loop already
+            thread.submit(asyncio.run, _greet(address)).result()
         client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
-    except (OSError, ValueError) as error:
-        found = f"no scheduler at '{address}' ({str(error).splitlines()[0]})"
+    except Exception as error:  # of any kind, as whatever listens there may say anything
+        found = f"no scheduler at '{address}' ({(str(error) or type(error).__name__).splitlines()[0]})"
         raise InputError("--scheduler", None, None, found, "an address such as tcp://host:8786") from None
     with client:
         told = False

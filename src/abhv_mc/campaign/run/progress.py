@@ -1,5 +1,6 @@
 """Progress on standard error: a bar on a terminal, a plain line now and then elsewhere."""
 
+import contextlib
 import sys
 import time
 from types import TracebackType
@@ -62,4 +63,5 @@ class Progress:
         left = f"{(self._total - self._done) / rate:.0f} s left" if rate > 0.0 else "time left unknown"
         share = 100 * self._done // self._total
         line = f"{self._label}: {self._done} of {self._total} ({share} %), {rate:.0f}/s, {left}"
-        print(line, file=self._stream, flush=True)
+        with contextlib.suppress(OSError):  # a log that is full or whose reader has ended stops no campaign
+            print(line, file=self._stream, flush=True)

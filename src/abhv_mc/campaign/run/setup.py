@@ -192,11 +192,14 @@ def _resume(
         _try_out(wanted, new, engine)
         for name, plan in new.items():
             write_plan(folder.plan(name), plan)
-    if added or longer:
-        held = merge_campaigns(held, resolved)
+    merged = merge_campaigns(held, resolved, selected=request.controllers is not None)
+    judged_anew = next(iter(merged.data["controllers"])) != next(iter(held.data["controllers"]))
+    if added or longer or judged_anew:
+        held = merged
         held.write(folder)
-        manifest |= {"state": RUNNING, "runs_planned": wanted.runs, "inputs": held.hashes}
-        manifest["campaign_hash"] = held.identity
+        manifest |= {"inputs": held.hashes, "campaign_hash": held.identity}
+    if added or longer:
+        manifest |= {"state": RUNNING, "runs_planned": wanted.runs}
     check_inputs(folder, manifest)
     campaign = check_campaign(held.document)
     campaign = replace(campaign, model=campaign.model.model_copy(update={"execution": wanted.model.execution}))

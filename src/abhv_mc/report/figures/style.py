@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any, ParamSpec
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.style import context
 
 P = ParamSpec("P")
 
@@ -60,7 +60,7 @@ def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
 
     @wraps(plot)
     def draw(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        with rc_context(_RC):
+        with context(["default", _RC]):
             return plot(*args, **kwargs)
 
     return draw
@@ -160,7 +160,7 @@ def write_png(figure: Figure, path: Path) -> tuple[int, int]:
     from PIL import Image
 
     canvas = FigureCanvasAgg(figure)
-    with rc_context(_RC):
+    with context(["default", _RC]):
         canvas.draw()
     image = Image.fromarray(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[:, :, :3]))
     image.save(path, format="PNG", compress_level=3, dpi=(DPI, DPI))
