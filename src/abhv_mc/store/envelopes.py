@@ -65,7 +65,8 @@ def write_envelopes(path: Path, times: Floats, channels: Sequence[str], tables: 
 def is_whole(path: Path) -> bool:
     """Whether the envelopes are there as they were written."""
     try:
-        pq.read_table(path, page_checksum_verification=True)
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            file.read()
     except (pa.ArrowException, OSError):
         return False
     return True

@@ -14,6 +14,7 @@ from abhv_mc.flight.failure_case import failure_cases
 from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.flight.signals import METRIC_INDEX, METRICS, Signal
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.store.columns import column_values
 from abhv_mc.store.digest import Digest, digest_rows
 from abhv_mc.store.folder import write_whole
 from abhv_mc.vehicle.arrays import Floats
@@ -123,14 +124,16 @@ def read_block(path: Path, names: Sequence[str]) -> FlightRows:
     """Read a block's file and prove it whole. Raises DamagedFileError."""
     controller, first, stop = parse_block_name(path)
     try:
-        table = pq.read_table(path, page_checksum_verification=True, partitioning=None)
-        samples = np.stack([table[name].to_numpy() for name in names], axis=1) if names else np.empty((stop - first, 0))
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:  # read_table would import pandas
+            table = file.read()
+        sampled = [column_values(table[name]) for name in names]
+        samples = np.stack(sampled, axis=1) if names else np.empty((stop - first, 0))
         held = table.column_names
         columns = tuple(name for name in held[held.index(_VALUE_NAMES[0]) :])
-        values = np.stack([table[name].to_numpy() for name in columns], axis=1)
+        values = np.stack([column_values(table[name]) for name in columns], axis=1)
         outcomes = tuple(table["outcome"].to_pylist())
         rows = FlightRows(controller, first, tuple(names), samples, outcomes, values, columns)
-        whole = np.array_equal(table["flight"].to_numpy(), np.arange(first, stop))
+        whole = np.array_equal(column_values(table["flight"]), np.arange(first, stop))
         digest = (table.schema.metadata or {}).get(_DIGEST, b"").decode()
     except (pa.ArrowException, OSError, KeyError, ValueError) as error:
         raise DamagedFileError(f"{path.name}: {str(error).splitlines()[0]}") from error

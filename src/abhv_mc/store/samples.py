@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.store.columns import column_values
 from abhv_mc.store.flights import make_field
 from abhv_mc.store.folder import write_whole
 from abhv_mc.vehicle.arrays import Floats
@@ -71,7 +72,7 @@ class SampleReader:
         with self._lock:  # blocks take off in one thread and land in another, perhaps a group apart
             if group not in self._groups:
                 table = self._file.read_row_group(group)
-                columns = [table[name].to_numpy() for name in self.names]
+                columns = [column_values(table[name]) for name in self.names]
                 values = np.stack(columns, axis=1) if columns else np.empty((table.num_rows, 0))
                 self._groups = {number: kept for number, kept in self._groups.items() if number == group - 1}
                 self._groups[group] = values

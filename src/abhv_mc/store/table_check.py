@@ -67,8 +67,8 @@ def check_table(path: Path) -> None:
 def _check_words(path: Path, column: str, known: list[str]) -> None:
     """Raises InputError for a text in a column that is none of those ``known``."""
     try:
-        table = pq.read_table(path, columns=[column], read_dictionary=[column], partitioning=None)
-        words = table[column].unique().to_pylist()
+        with pq.ParquetFile(path, read_dictionary=[column]) as file:  # read_table would import pandas
+            words = file.read(columns=[column])[column].unique().to_pylist()
     except (pa.ArrowException, OSError, ValueError) as error:  # or bytes that are no text
         raise InputError(path, None, None, str(error).splitlines()[0], _WISH) from None
     for word in words:
