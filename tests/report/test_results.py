@@ -6,6 +6,7 @@ from report.synthetic import CONTROLLERS, write_campaign
 from abhv_mc.flight.signals import METRICS
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.results import read_histories, read_results
+from abhv_mc.store.manifest import read_manifest, write_manifest
 
 
 def test_a_folder_reads_as_arrays(failing):
@@ -39,6 +40,14 @@ def test_flights_that_could_not_be_computed_say_nothing(tmp_path):
     assert flights.not_computed == 1
     assert 3 not in flights.flight
     assert not flights.failed.any()
+
+
+def test_a_shard_is_no_campaign_yet(tmp_path):
+    folder = write_campaign(tmp_path / "c", runs=4)
+    path = folder / "manifest.json"
+    write_manifest(path, read_manifest(path) | {"shard": [1, 3]})
+    with pytest.raises(InputError, match="shard 1/3 of a campaign"):
+        read_results(folder)
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "campaign.yaml", "envelopes.parquet", "reference.parquet"])

@@ -190,6 +190,9 @@ def read_results(root: Path) -> Results:
     """Read a campaign's folder. Raises InputError where a file is missing or unreadable."""
     folder = CampaignFolder(root)
     manifest = read_checked(folder)
+    if manifest.get("shard"):
+        found = "shard {}/{} of a campaign".format(*manifest["shard"])
+        raise InputError(root, None, None, found, "all of it: 'abhv-mc merge' joins its shards")
     samples = FileColumns(folder.samples, "the samples of a campaign", without="flight")
     campaign, flights = read_facts(folder.campaign), read_flights(folder.flights, data_files(folder, manifest))
     _check_numbers(folder, samples, campaign, flights)
