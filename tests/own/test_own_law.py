@@ -185,6 +185,22 @@ def test_an_exception_in_plain_python_ends_the_flight_and_is_told_once(make, cap
     assert 'law.py", line 6' in told
 
 
+@pytest.mark.parametrize("raised", ["SystemExit(0)", "KeyboardInterrupt", "asyncio.CancelledError"])
+def test_what_is_no_exception_ends_the_flight_too(make, raised):
+    """It flew on with the last command, and was counted as ok."""
+    text = f"import asyncio\n{HEAD}@controller(compiled=False)\ndef law(time):\n    if time > 0.2:\n"
+    text += f"        raise {raised}\n    return Command(0.0, 0.0, 0.0, 0.5)\n"
+    block = fly(make(text), nominal_parameters(2))
+    assert [Outcome(code) for code in block.outcome] == [Outcome.LAW_FAILED] * 2
+
+
+def test_a_memory_that_cannot_be_made_ends_the_flight(make):
+    text = HEAD + "class Memory:\n    def __init__(self):\n        raise OSError('no model')\n\n"
+    text += "@controller(compiled=False)\ndef law(memory):\n    return Command(0.0, 0.0, 0.0, 0.5), memory\n"
+    block = fly(make(text), nominal_parameters(2))
+    assert [Outcome(code) for code in block.outcome] == [Outcome.LAW_FAILED] * 2
+
+
 def test_memory_of_any_kind_in_plain_python(make):
     text = HEAD + "class Memory:\n    def __init__(self):\n        self.seen = []\n\n"
     text += (

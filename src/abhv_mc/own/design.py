@@ -134,9 +134,9 @@ def design_gains(law: Law, model: DesignModel, settings: Floats) -> tuple[tuple[
     given = law.settings(*settings.tolist()) if law.settings is not None else None
     try:
         made = law.design(model, given)
-    except InputError:
+    except (InputError, KeyboardInterrupt):
         raise
-    except Exception as error:
+    except BaseException as error:  # SystemExit among them
         found = f"a design that raises {type(error).__name__}: {error}"
         raise InputError(file, line_in(error, file), None, found, "a named tuple of arrays [tick]") from error
     line = law.design.__code__.co_firstlineno

@@ -52,11 +52,11 @@ class PlainLaw:
             if block[FAULT, lane] > 0.0:
                 continue
             if self._in_rows:
-                self._try_lane(block, lane, law.memory() if tick == 0 else self._memory_rows(block, lane), given)
+                self._try_lane(block, lane, None if tick == 0 else self._memory_rows(block, lane), given)
                 continue
             if tick == 0:
                 block[MEMORY, lane] = len(self._memories)
-                self._memories[len(self._memories)] = law.memory() if "memory" in law.arguments else None
+                self._memories[len(self._memories)] = None
             number = int(block[MEMORY, lane])
             if number in first_of:  # a spare lane that repeats a flight
                 block[list(COMMAND_ROWS), lane] = block[list(COMMAND_ROWS), first_of[number]]
@@ -71,8 +71,10 @@ class PlainLaw:
     def _try_lane(self, block: Floats, lane: int, memory: Any, given: dict[str, Any]) -> Any:
         """One tick of a flight; its memory after it. An exception is told once and ends the flight."""
         try:
+            if given["time"] == 0.0 and "memory" in self._law.arguments:
+                memory = self._law.memory()
             return self._fly_lane(block, lane, memory, given)
-        except Exception:
+        except BaseException:  # SystemExit, too: compiled code is above, which would fly on with the last command
             block[FAULT, lane] = LAW_FAILED
             block[list(COMMAND_ROWS), lane] = 0.0
             if self._law.source.hash not in _told:

@@ -82,9 +82,9 @@ def run_module(source: OwnSource) -> Module:
         exec(compile(source.text, source.file, "exec", dont_inherit=True), module.__dict__)  # the user's own file
     except SyntaxError as error:
         raise InputError(source.file, error.lineno, error.offset, f"'{error.msg}'", "Python") from None
-    except InputError:
+    except (InputError, KeyboardInterrupt):
         raise
-    except (Exception, SystemExit) as error:  # the latter would end the program, as if all were done
+    except BaseException as error:  # SystemExit among them, which would end the program, as if all were done
         line = line_in(error, source.file)
         found = f"a file that raises {type(error).__name__}: {error}"
         raise InputError(source.file, line, None, found, "a file that runs on its own") from None

@@ -229,6 +229,7 @@ def test_line_ends_of_another_system_change_nothing(study, tmp_path):
 MODULES = {
     "import sys; sys.exit(0)": "SystemExit",
     "raise KeyError('x')": "KeyError",
+    "import asyncio; raise asyncio.CancelledError": "CancelledError",
     "x = " + "(" * 300 + ")" * 300: "Python",
     "x = " + "-" * 100_000 + "1": "",
     "from abhv_mc.extend import controller\nlaw = controller(lambda actual: 1)": "",
