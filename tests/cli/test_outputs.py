@@ -1,5 +1,6 @@
 """No command writes over what a campaign's folder holds: every option that names an output refuses it."""
 
+import os
 import shutil
 import sys
 import typing
@@ -82,6 +83,17 @@ def test_neither_through_a_link_nor_a_way_around(call, flown, tmp_path):
     for out in (tmp_path / "link/x", flown / "csv/../plans", tmp_path / "none/.." / "link"):
         code, said = call("export", flown, "-o", out)
         assert code == 2 and "own files" in said
+
+
+@pytest.mark.parametrize("words", OPTIONS, ids=" ".join)
+def test_a_pipe_is_not_replaced_by_a_file(call, tmp_path, words):
+    """Nor is /dev/null, where the user may do everything: a new file was renamed into its place."""
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("pipe")
+    for place in ("pipe", "link"):
+        code, said = call(*words, tmp_path / place)
+        assert code == 2 and "a pipe, socket or device" in said, said
+    assert (tmp_path / "pipe").is_fifo() and (tmp_path / "link").is_symlink()
 
 
 def test_the_page_beside_a_tuned_controller_is_no_campaigns_report(call, flown):

@@ -21,6 +21,8 @@ def _refuse(path: Path | None, taken: bool) -> None:
     from abhv_mc.io.input_error import InputError
     from abhv_mc.store.folder import find_own_place
 
+    if path.exists() and not (path.is_file() or path.is_dir()):  # /dev/null would be renamed over
+        raise InputError(path, None, None, "a pipe, socket or device", "the name of a file or folder")
     place = find_own_place(path)
     if place is not None and (taken or place != Path()):
         raise InputError(path, None, None, "a place of the campaign's own files", "another name, or a place elsewhere")
