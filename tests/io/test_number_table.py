@@ -60,6 +60,13 @@ def test_numbers_that_do_not_rise_are_found_in_the_file(write):
     assert (caught.value.line, caught.value.column) == (5, 5)
 
 
+def test_a_place_in_a_file_whose_cells_have_lines(write):
+    table = read_number_table(write('"time_s\n","no\nte"\n2,"a\nb"\n1,"c\nd"\n'), {"time_s": 10.0})
+    with pytest.raises(InputError, match="the time 1 s") as caught:
+        table.check_rising("time_s", "s")
+    assert caught.value.column == 1
+
+
 def test_a_file_that_is_too_large_is_not_read(write):
     with pytest.raises(InputError, match="a very large file"):
         read_number_table(write("a\n1\n"), {"a": 1.0}, max_bytes=3)

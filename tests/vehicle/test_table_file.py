@@ -58,6 +58,7 @@ def test_a_narrow_axis_in_metres_can_be_insisted_on(tmp_path):
         pytest.param(GOOD.replace("6,0,5", "6,0,__import__('os')"), 6, 5, "__import__", id="code"),
         pytest.param(GOOD.replace("4,0,2", "4,x,2"), 3, 3, "'x'", id="no number on an axis"),
         pytest.param(GOOD.replace("6,0,5", "6,0"), 6, None, "2 cells", id="short row"),
+        pytest.param(GOOD.replace("6,0,5", f'6,0,"{"5" * 140_000}"'), None, None, "field larger", id="endless cell"),
         pytest.param(GOOD.replace("alpha_deg", "alhpa_deg"), 1, 6, "'alhpa_deg'", id="unknown column"),
         pytest.param(GOOD.replace("alpha_deg", "alpha"), 1, 6, "without a unit", id="angle without unit"),
         pytest.param(GOOD.replace("alpha_deg", "alpha_m"), 1, 6, "'m'", id="angle in metres"),

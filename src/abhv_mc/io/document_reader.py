@@ -21,6 +21,7 @@ Places = dict[tuple[str | int, ...], Place]
 MAX_BYTES = 2_000_000
 MAX_VALUES = 10_000  # a hundred times the largest file that is shipped; aliases of aliases grow exponentially
 MAX_DEPTH = 40
+_MOST_DIGITS = 1000  # of a whole number; Python reads 4300
 
 _DECIMAL = re.compile(NUMBER)
 _TAG = "tag:yaml.org,2002:"
@@ -159,15 +160,18 @@ class _Builder:
         if kind in ("str", "timestamp", "merge", "value"):  # a date is text here, and so is "<<"
             self.check_shown(node, text, "\n\t")
             return text
-        if kind == "null":
+        if kind == "null" and text.lower() in ("", "~", "null"):
             return None
-        if kind == "bool":
+        if kind == "bool" and text.lower() in ("true", "false"):
             return text.lower() == "true"
         if kind in ("int", "float"):
             number = float(text) if _DECIMAL.fullmatch(text) else math.nan
-            if not math.isfinite(number):
+            whole = kind == "float" or (len(text) <= _MOST_DIGITS and text.lstrip("+-").isdecimal())
+            if not (math.isfinite(number) and whole):
                 self.refuse(node, describe(text), "a finite decimal number such as 1000 or 2.5e-3")
             return number if kind == "float" else int(text)
+        if kind in ("null", "bool"):  # by a tag, or in YAML 1.1
+            self.refuse(node, describe(text), "true, false or null, as YAML 1.2 writes them")
         self.refuse(node, f"the tag {tag.replace(_TAG, '!!')}", "plain data without tags")
 
 

@@ -27,8 +27,11 @@ class NumberTable:
 
     def error(self, row: int, name: str, found: str, wanted: str) -> InputError:
         """What is wrong with the number in that row under that name, at its place in the file."""
-        line, text = self.lines[row], self.path.read_text(encoding="utf-8-sig").splitlines()
-        header, cells = csv.reader([text[0], text[line - 1]])
+        line = self.lines[row]
+        with self.path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file)
+            header = next(reader)
+            cells = next(cells for cells in reader if reader.line_num >= line)
         place = [cell.strip() for cell in header].index(name)
         return InputError(self.path, line, _column(cells, place), found, wanted)
 

@@ -96,8 +96,12 @@ def split_rows(path: Path, text: str) -> Rows:
     numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if len(numbered) < 2:
         raise InputError(path, 1, None, "no rows", "a header and rows of numbers")
-    header_line, header = numbered[0][0], [name.strip() for name in _split(numbered[0][1])]
-    rows = Rows(path, header, header_line, [_split(line) for _, line in numbered[1:]], [i for i, _ in numbered[1:]])
+    try:
+        (header, *cells) = [_split(line) for _, line in numbered]
+    except csv.Error as error:
+        raise InputError(path, None, None, str(error), "a CSV file of numbers") from None
+    header_line, *lines = [i for i, _ in numbered]
+    rows = Rows(path, [name.strip() for name in header], header_line, cells, lines)
     for row, cells in enumerate(rows.cells):
         if len(cells) != len(header):
             raise rows.error(row, None, f"{len(cells)} cells", f"{len(header)}, as in the header")
