@@ -4,6 +4,7 @@ import pickle
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -102,6 +103,11 @@ def test_values_and_places(tmp_path: Path) -> None:
         ("a: 1_0.5\n", (1, 4), "1_0.5"),
         ("a: 0x20\n", (1, 4), "0x20"),
         ("a: 0o17\n", (1, 4), "0o17"),
+        (f"a: {'0' * 5000}1\n", (1, 4), "0000"),  # more digits than Python makes a whole number of
+        ("a: !!int 1.5\n", (1, 4), "1.5"),
+        ("a: !!bool maybe\n", (1, 4), "maybe"),
+        ("a: !!null hello\n", (1, 4), "hello"),
+        ("%YAML 1.1\n---\na: yes\n", (3, 4), "yes"),  # true there, no text as in YAML 1.2
         ('a: "b\\u202ec"\n', (1, 4), "\\u202e"),
         ('a: "b\\ec"\n', (1, 4), "\\x1b"),
         ('a:\n- "b\\rc"\n', (2, 3), "\\r"),
@@ -118,6 +124,16 @@ def test_refused_text(tmp_path: Path, text: str | bytes, place: tuple[int, int],
     assert (error.line, error.column) == place
     assert found in error.found
     assert str(error).startswith(f"{tmp_path / 'x.yaml'}:{place[0]}:{place[1]}: found ")
+
+
+def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
+    """A sweep over np.linspace from a notebook ended in a RepresenterError."""
+    data = {"a": np.float64(0.1), "b": [np.int64(3), np.bool_(True), np.str_("c")], "d": np.array(2.5)}
+    write_document(tmp_path / "x.yaml", data)
+    assert read_document(tmp_path / "x.yaml").data == {"a": 0.1, "b": [3, True, "c"], "d": 2.5}
+    for odd in (np.zeros(2), 1j, object(), Path("x")):
+        with pytest.raises(InputError, match=f"the type {type(odd).__name__}"):
+            write_document(tmp_path / "x.yaml", {"a": odd})
 
 
 def test_lines_and_accents_of_a_text_are_its_own(tmp_path: Path) -> None:

@@ -103,10 +103,24 @@ def read_document(path: "str | Path | Document") -> Document:
 
 
 def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
-    """Write plain data as YAML that :func:`read_document` reads back equal; ``comment`` heads it."""
-    from ruamel.yaml import YAML
+    """Write plain data as YAML that :func:`read_document` reads back equal; ``comment`` heads it.
 
+    Numbers and text of numpy's types are Python's. Raises :class:`InputError` for what is no plain data.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.representer import SafeRepresenter
+
+    class Representer(SafeRepresenter):
+        pass
+
+    def represent_other(representer: SafeRepresenter, value: Any) -> Any:
+        if type(value).__module__ != "numpy" or getattr(value, "ndim", 0):
+            raise InputError(path, None, None, f"a value of the type {type(value).__name__}", "plain data")
+        return representer.represent_data(value.item())
+
+    Representer.add_representer(None, represent_other)
     yaml = YAML(typ="safe", pure=True)
+    yaml.Representer = Representer
     yaml.default_flow_style = None  # innermost lists and mappings on one line
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     yaml.allow_unicode = False  # some line ends are not ASCII
