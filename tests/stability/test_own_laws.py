@@ -113,10 +113,21 @@ def test_the_memory_at_a_trim_rests_there(tmp_path):
     assert memory[1, 0] < memory[0, 0] - 10.0
 
 
-def test_plain_python_has_the_margins_of_the_compiled_law(tmp_path):
+def forget(file):
+    """The law in a controller's file without its memory."""
+    law = file.with_suffix(".py")
+    text = law.read_text().replace(", memory, time, dt", "").replace("- 0.001 * memory.speed", "")
+    text = text.replace("memory.pitch_rate + dt / 0.02 * (measured.pitch_rate - memory.pitch_rate)", "measured.pitch_rate")
+    law.write_text(text.replace(", Memory(memory.speed + dt * speed, pitch_rate)", ""))
+    return file
+
+
+@pytest.mark.parametrize("write", [write_law, lambda *words: forget(write_law(*words))], ids=["memory", "none"])
+def test_plain_python_has_the_margins_of_the_compiled_law(tmp_path, write):
+    """A law without a memory was not called: margins were those of a constant command."""
     dispersions, found = parameters(), []
     for compiled in ("", "(compiled=False)"):
-        plan, steady = plans(write_law(tmp_path, compiled))
+        plan, steady = plans(write(tmp_path, compiled))
         for of, points in ((steady, trim_points(steady, dispersions)), (plan, flown_points(plan, dispersions, 1.0))):
             found.append((points.points.memory, stability(of, points, dispersions).margins))
     for (memory, margins), (other_memory, others) in zip(found[:2], found[2:], strict=True):

@@ -28,7 +28,7 @@ class PlainLaw:
     """
 
     def __init__(self, law: Law, gains: tuple[str, ...], width: int, memory_in_rows: bool = False) -> None:
-        self._in_rows = memory_in_rows and "memory" in law.arguments
+        self._in_rows, self._remembers = memory_in_rows, "memory" in law.arguments
         self._law, self._gains, self._width = law, make_gains_class(gains) if gains else None, width
         self._memories: dict[int, Any] = {}  # by a number that the flight's lane holds
         self._callback = _SOCKET(self._call)
@@ -52,7 +52,8 @@ class PlainLaw:
             if block[FAULT, lane] > 0.0:
                 continue
             if self._in_rows:
-                self._try_lane(block, lane, None if tick == 0 else self._memory_rows(block, lane), given)
+                held = self._memory_rows(block, lane) if self._remembers and tick > 0 else None
+                self._try_lane(block, lane, held, given)
                 continue
             if tick == 0:
                 block[MEMORY, lane] = len(self._memories)
@@ -71,7 +72,7 @@ class PlainLaw:
     def _try_lane(self, block: Floats, lane: int, memory: Any, given: dict[str, Any]) -> Any:
         """One tick of a flight; its memory after it. An exception is told once and ends the flight."""
         try:
-            if given["time"] == 0.0 and "memory" in self._law.arguments:
+            if given["time"] == 0.0 and self._remembers:
                 memory = self._law.memory()
             return self._fly_lane(block, lane, memory, given)
         except BaseException:  # SystemExit, too: compiled code is above, which would fly on with the last command
@@ -91,14 +92,14 @@ class PlainLaw:
             numbers = block[ONBOARD : ONBOARD + N_ONBOARD, lane].tolist() + block[s.CMD : s.CMD + 4, lane].tolist()
             values["onboard"] = _nest(Onboard, iter(numbers))
         returned = law.function(*(values[name] for name in law.arguments))
-        if "memory" in law.arguments:
+        if self._remembers:
             command, memory = returned
         else:
             command = returned
         if not isinstance(command, Command):
             raise TypeError(f"the law returns {type(command).__name__}; wanted Command(...)")
         block[list(COMMAND_ROWS), lane] = command
-        if self._in_rows:
+        if self._in_rows and self._remembers:
             block[MEMORY : MEMORY + len(memory), lane] = memory
         return memory
 
