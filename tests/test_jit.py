@@ -74,6 +74,16 @@ def test_a_damaged_file_of_the_cache_is_made_anew(source, tmp_path, suffix, size
     assert run(CALLER, source, tmp_path / "cache") == ["2.0", "3.0"]
 
 
+def test_a_mark_that_cannot_be_made_costs_a_trial_alone(source, tmp_path):
+    """What the folder has no room for (a quota) made flights slower, and numba's version was blamed."""
+    words = "import warnings; warnings.simplefilter('error'); from abhv_mc import jit; print(jit.compiler())"
+    kind = run(words, source, tmp_path / "cache")
+    for mark in (tmp_path / "cache").rglob("tried"):
+        mark.unlink()
+        mark.symlink_to(tmp_path / "nowhere" / "x")
+    assert run(words, source, tmp_path / "cache") == kind
+
+
 EDITED = """
 import pathlib
 import abhv_mc.world

@@ -9,9 +9,8 @@ Rules for compiled functions (measured; the benchmark ``abhv-mc bench`` holds th
 - no libm call inside a lane loop: use :mod:`abhv_mc.numerics.lane_math`;
 - data (tables, gains, references) are arguments, never globals: numba freezes globals silently.
 
-numba's own passes compile, and its own disk cache keeps kernels. A few subclasses of its private classes tell it that
-all functions here are inlined into a few kernels (``docs/explanation/performance.md`` has what each saves). Where
-they do not work, or with ``ABHV_MC_PUBLIC_NUMBA=1``, numba's public interface makes the same bits, slower.
+numba's own passes compile, its disk cache keeps kernels. Subclasses of its private classes tell it that all functions
+are inlined into a few kernels (``docs/explanation/performance.md``); its public interface makes the same bits, slower.
 """
 
 import contextlib
@@ -170,7 +169,8 @@ if _mode == "private":
         _twice = scalar(lambda x: x + x)
         if not (tried := cache_folder(_mode) / "tried").exists():  # half a second; numba's version is in the name
             kernel(_try_out)(np.ones(2))
-            tried.touch()
+            with contextlib.suppress(OSError):
+                tried.touch()
     except Exception as error:
         what = f"the private part of numba {numba.__version__} is another than known ({type(error).__name__}: {error})"
         warnings.warn(f"{what}: its public interface makes the same flights, slower", RuntimeWarning, stacklevel=2)

@@ -117,7 +117,9 @@ def forget(file):
     """The law in a controller's file without its memory."""
     law = file.with_suffix(".py")
     text = law.read_text().replace(", memory, time, dt", "").replace("- 0.001 * memory.speed", "")
-    text = text.replace("memory.pitch_rate + dt / 0.02 * (measured.pitch_rate - memory.pitch_rate)", "measured.pitch_rate")
+    text = text.replace(
+        "memory.pitch_rate + dt / 0.02 * (measured.pitch_rate - memory.pitch_rate)", "measured.pitch_rate"
+    )
     law.write_text(text.replace(", Memory(memory.speed + dt * speed, pitch_rate)", ""))
     return file
 

@@ -114,7 +114,7 @@ def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
         pass
 
     def represent_other(representer: SafeRepresenter, value: Any) -> Any:
-        if type(value).__module__ != "numpy" or getattr(value, "ndim", 0):
+        if type(value).__module__ != "numpy" or getattr(value, "ndim", False):
             raise InputError(path, None, None, f"a value of the type {type(value).__name__}", "plain data")
         return representer.represent_data(value.item())
 

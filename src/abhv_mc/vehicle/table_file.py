@@ -102,9 +102,9 @@ def split_rows(path: Path, text: str) -> Rows:
         raise InputError(path, None, None, str(error), "a CSV file of numbers") from None
     header_line, *lines = [i for i, _ in numbered]
     rows = Rows(path, [name.strip() for name in header], header_line, cells, lines)
-    for row, cells in enumerate(rows.cells):
-        if len(cells) != len(header):
-            raise rows.error(row, None, f"{len(cells)} cells", f"{len(header)}, as in the header")
+    for row, found in enumerate(rows.cells):
+        if len(found) != len(header):
+            raise rows.error(row, None, f"{len(found)} cells", f"{len(header)}, as in the header")
     return rows
 
 
