@@ -155,3 +155,11 @@ def test_an_existing_file_is_not_overwritten(request_):
     request_.out.write_text("law: tlc\n", encoding="utf-8")
     with pytest.raises(InputError, match="there already"):
         tune_controller(request_, ENGINE)
+
+
+@pytest.mark.parametrize("ending", ["tuning", "html"])
+def test_a_name_that_tuning_takes_itself_is_refused(request_, tmp_path, ending):
+    """The candidates' folder was in the result's way when all was flown, and the page was written over the result."""
+    with pytest.raises(InputError, match=rf"{ending}' .*wanted"):
+        tune_controller(replace(request_, out=tmp_path / f"new.{ending}"), ENGINE)
+    assert not list(tmp_path.glob("new.*"))

@@ -31,6 +31,8 @@ from abhv_mc.stability.metrics import MARGIN_NAMES
 from abhv_mc.store.folder import write_whole
 from abhv_mc.store.lock import hold_lock
 
+_KEPT, _PAGE = ".tuning", ".html"  # endings of the folder of candidates and of the page
+
 
 @dataclass(frozen=True)
 class TuneRequest:
@@ -164,6 +166,9 @@ def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneF
     campaign, name = read_searched(request.campaign, request.controller, request.seed)
     model = campaign.model
     block, document, where = read_tune_block(campaign, request.block)
+    if request.out.suffix in (_KEPT, _PAGE):
+        found = f"the ending '{request.out.suffix}' of what tuning writes beside it"
+        raise InputError(request.out, None, None, found, "-o NEW.yaml")
     if request.out.exists():
         raise InputError(request.out, None, None, "a file that is there already", "a new file (-o NEW.yaml)")
     numbers = read_controller_numbers(model.controllers[name], block.free, document, where)
@@ -175,7 +180,7 @@ def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneF
     # crash in compiled code ends the program; the same command then goes on with what is kept.
     execution = model.execution.model_copy(update={"isolation": THREADS})
     text = json.dumps([resolve_campaign(campaign).identity, name, block.model_dump(), model.seed, engine.source])
-    kept = request.out.with_suffix(".tuning")
+    kept = request.out.with_suffix(_KEPT)
     with hold_lock(kept / ".lock"), ExitStack() as stack:
         cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
         executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))
