@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from stability.systems import flight_plan, parameters, read, stability_at_trim, steady_plan
+from stability.systems import flight_plan, linear_at_trim, parameters, read, stability_at_trim, steady_plan
 
 from abhv_mc.flight.prepare import make_plan
-from abhv_mc.stability.analysis import margins_of_flights
+from abhv_mc.stability.analysis import analyse, margins_of_flights
 from abhv_mc.stability.rows import make_rows
 
 
@@ -68,3 +68,11 @@ def test_rows_have_none_for_what_is_infinite():
     assert (together.pop("controller"), together.pop("time_s"), together.pop("loop")) == ("lqr_retuned", None, "all")
     expected = {"disk_margin": 0.1408, "disk_gain_db": 1.225, "disk_phase_deg": 8.05, "delay_margin_ms": 7.8}
     assert together == pytest.approx(expected | {"stable": True}, rel=3e-3)
+
+
+def test_a_loop_that_is_no_numbers_has_no_poles():
+    """A density of 1e300 in a file of samples ended a campaign in numpy's LinAlgError after its last flight."""
+    linear = linear_at_trim("lqr_retuned")
+    found = analyse(linear._replace(A=np.full_like(linear.A, np.nan)))
+    assert not found.stable.any() and found.poles[0].size == 0
+    assert np.isnan(found.margins.gain_high).all()

@@ -73,14 +73,18 @@ def _shapes(systems: int, inputs: int) -> list[tuple[int, ...]]:
 
 
 def _closed_poles(linear: Linear) -> list[NDArray[np.complex128]]:
-    """Eigenvalues of the sampled closed loops; those of one delay together. None of a law without slopes."""
+    """Eigenvalues of the sampled closed loops, those of one delay together.
+
+    None where the law has no slopes, or the loop is not finite.
+    """
     poles: list[NDArray[np.complex128]] = [np.empty(0, np.complex128)] * len(linear.A)
     known = np.isfinite(linear.law_D).all(axis=(1, 2)) & np.isfinite(linear.law_A).all(axis=(1, 2))
     known &= np.isfinite(linear.law_B).all(axis=(1, 2)) & np.isfinite(linear.law_C).all(axis=(1, 2))
     for delay in np.unique(linear.delay[known]):
         systems = np.flatnonzero(known & (linear.delay == delay))
-        values = np.linalg.eigvals(np.stack([closed_loop(linear, int(i)) for i in systems]))
-        for i, each in zip(systems, values, strict=True):
+        loops = np.stack([closed_loop(linear, int(i)) for i in systems])
+        finite = np.isfinite(loops).all(axis=(1, 2))  # not where a dispersion left all that has a meaning
+        for i, each in zip(systems[finite], np.linalg.eigvals(loops[finite]), strict=True):
             poles[i] = each
     return poles
 

@@ -167,8 +167,8 @@ def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneF
     model = campaign.model
     block, document, where = read_tune_block(campaign, request.block)
     if request.out.suffix in (_KEPT, _PAGE):
-        found = f"the ending '{request.out.suffix}' of what tuning writes beside it"
-        raise InputError(request.out, None, None, found, "-o NEW.yaml")
+        words = f"the ending '{request.out.suffix}' of what tuning writes beside it"
+        raise InputError(request.out, None, None, words, "-o NEW.yaml")
     if request.out.exists():
         raise InputError(request.out, None, None, "a file that is there already", "a new file (-o NEW.yaml)")
     numbers = read_controller_numbers(model.controllers[name], block.free, document, where)
