@@ -134,6 +134,7 @@ def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
     for odd in (np.zeros(2), 1j, object(), Path("x")):
         with pytest.raises(InputError, match=f"the type {type(odd).__name__}"):
             write_document(tmp_path / "x.yaml", {"a": odd})
+    assert read_document(tmp_path / "x.yaml").data == {"a": 0.1, "b": [3, True, "c"], "d": 2.5}
 
 
 def test_lines_and_accents_of_a_text_are_its_own(tmp_path: Path) -> None:

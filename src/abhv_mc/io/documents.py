@@ -9,6 +9,7 @@ import sys
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -125,9 +126,10 @@ def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     yaml.allow_unicode = False  # some line ends are not ASCII
     yaml.width = sys.maxsize  # ruamel folds some long texts so that they read back changed
-    with Path(path).open("w", encoding="utf-8") as file:
-        file.writelines(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
-        yaml.dump(data, file)
+    text = StringIO()
+    text.writelines(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
+    yaml.dump(data, text)
+    Path(path).write_text(text.getvalue(), encoding="utf-8")  # only now: refused data leave a file as it is
 
 
 def _make_scalars_strict(schema: Any) -> None:
