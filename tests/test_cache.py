@@ -187,5 +187,9 @@ def test_only_who_has_to_compile_waits(tmp_path):
 
     (tmp_path / "lanes.fly_on-7.py311.nbi").touch()  # another kernel
     assert enter_beside(enter) == ["first", "second"]
-    (tmp_path / "lanes.fly-7.py311.nbi").touch()
-    assert enter_beside(enter) == ["second", "first"]
+    kept = tmp_path / "lanes.fly-7.py311.nbi"
+    with enter():
+        kept.write_text("machine code")
+    assert enter_beside(enter) == ["second", "first"] and kept.exists()
+    kept.write_text("nachine code")
+    assert enter_beside(enter) == ["first", "second"] and not kept.exists()

@@ -74,6 +74,35 @@ def test_a_damaged_file_of_the_cache_is_made_anew(source, tmp_path, suffix, size
     assert run(CALLER, source, tmp_path / "cache") == ["2.0", "3.0"]
 
 
+@pytest.mark.skipif(jit.compiler() == "public", reason="numba's own cache")
+@pytest.mark.parametrize("suffix", ["nbi", "nbc", "sha256"])
+@pytest.mark.parametrize("place", [0, 0.4, 0.7, -1])
+def test_a_flipped_bit_in_the_cache_is_not_executed(source, tmp_path, suffix, place):
+    """It gave other numbers, killed the process or ended in a traceback, at each start until somebody deleted it."""
+    (source / "world" / "caller.py").write_text(
+        "from abhv_mc.jit import kernel\n@kernel\ndef call(x):\n    return x + 1.0\n"
+    )
+    assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"]
+    (file,) = (tmp_path / "cache").rglob(f"*call*.{suffix}")
+    content = bytearray(file.read_bytes())
+    content[place if place in (0, -1) else int(place * len(content))] ^= 0x10
+    file.write_bytes(content)
+    assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"]
+    assert run(CALLER, source, tmp_path / "cache") == ["2.0", "3.0"]
+
+
+@pytest.mark.skipif(jit.compiler() == "public", reason="numba's own cache")
+def test_a_kernel_for_another_kind_of_array_joins_the_first(source, tmp_path):
+    (source / "world" / "caller.py").write_text(
+        "from abhv_mc.jit import kernel\n@kernel\ndef call(x):\n    return x + 1.0\n"
+    )
+    other = CALLER.replace("call(1.0), call(2.0)", "call(1.0), call(1)")
+    assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"]
+    assert run(other, source, tmp_path / "cache") == ["compiling", "2.0", "2.0"]
+    assert run(other, source, tmp_path / "cache") == ["2.0", "2.0"]
+    assert run(CALLER, source, tmp_path / "cache") == ["2.0", "3.0"]
+
+
 def test_a_mark_that_cannot_be_made_costs_a_trial_alone(source, tmp_path):
     """What the folder has no room for (a quota) made flights slower, and numba's version was blamed."""
     words = "import warnings; warnings.simplefilter('error'); from abhv_mc import jit; print(jit.compiler())"

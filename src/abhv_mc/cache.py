@@ -124,13 +124,63 @@ def one_at_a_time(file: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def one_compiles(folder: str | None, name: str) -> Iterator[None]:
-    """Of the processes that miss a kernel in numba's ``folder`` (None where it has none), one is inside at a time.
+def one_compiles(folder: str | Path | None, name: str) -> Iterator[None]:
+    """Compile ``name`` inside, or have numba load what it kept of it in ``folder`` (None: nothing is kept).
 
-    The others find there what the first has compiled. Who comes when it is there already need not wait.
+    The folder may be one above numba's. Of the processes that miss it there, one is inside at a time, and the others
+    find what it has compiled. Files other than those noted when they were written are deleted first: numba would
+    execute whatever they hold.
     """
-    if folder is None or any(Path(folder).glob(f"*{name}-*.nbi")):
+    if folder is None:
         yield
-    else:
-        with one_at_a_time(Path(folder) / f"{name}.lock"):
-            yield
+        return
+    kept = _Kept(Path(folder), name)
+    if kept.is_sound():  # nobody need wait
+        before = kept.stamps()
+        yield
+        if kept.stamps() != before:  # compiled for arrays of another kind
+            with one_at_a_time(kept.lock):
+                kept.note()
+        return
+    with one_at_a_time(kept.lock):
+        if not kept.is_sound():
+            kept.delete()
+        yield
+        kept.note()
+
+
+class _Kept:
+    """What numba kept of a function: its files in a folder, and our note of their SHA-256."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self._folder, self._name = folder, name
+        self._note, self.lock = folder / f"{name}.sha256", folder / f"{name}.lock"
+
+    def _files(self) -> list[Path]:
+        return sorted(file for file in self._folder.rglob(f"*{self._name}-*") if file.suffix in (".nbi", ".nbc"))
+
+    def _digest(self) -> str:
+        files = self._files()
+        return "".join(f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.name}\n" for file in files)
+
+    def stamps(self) -> list[tuple[str, int]]:
+        """Which files there are, each with its time."""
+        with contextlib.suppress(OSError):  # deleted meanwhile
+            return [(file.name, file.stat().st_mtime_ns) for file in self._files()]
+        return []
+
+    def is_sound(self) -> bool:
+        """Whether there are files, exactly as they were noted."""
+        try:
+            return bool(noted := self._note.read_bytes()) and noted == self._digest().encode()
+        except OSError:
+            return False
+
+    def delete(self) -> None:
+        for file in self._files():
+            with contextlib.suppress(OSError):
+                file.unlink()
+
+    def note(self) -> None:
+        with contextlib.suppress(OSError):  # no room: compiled anew the next time
+            self._note.write_text(self._digest())

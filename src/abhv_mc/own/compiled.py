@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.cache import cache_folder
+from abhv_mc.cache import cache_folder, one_compiles
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.laws.own import MEMORY, ONBOARD
 from abhv_mc.io.atomic_write import atomic_write
@@ -82,7 +82,8 @@ def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> A
     home.__dict__.update(names, __name__=home.__name__, __file__=str(path))
     exec(compile(text, str(path), "exec", dont_inherit=True), home.__dict__)  # our text, with the user's functions
     try:
-        return compile_pointer(home.__dict__["loop"])
+        with one_compiles(path.parent.parent, f"{path.stem}.loop"):
+            return compile_pointer(home.__dict__["loop"])
     except Uncompilable as error:
         raise _explain(module, error) from None
 
