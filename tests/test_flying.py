@@ -43,6 +43,13 @@ def test_what_is_wrong_is_said():
         abhv_mc.fly("level", controller={"base": "tlc", "limit.bank": "60 deg"})
 
 
+@pytest.mark.parametrize("every", [0, -1, 1.5, True, "2", None, np.arange(2)])
+def test_a_table_has_rows_of_whole_ticks(every):
+    """0 gave an empty table, and -1 an error of numpy's."""
+    with pytest.raises(InputError, match=r"every: found .*; wanted a whole number, 1 or more"):
+        abhv_mc.fly("level", every=every)
+
+
 def test_trims_are_a_table_by_bank():
     table = abhv_mc.trim("ghame", bank=["0 deg", "50 deg"])
     assert table.angle_of_attack_deg.to_list() == pytest.approx([3.59, 4.47], abs=0.01)

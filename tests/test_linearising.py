@@ -81,6 +81,7 @@ def test_a_linear_model_has_names_and_units_and_goes_to_python_control():
         ({"at": "soon"}, "at: found 'soon'"),
         ({"at": "2 km"}, "at: found '2 km'"),
         ({"at": -1.0}, "at: found -1 s"),
+        ({"at": np.arange(2.0)}, "at: found"),
         ({"at": 90.0}, "at: found 90 s; wanted a time of the mission, 0 to 60 s"),
         ({"at": 1.0, "bank": "10 deg"}, "bank: found a bank; wanted the point 'trim'"),
         ({"bank": 1.5}, "bank: found 1.5 rad; wanted -80 to 80 deg"),

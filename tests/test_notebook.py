@@ -42,6 +42,8 @@ def test_a_campaign_says_what_it_will_fly(flown):
     assert (campaign.name, campaign.runs, campaign.controllers) == ("fake", 300, ("one", "two"))
     assert repr(campaign) == "<Campaign fake: 300 flights of one, two, 2 dispersions>"
     pd.testing.assert_frame_equal(campaign.draw_samples(200), results.samples)
+    with pytest.raises(InputError, match="flights: found -1; wanted a whole number, 0 or more"):
+        campaign.draw_samples(-1)
 
 
 def test_tables(flown):

@@ -7,7 +7,7 @@ dotted keys: ``{"base": "tlc", "attitude.bank.bandwidth": "0.4 rad/s"}``. Nothin
 import copy
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from numbers import Real
+from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -127,8 +127,9 @@ def fly(
     from abhv_mc.flight.outcome import SENTENCES, Outcome
     from abhv_mc.flight.signals import CHANNELS, METRICS
 
+    steps = check_count(every, 1, "every")
     plan = make_flight_plan(mission, vehicle, controller)
-    block = fly_plan(plan, make_parameters(dispersions or {}), every)
+    block = fly_plan(plan, make_parameters(dispersions or {}), steps)
     outcome = Outcome(int(block.outcome[0]))
     table = pd.DataFrame(block.history[0].astype("float64"), columns=[channel.name for channel in CHANNELS])
     table.insert(0, "time", block.times)
@@ -218,6 +219,13 @@ def trim_rows(
             "trimmed": not found.fault,
             "fault": found.fault or None,
         }
+
+
+def check_count(value: int, least: int, name: str) -> int:
+    """A whole number that is not below ``least``. Raises InputError, which calls it ``name``."""
+    if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
+        raise InputError(name, None, None, describe(value), f"a whole number, {least} or more")
+    return int(value)
 
 
 def to_si(value: Quantity, dimension: Dimension, name: str) -> float:

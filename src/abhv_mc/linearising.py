@@ -218,7 +218,7 @@ def _place(
     bank: Quantity,
     dispersions: Mapping[str, Quantity] | None,
 ) -> "tuple[Place, Floats]":
-    time: Time = "trim" if at == "trim" else to_si(at, TIME, "at")
+    time: Time = "trim" if isinstance(at, str) and at == "trim" else to_si(at, TIME, "at")
     angle = check_bank(to_si(bank, ANGLE, "bank"), time != "trim")
     law = make_document("control", controller)
     setup = read_setup((make_document("vehicle", vehicle), make_document("mission", mission), law))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
 from abhv_mc.campaign.file.resolve import find_references
-from abhv_mc.flying import make_document
+from abhv_mc.flying import check_count, make_document
 from abhv_mc.io.documents import write_document
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import data_files, read_checked
@@ -66,7 +66,7 @@ class Campaign:
         import pandas as pd
 
         source = self._checked.make_samples()
-        number = self.runs if flights is None else min(flights, self.runs)
+        number = self.runs if flights is None else min(check_count(flights, 0, "flights"), self.runs)
         index = pd.RangeIndex(number, name="flight")
         return pd.DataFrame(source.draw(0, number), columns=list(source.names), index=index)
 

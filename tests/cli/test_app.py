@@ -178,6 +178,18 @@ def test_libraries_that_are_loaded_without_memory_or_into_an_interrupt_are_no_de
     assert exit_code_of(raised_from(ImportError("no such module"), KeyError())) == ExitCode.DEFECT
 
 
+@pytest.mark.parametrize("setting", ["SOURCE_DATE_EPOCH=x", "MPLBACKEND=garbage", "NUMBA_NUM_THREADS=0"])
+def test_a_setting_that_a_library_does_not_take_is_named(setting, tmp_path):
+    name, _, value = setting.partition("=")
+    code = "import scipy.stats, matplotlib, numba.np.ufunc.parallel"
+    code = f"import sys\nfrom abhv_mc.cli.errors import exit_code_of\ntry:\n    {code}\nexcept Exception as error:"
+    code += "\n    sys.exit(exit_code_of(error))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | {name: value}, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == ExitCode.BAD_INPUT and setting in done.stderr and "Traceback" not in done.stderr
+
+
 @pytest.mark.parametrize("ending", ["", "; sys.stdout.flush()", "; raise SystemExit(1)", "; 1 / 0"])
 def test_output_that_nobody_reads_any_more_is_no_failed_requirement(ending):
     """`status DIR | head -1` ended with exit code 1, which says that a requirement failed."""

@@ -253,6 +253,17 @@ def test_words_that_no_campaign_writes_are_refused_by_every_reader(flown, folder
     assert_refused(abhv_mc("report", folder), f"the {column} '{word}'")
 
 
+@pytest.mark.parametrize("last", [None, 0, 2**40])
+def test_a_block_of_other_flights_is_refused_by_every_reader(flown, folder, abhv_mc, last):
+    table = pq.read_table(folder / BLOCK, partitioning=None)
+    values = table["flight"].to_pylist()
+    pq.write_table(change(table, "flight", pa.array([*values[:-1], last])), folder / BLOCK)
+    sign(folder)
+    for words in commands(flown[0], folder):
+        if words[0] in ("query", "export", "compare", "whatif", "report"):
+            assert_refused(abhv_mc(*words), "found other flights")
+
+
 def test_nothing_that_is_printed_steers_the_terminal(flown, folder, abhv_mc):
     """What no check refuses, as nothing but a printer follows it."""
     table = pq.read_table(folder / "envelopes.parquet")

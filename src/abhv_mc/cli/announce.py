@@ -8,8 +8,11 @@ from abhv_mc.cli.printing import say
 
 def announce_compiling() -> None:
     """From here on, tell standard error once when the flight is being compiled instead of found in the cache."""
-    from abhv_mc.jit import on_first_compile
+    from abhv_mc.jit import PLAIN, on_first_compile
 
+    if PLAIN:
+        words = "NUMBA_DISABLE_JIT is set: nothing is compiled, and flights take thousands of times as long"
+        say(f"warning: {words}", file=sys.stderr, flush=True)
     on_first_compile(
         lambda: say(
             "compiling the flight for this machine (about 20 seconds, once per version)", file=sys.stderr, flush=True

@@ -26,6 +26,15 @@ class ExitCode(IntEnum):
 
 
 _TYPER_INTERRUPTED = 130
+_SETTINGS = (
+    "MPL",
+    "NUMBA_",
+    "NUMPY_",
+    "NPY_",
+    "PANDAS_",
+    "SCIPY_",
+    "SOURCE_DATE_EPOCH",
+)  # that libraries read when loaded
 _NO_MEMORY = (  # as Python and Arrow (no thread's stack), the loader of libraries, and the system say it
     "can't start new thread",
     "Failed to launch worker thread",
@@ -64,6 +73,11 @@ def exit_code_of(error: BaseException) -> int | str | None:
     if isinstance(error, (InputError, Refusal)):
         _tell(error)
         return ExitCode.BAD_INPUT
+    if isinstance(error, ValueError) and (library := _library_being_loaded(error)):
+        settings = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(_SETTINGS)]
+        place = f"the environment ({', '.join(settings)})" if settings else "the environment"
+        _tell(InputError(place, None, None, f"a setting that {library} does not take ({error})", "one that it takes"))
+        return ExitCode.BAD_INPUT
     with contextlib.suppress(OSError):
         traceback.print_exception(error)
     _tell("This is a defect of abhv-mc; please report it with the lines above.")
@@ -97,6 +111,18 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
         seen.add(id(error))
         yield error
         error = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
+
+
+def _library_being_loaded(error: BaseException) -> str:
+    """The library whose own files raised it while it was being imported; empty for none."""
+    library, loaded = "", False
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        name = str(frame.f_globals.get("__name__")).partition(".")[0]
+        if name == __name__.partition(".")[0]:
+            library, loaded = "", False
+        else:
+            library, loaded = library or name, loaded or frame.f_code.co_name == "<module>"
+    return library if loaded else ""
 
 
 def _working_folder_is_gone() -> bool:

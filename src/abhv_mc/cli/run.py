@@ -122,7 +122,7 @@ def _parse_shard(text: str) -> tuple[int, int]:
     from abhv_mc.io.input_error import InputError
 
     i, slash, n = text.partition("/")
-    if not (slash and i.isdecimal() and n.isdecimal()):
+    if not (text.isascii() and slash and i.isdecimal() and n.isdecimal()):
         raise InputError("--shard", None, None, f"'{text}'", "part and number of parts such as 3/8")
     return int(i), int(n)
 

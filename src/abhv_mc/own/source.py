@@ -1,10 +1,12 @@
 """A Python file of the user's as text: run once as a module, and what it defines."""
 
+import contextlib
 import functools
 import hashlib
 import inspect
 import linecache
 import math
+import sys
 import traceback
 import types
 from collections.abc import Callable
@@ -79,7 +81,9 @@ def run_module(source: OwnSource) -> Module:
     module = types.ModuleType(f"abhv_mc_own_{source.hash[:16]}")
     module.__file__ = source.file
     try:
-        exec(compile(source.text, source.file, "exec", dont_inherit=True), module.__dict__)  # the user's own file
+        with contextlib.chdir("."), contextlib.ExitStack() as as_before:  # names of outputs are relative to the folder
+            as_before.callback(sys.setrecursionlimit, sys.getrecursionlimit())
+            exec(compile(source.text, source.file, "exec", dont_inherit=True), module.__dict__)  # the user's own file
     except SyntaxError as error:
         raise InputError(source.file, error.lineno, error.offset, f"'{error.msg}'", "Python") from None
     except (InputError, KeyboardInterrupt):

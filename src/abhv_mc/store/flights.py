@@ -101,7 +101,7 @@ def parse_block_name(path: Path) -> tuple[str, int, int]:
     """Controller, first and stop from a block's file name. Raises DamagedFileError."""
     controller, _, rest = path.stem.rpartition("-")
     controller, _, first = controller.rpartition("-")
-    if not (controller and first.isdecimal() and rest.isdecimal()):
+    if not (controller and first.isdecimal() and rest.isdecimal() and (first + rest).isascii()):
         raise DamagedFileError(f"{path.name} is no block's name")
     return controller, int(first), int(rest)
 

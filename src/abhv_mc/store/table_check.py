@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -60,17 +61,21 @@ def check_table(path: Path) -> None:
         if not right:
             raise InputError(path, None, None, f"a column '{field.name}' of {field.type}", _WISH)
     if kind == "flights":
-        _check_words(path, "outcome", [outcome.code for outcome in Outcome])
-        _check_words(path, "controller", [controller])
+        _check_rows(path, controller, first, stop)
 
 
-def _check_words(path: Path, column: str, known: list[str]) -> None:
-    """Raises InputError for a text in a column that is none of those ``known``."""
+def _check_rows(path: Path, controller: str, first: int, stop: int) -> None:
+    """Raises InputError for a block with other flights than its name says, or words that no campaign writes."""
+    known = {"outcome": [outcome.code for outcome in Outcome], "controller": [controller]}
     try:
-        with pq.ParquetFile(path, read_dictionary=[column]) as file:  # read_table would import pandas
-            words = file.read(columns=[column])[column].unique().to_pylist()
+        with pq.ParquetFile(path, read_dictionary=list(known)) as file:  # read_table would import pandas
+            table = file.read(columns=["flight", *known])
+        words = {column: table[column].unique().to_pylist() for column in known}
     except (pa.ArrowException, OSError, ValueError) as error:  # or bytes that are no text
         raise InputError(path, None, None, str(error).splitlines()[0], _WISH) from None
-    for word in words:
-        if word not in known:
-            raise InputError(path, None, None, f"the {column} '{word}'", one_of(known))
+    if not np.array_equal(table["flight"].to_numpy(), np.arange(first, stop)):
+        raise InputError(path, None, None, "other flights", f"those of its name, {first} to {stop - 1}")
+    for column, found in words.items():
+        for word in found:
+            if word not in known[column]:
+                raise InputError(path, None, None, f"the {column} '{word}'", one_of(known[column]))

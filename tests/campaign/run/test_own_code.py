@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,7 @@ from abhv_mc.cli import linearize, margins
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError, InputErrors
-from abhv_mc.own.source import load_law, read_source
+from abhv_mc.own.source import load_law, read_source, run_module
 from abhv_mc.report.results import read_results
 from abhv_mc.store.manifest import read_manifest
 
@@ -248,6 +249,15 @@ def test_odd_laws_are_refused_in_words(tmp_path, text):
     with pytest.raises(InputError) as refused:
         load_law(read_source(file))
     assert MODULES[text] in str(refused.value) and len(str(refused.value)) < 2000
+
+
+def test_a_law_leaves_the_working_folder_and_the_depth_of_calls_as_they_were(tmp_path):
+    """The campaign was flown into another folder, and its page ended in a traceback."""
+    file = tmp_path / "law.py"
+    file.write_text(f"import os, sys\nos.chdir({str(tmp_path)!r})\nsys.setrecursionlimit(200)\n")
+    before = Path.cwd(), sys.getrecursionlimit()
+    run_module(read_source(file))
+    assert (Path.cwd(), sys.getrecursionlimit()) == before != (tmp_path, 200)
 
 
 def test_a_law_that_is_no_plain_file(tmp_path):
