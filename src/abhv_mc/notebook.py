@@ -13,8 +13,7 @@ from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
 from abhv_mc.campaign.file.resolve import find_references
 from abhv_mc.flying import check_count, make_document
 from abhv_mc.io.documents import write_document
-from abhv_mc.store.folder import CampaignFolder
-from abhv_mc.store.hashes import data_files, read_checked
+from abhv_mc.store.hashes import CheckedFolder, data_files
 from abhv_mc.store.manifest import COMPLETE
 
 if TYPE_CHECKING:
@@ -102,13 +101,14 @@ class Campaign:
 class CampaignResults:
     """What a campaign's folder holds; every table is a pandas DataFrame, SI except angles in degrees.
 
-    ``attrs["units"]`` of a table has the unit of each column that says it.
+    ``attrs["units"]`` of a table has the unit of each column that says it. Tables are read as they are asked for: an
+    InputError says where a run has changed the folder since it was opened.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._paths = CampaignFolder(folder)
-        self.manifest: dict[str, Any] = read_checked(self._paths)
+        self._checked = CheckedFolder(folder)
+        self._paths, self.manifest = self._checked.folder, self._checked.manifest
 
     @property
     def complete(self) -> bool:
@@ -158,7 +158,9 @@ class CampaignResults:
         """Every number of the report, as ``report.json`` holds them."""
         from abhv_mc.report.numbers import make_numbers
 
-        return make_numbers(self._results)
+        numbers = make_numbers(self._results)
+        self._checked.refuse_changes()
+        return numbers
 
     @property
     def answer(self) -> list[str]:
@@ -198,7 +200,9 @@ class CampaignResults:
     def _figures(self) -> "dict[str, Figure]":
         from abhv_mc.report.gallery import make_figures
 
-        return {text.name: figure for text, figure in make_figures(self._results, self.numbers)}
+        figures = {text.name: figure for text, figure in make_figures(self._results, self.numbers)}
+        self._checked.refuse_changes()
+        return figures
 
     @property
     def figure_names(self) -> tuple[str, ...]:
@@ -289,17 +293,19 @@ class CampaignResults:
     def _results(self) -> "Results":
         from abhv_mc.report.results import read_results
 
-        return read_results(self.folder)
+        results = read_results(self.folder)
+        self._checked.refuse_changes()
+        return results
 
     def _files_in(self, part: Path) -> list[Path]:
         return [path for path in data_files(self._paths, self.manifest) if path.parent == part]
 
-    @staticmethod
-    def _read(files: Sequence[Path]) -> "pd.DataFrame":
+    def _read(self, files: Sequence[Path]) -> "pd.DataFrame":
         import pyarrow as pa
         import pyarrow.parquet as pq
 
         tables = [pq.read_table(file, partitioning=None) for file in files]
+        self._checked.refuse_changes()
         whole = pa.concat_tables(tables, promote_options="default")
         table = whole.to_pandas()
         units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in whole.schema}

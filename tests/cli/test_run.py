@@ -3,7 +3,10 @@
 import contextlib
 import csv
 import json
+import signal
+import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +20,8 @@ from abhv_mc.campaign.run.runner import RunResult
 from abhv_mc.cli.app import main
 from abhv_mc.cli.run import finish
 from abhv_mc.flight.outcome import Outcome
+from abhv_mc.store.folder import hash_file
+from abhv_mc.store.manifest import write_manifest
 
 
 @pytest.fixture(autouse=True)
@@ -163,6 +168,46 @@ def test_query(abhv_mc, flown):
     assert abhv_mc("query", flown, "selekt 1")[0] == 2
 
 
+ENDLESS = {
+    "a product": "select count(*) from flights a, flights b, flights c, flights d, flights e, flights f",
+    "a recursion": "with recursive t as (select 1 a union all select a + 1 from t) select max(a) from t",
+    "a range": "select count(*) from range(1000000000000) a, range(1000000) b",
+}
+
+
+@pytest.mark.parametrize("words", [(), ("--csv",)])
+@pytest.mark.parametrize("sql", ENDLESS.values(), ids=ENDLESS)
+def test_a_query_without_an_end_heeds_an_interrupt(flown, sql, words):
+    """Nothing but SIGKILL ended it."""
+    program = [sys.executable, "-m", "abhv_mc", "query", str(flown), sql, *words]
+    asked = subprocess.Popen(program, stderr=subprocess.PIPE, text=True)
+    time.sleep(4.0)
+    assert asked.poll() is None
+    asked.send_signal(signal.SIGINT)
+    said = asked.communicate(timeout=30.0)[1]
+    assert asked.returncode == 3 and "Traceback" not in said, said
+
+
+def test_numbers_that_json_and_python_lack(abhv_mc, flown):
+    code, out, _ = abhv_mc("query", flown, "select 'nan'::double a, '-inf'::double b, date '2026-01-02' c", "--json")
+    assert (code, json.loads(out)) == (0, [{"a": None, "b": None, "c": "2026-01-02"}])
+    code, _, err = abhv_mc("query", flown, "select interval '99999999 years'", "--csv")
+    assert code == 2 and "Traceback" not in err
+
+
+def test_blocks_with_different_columns_are_no_table(abhv_mc, flown):
+    """A heading that a spreadsheet computes came from a file that was slipped in, or a traceback."""
+    block = next((flown / "flights").glob("one-*"))
+    table = pq.read_table(block, partitioning=None)
+    pq.write_table(table.append_column("=cmd|x!A0", table["aero.lift"]), block)
+    manifest = json.loads((flown / "manifest.json").read_text())
+    name = f"flights/{block.name}"
+    write_manifest(flown / "manifest.json", manifest | {"files": manifest["files"] | {name: hash_file(block)}})
+    code, _, err = abhv_mc("export", flown)
+    assert code == 2 and "other columns than in" in err
+    assert not (flown / "csv/flights.csv").exists()
+
+
 def test_export_keeps_every_bit(abhv_mc, flown, tmp_path):
     code, out, _ = abhv_mc("export", flown, "-o", tmp_path / "csv")
     assert code == 0 and str(tmp_path / "csv/flights.csv") in out
@@ -189,7 +234,8 @@ def test_a_folder_with_a_colon_in_its_name_is_a_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     campaign = write_campaign(tmp_path / "f", runs="30")
     assert run_campaign(Request(campaign, Path("run-21:30")), ENGINE).complete
-    assert open_database(Path("run-21:30")).sql("select count(*) from flights").fetchall() == [(60,)]
+    with open_database(Path("run-21:30")) as database:
+        assert database.sql("select count(*) from flights").fetchall() == [(60,)]
 
 
 def test_a_folder_that_is_deleted_meanwhile_is_not_complete(tmp_path):

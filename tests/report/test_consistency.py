@@ -137,6 +137,7 @@ def test_a_block_of_other_flights_or_missing(folder):
     manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
     files = {name: known for name, known in manifest["files"].items() if name != f"flights/{block.name}"}
     block.rename(strange)
+    change(strange, "flight", lambda v: v + 100)
     found = forge(folder, files=files | {f"flights/{strange.name}": hash_file(strange)})
     assert found[0] == f"flights/{strange.name}: belongs to no part of this campaign"
     strange.unlink()

@@ -9,7 +9,7 @@ from abhv_mc.campaign.run.setup import Request
 from abhv_mc.io.input_error import InputError
 from abhv_mc.store import database
 from abhv_mc.store.database import open_database
-from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.store.hashes import CheckedFolder
 
 
 @pytest.fixture(scope="module")
@@ -28,9 +28,19 @@ def test_every_table_answers(folder):
 
 
 def test_margins_are_no_table(folder, monkeypatch):
-    held = CampaignFolder(folder)
+    checked = CheckedFolder(folder)
+    held = checked.folder
     monkeypatch.setattr(database, "data_files", lambda *_: [held.margins, held.samples])
-    assert database.table_files(held, {}) == {"samples": [held.samples]}
+    assert database.table_files(checked) == {"samples": [held.samples]}
+
+
+def test_a_working_folder_that_was_deleted(folder, tmp_path, monkeypatch):
+    """duckdb ended the process."""
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(FileNotFoundError), open_database(folder):
+        pass
 
 
 @pytest.mark.parametrize(

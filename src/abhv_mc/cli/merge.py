@@ -29,9 +29,9 @@ def command(
     from abhv_mc.cli.run import finish
     from abhv_mc.io.input_error import InputError
     from abhv_mc.store.folder import CampaignFolder
-    from abhv_mc.store.manifest import read_manifest
+    from abhv_mc.store.manifest import read_whole_manifest
 
-    manifest = read_manifest(CampaignFolder(parts[0]).manifest)
+    manifest = read_whole_manifest(CampaignFolder(parts[0]).manifest)
     if not isinstance(manifest.get("name"), str):
         raise InputError(parts[0], None, None, "another kind of manifest", "a campaign's")
     engine = None

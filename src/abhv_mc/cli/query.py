@@ -1,11 +1,18 @@
 """``abhv-mc query``: SQL over a campaign's tables."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from abhv_mc.cli.printing import say
+from abhv_mc.cli.printing import print_json, say
+
+if TYPE_CHECKING:
+    from duckdb import DuckDBPyRelation
+
+T = TypeVar("T")
+_PATIENCE = 10.0  # s for duckdb to heed an interrupt
 
 
 def command(
@@ -18,48 +25,77 @@ def command(
 
     Parameters have a dot in their names: write them in double quotes, as in select "aero.lift" from samples.
     """
-    import contextlib
-    import io
+    from abhv_mc.store.remote import fetched
+
+    with fetched(folder) as source:
+        if json or csv:
+            rows = _ask(source, sql, lambda answer: (answer.columns, answer.fetchall()))
+            if rows is not None:
+                _print_rows(*rows, json)
+        else:
+            say(_ask(source, sql, _draw) or "", end="")
+
+
+def _ask(folder: Path, sql: str, take: "Callable[[DuckDBPyRelation], T]") -> "T | None":
+    """What ``take`` makes of the answer; None for a statement without one. Ctrl-C is heeded. Raises InputError."""
+    import threading
 
     import duckdb
 
     from abhv_mc.io.input_error import InputError
+    from abhv_mc.own.aside import run_aside
     from abhv_mc.store.database import open_database
-    from abhv_mc.store.remote import fetched
 
-    with fetched(folder) as source:
-        connection = open_database(source)
+    opened: list[duckdb.DuckDBPyConnection] = []
+    ended = threading.Event()
+
+    def ask() -> "T | None":
         try:
-            answer = connection.sql(sql)
-            if answer is None:
-                return
-            if json or csv:
-                _print_rows(answer.columns, answer.fetchall(), json)
-            else:
-                shown = io.StringIO()
-                with contextlib.redirect_stdout(shown):
-                    answer.show(max_rows=200, max_width=200)
-                say(shown.getvalue(), end="")
-        except duckdb.Error as error:
-            words = str(error).partition("\nTraceback")[0]  # duckdb adds one where Python lacks what a type needs
-            raise InputError("query", None, None, words, "SQL that duckdb can answer") from None
+            with open_database(folder) as database:
+                opened.append(database)
+                answer = database.sql(sql)
+                return None if answer is None else take(answer)
+        finally:
+            ended.set()
+
+    try:
+        return run_aside(ask)  # in a thread of its own, as duckdb heeds no interrupt in the main one
+    except KeyboardInterrupt:
+        for database in opened:
+            database.interrupt()
+        ended.wait(_PATIENCE)
+        raise
+    except (duckdb.Error, ArithmeticError, ValueError) as error:  # the last two: of values that Python cannot hold
+        words = str(error).partition("\nTraceback")[0]  # duckdb adds one where Python lacks what a type needs
+        raise InputError("query", None, None, words, "SQL that duckdb can answer") from None
+
+
+def _draw(answer: "DuckDBPyRelation") -> str:
+    """The answer as a table of characters."""
+    import contextlib
+    import io
+
+    shown = io.StringIO()
+    with contextlib.redirect_stdout(shown):
+        answer.show(max_rows=200, max_width=200)
+    return shown.getvalue()
 
 
 def _print_rows(columns: list[str], rows: list[tuple[object, ...]], as_json: bool) -> None:
     """CSV as it is into a file or a pipe; on a terminal nothing that would move its cursor. Raises InputError."""
     import csv
-    import json
     import sys
 
     from abhv_mc.io.input_error import InputError, printable
+    from abhv_mc.report.plain import plain
 
     if as_json:
         twice = sorted({name for name in columns if columns.count(name) > 1})
         if twice:
             found = f"several columns named {', '.join(twice)}"
             raise InputError("query", None, None, found, "names of their own: select ... as ..., or --csv")
-        say(json.dumps([dict(zip(columns, row, strict=True)) for row in rows], indent=2, default=str))
-    else:
+        print_json(plain([dict(zip(columns, row, strict=True)) for row in rows]))
+    elif sys.stdout is not None:  # closed before the start
         if sys.stdout.isatty():
             rows = [tuple(printable(cell) if isinstance(cell, str) else cell for cell in row) for row in rows]
         csv.writer(sys.stdout, lineterminator="\n").writerows([columns, *rows])

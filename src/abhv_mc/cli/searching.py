@@ -32,8 +32,9 @@ def refuse_shard(shard: str | None) -> None:
 
 
 def write_json(path: Path | None, numbers: dict[str, Any]) -> None:
-    """Write the result where it is asked for."""
+    """Write the result where it is asked for; infinite and missing numbers are null."""
     if path is not None:
+        from abhv_mc.report.plain import plain
         from abhv_mc.store.folder import write_text
 
-        write_text(path, json.dumps(numbers, indent=2) + "\n")
+        write_text(path, json.dumps(plain(numbers), indent=2, allow_nan=False) + "\n")

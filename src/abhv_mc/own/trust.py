@@ -3,7 +3,6 @@
 A file in a campaign's folder is nobody's own: it may come from anywhere.
 """
 
-import contextlib
 from pathlib import Path
 
 from abhv_mc.cache import own_folder
@@ -30,13 +29,17 @@ def is_trusted(source: OwnSource) -> bool:
 
 
 def trust(source: OwnSource) -> None:
-    """Remember that this user has flown it; nothing where his configuration cannot be written."""
-    file = list_file()
-    if file is not None and not is_trusted(source):
-        with contextlib.suppress(OSError):
-            file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            with file.open("a", encoding="utf-8") as lines:
-                lines.write(f"{source.hash}\n")
+    """Remember that this user has flown it: for this process alone where his configuration cannot be written."""
+    if is_trusted(source):
+        return
+    try:
+        if (file := list_file()) is None:
+            raise OSError("no home")
+        file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with file.open("a", encoding="utf-8") as lines:
+            lines.write(f"{source.hash}\n")
+    except OSError:
+        _trusted_now.add(source.hash)
 
 
 def check_trusted(source: OwnSource, trusted: bool = False) -> None:

@@ -95,9 +95,10 @@ def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
     from abhv_mc.report.page import PageFigure, make_markdown, make_page
     from abhv_mc.report.searched import refuse_search
     from abhv_mc.store.folder import write_text
-    from abhv_mc.store.manifest import read_manifest
+    from abhv_mc.store.manifest import read_whole_manifest
 
-    refuse_search(folder, read_manifest(CampaignFolder(folder).manifest))
+    refuse_search(folder, read_whole_manifest(CampaignFolder(folder).manifest))
+    key = make_key(folder)  # as it is now: a run may go on meanwhile
     results = read_results(folder)
     numbers = {**make_numbers(results), "files": hash_files(folder)}
     figures_folder = folder / "figures"
@@ -107,6 +108,7 @@ def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
         path = figures_folder / f"{text.name}.png"
         width, height = write_png(figure, path)
         figures.append(PageFigure(text, path, width, height))
+    results.refuse_changes()
     kept = {figure.path for figure in figures}
     for stale in figures_folder.glob("*.png"):
         if stale not in kept:
@@ -122,7 +124,7 @@ def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
         **numbers,
         "pages": hash_pages(folder, dict.fromkeys(names)),
         "pictures": hash_pages(folder, pictures),
-        "key": make_key(folder),
+        "key": key,
     }
     write_text(report, write_json(numbers))
     return page

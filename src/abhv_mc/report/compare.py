@@ -80,6 +80,8 @@ def compare_folders(
             pairs.append(found | {"not_worse": gates})
     if not pairs:
         raise InputError(folder_b, None, None, "no flight that both campaigns flew", f"flights of {folder_a}")
+    for results in (a, b):
+        results.refuse_changes()
     return {"requirements": [requirement_words(item) for item in requirements], "paired": pairs}
 
 

@@ -19,7 +19,7 @@ from abhv_mc.stability.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.statistics.judgement import Rules
 from abhv_mc.store.envelopes import QUANTILE_COLUMNS
 from abhv_mc.store.folder import CampaignFolder
-from abhv_mc.store.hashes import data_files, read_checked
+from abhv_mc.store.hashes import CheckedFolder, data_files
 from abhv_mc.store.manifest import COMPLETE, read_manifest
 from abhv_mc.store.margins_check import read_margins
 from abhv_mc.vehicle.arrays import Floats
@@ -86,6 +86,12 @@ class Results:
     reference: dict[str, Floats]  # "time" and REFERENCE_CHANNELS -> [time]
     nominal: dict[str, dict[str, Floats]]  # controller -> "time" and CHANNELS -> [time]
     stability: dict[str, Any] = field(default_factory=dict)  # margins in steady flight; empty where none were found
+    checked: CheckedFolder | None = None
+
+    def refuse_changes(self) -> None:
+        """For the end of whatever is made of them. Raises InputError where a run has changed the folder meanwhile."""
+        if self.checked is not None:
+            self.checked.refuse_changes()
 
     @property
     def controllers(self) -> tuple[str, ...]:
@@ -188,8 +194,8 @@ def _read_nominal(path: Path) -> dict[str, dict[str, Floats]]:
 
 def read_results(root: Path) -> Results:
     """Read a campaign's folder. Raises InputError where a file is missing or unreadable."""
-    folder = CampaignFolder(root)
-    manifest = read_checked(folder)
+    checked = CheckedFolder(root)
+    folder, manifest = checked.folder, checked.manifest
     if manifest.get("shard"):
         found = "shard {}/{} of a campaign".format(*manifest["shard"])
         raise InputError(root, None, None, found, "all of it: 'abhv-mc merge' joins its shards")
@@ -207,6 +213,7 @@ def read_results(root: Path) -> Results:
         reference={name: value.astype(np.float64) for name, value in reference.items()},
         nominal=_read_nominal(folder.nominal),
         stability=read_margins(folder.margins),
+        checked=checked,
     )
 
 

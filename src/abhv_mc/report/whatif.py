@@ -48,6 +48,7 @@ def make_whatif(root: Path, settings: Mapping[str, Mapping[str, Any]]) -> dict[s
             "requirements": _requirements(results, flights, weights, unseen.joint),
             "metrics": _metrics(results, flights, weights, unseen.joint),
         }
+    results.refuse_changes()
     return {
         "before": plain(change.before),
         "after": plain(change.after),

@@ -5,6 +5,7 @@ import errno
 import hashlib
 import os
 from collections.abc import Callable, Iterator
+from itertools import chain
 from pathlib import Path
 
 from abhv_mc.io.atomic_write import ASIDE, atomic_write
@@ -97,9 +98,9 @@ class CampaignFolder:
 
     def sweep(self) -> None:
         """Delete what a killed process was writing."""
-        if self.root.is_dir():
-            for path in self.root.rglob(f"*{ASIDE}"):
-                path.unlink(missing_ok=True)
+        folders = [part for part in self.parts if part.is_dir()]
+        for path in chain(self.root.glob(f"*{ASIDE}"), *(folder.rglob(f"*{ASIDE}") for folder in folders)):
+            path.unlink(missing_ok=True)
 
 
 def find_own_place(path: Path) -> Path | None:

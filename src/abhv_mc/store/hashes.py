@@ -141,6 +141,37 @@ def data_files(folder: CampaignFolder, manifest: Mapping[str, Any] | None) -> li
     ]
 
 
+class CheckedFolder:
+    """A folder whose files were checked, and what its manifest said: whoever has read it looks once more.
+
+    A run may extend the campaign or fly another one in its place while a reader takes file after file.
+    """
+
+    def __init__(self, root: Path) -> None:
+        """Check all files as :func:`read_checked` does. Raises InputError."""
+        self.folder = CampaignFolder(root)
+        self.manifest = read_whole_manifest(self.folder.manifest)
+        self._stamps = self._look()  # before the hashes are taken
+        _check(self.folder, self.manifest, None)
+
+    def refuse_changes(self) -> None:
+        """Raises InputError where a file that the manifest named has been replaced, changed or removed since."""
+        if self._look() != self._stamps:
+            found = "files of another campaign, or of more flights, than a moment ago: a run has written here meanwhile"
+            raise InputError(self.folder.root, None, None, found, "the folder opened anew, once that run is done")
+
+    def _look(self) -> dict[Path, tuple[int, int, int] | None]:
+        """Which file stands at each name, how large and when written: a run puts each of its files in anew."""
+        files = _files_of(self.folder, self.manifest)
+        paths = data_files(self.folder, None) if files is None else [self.folder.root / name for name in files]
+        stamps: dict[Path, tuple[int, int, int] | None] = dict.fromkeys([self.folder.campaign, *paths])
+        for path in stamps:
+            with contextlib.suppress(OSError):
+                found = path.stat()
+                stamps[path] = found.st_ino, found.st_mtime_ns, found.st_size
+        return {path: stamp for path, stamp in stamps.items() if not path.is_relative_to(self.folder.envelope_states)}
+
+
 def read_checked(folder: CampaignFolder, paths: Iterable[Path] | None = None) -> dict[str, Any]:
     """The manifest of a folder whose files (all, or ``paths``) are as the campaign wrote them.
 
@@ -148,6 +179,11 @@ def read_checked(folder: CampaignFolder, paths: Iterable[Path] | None = None) ->
     older version, which kept no hashes, is read; standard error says so.
     """
     manifest = read_whole_manifest(folder.manifest)
+    _check(folder, manifest, paths)
+    return manifest
+
+
+def _check(folder: CampaignFolder, manifest: Mapping[str, Any], paths: Iterable[Path] | None) -> None:
     refuse_links(folder.root)
     for path, found in find_damage(folder, manifest, paths):
         if holder := lock_holder(folder.lock):
@@ -161,7 +197,6 @@ def read_checked(folder: CampaignFolder, paths: Iterable[Path] | None = None) ->
     if "files" not in manifest and "campaign_hash" in manifest:
         note = "written by an older version, without hashes of its files: damage to them cannot be seen"
         print(f"{folder.root}: {note}", file=sys.stderr)
-    return manifest
 
 
 def _files_of(folder: CampaignFolder, manifest: Mapping[str, Any]) -> dict[str, str] | None:

@@ -13,9 +13,11 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.run.engine import make_engine
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.stability.metrics import MARGIN_NAMES, fly_with_margins
+from abhv_mc.store.manifest import read_manifest
 
 CAMPAIGN = """\
 name: margins
@@ -81,6 +83,24 @@ def test_the_first_flights_have_them_whatever_flies_the_blocks(engine, tmp_path)
     assert (lqr["margin_points_unstable"][:24] == 2).all() and (lqr["phase_margin_min_deg"][:24] == 0.0).all()
     replay = replay_flight(first.folder, "tlc", 3, engine.fly)
     assert replay.differences == ()
+
+
+def test_flights_that_are_tried_again_have_their_margins(engine, tmp_path):
+    """The campaign could never go on: it ended in an error of numpy's."""
+    path = _write(tmp_path / "a.yaml", "{at: [trim], flights: 20}", batch="8")
+    whole = run_campaign(Request(path, tmp_path / "a", workers=1), engine)
+
+    def fail(plan, parameters, every=None):
+        block = engine.fly(plan, parameters, every)
+        if len(parameters) > 1:  # no trial
+            block.outcome[2] = Outcome.FAILED_TO_RUN
+        return block
+
+    run_campaign(Request(path, tmp_path / "b", workers=1), replace(engine, fly=fail))
+    lost = read_manifest(tmp_path / "b/manifest.json")["controllers"]["tlc"]["failed_to_run"]
+    assert min(lost) < 20 < max(lost), "with margins and without"
+    again = run_campaign(Request(path, tmp_path / "b", workers=1), engine)
+    assert again.manifest["digest"] == whole.manifest["digest"]
 
 
 def test_they_can_be_required_of_all_flights(engine, tmp_path):

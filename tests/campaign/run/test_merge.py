@@ -2,6 +2,7 @@
 
 import json
 import random
+import re
 import shutil
 from dataclasses import replace
 
@@ -14,8 +15,10 @@ from abhv_mc.campaign.envelopes import collector
 from abhv_mc.campaign.run.merge import merge_campaign
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.input_error import InputError
 from abhv_mc.notebook import open_results
+from abhv_mc.store.manifest import write_manifest
 from abhv_mc.store.plans import read_plan, write_plan
 
 FILES = ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet", "histories/two-000000.parquet")
@@ -60,7 +63,7 @@ def test_a_shard_holds_its_flights_only_and_resumes(tmp_path):
 
 def spoil(parts, manifest):
     path = parts[1] / "manifest.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | manifest))
+    write_manifest(path, json.loads(path.read_text()) | manifest)
 
 
 def change_plan(parts):
@@ -127,6 +130,37 @@ def test_a_flipped_bit_in_a_part_is_told_or_mended(tmp_path, exact, monkeypatch)
         file.write_bytes(content)
         shutil.rmtree(out, ignore_errors=True)
     assert set(mended) == {"flights", "blocks" if exact else "envelope_states"}
+
+
+@pytest.mark.parametrize("key", ["campaign_hash", "source_hash", "shard", "digest"])
+def test_an_altered_manifest_of_a_part_is_named(tmp_path, key):
+    """The other part was blamed, or told to be flown by other code."""
+    _, parts = fly_shards(tmp_path, 2)
+    file = parts[0] / "manifest.json"
+    text = file.read_text()
+    place = re.search(rf'"{key}": \W*', text).end()
+    file.write_text(text[:place] + ("7" if text[place] != "7" else "6") + text[place + 1 :])
+    with pytest.raises(InputError, match=f"{re.escape(str(file))}: found a damaged manifest"):
+        merge_campaign(parts, tmp_path / "merged", ENGINE)
+    assert not (tmp_path / "merged").exists()
+
+
+def test_flights_that_only_the_merge_could_compute_accuse_nobody(tmp_path):
+    """'Parts that nobody has changed', it said of honest ones."""
+
+    def fail(plan, parameters, every=None):
+        block = ENGINE.fly(plan, parameters, every)
+        if len(parameters) > 1:  # no trial
+            block.outcome[1] = Outcome.FAILED_TO_RUN
+        return block
+
+    campaign = write_campaign(tmp_path / "f", runs="60", execution="{batch: 15}")
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    parts = [tmp_path / "part1", tmp_path / "part2"]
+    for i, part in enumerate(parts, 1):
+        run_campaign(Request(campaign, part, shard=(i, 2)), replace(ENGINE, fly=fail))
+    merged = merge_campaign(parts, tmp_path / "merged", ENGINE)
+    assert merged.complete and merged.manifest["digest"] == whole["digest"] and merged.healed.value
 
 
 def test_plans_travel_from_folder_to_folder(tmp_path):

@@ -121,6 +121,23 @@ def test_shards_and_a_cluster_give_the_same_digest(study, tmp_path, capfd):
     assert flown["digest"] == whole["digest"]
 
 
+@pytest.mark.parametrize("other", ["statistic: peak_to_peak, from: 0.5 s", None])
+def test_plans_of_a_campaign_with_other_metrics_fly_the_metrics_that_are_asked_for(study, tmp_path, other):
+    """They flew the other's: bank angles under the name of sideslips, judged, merged and reported."""
+    file = study(8)
+    asked = file.read_text()
+    if other:
+        file.write_text(asked.replace("statistic: peak_to_peak, from: 1 s", other))
+    else:
+        before, rest = asked.split("metrics:\n")
+        file.write_text(before + rest[rest.index("execution:") :])
+    run_campaign(Request(file, tmp_path / "other", workers=1), threads())
+    file.write_text(asked)
+    alone = run_campaign(Request(file, tmp_path / "alone", workers=1), threads()).manifest
+    request = Request(file, tmp_path / "taken", workers=1, plans_from=tmp_path / "other")
+    assert run_campaign(request, threads()).manifest["digest"] == alone["digest"]
+
+
 def test_another_text_is_another_campaign(study, tmp_path):
     run_campaign(Request(study(), tmp_path / "out", runs=4), threads())
     law = tmp_path / "law.py"

@@ -53,6 +53,28 @@ def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_pat
     assert found.as_json() == tune_controller(other, ENGINE).as_json()
 
 
+@pytest.mark.parametrize("name", ["vehicle.yaml", "mission.yaml", "tables/cl.csv"])
+def test_a_file_that_is_edited_meanwhile_mixes_no_candidates(request_, tmp_path, name):
+    """The other vehicle's flights were kept as this one's, also for the next time."""
+    whole = tune_controller(replace(request_, out=tmp_path / "whole.yaml"), ENGINE).as_json()
+    file = tmp_path / "files" / name
+    text = file.read_text()
+    calls = 0
+
+    def edit(plan, parameters, record_every=None):
+        nonlocal calls
+        calls += 1
+        if calls == 40:
+            file.write_text(f"{text}# edited\n")
+        block = fly(plan, parameters, record_every)
+        return replace(block, metrics=block.metrics * (1.0 if calls < 40 else 0.5))
+
+    with pytest.raises(InputError, match=name):
+        tune_controller(replace(request_, workers=1), Engine(prepare, edit, "tuned"))
+    file.write_text(text)
+    assert tune_controller(request_, ENGINE).as_json() == whole
+
+
 def test_what_is_kept_and_damaged_is_flown_again(request_, tmp_path):
     found = tune_controller(request_, ENGINE).as_json()
     kept = sorted((tmp_path / "new.tuning").glob("*.npy"))

@@ -14,7 +14,7 @@ from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.store.flights import DamagedFileError, FlightRows, parse_block_name, read_block
 from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import read_checked
-from abhv_mc.store.manifest import read_manifest
+from abhv_mc.store.manifest import read_whole_manifest
 from abhv_mc.store.samples import SampleReader
 
 
@@ -47,7 +47,7 @@ def replay_flight(
     Raises InputError for a flight that the folder does not hold.
     """
     folder = CampaignFolder(root)
-    names = list(read_manifest(folder.manifest).get("controllers", {}))
+    names = list(read_whole_manifest(folder.manifest).get("controllers", {}))
     if controller not in names:
         raise InputError(root, None, None, f"no controller '{controller}'", one_of(names, controller))
     row = find_row(folder, controller, flight)

@@ -74,6 +74,16 @@ def resolve_campaign(campaign: CheckedCampaign) -> ResolvedCampaign:
     return ResolvedCampaign(replace(campaign.document, data=data), copies, hashes)
 
 
+def refuse_changes(campaign: CheckedCampaign, resolved: ResolvedCampaign) -> None:
+    """Raises InputError where a file that the campaign refers to is no longer as ``resolved`` took it."""
+    now = resolve_campaign(campaign)
+    if now.identity != resolved.identity:
+        files = sorted(now.hashes.keys() | resolved.hashes.keys())
+        changed = [place for place in files if now.hashes.get(place) != resolved.hashes.get(place)] or ["metrics"]
+        found = f"another content of {changed[0]} than a moment ago: a file was edited meanwhile"
+        raise InputError(campaign.document.path, None, None, found, "the same command once more")
+
+
 def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
     """Put ``path`` and all that it refers to under ``place``, in the same positions to each other."""
     files = {path.resolve(): None, **dict.fromkeys(find_references(path.resolve()))}

@@ -22,7 +22,7 @@ from abhv_mc.store.digest import Digest
 from abhv_mc.store.folder import CampaignFolder, write_whole
 from abhv_mc.store.hashes import find_damage, read_checked
 from abhv_mc.store.lock import hold_lock
-from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, read_manifest, read_whole_manifest, write_manifest
+from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, read_whole_manifest, write_manifest
 from abhv_mc.store.plans import flatten, read_plan
 from abhv_mc.store.samples import ROW_GROUP, SampleReader
 
@@ -40,7 +40,7 @@ def merge_campaign(
     flight once; and after it where their digests do not add up.
     """
     folders = [CampaignFolder(part) for part in parts]
-    manifests = [read_manifest(folder.manifest) for folder in folders]
+    manifests = [read_whole_manifest(folder.manifest) for folder in folders]
     order = _check_parts(folders, manifests)
     first, target = folders[order[0]], CampaignFolder(out)
     damaged: set[Path] = set()
@@ -73,7 +73,7 @@ def merge_campaign(
         merged["wall_time_s"] = sum(manifest["wall_time_s"] for manifest in manifests)
         write_manifest(target.manifest, merged)
     result = run_campaign(Request(target.campaign, out, trust_code=trust_code), engine)
-    total = sum((Digest(int(manifest["digest"], 16)) for manifest in manifests), Digest())
+    total = sum((Digest(int(manifest["digest"], 16)) for manifest in manifests), result.healed)
     if result.complete and result.manifest["digest"] != str(total):
         found = f"the digest {result.manifest['digest']}, where the parts' digests add up to {total}"
         raise InputError(out, None, None, found, "parts that nobody has changed")

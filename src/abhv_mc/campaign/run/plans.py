@@ -33,7 +33,7 @@ def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) 
     model = campaign.model
     check_own_code(campaign)
     made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
-    plans = {name: replace(plan, declared=campaign.declared) for name, plan in made.items()}
+    plans = {name: _declare(campaign, plan) for name, plan in made.items()}
     if model.channels is None:
         return plans
     channels = read_trusted(model.channels)
@@ -44,25 +44,30 @@ def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) 
     return plans
 
 
+def _declare(campaign: CheckedCampaign, plan: FlightPlan) -> FlightPlan:
+    """The plan with the metrics that the campaign itself declares: no file that plans are made from holds them."""
+    return replace(plan, declared=campaign.declared)
+
+
 def make_plan(campaign: CheckedCampaign, name: str, engine: Engine) -> FlightPlan:
     """The plan of one controller."""
     return make_plans(campaign, [name], engine)[name]
 
 
 def take_plans(
-    root: Path | None, resolved: ResolvedCampaign, names: tuple[str, ...], engine: Engine, trust_code: bool
+    root: Path | None, campaign: CheckedCampaign, resolved: ResolvedCampaign, engine: Engine, trust_code: bool
 ) -> dict[str, FlightPlan]:
     """The plans of another folder of the same inputs; empty without one. Raises InputError where it does not fit."""
     if root is None:
         return {}
-    source = CampaignFolder(root)
+    source, names = CampaignFolder(root), campaign.model.controllers
     manifest = read_checked(source, [source.plan(name) for name in names])
     check_source(source, manifest, engine)
     held = manifest.get("inputs") or {}
     for place, content in resolved.hashes.items():
         if held.get(place) != content and not place.startswith("inputs/samples/"):
             raise InputError(root, None, None, f"plans made from another {place}", "plans of this campaign's files")
-    return {name: read_trusted_plan(source, name, trust_code) for name in names}
+    return {name: _declare(campaign, read_trusted_plan(source, name, trust_code)) for name in names}
 
 
 def mend_plan(

@@ -5,7 +5,7 @@ import json
 import sys
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +31,9 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.flight.signals import CHANNEL_INDEX
 from abhv_mc.stability.metrics import MARGIN_VALUES
+from abhv_mc.store.digest import Digest
 from abhv_mc.store.envelopes import is_whole, write_envelopes
-from abhv_mc.store.flights import (
-    FlightRows,
-    flights_schema,
-    write_block,
-)
+from abhv_mc.store.flights import FlightRows, flights_schema, write_block
 from abhv_mc.store.folder import write_text
 from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
 from abhv_mc.store.samples import SampleReader
@@ -50,6 +47,7 @@ class RunResult:
 
     folder: Path
     manifest: dict[str, Any]
+    healed: Digest = field(default_factory=Digest)  # of the flights that could be computed now, and not before
 
     @property
     def complete(self) -> bool:
@@ -93,6 +91,7 @@ class _Run:
         self.schema = flights_schema(self.samples.names, provenance, values)
         self.margin_plans = opened.margin_plans
         self.with_margins = model.margins.of(self.campaign.runs) if model.margins else 0
+        self.healed = Digest()
         self.start, self.wall_before = time.monotonic(), float(self.manifest.get("wall_time_s", 0.0))
 
     def run(self) -> RunResult:
@@ -126,7 +125,7 @@ class _Run:
                 raise
         elif self.manifest.get("files", self.files.listed()) != self.files.listed():
             self._write_manifest(COMPLETE)  # what was mended may have other bytes, written by another library
-        return RunResult(self.folder.root, self.manifest)
+        return RunResult(self.folder.root, self.manifest, self.healed)
 
     def _has_envelopes(self) -> bool:
         return self.files.holds(self.folder.envelopes) and is_whole(self.folder.envelopes)
@@ -171,17 +170,16 @@ class _Run:
         self._write_manifest(RUNNING)
         for name, flights in again.items():
             self.stock.tried[name][flights] = True
-        found = fly_again(self.fly, self.plans, again, self._parameters, self.workers)
+        found = fly_again(self.fly, self._plan_of, again, self._parameters, self._make_values, self.workers)
         with interrupts_deferred():
             for name, rows in found.items():
-                heal_blocks(self.folder.flights, name, self.samples.names, rows, self.schema)
+                self.healed += heal_blocks(self.folder.flights, name, self.samples.names, rows, self.schema)
             if found:
                 self._take_stock()
 
-    def _plan_of(self, block: Block) -> FlightPlan:
-        """The plan with margins for the rows of flights that are to have them."""
-        margins = block.rows and block.first < self.with_margins
-        return (self.margin_plans if margins else self.plans)[block.controller]
+    def _plan_of(self, controller: str, flight: int) -> FlightPlan:
+        """The plan of a flight's row: with margins where the flight is to have them."""
+        return (self.margin_plans if flight < self.with_margins else self.plans)[controller]
 
     def _fly_missing(self, missing: dict[str, tuple[Mask, Mask]]) -> None:
         from joblib import Parallel, delayed
@@ -196,7 +194,7 @@ class _Run:
             delayed(backpressure.call)(
                 fly_block,
                 self.fly,
-                self._plan_of(block),
+                self._plan_of(block.controller, block.first) if block.rows else self.plans[block.controller],
                 block,
                 self._parameters(block.first, block.stop),
                 self.cells.every,

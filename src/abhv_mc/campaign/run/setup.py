@@ -22,6 +22,8 @@ from abhv_mc.campaign.file.resolve import (
     mend_folder,
     merge_campaigns,
     read_held,
+    read_own_campaign,
+    refuse_changes,
     resolve_campaign,
 )
 from abhv_mc.campaign.run.engine import Engine, check_source
@@ -37,7 +39,7 @@ from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import FileHashes, record_hashes, refuse_links
 from abhv_mc.store.histories import write_nominal, write_reference
 from abhv_mc.store.lock import hold_lock
-from abhv_mc.store.manifest import COMPLETE, RUNNING, read_manifest, read_whole_manifest, write_manifest
+from abhv_mc.store.manifest import COMPLETE, RUNNING, read_whole_manifest, write_manifest
 from abhv_mc.store.plans import write_plan
 from abhv_mc.store.provenance import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.store.samples import ROW_GROUP, SampleReader, write_samples
@@ -108,10 +110,11 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
         return replace(_resume(folder, wanted, engine, request, files), asked=asked)
     _start_workers(request, engine)
     resolved = resolve_campaign(wanted)
-    plans = take_plans(request.plans_from, resolved, asked, engine, request.trust_code)
+    plans = take_plans(request.plans_from, wanted, resolved, engine, request.trust_code)
     plans = plans or make_plans(wanted, asked, engine)
     nominal = _try_out(wanted, plans, engine)
     margin_plans = make_margin_plans(wanted, plans, engine.device)
+    refuse_changes(wanted, resolved)
     if not started:
         stack.enter_context(hold_lock(folder.lock))
         if folder.manifest.exists():
@@ -122,14 +125,15 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     resolved.write(folder)
     for name, plan in plans.items():
         write_plan(folder.plan(name), plan)
-    _write_samples(folder, wanted, files)
-    _write_nominal(folder, wanted, plans, nominal)
-    manifest = _new_manifest(wanted, resolved, engine) | {"warnings": find_warnings(plans, wanted)}
+    campaign = read_own_campaign(folder)  # whoever edits his files from now on changes nothing here
+    _write_samples(folder, campaign, files)
+    _write_nominal(folder, campaign, plans, nominal)
+    manifest = _new_manifest(campaign, resolved, engine) | {"warnings": find_warnings(plans, campaign)}
     if request.shard is not None:
         manifest["shard"] = list(request.shard)
     manifest["files"] = files.listed()
     write_manifest(folder.manifest, manifest)
-    return OpenCampaign(folder, wanted, plans, manifest, asked, files, margin_plans)
+    return OpenCampaign(folder, campaign, plans, manifest, asked, files, margin_plans)
 
 
 def _start_workers(request: Request, engine: Engine) -> None:
@@ -155,7 +159,7 @@ def _resume(
 ) -> OpenCampaign:
     """Go on with a folder that holds the same campaign, perhaps with fewer flights or controllers."""
     shard = request.shard
-    manifest = read_manifest(folder.manifest)
+    manifest = read_whole_manifest(folder.manifest)
     if "search" in manifest:
         raise InputError(folder.root, None, None, "a folder that holds a search's flights", "another folder (-o DIR)")
     if not manifest.keys() >= _NEEDED:
@@ -190,6 +194,7 @@ def _resume(
     if added:
         new = make_plans(wanted, added, engine)
         _try_out(wanted, new, engine)
+        refuse_changes(wanted, resolved)
         for name, plan in new.items():
             write_plan(folder.plan(name), plan)
     merged = merge_campaigns(held, resolved, selected=request.controllers is not None)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
 from abhv_mc.campaign.file.own_code import check_own_code
-from abhv_mc.campaign.file.resolve import resolve_campaign
+from abhv_mc.campaign.file.resolve import refuse_changes, resolve_campaign
 from abhv_mc.campaign.run.batches import choose_batch
 from abhv_mc.campaign.run.cluster import connect_cluster
 from abhv_mc.campaign.run.engine import Engine, check_source
@@ -38,7 +38,7 @@ from abhv_mc.store.flights import DamagedFileError, FlightRows, block_path, flig
 from abhv_mc.store.folder import CampaignFolder, hash_file
 from abhv_mc.store.hashes import FileHashes, record_hashes, refuse_links
 from abhv_mc.store.lock import hold_lock
-from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, read_manifest, read_whole_manifest, write_manifest
+from abhv_mc.store.manifest import COMPLETE, INTERRUPTED, RUNNING, read_whole_manifest, write_manifest
 from abhv_mc.store.plans import write_plan
 from abhv_mc.store.provenance import find_commit, find_machine, find_versions
 from abhv_mc.store.samples import write_samples
@@ -101,7 +101,7 @@ class SearchFlights:
         self.files = files
         self.space: Space = make_space(campaign)
         self.seed = campaign.model.seed
-        self.manifest = read_manifest(folder.manifest)
+        self.manifest = read_whole_manifest(folder.manifest)
         provenance = {"seed": str(self.seed), "campaign_hash": self.manifest["campaign_hash"]}
         self.schema = flights_schema(self.space.columns, provenance)
         self.blocks: list[FlightRows] = []
@@ -253,6 +253,7 @@ def open_search(
         else:
             plan = prepare()
             fly_trials(campaign, {name: plan}, engine.fly, plan.timing.ticks)
+            refuse_changes(campaign, resolved)
             if not started:
                 stack.enter_context(hold_lock(folder.lock))
             folder.clear()

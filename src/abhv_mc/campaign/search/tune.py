@@ -179,14 +179,16 @@ def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneF
     # Threads: every candidate has a plan of its own, which worker processes would have to be sent and would keep. A
     # crash in compiled code ends the program; the same command then goes on with what is kept.
     execution = model.execution.model_copy(update={"isolation": THREADS})
-    text = json.dumps([resolve_campaign(campaign).identity, name, block.model_dump(), model.seed, engine.source])
+    resolved = resolve_campaign(campaign)
+    text = json.dumps([resolved.identity, name, block.model_dump(), model.seed, engine.source])
     kept = request.out.with_suffix(_KEPT)
     with hold_lock(kept / ".lock"), ExitStack() as stack:
         cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
         executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))
         identity = hashlib.sha256(text.encode()).hexdigest()
         vehicles = cornered_vehicles(space, block)
-        trials = Trials(campaign, name, space, numbers, kept, identity, engine, executor, vehicles, block.margins_at)
+        beside = kept, identity, engine, executor
+        trials = Trials(campaign, resolved, name, space, numbers, *beside, vehicles, block.margins_at)
         flown = trials.draw(model.seed, block.flights)
         (start,) = trials.measure(np.zeros((1, len(block.free))), flown)
         bounds = [bound_of(limit, start) for limit in block.limits]

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.resolve import ResolvedCampaign, refuse_changes
 from abhv_mc.campaign.file.tuning import Tune
 from abhv_mc.campaign.run.engine import Engine
 from abhv_mc.campaign.run.executor import Executor
@@ -70,6 +71,7 @@ class Trials:
     """Flies candidates of one campaign and controller."""
 
     campaign: CheckedCampaign
+    resolved: ResolvedCampaign  # its files as they were at the start
     name: str  # of the controller
     space: Space
     numbers: ControllerNumbers
@@ -107,6 +109,7 @@ class Trials:
         if kept is not None:
             return np.array(kept, np.float64)
         values = make()
+        refuse_changes(self.campaign, self.resolved)  # before the flights of another vehicle are kept as this one's
         write_array(path, values)
         return values
 

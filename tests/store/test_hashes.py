@@ -1,0 +1,102 @@
+"""What is read of a folder is of one campaign, however long its reader takes."""
+
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+from campaign.fake_flight import ENGINE, write_campaign
+from report.few_figures import build_with
+
+from abhv_mc.campaign.run.runner import run_campaign
+from abhv_mc.campaign.run.setup import Request
+from abhv_mc.io.input_error import InputError
+from abhv_mc.notebook import open_results
+from abhv_mc.report import gallery
+from abhv_mc.report.build import is_up_to_date
+from abhv_mc.report.compare import compare_folders
+from abhv_mc.report.results import read_results
+from abhv_mc.store.database import open_database
+from abhv_mc.store.export import export_csv
+
+CHANGED = "a run has written here meanwhile"
+
+
+@pytest.fixture
+def request_(tmp_path):
+    keep = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
+    campaign = write_campaign(tmp_path / "f", runs="60", keep=keep, execution="{batch: 15}")
+    request = Request(campaign, tmp_path / "out")
+    run_campaign(request, ENGINE)
+    return request
+
+
+RUNS = {"another campaign": {"seed": 99, "fresh": True}, "more flights": {"runs": 90}}
+
+
+@pytest.fixture(params=RUNS)
+def fly_meanwhile(request_, request):
+    """Runs that take the place of what a reader has begun to read."""
+    return lambda *_: run_campaign(replace(request_, **RUNS[request.param]), ENGINE)
+
+
+def test_an_export(request_, fly_meanwhile, tmp_path):
+    tables = export_csv(request_.out, tmp_path / "csv")
+    next(tables)
+    fly_meanwhile()
+    with pytest.raises(InputError, match=CHANGED):
+        list(tables)
+
+
+def test_a_query(request_, fly_meanwhile):
+    def ask():
+        with open_database(request_.out) as database:
+            fly_meanwhile()
+            return database.sql("select count(*) from samples, flights").fetchall()
+
+    with pytest.raises(InputError, match=CHANGED):
+        ask()
+
+
+@pytest.mark.parametrize("asked", ["samples", "histories", "envelopes", "numbers", "verdicts"])
+def test_a_notebook(request_, fly_meanwhile, asked):
+    """Flights of one campaign stood beside samples of the other, which drivers then came from."""
+    results = open_results(request_.out)
+    before = results.flights
+    assert results.controllers == ("one", "two")
+    fly_meanwhile()
+    with pytest.raises(InputError, match=CHANGED):
+        getattr(results, asked)
+    pd.testing.assert_frame_equal(results.flights, before)
+
+
+def test_a_report(request_, fly_meanwhile, monkeypatch):
+    """It was 'up to date' ever after, with numbers of the campaign before."""
+    build_with(request_.out)
+    make_figures = gallery.make_figures
+    monkeypatch.setattr(gallery, "make_figures", lambda *a: (fly_meanwhile(), make_figures(*a))[1])
+    with pytest.raises(InputError, match=CHANGED):
+        build_with(request_.out)
+    monkeypatch.undo()
+    assert not is_up_to_date(request_.out)
+    build_with(request_.out)
+    assert is_up_to_date(request_.out)
+
+
+def test_a_comparison(request_, fly_meanwhile, tmp_path, monkeypatch):
+    run_campaign(replace(request_, out=tmp_path / "other"), ENGINE)
+
+    def read(folder):
+        results = read_results(folder)
+        if folder != request_.out:
+            fly_meanwhile()
+        return results
+
+    monkeypatch.setattr("abhv_mc.report.compare.read_results", read)
+    with pytest.raises(InputError, match=f"{CHANGED}|atmosphere.density = "):  # of another campaign
+        compare_folders(request_.out, tmp_path / "other")
+
+
+def test_a_run_that_finds_nothing_to_do_disturbs_nobody(request_):
+    results = open_results(request_.out)
+    run_campaign(request_, ENGINE)
+    assert len(results.samples) == 60
