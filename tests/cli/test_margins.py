@@ -27,8 +27,8 @@ KEYS = [
 
 def _run(tmp_path, at="trim", controller="tlc", **more):
     options = {"vehicle": "ghame_x", "bank": "0", "out": None, **more}
-    margins.command("level", controller=controller, at=at, json=tmp_path / "rows.json", **options)
-    return json.loads((tmp_path / "rows.json").read_text())["rows"]
+    margins.command("level", controller=controller, at=at, json=tmp_path / "new/rows.json", **options)
+    return json.loads((tmp_path / "new/rows.json").read_text())["rows"]
 
 
 def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path, capsys):
@@ -91,7 +91,7 @@ def test_margins_of_a_campaign_are_those_of_its_vehicle_mission_and_controllers(
 def test_margins_refuses_bad_options(tmp_path, options, said):
     with pytest.raises(InputError, match=said):
         _run(tmp_path, **options)
-    assert not (tmp_path / "rows.json").exists()
+    assert not (tmp_path / "new/rows.json").exists()
 
 
 def _linearize(file, controller="tlc", at="trim"):
@@ -121,10 +121,10 @@ def test_linearize_writes_a_model_that_python_control_opens(tmp_path):
 
 def test_linearize_says_the_same_in_each_format(tmp_path):
     for suffix in (".npz", ".mat", ".json"):
-        _linearize(tmp_path / f"model{suffix}", "lqr_retuned", "1s")
-    text = json.loads((tmp_path / "model.json").read_text())
-    matlab = scipy.io.loadmat(tmp_path / "model.mat", simplify_cells=True)
-    packed = np.load(tmp_path / "model.npz", allow_pickle=False)
+        _linearize(tmp_path / f"new/model{suffix}", "lqr_retuned", "1s")
+    text = json.loads((tmp_path / "new/model.json").read_text())
+    matlab = scipy.io.loadmat(tmp_path / "new/model.mat", simplify_cells=True)
+    packed = np.load(tmp_path / "new/model.npz", allow_pickle=False)
     models = [text["loop"], matlab["loop"], {key: packed[f"loop_{key}"] for key in ("A", "B", "states")}]
     for one, other in pairwise(models):
         for key in ("A", "B"):

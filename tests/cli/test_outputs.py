@@ -13,13 +13,14 @@ from typer.models import OptionInfo
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request
 from abhv_mc.cli.app import app, main
+from abhv_mc.cli.outputs import new_folder
 from abhv_mc.store.folder import find_own_place
 
 NOT_OUTPUTS = {"block", "plans", "references", "file"}  # options that name a file to read
 
 
 def outputs(group, words=()):
-    """The options of all commands that name a file or folder to write, each after the command's words."""
+    """The options of all commands that name something to write, each after the command's words, and what they take."""
     for inner in group.registered_groups:
         yield from outputs(inner.typer_instance, (*words, inner.name))
     for command in group.registered_commands:
@@ -28,11 +29,16 @@ def outputs(group, words=()):
             options = [info for info in infos if isinstance(info, OptionInfo)]
             if options and Path in (kind, *typing.get_args(kind)) and name not in NOT_OUTPUTS:
                 first = options[0].default  # where typer keeps the first name of an annotated option
-                yield (*words, command.name, first if str(first).startswith("--") else f"--{name}")
+                option = first if str(first).startswith("--") else f"--{name}"
+                yield (*words, command.name, option), options[0].metavar
 
 
 PLACES = ["manifest.json", "flights", "histories/more/x.parquet", "report.html", "inputs/x", ".lock"]
-OPTIONS = list(outputs(app))
+TAKEN = dict(outputs(app))
+OPTIONS = list(TAKEN)
+FOLDERS = [words for words, taken in TAKEN.items() if taken == "DIR"]
+FILES = [words for words in OPTIONS if words not in FOLDERS]
+ADDRESSES = ["s3://bucket/x.npz", "gs:/x/y.npz", "tcp://host:1/x.npz", "file:///tmp/x.npz", "memory://", "s3://"]
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +75,50 @@ def test_all_commands_are_looked_at():
 def test_outputs_keep_away_from_what_is_the_campaigns(call, flown, words, place):
     code, said = call(*words, flown / place)
     assert code == 2 and "a place of the campaign's own files" in said, said
+
+
+@pytest.mark.parametrize("words", [words for words in OPTIONS if words != ("run", "--output")], ids=" ".join)
+def test_an_address_is_not_taken_for_the_name_of_a_file(call, tmp_path, monkeypatch, words):
+    """`replay -o file:///tmp/x.parquet` wrote into a new folder `file:`; others ended as a defect, after the flight."""
+    monkeypatch.chdir(tmp_path)
+    for address in ADDRESSES:
+        code, said = call(*words, address)
+        assert code == 2 and "an address" in said, (address, said)
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("words", FILES, ids=" ".join)
+def test_a_folder_is_no_name_of_a_file(call, tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    for place in ("", ".", "..", "/", "none/..", tmp_path):
+        code, said = call(*words, place)
+        assert code == 2 and "a folder" in said, (place, said)
+
+
+@pytest.mark.parametrize("words", FOLDERS, ids=" ".join)
+def test_a_file_is_no_name_of_a_folder(call, tmp_path, words):
+    (tmp_path / "file").touch()
+    code, said = call(*words, tmp_path / "file")
+    assert code == 2 and "found a file" in said, said
+
+
+def test_the_root_is_a_folder(monkeypatch):
+    monkeypatch.setattr(os, "access", lambda place, mode: True)
+    assert new_folder(Path("/")) == Path("/")
+
+
+@pytest.mark.parametrize("words", OPTIONS, ids=" ".join)
+def test_nothing_can_be_written_below_a_file(call, tmp_path, words):
+    (tmp_path / "file").touch()
+    code, said = call(*words, tmp_path / "file/more/x.npz")
+    assert code == 2 and "a place below a file" in said, said
+
+
+@pytest.mark.parametrize("words", OPTIONS, ids=" ".join)
+def test_a_closed_folder_is_found_before_anything_flies(call, tmp_path, monkeypatch, words):
+    monkeypatch.setattr(os, "access", lambda place, mode: not Path(place).samefile(tmp_path))
+    code, said = call(*words, tmp_path / "new/x.npz")
+    assert code == 2 and "cannot be written" in said, said
 
 
 @pytest.mark.parametrize("command", ["fly", "report", "export", "margins", "plan", "merge"])

@@ -1,7 +1,10 @@
 """A file gets to its place whole or not at all, and follows no link that somebody laid there."""
 
 import os
+from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from abhv_mc.io.atomic_write import ASIDE, atomic_write
@@ -16,6 +19,24 @@ def test_whole_or_not_at_all(tmp_path):
     with pytest.raises(TypeError), atomic_write(path) as aside:
         aside.write_text(3)
     assert path.read_text() == "new" and list(path.parent.iterdir()) == [path]
+
+
+def test_a_folder_is_not_replaced(tmp_path, monkeypatch):
+    """Nor is it an error of Python's that some of them have no name."""
+    monkeypatch.chdir(tmp_path)
+    for place in (".", "..", "/", tmp_path):
+        with pytest.raises(OSError), atomic_write(Path(place)) as aside:  # noqa: PT011  of several kinds
+            aside.write_text("new")
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_name_with_a_colon_is_a_name(tmp_path, monkeypatch):
+    """pyarrow took `run:1/x.parquet` for an address."""
+    monkeypatch.chdir(tmp_path)
+    table = pa.table({"a": [1]})
+    with atomic_write(Path("run:1/x.parquet")) as aside:
+        pq.write_table(table, aside)
+    assert pq.read_table(tmp_path / "run:1/x.parquet").equals(table)
 
 
 def test_no_link_is_followed(tmp_path, monkeypatch):

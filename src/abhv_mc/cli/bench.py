@@ -6,13 +6,13 @@ from typing import Annotated, Any
 
 import typer
 
-from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.outputs import new_file
 from abhv_mc.cli.printing import say
 
 
 def command(
     json: Annotated[
-        Path | None, typer.Option("--json", callback=apart, metavar="FILE", help="Write the figures; - prints them.")
+        Path | None, typer.Option("--json", callback=new_file, metavar="FILE", help="Write the figures; - prints them.")
     ] = None,
     repetitions: Annotated[int, typer.Option(min=1, help="Of each measurement; medians are shown.")] = 9,
 ) -> None:

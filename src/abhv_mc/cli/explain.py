@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.outputs import new_file
 from abhv_mc.cli.printing import say
 
 
@@ -20,7 +20,12 @@ def command(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", callback=apart, metavar="FILE.png", help="Where the figure goes.", show_default="in DIR"
+            "--output",
+            "-o",
+            callback=new_file,
+            metavar="FILE.png",
+            help="Where the figure goes.",
+            show_default="in DIR",
         ),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,

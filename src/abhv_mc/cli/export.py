@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from abhv_mc.cli.outputs import folder_apart
+from abhv_mc.cli.outputs import new_folder
 from abhv_mc.cli.printing import say
 
 
@@ -13,7 +13,7 @@ def command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder.")],
     out: Annotated[
         Path | None,
-        typer.Option("--output", "-o", callback=folder_apart, metavar="DIR", help="Where to.", show_default="DIR/csv"),
+        typer.Option("--output", "-o", callback=new_folder, metavar="DIR", help="Where to.", show_default="DIR/csv"),
     ] = None,
 ) -> None:
     """Write every table as a CSV file; numbers read back to the same bits."""

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from abhv_mc.cli.outputs import folder_apart
+from abhv_mc.cli.outputs import new_folder
 from abhv_mc.cli.printing import say
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ def command(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--output", "-o", callback=folder_apart, metavar="DIR", help="Write history and figures here."),
+        typer.Option("--output", "-o", callback=new_folder, metavar="DIR", help="Write history and figures here."),
     ] = None,
 ) -> None:
     """Fly a mission once with each controller, nothing dispersed, and print how it went."""
@@ -35,8 +35,6 @@ def command(
     names = [file.stem for file in files]
     if len(set(names)) < len(names):
         raise InputError("--controller", None, None, ", ".join(names), "files of different names")
-    if out is not None and out.exists() and not out.is_dir():
-        raise InputError(out, None, None, "a file", "a folder, or the name of a new one")
     paths = find_input(vehicle, "vehicle"), find_input(mission, "mission")
     announce_compiling()
     from abhv_mc.flight.fly import fly, nominal_parameters

@@ -5,14 +5,14 @@ from typing import Annotated
 
 import typer
 
-from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.outputs import new_file
 from abhv_mc.cli.printing import say
 
 
 def command(
     mission: Annotated[str, typer.Argument(metavar="MISSION", help="Mission file, or the name of a shipped one.")],
     out: Annotated[
-        Path, typer.Option("--output", "-o", callback=apart, metavar="FILE", help="Ends in .npz, .mat or .json.")
+        Path, typer.Option("--output", "-o", callback=new_file, metavar="FILE", help="Ends in .npz, .mat or .json.")
     ],
     vehicle: Annotated[str, typer.Option(metavar="V", help="Vehicle file, or the name of a shipped one.")] = "ghame_x",
     controller: Annotated[str, typer.Option(metavar="C", help="Controller file or shipped name.")] = "tlc",

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from abhv_mc.cli.outputs import apart, folder_apart
+from abhv_mc.cli.outputs import new_file, new_folder
 from abhv_mc.cli.printing import say
 
 if TYPE_CHECKING:
@@ -44,13 +44,11 @@ def command(
     ] = "trim",
     bank: Annotated[str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")] = "0",
     json: Annotated[
-        Path | None, typer.Option("--json", callback=apart, metavar="FILE", help="Write the rows here.")
+        Path | None, typer.Option("--json", callback=new_file, metavar="FILE", help="Write the rows here.")
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--output", "-o", callback=folder_apart, metavar="DIR", help="Write Bode and Nichols figures here."
-        ),
+        typer.Option("--output", "-o", callback=new_folder, metavar="DIR", help="Write Bode and Nichols figures here."),
     ] = None,
     trust_code: Annotated[
         bool, typer.Option("--trust-code", help="Run Python code of a campaign's folder that you have not flown.")
@@ -61,13 +59,10 @@ def command(
     At a time of the flight the reference is frozen: such margins are indicative.
     """
     from abhv_mc.flight.fly import nominal_parameters
-    from abhv_mc.io.input_error import InputError
     from abhv_mc.stability.analysis import analyse
     from abhv_mc.stability.linearize import linearise
     from abhv_mc.stability.rows import make_rows
 
-    if out is not None and out.exists() and not out.is_dir():
-        raise InputError(out, None, None, "a file", "a folder, or the name of a new one")
     times, angle = read_points(at, bank)
     setups = read_setups(vehicle, mission, controller, trust_code=trust_code)
     rows: list[dict[str, Any]] = []
@@ -83,16 +78,17 @@ def command(
             if out is not None:
                 from abhv_mc.report.figures.loops import write_loop_figures
 
-                out.mkdir(parents=True, exist_ok=True)
                 stem = f"{name}_{time if time == 'trim' else f'{time:g}s'}"
                 for path in write_loop_figures(out, stem, linear):
                     say(path)
     if json is not None:
         from json import dumps
 
+        from abhv_mc.store.folder import write_text
+
         files = next(iter(setups.values())).files
         head = {"vehicle": files[0].stem, "mission": files[1].stem}
-        json.write_text(dumps({**head, "rows": rows}, indent=2) + "\n", encoding="utf-8")
+        write_text(json, dumps({**head, "rows": rows}, indent=2) + "\n")
 
 
 def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], float]":

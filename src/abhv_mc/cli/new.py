@@ -5,12 +5,12 @@ from typing import Annotated
 
 import typer
 
-from abhv_mc.cli.outputs import folder_apart
+from abhv_mc.cli.outputs import new_folder
 from abhv_mc.cli.printing import say
 
 
 def command(
-    folder: Annotated[Path, typer.Argument(callback=folder_apart, metavar="DIR", help="A new or an empty folder.")],
+    folder: Annotated[Path, typer.Argument(callback=new_folder, metavar="DIR", help="A new or an empty folder.")],
     source: Annotated[
         str, typer.Option("--from", metavar="NAME", help="Name of a shipped campaign, such as wide or failures.")
     ] = "s_manoeuvre",

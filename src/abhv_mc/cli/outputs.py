@@ -1,28 +1,60 @@
-"""Where a command may write: over nothing of a campaign's. Callbacks of the options that name an output."""
+"""Where a command may write, judged before it does anything else. Callbacks of the options that name an output."""
 
+import os
 from pathlib import Path
 
 
-def apart(path: Path | None) -> Path | None:
-    """The path of an output. Raises InputError where it is, or lies in, what a campaign's folder holds of its own."""
-    _refuse(path, taken=False)
-    return path
+def new_file(path: Path | None) -> Path | None:
+    """The path of a file to write. Raises InputError, as all of these, where it is, or lies in, a campaign's own."""
+    if path == Path("-"):  # bench prints there
+        return path
+    return _refuse(path, folder=False)
 
 
-def folder_apart(path: Path | None) -> Path | None:
+def new_folder(path: Path | None) -> Path | None:
     """The path of a folder to write files into: that of a campaign is refused, too, as their names may be taken."""
-    _refuse(path, taken=True)
-    return path
+    return _refuse(path, folder=True)
 
 
-def _refuse(path: Path | None, taken: bool) -> None:
-    if path is None or path == Path("-"):
-        return
+def campaign_folder(path: Path | None) -> Path | None:
+    """The path of the folder that a campaign flies in, or is to fly in."""
+    return _refuse(path, folder=True, campaign=True)
+
+
+def campaign_folder_or_address(path: Path | None) -> Path | None:
+    """The same, or an address such as s3://bucket/folder."""
+    return path if path is not None and _is_address(path) and len(path.parts) > 1 else campaign_folder(path)
+
+
+def _is_address(path: Path) -> bool:
+    if ":" not in str(path):
+        return False
+    from abhv_mc.store.remote import parse_address
+
+    return parse_address(f"{path}/") is not None  # of s3:// a path keeps s3:
+
+
+def _refuse(path: Path | None, folder: bool, campaign: bool = False) -> Path | None:
+    if path is None:
+        return None
     from abhv_mc.io.input_error import InputError
     from abhv_mc.store.folder import find_own_place
 
-    if path.exists() and not (path.is_file() or path.is_dir()):  # /dev/null would be renamed over
-        raise InputError(path, None, None, "a pipe, socket or device", "the name of a file or folder")
+    wanted = "the name of a folder" if folder else "the name of a file"
+    if _is_address(path):
+        raise InputError(path, None, None, "an address", wanted)
     place = find_own_place(path)
-    if place is not None and (taken or place != Path()):
+    if place is not None and not (campaign and place == Path()):
         raise InputError(path, None, None, "a place of the campaign's own files", "another name, or a place elsewhere")
+    if path.exists() and not (path.is_file() or path.is_dir()):  # /dev/null would be renamed over
+        raise InputError(path, None, None, "a pipe, socket or device", wanted)
+    if path.is_file() if folder else path.is_dir() or path.name in ("", ".."):
+        raise InputError(path, None, None, "a file" if folder else "a folder", wanted)
+    whole = path.absolute()
+    home = next(place for place in ((whole,) if folder else ()) + tuple(whole.parents) if place.exists())
+    if not home.is_dir():
+        raise InputError(path, None, None, f"a place below a file, {home}", wanted)
+    if not os.access(home, os.W_OK | os.X_OK):
+        found = f"a place in {home}, which cannot be written"
+        raise InputError(path, None, None, found, "a folder that can be written")
+    return path

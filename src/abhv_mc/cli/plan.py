@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from abhv_mc.cli.outputs import apart, folder_apart
+from abhv_mc.cli.outputs import new_file, new_folder
 from abhv_mc.cli.printing import say
 
 
@@ -13,11 +13,11 @@ def command(
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.yaml", help="Campaign file.")],
     out: Annotated[
         Path | None,
-        typer.Option("--output", "-o", callback=folder_apart, metavar="DIR", help="Write the figure plan.png there."),
+        typer.Option("--output", "-o", callback=new_folder, metavar="DIR", help="Write the figure plan.png there."),
     ] = None,
     runs: Annotated[int | None, typer.Option(min=1, help="Flights of each controller.")] = None,
     json: Annotated[
-        Path | None, typer.Option("--json", callback=apart, metavar="FILE", help="Write the numbers as JSON.")
+        Path | None, typer.Option("--json", callback=new_file, metavar="FILE", help="Write the numbers as JSON.")
     ] = None,
 ) -> None:
     """Say how many flights each requirement needs, and how likely it is to PASS at the planned number."""

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.outputs import new_file
 from abhv_mc.cli.printing import say
 
 
@@ -16,7 +16,9 @@ def command(
     controller: Annotated[str, typer.Option(help="Name of the controller.")],
     out: Annotated[
         Path | None,
-        typer.Option("--output", "-o", callback=apart, metavar="FILE.parquet", help="Write its history at full rate."),
+        typer.Option(
+            "--output", "-o", callback=new_file, metavar="FILE.parquet", help="Write its history at full rate."
+        ),
     ] = None,
     trust_code: Annotated[
         bool, typer.Option("--trust-code", help="Run Python code in the folder that you have not flown yourself.")

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from abhv_mc.cli.outputs import folder_apart
+from abhv_mc.cli.outputs import new_folder
 from abhv_mc.cli.printing import say
 
 
@@ -17,7 +17,7 @@ def command(
         typer.Option(
             "--output",
             "-o",
-            callback=folder_apart,
+            callback=new_folder,
             metavar="DIR",
             help="Where to.",
             show_default="DIR; reports/NAME for an address",
@@ -26,20 +26,20 @@ def command(
 ) -> None:
     """Make the page, the figures and report.json from a campaign's Parquet alone."""
     import shutil
+    from functools import partial
 
     from abhv_mc.report.build import build_report
-    from abhv_mc.store.folder import CampaignFolder
+    from abhv_mc.store.folder import CampaignFolder, write_whole
     from abhv_mc.store.manifest import read_manifest
     from abhv_mc.store.remote import fetched, local_path
 
     with fetched(folder) as source:
         page = build_report(source, format)
         if out is None and local_path(folder) is None:
-            out = folder_apart(Path("reports") / read_manifest(CampaignFolder(source).manifest)["name"])
+            out = new_folder(Path("reports") / read_manifest(CampaignFolder(source).manifest)["name"])
         if out is not None:
-            out.mkdir(parents=True, exist_ok=True)
-            for name in (page.name, "report.json"):
-                shutil.copyfile(source / name, out / name)
-            shutil.copytree(source / "figures", out / "figures", dirs_exist_ok=True)
+            figures = (f"figures/{path.name}" for path in (source / "figures").iterdir())
+            for name in (page.name, "report.json", *figures):
+                write_whole(out / name, partial(shutil.copyfile, source / name))
             page = out / page.name
     say(page)

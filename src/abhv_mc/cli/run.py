@@ -10,7 +10,7 @@ import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.names import parse_names
-from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.outputs import campaign_folder_or_address
 from abhv_mc.cli.printing import say
 from abhv_mc.io.input_error import Refusal
 
@@ -35,7 +35,7 @@ def command(
         typer.Option(
             "--output",
             "-o",
-            callback=apart,
+            callback=campaign_folder_or_address,
             metavar="DIR",
             help="Folder, or an address such as s3://bucket/folder.",
             show_default="reports/NAME",

@@ -6,18 +6,21 @@ from typing import Annotated, Any
 
 import typer
 
-from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.outputs import campaign_folder, new_file
 from abhv_mc.io.input_error import InputError
 
 CampaignFile = Annotated[Path, typer.Argument(metavar="CAMPAIGN.yaml", help="Campaign file.")]
 Folder = Annotated[
-    Path, typer.Option("--output", "-o", callback=apart, metavar="DIR", help="Folder for the flights and the page.")
+    Path,
+    typer.Option(
+        "--output", "-o", callback=campaign_folder, metavar="DIR", help="Folder for the flights and the page."
+    ),
 ]
 Controller = Annotated[str | None, typer.Option(help="Controller.", show_default="the first")]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed.", show_default="the campaign's")]
 Workers = Annotated[int | None, typer.Option(min=1, help="Flights in parallel.", show_default="cores")]
 Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Fly on this Dask cluster.")]
-JsonFile = Annotated[Path | None, typer.Option("--json", callback=apart, metavar="FILE", help="Write the result.")]
+JsonFile = Annotated[Path | None, typer.Option("--json", callback=new_file, metavar="FILE", help="Write the result.")]
 Shard = Annotated[str | None, typer.Option(hidden=True)]
 Fresh = Annotated[bool, typer.Option("--fresh", help="Delete what the folder holds first.")]
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.outputs import new_file
 from abhv_mc.cli.printing import say
 from abhv_mc.cli.searching import (
     CampaignFile,
@@ -25,7 +25,7 @@ from abhv_mc.cli.searching import (
 def command(
     campaign: CampaignFile,
     out: Annotated[
-        Path, typer.Option("--output", "-o", callback=apart, metavar="NEW.yaml", help="Controller file to write.")
+        Path, typer.Option("--output", "-o", callback=new_file, metavar="NEW.yaml", help="Controller file to write.")
     ],
     controller: Controller = None,
     block: Annotated[
@@ -45,7 +45,7 @@ def command(
     from abhv_mc.cli.announce import announce_compiling
 
     refuse_shard(shard)
-    apart(out.with_suffix(".html"))
+    new_file(out.with_suffix(".html"))
     announce_compiling()
     from abhv_mc.campaign.search.tune import TuneRequest, tune_controller
     from abhv_mc.report.tune_page import write_tune_page

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from abhv_mc.cli.outputs import apart
+from abhv_mc.cli.outputs import new_file
 from abhv_mc.cli.printing import say
 
 if TYPE_CHECKING:
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Hold flights against other people's, and reports against their data.", no_args_is_help=True)
 _Json = Annotated[
-    Path | None, typer.Option("--json", callback=apart, metavar="FILE", help="Write the rows as JSON too.")
+    Path | None, typer.Option("--json", callback=new_file, metavar="FILE", help="Write the rows as JSON too.")
 ]
 _Scale = Annotated[float, typer.Option("--tolerance-scale", metavar="X", help="Multiply every tolerance.")]
 
@@ -65,7 +65,7 @@ def nesc(
     """
     from abhv_mc.verification.nesc import verify_nesc
 
-    scale = _prepare(tolerance_scale, json)
+    scale = _prepare(tolerance_scale)
     _show(verify_nesc(folder, scale), json)
 
 
@@ -81,7 +81,7 @@ def ghame6(
     """
     from abhv_mc.verification.ghame6 import verify_ghame6
 
-    scale = _prepare(tolerance_scale, json)
+    scale = _prepare(tolerance_scale)
     _show(verify_ghame6(file, scale), json)
 
 
@@ -101,13 +101,13 @@ def everything(
     """Show all that is held against published data as one table: others' flights, and the numbers of papers."""
     from abhv_mc.verification.everything import verify_everything
 
-    scale = _prepare(tolerance_scale, json)
+    scale = _prepare(tolerance_scale)
     if references is None and _REFERENCES.is_dir():
         references = _REFERENCES
     _show(verify_everything(references, scale), json)
 
 
-def _prepare(scale: float, json: Path | None) -> float:
+def _prepare(scale: float) -> float:
     """Refuse what would fail after the flights; the factor of the tolerances."""
     import math
 
@@ -116,8 +116,6 @@ def _prepare(scale: float, json: Path | None) -> float:
 
     if not (math.isfinite(scale) and scale > 0.0):
         raise InputError("--tolerance-scale", None, None, f"{scale:g}", "a positive number")
-    if json is not None and not json.parent.is_dir():
-        raise InputError(json, None, None, "no folder to write it in", "a file in a folder that exists")
     announce_compiling()
     return scale
 

@@ -13,12 +13,13 @@ ASIDE = ".aside"  # ending of a file that is being written
 def atomic_write(path: Path, durable: bool = False) -> Iterator[Path]:
     """A path beside ``path`` to write to; it is renamed at the end, or deleted where the writing failed.
 
-    Writers of the same file do not disturb each other: the last to end wins. The folder is made where it is missing;
-    ``durable`` waits until the disk has the content. Raises OSError.
+    It is absolute: pyarrow takes a relative one with a colon for an address. Writers of the same file do not disturb
+    each other: the last to end wins. The folder is made where it is missing; ``durable`` waits until the disk has the
+    content. Raises OSError.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     # The dot hides it from readers of the folder; nobody who may write there can have laid a link in its place.
-    aside = path.with_name(f".{path.name[:100]}.{secrets.token_hex(8)}{ASIDE}")
+    aside = path.parent.absolute() / f".{path.name[:100]}.{secrets.token_hex(8)}{ASIDE}"
     os.close(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666))
     try:
         yield aside

@@ -47,7 +47,6 @@ def write_answer_page(
 ) -> Path:
     """Write the page, and its figures into ``folder``, by default `figures` beside it; returns the page's path."""
     folder = folder or path.parent / "figures"
-    folder.mkdir(exist_ok=True, parents=True)
     figures = []
     for one in shown:
         file = folder / f"{one.name}.png"

@@ -71,5 +71,4 @@ def write_explained_figure(found: Explanation, path: Path) -> None:
     """Write it as PNG."""
     from abhv_mc.report.figures.style import write_png
 
-    path.parent.mkdir(parents=True, exist_ok=True)
     write_png(make_explained_figure(found), path)

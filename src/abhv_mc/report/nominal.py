@@ -23,7 +23,6 @@ def write_nominal_report(
     from abhv_mc.report.figures.style import write_png
     from abhv_mc.store.histories import write_nominal, write_reference
 
-    (folder / "figures").mkdir(parents=True, exist_ok=True)
     plan = next(iter(plans.values()))
     times = np.arange(plan.timing.ticks + 1).astype(np.float64) * plan.timing.tick
     write_nominal(folder / "nominal.parquet", times, dict(histories))

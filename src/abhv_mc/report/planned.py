@@ -94,5 +94,4 @@ def write_plan_figure(numbers: dict[str, Any], path: Path) -> None:
     from abhv_mc.report.figures.planned import plot_planned
     from abhv_mc.report.figures.style import write_png
 
-    path.parent.mkdir(parents=True, exist_ok=True)
     write_png(plot_planned(numbers), path)

@@ -2,11 +2,12 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.linearize import INPUTS, PLANT_STATES, Linear, Points, actuator_matrices, closed_loop, open_loop
@@ -85,16 +86,20 @@ def write_model(file: Path, model: dict[str, Any]) -> None:
     In ``.npz`` a part's entry is called ``plant_A``, its names ``plant_states`` and so on.
     """
     check_format(file)
-    if file.suffix == ".json":
-        file.write_text(json.dumps(model, default=np.ndarray.tolist, indent=1) + "\n", encoding="utf-8")
+    with atomic_write(file) as aside, aside.open("wb") as stream:
+        _write_to(stream, file.suffix, model)
+
+
+def _write_to(stream: BinaryIO, suffix: str, model: dict[str, Any]) -> None:
+    if suffix == ".json":
+        stream.write((json.dumps(model, default=np.ndarray.tolist, indent=1) + "\n").encode())
         return
-    if file.suffix == ".npz":
+    if suffix == ".npz":
         flat: dict[str, Any] = {}
         for key, value in model.items():
             parts = value.items() if isinstance(value, dict) else [("", value)]
             flat.update({f"{key}_{name}".rstrip("_"): np.array(each) for name, each in parts})
-        with file.open("wb") as stream:
-            np.savez_compressed(stream, **flat)
+        np.savez_compressed(stream, **flat)
         return
     from scipy.io import savemat
 
@@ -103,7 +108,7 @@ def write_model(file: Path, model: dict[str, Any]) -> None:
             return {name: cells(each) for name, each in value.items()}
         return np.array(value, dtype=object) if isinstance(value, list) else value
 
-    savemat(file, cells(model), oned_as="column")
+    savemat(stream, cells(model), oned_as="column")
 
 
 def check_format(file: Path) -> None:

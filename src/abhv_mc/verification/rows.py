@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+from abhv_mc.store.folder import write_text
+
 
 @dataclass(frozen=True)
 class Row:
@@ -34,4 +36,4 @@ def write_rows(path: Path, rows: Sequence[Row]) -> None:
     for row in content:
         row["difference"] = row["difference"] if math.isfinite(row["difference"]) else None
     text = json.dumps({"ok": all_ok(rows), "rows": content}, indent=2, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    write_text(path, text + "\n")

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import wraps
+from io import BytesIO
 from pathlib import Path
 from typing import Any, ParamSpec
 
@@ -10,6 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.style import context
+
+from abhv_mc.store.folder import write_bytes
 
 P = ParamSpec("P")
 
@@ -156,12 +159,17 @@ def pad_if_flat(axes: Axes, least: float = 1e-9) -> None:
 
 
 def write_png(figure: Figure, path: Path) -> tuple[int, int]:
-    """Write a figure at print resolution, laid out and drawn once; returns its width and height in pixels."""
+    """Write a figure at print resolution, laid out and drawn once; returns its width and height in pixels.
+
+    Raises StorageFullError or InputError where the folder takes nothing.
+    """
     from PIL import Image
 
     canvas = FigureCanvasAgg(figure)
     with context(["default", _RC]):
         canvas.draw()
     image = Image.fromarray(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[:, :, :3]))
-    image.save(path, format="PNG", compress_level=3, dpi=(DPI, DPI))
+    file = BytesIO()
+    image.save(file, format="PNG", compress_level=3, dpi=(DPI, DPI))
+    write_bytes(path, file.getvalue())
     return image.width, image.height
