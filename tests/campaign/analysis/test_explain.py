@@ -60,6 +60,7 @@ def test_what_cannot_be_explained_is_refused(flown, table):
         "did not fail": ("two", good),
         "no flight 300": ("two", 300),
         "no controller 'three'": ("three", 1),
+        "no controller '/x'": ("/x", 1),  # no path of a plan
         "no requirement on 'bank_deg'": ("two", lost, fly, "bank_deg"),
     }.items():
         name, flight, *rest = arguments

@@ -89,11 +89,12 @@ def explain_flight(
     """
     folder = CampaignFolder(root)
     inputs = [path for path in folder.inputs.rglob("*") if path.is_file()]
-    read_checked(folder, [folder.campaign, folder.plan(controller), folder.samples, *inputs])
+    read_checked(folder, [folder.campaign, *inputs])
     campaign = read_own_campaign(folder)
     if controller not in campaign.model.controllers:
         raise InputError(root, None, None, f"no controller '{controller}'", one_of(campaign.model.controllers))
     row = find_row(folder, controller, flight)
+    read_checked(folder, [folder.plan(controller)])
     failure = _find_failure(root, campaign, row, requirement)
     plan = read_trusted_plan(folder, controller, trust_code)
     names = campaign.names
