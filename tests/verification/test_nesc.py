@@ -1,7 +1,10 @@
 """The check-cases: those with NASA's data, and the others from a second, independent integration."""
 
+import errno
 import gzip
+import os
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -98,6 +101,22 @@ def test_linked_case_folders_and_copies_are_compared_too(tmp_path, given):
         *((1, "04"), (1, "04 later/Atmos_01_sim_04.csv.gz")),
         *((1, "06"), (1, "06 later/Atmos_01_sim_06.csv.gz")),
     ]
+
+
+def test_what_vanishes_while_folders_are_read_is_passed_over(tmp_path, given, monkeypatch):
+    """As processes of /proc do."""
+    shutil.copytree(given / "Atmos_01_DroppedSphere", tmp_path / "a" / "Atmos_01_DroppedSphere")
+    (tmp_path / "process").mkdir()
+    (tmp_path / "link").symlink_to("nowhere")
+    whole = os.scandir
+
+    def scan(place):
+        if Path(place).name == "process":
+            raise FileNotFoundError(errno.ENOENT, "gone", str(place))
+        return whole(place)
+
+    monkeypatch.setattr(os, "scandir", scan)
+    assert list(find_files(tmp_path)) == [(1, "04"), (1, "06")]
 
 
 def test_a_folder_without_cases_is_refused(tmp_path):

@@ -1,7 +1,9 @@
 """Fly the check-cases that a folder has data for and compare with every simulator given."""
 
 import math
+import os
 import re
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -36,8 +38,10 @@ def find_files(folder: Path) -> dict[tuple[int, str], Path]:
     if not folder.is_dir():
         raise InputError(folder, None, None, "no such folder", "a folder of check-cases")
     found: dict[tuple[int, str], Path] = {}
-    names = "Atmos_*_sim_*"
-    for path in sorted({*folder.rglob(names), *folder.glob(f"*/{names}")}):
+    links = (path for path in folder.iterdir() if path.is_symlink())
+    # os.walk passes over what vanishes meanwhile, as processes of /proc do, and what is closed.
+    levels = chain(os.walk(folder), *(islice(os.walk(link), 1) for link in links))
+    for path in sorted(Path(place, name) for place, _, names in levels for name in names):
         match = _FILE.fullmatch(path.name)
         if match and int(match[1]) in CASES:
             key = int(match[1]), match[2]
