@@ -178,10 +178,12 @@ def test_libraries_that_are_loaded_without_memory_or_into_an_interrupt_are_no_de
     assert exit_code_of(raised_from(ImportError("no such module"), KeyError())) == ExitCode.DEFECT
 
 
-@pytest.mark.parametrize("setting", ["SOURCE_DATE_EPOCH=x", "MPLBACKEND=garbage", "NUMBA_NUM_THREADS=0"])
+@pytest.mark.parametrize(
+    "setting", ["SOURCE_DATE_EPOCH=x", "MPLBACKEND=x", "NUMBA_NUM_THREADS=0", "JOBLIB_MULTIPROCESSING=x"]
+)
 def test_a_setting_that_a_library_does_not_take_is_named(setting, tmp_path):
     name, _, value = setting.partition("=")
-    code = "import scipy.stats, matplotlib, numba.np.ufunc.parallel"
+    code = "import scipy.stats, matplotlib, numba.np.ufunc.parallel, joblib"
     code = f"import sys\nfrom abhv_mc.cli.errors import exit_code_of\ntry:\n    {code}\nexcept Exception as error:"
     code += "\n    sys.exit(exit_code_of(error))"
     done = subprocess.run(

@@ -27,6 +27,7 @@ class ExitCode(IntEnum):
 
 _TYPER_INTERRUPTED = 130
 _SETTINGS = (
+    "JOBLIB_",
     "MPL",
     "NUMBA_",
     "NUMPY_",
