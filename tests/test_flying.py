@@ -37,8 +37,9 @@ def test_what_is_wrong_is_said():
         abhv_mc.fly("level", dispersions={"aero.darg": 1.1})
     with pytest.raises(InputError, match=r"wind\.north"):
         abhv_mc.fly("level", dispersions={"wind.north": "10 kg"})
-    with pytest.raises(InputError, match="no such file"):
-        abhv_mc.fly("levle")
+    for name in ("levle", "x" * 5000):
+        with pytest.raises(InputError, match="no such file"):
+            abhv_mc.fly(name)
     with pytest.raises(InputError, match="no entry 'limit'"):
         abhv_mc.fly("level", controller={"base": "tlc", "limit.bank": "60 deg"})
 
@@ -48,6 +49,18 @@ def test_a_table_has_rows_of_whole_ticks(every):
     """0 gave an empty table, and -1 an error of numpy's."""
     with pytest.raises(InputError, match=r"every: found .*; wanted a whole number, 1 or more"):
         abhv_mc.fly("level", every=every)
+
+
+def test_a_step_beyond_the_flight_leaves_its_start():
+    for every in (6001, 10**30):
+        assert abhv_mc.fly("level", every=every).time.tolist() == [0.0]
+
+
+@pytest.mark.parametrize("wrong", ["x", "", 5, 0, [("aero.drag", 1.1)]])
+def test_dispersions_are_a_mapping(wrong):
+    for command in (abhv_mc.fly, abhv_mc.margins, abhv_mc.linearize):
+        with pytest.raises(InputError, match=r"dispersions: found .*; wanted a mapping"):
+            command("level", dispersions=wrong)
 
 
 def test_trims_are_a_table_by_bank():
@@ -98,3 +111,5 @@ def test_a_gain_sweep_needs_no_files(tmp_path):
     assert again.controllers == campaign.controllers
     with pytest.raises(InputError, match="controllers"):
         abhv_mc.Campaign.make({"name": "x", "vehicle": "ghame_x", "mission": "level"})
+    with pytest.raises(InputError, match="found 5; wanted a mapping"):
+        abhv_mc.Campaign.make(5)

@@ -108,6 +108,42 @@ def test_other_dispersions(flown):
     table = results.whatif({"aero.lift.sigma": "4 %"})
     assert {"before", "after_low"} <= set(table) and table.attrs["effective_flights"]["one"] > 100
 
+    for wrong in ("x", 5, [("aero.lift.sigma", "4 %")]):
+        with pytest.raises(InputError, match=r"settings: found .*; wanted a mapping"):
+            results.whatif(wrong)
+
+
+@pytest.mark.parametrize("wrong", ["selec", "select nothing from flights", "a\0b", 3, None])
+def test_sql_that_cannot_be_answered_is_bad_input(flown, wrong):
+    with pytest.raises(InputError, match=r"(?s)query: found .*; wanted SQL"):
+        flown[1].query(wrong)
+
+
+def test_sql_without_a_question_has_an_empty_answer(flown):
+    for nothing in ("", ";", "-- no more"):
+        assert flown[1].query(nothing).empty
+
+
+@pytest.mark.parametrize("wrong", ["pdf", None, 3, "../x", ""])
+def test_a_report_of_an_unknown_format_is_not_written(flown, wrong):
+    """It was Markdown of that name."""
+    before = sorted(flown[1].folder.iterdir())
+    with pytest.raises(InputError, match=r"format: found .*; wanted one of html, md"):
+        flown[1].make_report(wrong)
+    assert sorted(flown[1].folder.iterdir()) == before
+
+
+@pytest.mark.parametrize("wrong", [0, -1, 10**6, 1.5, "two"])
+def test_as_many_workers_as_on_the_command_line(flown, tmp_path, wrong):
+    with pytest.raises(InputError, match=r"workers: found .*; wanted a whole number from 1 to 1024"):
+        flown[0].run(tmp_path / "new", workers=wrong)
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_folder_has_a_name_that_can_be_one(flown):
+    with pytest.raises(InputError, match="null character"):
+        flown[0].run("a\0b")
+
 
 def test_what_is_not_there_is_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):

@@ -89,13 +89,13 @@ def make_flight_plan(mission: Input, vehicle: Input = "ghame_x", controller: Inp
     return prepare(craft, asked, law, law.path.stem)
 
 
-def make_parameters(dispersions: Mapping[str, Quantity]) -> "NDArray[np.float64]":
+def make_parameters(dispersions: Mapping[str, Quantity] | None) -> "NDArray[np.float64]":
     """One row of all parameters [1, parameter], those named replaced. Raises InputError for an unknown one."""
     from abhv_mc.flight.fly import nominal_parameters
     from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 
     row = nominal_parameters()
-    for name, value in dispersions.items():
+    for name, value in check_mapping({} if dispersions is None else dispersions, "dispersions").items():
         if name not in PARAMETER_INDEX or name == PARAMETERS[0].name:
             raise InputError("dispersions", None, None, f"parameter '{name}'", one_of(list(PARAMETER_INDEX)[1:], name))
         try:
@@ -129,7 +129,8 @@ def fly(
 
     steps = check_count(every, 1, "every")
     plan = make_flight_plan(mission, vehicle, controller)
-    block = fly_plan(plan, make_parameters(dispersions or {}), steps)
+    parameters = make_parameters(dispersions)
+    block = fly_plan(plan, parameters, min(steps, plan.timing.ticks + 1))
     outcome = Outcome(int(block.outcome[0]))
     table = pd.DataFrame(block.history[0].astype("float64"), columns=[channel.name for channel in CHANNELS])
     table.insert(0, "time", block.times)
@@ -221,11 +222,20 @@ def trim_rows(
         }
 
 
-def check_count(value: int, least: int, name: str) -> int:
-    """A whole number that is not below ``least``. Raises InputError, which calls it ``name``."""
-    if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
-        raise InputError(name, None, None, describe(value), f"a whole number, {least} or more")
+def check_count(value: int, least: int, name: str, most: int | None = None) -> int:
+    """A whole number that is not below ``least`` or above ``most``. Raises InputError, which calls it ``name``."""
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not whole or value < least or (most is not None and value > most):
+        wanted = f"a whole number, {least} or more" if most is None else f"a whole number from {least} to {most}"
+        raise InputError(name, None, None, describe(value), wanted)
     return int(value)
+
+
+def check_mapping(value: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """The value itself. Raises InputError, which calls it ``name``, where it is no mapping."""
+    if not isinstance(value, Mapping):
+        raise InputError(name, None, None, describe(value), "a mapping")
+    return value
 
 
 def to_si(value: Quantity, dimension: Dimension, name: str) -> float:

@@ -222,7 +222,7 @@ def _place(
     angle = check_bank(to_si(bank, ANGLE, "bank"), time != "trim")
     law = make_document("control", controller)
     setup = read_setup((make_document("vehicle", vehicle), make_document("mission", mission), law))
-    parameters = make_parameters(dispersions or {})
+    parameters = make_parameters(dispersions)
     return find_point(setup, law.path.stem, time, angle, parameters), parameters
 
 

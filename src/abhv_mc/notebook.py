@@ -9,9 +9,10 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any, Literal
 
+from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
 from abhv_mc.campaign.file.resolve import find_references
-from abhv_mc.flying import check_count, make_document
+from abhv_mc.flying import check_count, check_mapping, make_document
 from abhv_mc.io.documents import write_document
 from abhv_mc.store.hashes import CheckedFolder, data_files
 from abhv_mc.store.manifest import COMPLETE
@@ -52,7 +53,7 @@ class Campaign:
         """
         place = mkdtemp(prefix="abhv-mc-")
         try:
-            path = write_inputs({**data, **overrides}, Path(place))
+            path = write_inputs({**check_mapping(data, "data"), **overrides}, Path(place))
             made = cls(path, read_campaign(path))
         except BaseException:
             shutil.rmtree(place, ignore_errors=True)
@@ -88,6 +89,8 @@ class Campaign:
         from abhv_mc.campaign.run.setup import Request
 
         names = tuple(controllers) if controllers is not None else None
+        if workers is not None:
+            workers = check_count(workers, 1, "workers", MOST_WORKERS)
         out = Path(output) if output is not None else None
         return CampaignResults(run_campaign(Request(self.path, out, runs, seed, names, workers, fresh)).folder)
 
@@ -222,11 +225,16 @@ class CampaignResults:
         return build_report(self.folder, format)
 
     def query(self, sql: str) -> "pd.DataFrame":
-        """The answer to SQL over the tables flights, samples, histories, envelopes, nominal and reference."""
-        from abhv_mc.store.database import open_database
+        """The answer to SQL over the tables flights, samples, histories, envelopes, nominal and reference.
 
-        with open_database(self.folder) as database:
-            return database.sql(sql).df()
+        Empty for SQL that asks nothing. Raises :class:`abhv_mc.io.documents.InputError` for what cannot be answered.
+        """
+        import pandas as pd
+
+        from abhv_mc.store.sql import answered
+
+        with answered(self.folder, sql) as answer:
+            return pd.DataFrame() if answer is None else answer.df()
 
     def replay(self, flight: int, controller: str | None = None) -> "pd.DataFrame":
         """Channels of one flight at full rate, flown again (by default by the first controller).
@@ -273,8 +281,8 @@ class CampaignResults:
         from abhv_mc.report.whatif import make_whatif
 
         nested: dict[str, dict[str, Any]] = {}
-        for key, value in settings.items():
-            name, _, entry = key.rpartition(".")
+        for key, value in check_mapping(settings, "settings").items():
+            name, _, entry = str(key).rpartition(".")
             nested.setdefault(name, {})[entry] = value
         found = make_whatif(self.folder, nested)
         rows = []

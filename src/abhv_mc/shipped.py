@@ -1,5 +1,6 @@
 """The configurations and campaigns that come with the program, from a checkout and from a wheel alike."""
 
+import os
 from pathlib import Path
 
 from abhv_mc.io.input_error import InputError, one_of
@@ -35,7 +36,8 @@ def find_input(name: str | Path, *kinds: str) -> Path:
     Raises :class:`abhv_mc.io.input_error.InputError` for a name that none has.
     """
     text = str(name)
-    if Path(text).exists() or "/" in text or "\\" in text or text.endswith((".yaml", ".yml")):
+    there = os.path.exists(text)  # noqa: PTH110  Path's raises where the name is too long
+    if there or "/" in text or "\\" in text or text.endswith((".yaml", ".yml")):
         return Path(text)
     known = [shipped_files(kind) for kind in kinds]
     for files in known:

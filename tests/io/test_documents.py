@@ -137,6 +137,15 @@ def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
     assert read_document(tmp_path / "x.yaml").data == {"a": 0.1, "b": [3, True, "c"], "d": 2.5}
 
 
+def test_what_is_nested_too_deeply_is_not_written(tmp_path: Path) -> None:
+    data: dict = {}
+    for _ in range(5000):
+        data = {"a": data}
+    with pytest.raises(InputError, match="nested"):
+        write_document(tmp_path / "x.yaml", data)
+    assert not (tmp_path / "x.yaml").exists()
+
+
 def test_lines_and_accents_of_a_text_are_its_own(tmp_path: Path) -> None:
     read = document(tmp_path, "a: |\n  one\n  two\nb: Überhöhung\nc: 飛行\n")
     assert read.data == {"a": "one\ntwo\n", "b": "Überhöhung", "c": "飛行"}
@@ -156,6 +165,8 @@ def test_refused_paths(tmp_path: Path) -> None:
     for path in (tmp_path / "missing.yaml", tmp_path):
         with pytest.raises(InputError, match=r"found (no such file|a folder); wanted a YAML file"):
             read_document(path)
+    with pytest.raises(InputError, match="null character"):
+        read_document("a\0b")
 
 
 def test_valid(tmp_path: Path) -> None:

@@ -12,13 +12,11 @@ from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.names import parse_names
 from abhv_mc.cli.outputs import campaign_folder_or_address
 from abhv_mc.cli.printing import say
+from abhv_mc.cli.searching import Workers
 from abhv_mc.io.input_error import Refusal
 
 if TYPE_CHECKING:
     from abhv_mc.campaign.run.runner import RunResult
-
-
-_WORKERS = typer.Option(min=1, max=1024, help="Flights in parallel.", show_default="cores")
 
 
 class Device(StrEnum):
@@ -44,7 +42,7 @@ def command(
     runs: Annotated[int | None, typer.Option(min=1, help="Flights of each controller.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed.")] = None,
     controllers: Annotated[str | None, typer.Option(metavar="A,B", help="Only these of its controllers.")] = None,
-    workers: Annotated[int | None, _WORKERS] = None,
+    workers: Workers = None,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Fly on this Dask cluster.")] = None,
     device: Annotated[Device, typer.Option(help="Fly on the processor or on an NVIDIA GPU.")] = Device.CPU,
     shard: Annotated[str | None, typer.Option(metavar="I/N", help="Only part I of N; merge joins them.")] = None,

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.cli.outputs import campaign_folder, new_file
 from abhv_mc.io.input_error import InputError
 
@@ -18,7 +19,9 @@ Folder = Annotated[
 ]
 Controller = Annotated[str | None, typer.Option(help="Controller.", show_default="the first")]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed.", show_default="the campaign's")]
-Workers = Annotated[int | None, typer.Option(min=1, help="Flights in parallel.", show_default="cores")]
+Workers = Annotated[
+    int | None, typer.Option(min=1, max=MOST_WORKERS, help="Flights in parallel.", show_default="cores")
+]
 Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Fly on this Dask cluster.")]
 JsonFile = Annotated[Path | None, typer.Option("--json", callback=new_file, metavar="FILE", help="Write the result.")]
 Shard = Annotated[str | None, typer.Option(hidden=True)]

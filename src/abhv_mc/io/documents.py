@@ -23,7 +23,7 @@ from pydantic import (
     model_validator,
 )
 
-from abhv_mc.io.document_reader import MAX_BYTES, Place, Places, Plain, compose
+from abhv_mc.io.document_reader import MAX_BYTES, MAX_DEPTH, Place, Places, Plain, compose
 from abhv_mc.io.input_error import InputError, InputErrors, Refusal, describe, one_of
 
 __all__ = [
@@ -92,6 +92,8 @@ def read_document(path: "str | Path | Document") -> Document:
             raw = file.read(MAX_BYTES + 1)  # a device has no end
     except FileNotFoundError:
         raise InputError(path, None, None, "no such file", "a YAML file") from None
+    except ValueError:
+        raise InputError(path, None, None, "a name with a null character", "a YAML file") from None
     except IsADirectoryError:
         raise InputError(path, None, None, "a folder", "a YAML file") from None
     except OSError as error:
@@ -128,7 +130,10 @@ def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
     yaml.width = sys.maxsize  # ruamel folds some long texts so that they read back changed
     text = StringIO()
     text.writelines(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
-    yaml.dump(data, text)
+    try:
+        yaml.dump(data, text)
+    except RecursionError:
+        raise InputError(path, None, None, "data nested too deeply", f"at most {MAX_DEPTH} levels") from None
     Path(path).write_text(text.getvalue(), encoding="utf-8")  # only now: refused data leave a file as it is
 
 

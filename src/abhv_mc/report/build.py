@@ -6,8 +6,9 @@ import json
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
+from abhv_mc.io.input_error import InputError, describe, one_of
 from abhv_mc.report.results import read_results
 from abhv_mc.store.folder import CampaignFolder, hash_file
 from abhv_mc.store.hashes import data_files
@@ -87,8 +88,10 @@ def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
     """Write `report.json`, `figures/*.png` and `report.html` (or `report.md`) into a campaign's folder.
 
     Needs nothing but what the campaign wrote there. Returns the path of the page.
-    Raises InputError where a file is missing or unreadable.
+    Raises InputError where a file is missing or unreadable, and for another format.
     """
+    if format not in get_args(Format):
+        raise InputError("format", None, None, describe(format), one_of(get_args(Format)))
     from abhv_mc.report.figures.style import write_png
     from abhv_mc.report.gallery import make_figures
     from abhv_mc.report.numbers import make_numbers

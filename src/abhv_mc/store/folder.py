@@ -35,6 +35,8 @@ class CampaignFolder:
             str(root).encode()
         except UnicodeEncodeError:
             raise InputError(root, None, None, "a name that is not UTF-8", "another name of the folder") from None
+        if "\0" in str(root):
+            raise InputError(root, None, None, "a name with a null character", "another name of the folder")
         # pyarrow takes a relative path with a colon for an address.
         self.root = root = root.absolute() if ":" in str(root) else root
         self.campaign = root / "campaign.yaml"

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.campaign.file.keep import Keep
 from abhv_mc.campaign.file.own_metrics import MetricEntry, MetricName
 from abhv_mc.campaign.file.tuning import Tune
@@ -17,7 +18,6 @@ from abhv_mc.store.manifest_check import Name
 
 PROCESSES, THREADS = "processes", "threads"
 
-_MOST_WORKERS = 1024
 _LARGEST_BATCH = 2**20
 
 
@@ -35,7 +35,7 @@ def _auto_up_to(most: int) -> Any:
     return BeforeValidator(lambda value: _auto(value, most), json_schema_input_type=written)
 
 
-Workers = Annotated[int | None, _auto_up_to(_MOST_WORKERS)]
+Workers = Annotated[int | None, _auto_up_to(MOST_WORKERS)]
 Batch = Annotated[int | None, _auto_up_to(_LARGEST_BATCH)]
 
 
