@@ -52,7 +52,7 @@ def _read_parquet(path: Path) -> dict[str, NDArray[np.float64]]:
     import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(path)
+        table = pq.read_table(path.absolute())  # a relative one with a colon is taken for an address
         return {name: table[name].cast(pa.float64()).to_numpy() for name in table.column_names}
     except (pa.ArrowException, OSError) as error:
         raise InputError(path, None, None, str(error).splitlines()[0], "a Parquet file of numbers") from None
