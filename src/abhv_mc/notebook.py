@@ -231,10 +231,10 @@ class CampaignResults:
         """
         import pandas as pd
 
-        from abhv_mc.store.sql import answered
+        from abhv_mc.store.sql import ask
 
-        with answered(self.folder, sql) as answer:
-            return pd.DataFrame() if answer is None else answer.df()
+        table = ask(self.folder, sql, lambda answer: answer.df())
+        return pd.DataFrame() if table is None else table
 
     def replay(self, flight: int, controller: str | None = None) -> "pd.DataFrame":
         """Channels of one flight at full rate, flown again (by default by the first controller).

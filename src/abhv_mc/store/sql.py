@@ -1,28 +1,44 @@
 """SQL over a campaign's tables; what is wrong with it is bad input."""
 
-import contextlib
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from abhv_mc.io.input_error import InputError
+from abhv_mc.own.aside import run_aside
 from abhv_mc.store.database import open_database
 
 if TYPE_CHECKING:
+    from duckdb import DuckDBPyConnection, DuckDBPyRelation
+
+T = TypeVar("T")
+_PATIENCE = 10.0  # s for duckdb to heed an interrupt
+
+
+def ask(folder: Path, sql: str, take: "Callable[[DuckDBPyRelation], T]") -> T | None:
+    """What ``take`` makes of the answer; None for a statement without one. Ctrl-C is heeded. Raises InputError."""
     import duckdb
 
+    opened: list[DuckDBPyConnection] = []
+    ended = threading.Event()
 
-@contextlib.contextmanager
-def answered(root: Path, sql: str) -> Iterator["duckdb.DuckDBPyRelation | None"]:
-    """The answer to SQL over the tables of the campaign in ``root``, to be read meanwhile; None where nothing is asked.
-
-    Raises InputError for what cannot be answered, also where that shows as the answer is read.
-    """
-    import duckdb
-
-    with open_database(root) as connection:
+    def answer() -> T | None:
         try:
-            yield connection.sql(sql)
-        except duckdb.Error as error:
-            words = str(error).partition("\nTraceback")[0]  # duckdb adds one where Python lacks what a type needs
-            raise InputError("query", None, None, words, "SQL that duckdb can answer") from None
+            with open_database(folder) as database:
+                opened.append(database)
+                found = database.sql(sql)
+                return None if found is None else take(found)
+        finally:
+            ended.set()
+
+    try:
+        return run_aside(answer)  # in a thread of its own, as duckdb heeds no interrupt in the main one
+    except KeyboardInterrupt:
+        for database in opened:
+            database.interrupt()
+        ended.wait(_PATIENCE)
+        raise
+    except (duckdb.Error, ArithmeticError, ValueError) as error:  # the last two: of values that Python cannot hold
+        words = str(error).partition("\nTraceback")[0]  # duckdb adds one where Python lacks what a type needs
+        raise InputError("query", None, None, words, "SQL that duckdb can answer") from None
