@@ -1,8 +1,7 @@
 """``abhv-mc query``: SQL over a campaign's tables."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,9 +9,6 @@ from abhv_mc.cli.printing import print_json, say
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyRelation
-
-T = TypeVar("T")
-_PATIENCE = 10.0  # s for duckdb to heed an interrupt
 
 
 def command(
@@ -26,48 +22,15 @@ def command(
     Parameters have a dot in their names: write them in double quotes, as in select "aero.lift" from samples.
     """
     from abhv_mc.store.remote import fetched
+    from abhv_mc.store.sql import ask
 
     with fetched(folder) as source:
         if json or csv:
-            rows = _ask(source, sql, lambda answer: (answer.columns, answer.fetchall()))
+            rows = ask(source, sql, lambda answer: (answer.columns, answer.fetchall()))
             if rows is not None:
                 _print_rows(*rows, json)
         else:
-            say(_ask(source, sql, _draw) or "", end="")
-
-
-def _ask(folder: Path, sql: str, take: "Callable[[DuckDBPyRelation], T]") -> "T | None":
-    """What ``take`` makes of the answer; None for a statement without one. Ctrl-C is heeded. Raises InputError."""
-    import threading
-
-    import duckdb
-
-    from abhv_mc.io.input_error import InputError
-    from abhv_mc.own.aside import run_aside
-    from abhv_mc.store.database import open_database
-
-    opened: list[duckdb.DuckDBPyConnection] = []
-    ended = threading.Event()
-
-    def ask() -> "T | None":
-        try:
-            with open_database(folder) as database:
-                opened.append(database)
-                answer = database.sql(sql)
-                return None if answer is None else take(answer)
-        finally:
-            ended.set()
-
-    try:
-        return run_aside(ask)  # in a thread of its own, as duckdb heeds no interrupt in the main one
-    except KeyboardInterrupt:
-        for database in opened:
-            database.interrupt()
-        ended.wait(_PATIENCE)
-        raise
-    except (duckdb.Error, ArithmeticError, ValueError) as error:  # the last two: of values that Python cannot hold
-        words = str(error).partition("\nTraceback")[0]  # duckdb adds one where Python lacks what a type needs
-        raise InputError("query", None, None, words, "SQL that duckdb can answer") from None
+            say(ask(source, sql, _draw) or "", end="")
 
 
 def _draw(answer: "DuckDBPyRelation") -> str:
