@@ -78,3 +78,12 @@ def test_peak_memory_is_that_of_the_process():
 def test_a_campaign_that_breaks_down_is_no_measurement():
     with pytest.raises(subprocess.CalledProcessError):
         _peak_memory(["-c", "raise SystemExit(70)"])
+
+
+def test_nothing_is_imported_from_the_working_folder(tmp_path, monkeypatch):
+    """It would run with the user's rights."""
+    for name in ("abhv_mc", "subprocess"):
+        (tmp_path / f"{name}.py").write_text("open('ran', 'w').close()\n")
+    monkeypatch.chdir(tmp_path)
+    assert _peak_memory(["-c", "import abhv_mc"]) > 0.0
+    assert not (tmp_path / "ran").exists()

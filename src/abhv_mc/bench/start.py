@@ -44,7 +44,8 @@ _IMPORT = ["-c", "import time; t = time.perf_counter(); import abhv_mc; print(ti
 
 def _run(arguments: list[str], changes: dict[str, str]) -> tuple[float, str]:
     """Wall time, s, and standard output of a Python process."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **changes}
+    searched = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONSAFEPATH": "1"}  # not the working folder
+    environment = {**os.environ, **searched, **changes}
     start = time.perf_counter()
     done = subprocess.run(  # noqa: S603
         [sys.executable, *arguments], env=environment, capture_output=True, text=True, check=True

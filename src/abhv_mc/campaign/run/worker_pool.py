@@ -6,13 +6,16 @@ its result disturbs no other.
 
 import contextlib
 import multiprocessing
+import os
 import queue
 import signal
 import sys
+import tempfile
 import threading
 import time
 import types
 from collections.abc import Iterator
+from multiprocessing import forkserver, resource_tracker, util
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -22,7 +25,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.run.batches import Fly
 from abhv_mc.campaign.run.retry import FlightLostError, UnusableError, fly_with_retries, time_limit
-from abhv_mc.campaign.run.worker import serve
+from abhv_mc.campaign.run.worker import Environment, serve, set_environment
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 
 Floats = NDArray[np.float64]
@@ -33,7 +36,9 @@ _CRASH = 4
 _PAUSE = 0.05  # s of waiting before a start, times the failed starts so far
 _COMPILE_LIMIT = 600.0  # s for a process to start and to load or compile a flight
 _RESPONSE_LIMIT = 30.0  # s at least for one that has done so to say that it begins the next block
-_main_lock = threading.Lock()
+_SOCKET_NAME = 103  # bytes of a socket's name that every system has room for
+_SHORT_PLACE = "/tmp"  # noqa: S108  for a private folder in it
+_start_lock = threading.Lock()
 
 
 class _NotBegunError(Exception):
@@ -41,12 +46,13 @@ class _NotBegunError(Exception):
 
 
 def start_fork_server(fly: Fly) -> None:
-    """Start the process that workers are forked from, which imports in the background what ``fly`` needs."""
-    from multiprocessing import forkserver
+    """Start the process that workers are forked from, which imports in the background what ``fly`` needs.
 
+    Where it cannot be started, the first worker says why.
+    """
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([serve.__module__, fly.__module__, "llvmlite.binding"])
-    with _sigint_blocked():
+    with contextlib.suppress(OSError), _starting_processes():
         forkserver.ensure_running()
 
 
@@ -56,10 +62,10 @@ class _Worker:
     def __init__(self, fly: Fly) -> None:
         context = multiprocessing.get_context("forkserver")
         self._connection, theirs = context.Pipe()
-        self.process: BaseProcess = context.Process(target=serve, args=(theirs, fly), daemon=True)
         with theirs:
             try:
-                with _empty_main(), _sigint_blocked():
+                with _starting_processes() as outside:
+                    self.process: BaseProcess = context.Process(target=serve, args=(theirs, fly, outside), daemon=True)
                     self.process.start()
             except (OSError, EOFError):
                 self._connection.close()
@@ -189,28 +195,44 @@ class WorkerPool:
 
 
 @contextlib.contextmanager
-def _sigint_blocked() -> Iterator[None]:
-    """Start processes that ignore Ctrl-C, which reaches every process of the terminal: the parent decides."""
-    from multiprocessing import resource_tracker
+def _starting_processes() -> Iterator[Environment]:
+    """Processes that multiprocessing starts inside ignore Ctrl-C and import from where this one does.
 
-    resource_tracker.ensure_running()  # which unblocks signals when it starts
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextlib.contextmanager
-def _empty_main() -> Iterator[None]:
-    """Start a process that does not run the caller's script again, as multiprocessing otherwise would."""
-    with _main_lock:
+    Ctrl-C reaches every process of the terminal: the parent decides. The caller's script is not run again. The server
+    and its helper are started with ``python -c``, which would import from the working folder first: two variables keep
+    them from that. Gives those variables as they are outside.
+    """
+    searched = os.pathsep.join(map(os.path.abspath, sys.path))
+    with _start_lock:
+        _make_socket_folder()
         main = sys.modules["__main__"]
-        sys.modules["__main__"] = types.ModuleType("__main__")
+        outside = set_environment({"PYTHONPATH": searched, "PYTHONSAFEPATH": "1"})
         try:
-            yield
+            resource_tracker.ensure_running()  # which unblocks signals when it starts
+            mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            sys.modules["__main__"] = types.ModuleType("__main__")
+            try:
+                yield outside
+            finally:
+                sys.modules["__main__"] = main
+                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         finally:
-            sys.modules["__main__"] = main
+            set_environment(outside)
+
+
+def _make_socket_folder() -> None:
+    """Have multiprocessing make its private folder elsewhere where TMPDIR leaves no room for names of sockets.
+
+    Later versions of Python do it themselves. Without a place for it the start is refused, and says why.
+    """
+    with contextlib.suppress(OSError):
+        usual = tempfile.gettempdir()
+        if len(os.fsencode(f"{usual}/pymp-12345678/listener-12345678")) > _SOCKET_NAME:
+            tempfile.tempdir = _SHORT_PLACE
+        try:
+            util.get_temp_dir()
+        finally:
+            tempfile.tempdir = usual
 
 
 def _describe_exit(code: int | None) -> str:
