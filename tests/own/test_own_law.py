@@ -201,6 +201,15 @@ def test_a_memory_that_cannot_be_made_ends_the_flight(make):
     assert [Outcome(code) for code in block.outcome] == [Outcome.LAW_FAILED] * 2
 
 
+def test_settings_that_cannot_be_made_end_the_flight(make):
+    """It flew on with commands of zero, and was counted as ok."""
+    text = HEAD + "from collections import namedtuple\nclass Settings(namedtuple('Settings', 'x', defaults=(1.0,))):\n"
+    text += "    def __new__(kind, x):\n        raise SystemExit(0)\n\n"
+    text += "@controller(compiled=False)\ndef law(settings):\n    return Command(0.0, 0.0, 0.0, 0.5)\n"
+    block = fly(make(text), nominal_parameters(2))
+    assert [Outcome(code) for code in block.outcome] == [Outcome.LAW_FAILED] * 2
+
+
 def test_memory_of_any_kind_in_plain_python(make):
     text = HEAD + "class Memory:\n    def __init__(self):\n        self.seen = []\n\n"
     text += (
@@ -330,6 +339,30 @@ def test_design_gives_gains_and_the_linear_plant(make):
 
     history = fly(plan, nominal_parameters(), 1).history[0, 1]
     assert np.isclose(history[CHANNEL_INDEX["aileron_command_deg"]], np.rad2deg(0.005), rtol=1e-4)
+
+
+DESIGNS = {
+    "raise Mute": "a design that raises Mute",
+    "raise SystemExit(0)": "raises SystemExit",
+    "return 3": "returns int",
+    "return Gains('x')": "the gain 'class'",
+    "return Gains(1.0)": "'class'",
+    "return Gains(Mute)": "'class'",
+}
+
+
+@pytest.mark.parametrize("end", DESIGNS)
+def test_an_odd_design_is_refused_in_words(make, end):
+    text = HEAD + (
+        "class Mute(Exception):\n    def __str__(self):\n        raise SystemExit(0)\n\n"
+        "class Gains(tuple):\n    _fields = ('class',)\n    def __new__(kind, x):\n"
+        "        return tuple.__new__(kind, (x,))\n\n"
+        f"def design(model, settings):\n    {end}\n\n"
+        "@controller\ndef law(reference):\n    return Command(0.0, 0.0, reference.elevator, 1.0)\n"
+    )
+    with pytest.raises(InputError) as refused:
+        make(text)
+    assert DESIGNS[end] in refused.value.found
 
 
 LINE = "    return Command(0.0, 0.0, 0.0, 1.0)\n"

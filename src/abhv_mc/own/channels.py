@@ -11,7 +11,7 @@ from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.own.check import check_functions, find_function
 from abhv_mc.own.compiled import COMMAND_ROWS, build, compiled_names
 from abhv_mc.own.source import CHANNEL as MARK
-from abhv_mc.own.source import OwnSource, run_module
+from abhv_mc.own.source import OwnSource, refuse_in_words, run_module
 from abhv_mc.own.wires import Command, Measured, Reference
 from abhv_mc.plant import state as s
 from abhv_mc.plant.state import X, variable_row
@@ -37,24 +37,25 @@ _ARGUMENTS = (*_GIVEN, "time", "dt")
 def compile_channels(source: OwnSource, width: int) -> Any:
     """The compiled loop over ``width`` lanes, with its ``address``. Raises InputError."""
     module = run_module(source)
-    functions = module.marked(MARK)
-    if not 1 <= len(functions) <= MAX_CHANNELS:
-        raise InputError(source.file, None, None, f"{len(functions)} channels", f"1 to {MAX_CHANNELS}")
-    tree = ast.parse(source.text)
-    nodes = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
-    for function in functions.values():
-        node = find_function(source.file, nodes, function)
-        check_functions(source.file, node, nodes, module.names)
-        for argument in inspect.signature(function).parameters:
-            if argument not in _ARGUMENTS:
-                wanted = one_of(_ARGUMENTS, argument)
-                raise InputError(source.file, node.lineno, None, f"the argument '{argument}'", wanted)
-    names = compiled_names(module)
-    for name in functions:
-        names[f"_channel_{name}"] = names[name]
-    names |= {"_Measured": Measured, "_Reference": Reference, "_Command": Command}
-    signatures = {name: tuple(inspect.signature(function).parameters) for name, function in functions.items()}
-    return build(module, _make_loop(signatures, width), names)
+    with refuse_in_words(source, "channels", "plain functions"):
+        functions = module.marked(MARK)
+        if not 1 <= len(functions) <= MAX_CHANNELS:
+            raise InputError(source.file, None, None, f"{len(functions)} channels", f"1 to {MAX_CHANNELS}")
+        tree = ast.parse(source.text)
+        nodes = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
+        for function in functions.values():
+            node = find_function(source.file, nodes, function)
+            check_functions(source.file, node, nodes, module.names)
+            for argument in inspect.signature(function).parameters:
+                if argument not in _ARGUMENTS:
+                    wanted = one_of(_ARGUMENTS, argument)
+                    raise InputError(source.file, node.lineno, None, f"the argument '{argument}'", wanted)
+        names = compiled_names(module)
+        for name in functions:
+            names[f"_channel_{name}"] = names[name]
+        names |= {"_Measured": Measured, "_Reference": Reference, "_Command": Command}
+        signatures = {name: tuple(inspect.signature(function).parameters) for name, function in functions.items()}
+        return build(module, _make_loop(signatures, width), names)
 
 
 def _make_loop(signatures: dict[str, tuple[str, ...]], width: int) -> str:

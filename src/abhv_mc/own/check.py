@@ -61,13 +61,15 @@ def check_law(law: Law) -> None:
         return lines[0] if lines else classes[kind].lineno
 
     _check_arguments(law, node)
-    if "settings" in law.arguments:
+    if law.settings is not None:
         check_defaults(law, law.settings, "Settings", False, line_of)
     for name, unit in law.mark.units.items():
         known = law.settings._fields if law.settings else ()
         if name not in known:
             wanted = one_of(known, name) if known else "a field of Settings"
             raise InputError(source.file, node.lineno, None, f"a unit of '{name}'", wanted)
+        if not isinstance(unit, str):
+            raise InputError(source.file, node.lineno, None, f"the unit {unit!r:.40} of '{name}'", "text such as 'deg'")
         try:
             parse_unit(unit)
         except Refusal as refusal:

@@ -16,7 +16,7 @@ from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
 from abhv_mc.jit import compiler, scalar
 from abhv_mc.jit_pointer import Uncompilable, compile_pointer
-from abhv_mc.own.source import Law, Module, OwnSource, load_law
+from abhv_mc.own.source import Law, Module, OwnSource, load_law, refuse_in_words
 from abhv_mc.own.table import Table
 from abhv_mc.own.wires import Command, LastCommand, Measured, Onboard, Reference
 from abhv_mc.plant import state as s
@@ -30,6 +30,7 @@ COMMAND_ROWS = (
     s.ALPHA_CMD,
     s.BANK_CMD,
 )  # of a Command
+WANTED = "floats, named tuples and functions of them, or @controller(compiled=False)"
 _NOISE = re.compile(r"(Failed in nopython mode|During: |File \"|- Resolution failure|\^|\[1\] |<source|def |return |$)")
 
 
@@ -40,20 +41,21 @@ def compile_law(source: OwnSource, gains: tuple[str, ...], width: int) -> Any:
     Raises InputError for what does not compile, with the user's line.
     """
     law = load_law(source)
-    names = compiled_names(law.module)
-    names |= {"_Measured": Measured, "_Reference": Reference, "_Onboard": Onboard}
-    for hint in Onboard.__annotations__.values():
-        if hasattr(hint, "_fields"):
-            names[f"_{hint.__name__}"] = hint
-    if gains:
-        names["_Gains"] = make_gains_class(gains)
-    if law.settings is not None:
-        names["_Settings"] = law.settings
-    if "memory" in law.arguments:
-        names["_Memory"] = law.memory
-    names["_law"] = names[law.function.__name__]
-    text = _make_loop(law, gains, width)
-    return build(law.module, text, names, f"{gains}")
+    with refuse_in_words(source, "a law", WANTED):
+        names = compiled_names(law.module)
+        names |= {"_Measured": Measured, "_Reference": Reference, "_Onboard": Onboard}
+        for hint in Onboard.__annotations__.values():
+            if hasattr(hint, "_fields"):
+                names[f"_{hint.__name__}"] = hint
+        if gains:
+            names["_Gains"] = make_gains_class(gains)
+        if law.settings is not None:
+            names["_Settings"] = law.settings
+        if "memory" in law.arguments:
+            names["_Memory"] = law.memory
+        names["_law"] = names[law.function.__name__]
+        text = _make_loop(law, gains, width)
+        return build(law.module, text, names, f"{gains}")
 
 
 def make_gains_class(names: Iterable[str]) -> Any:
@@ -102,14 +104,14 @@ def compiled_names(module: Module) -> dict[str, Any]:
     sys.modules[home.__name__] = home
     names = home.__dict__
     names.update(module.names)
-    for name, value in module.names.items():
-        if isinstance(value, types.FunctionType) and value.__globals__ is module.names:
+    for name, value in module.names.items():  # by type: isinstance() would ask the objects themselves
+        if type(value) is types.FunctionType and value.__globals__ is module.names:
             copy = types.FunctionType(value.__code__, names, name, value.__defaults__, value.__closure__)
             copy.__kwdefaults__ = value.__kwdefaults__
             names[name] = scalar(copy)
-        elif isinstance(value, Table):
+        elif issubclass(type(value), Table):
             names[name] = value.make_compiled()
-        elif isinstance(value, type) and hasattr(value, "_fields") and (value is Command or name == "Memory"):
+        elif issubclass(type(value), type) and hasattr(value, "_fields") and (value is Command or name == "Memory"):
             names[name] = _make_maker(value, home.__name__)
     return dict(names)
 
@@ -196,5 +198,4 @@ def _explain(module: Module, error: Uncompilable) -> InputError:
     if said is not None:
         return InputError(source.file, line, None, "a law that returns something else", "return Command(...)")
     found_words = "; ".join(useful[:3]) or "code that does not compile"
-    wanted = "floats, named tuples and functions of them, or @controller(compiled=False)"
-    return InputError(source.file, line, None, f"what does not compile ({found_words:.300})", wanted)
+    return InputError(source.file, line, None, f"what does not compile ({found_words:.300})", WANTED)

@@ -11,7 +11,8 @@ from abhv_mc.control.design.design_tables import Numbers, slope
 from abhv_mc.control.design.lqr_design import Nominal, make_nominal
 from abhv_mc.control.mission import Mission
 from abhv_mc.io.input_error import InputError
-from abhv_mc.own.source import Law, line_in
+from abhv_mc.own.compiled import make_gains_class
+from abhv_mc.own.source import Law, refuse_in_words
 from abhv_mc.own.wires import Reference
 from abhv_mc.vehicle.arrays import Floats, Tables
 from abhv_mc.vehicle.model import Vehicle
@@ -131,25 +132,20 @@ def design_gains(law: Law, model: DesignModel, settings: Floats) -> tuple[tuple[
     if law.design is None:
         return (), np.empty((ticks, 0))
     file = law.source.file
-    given = law.settings(*settings.tolist()) if law.settings is not None else None
-    try:
+    with refuse_in_words(law.source, "a design", "a named tuple of arrays [tick]"):
+        given = law.settings(*settings.tolist()) if law.settings is not None else None
         made = law.design(model, given)
-    except (InputError, KeyboardInterrupt):
-        raise
-    except BaseException as error:  # SystemExit among them
-        found = f"a design that raises {type(error).__name__}: {error}"
-        raise InputError(file, line_in(error, file), None, found, "a named tuple of arrays [tick]") from error
-    line = law.design.__code__.co_firstlineno
-    if not (isinstance(made, tuple) and hasattr(made, "_fields")):
-        wanted = f"a named tuple of numbers or arrays [{ticks}]"
-        raise InputError(file, line, None, f"a design that returns {type(made).__name__}", wanted)
-    columns = np.empty((ticks, len(made)))
-    for i, (name, value) in enumerate(zip(made._fields, made, strict=True)):
-        try:
-            columns[:, i] = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            found = f"the gain '{name}' of the shape {np.shape(value)}"
-            raise InputError(file, line, None, found, f"a number, or an array [{ticks}]") from None
-        if not np.isfinite(columns[:, i]).all():
-            raise InputError(file, line, None, f"the gain '{name}' with what is not a number", "finite numbers")
-    return tuple(made._fields), columns
+        line = law.design.__code__.co_firstlineno
+        if not (isinstance(made, tuple) and hasattr(made, "_fields")):
+            wanted = f"a named tuple of numbers or arrays [{ticks}]"
+            raise InputError(file, line, None, f"a design that returns {type(made).__name__}", wanted)
+        columns = np.empty((ticks, len(made)))
+        for i, (name, value) in enumerate(zip(made._fields, made, strict=True)):
+            try:
+                columns[:, i] = np.asarray(value, dtype=np.float64)
+            except (TypeError, ValueError):
+                found = f"the gain '{name}' of the shape {np.shape(value)}"
+                raise InputError(file, line, None, found, f"a number, or an array [{ticks}]") from None
+            if not np.isfinite(columns[:, i]).all():
+                raise InputError(file, line, None, f"the gain '{name}' with what is not a number", "finite numbers")
+        return make_gains_class(made._fields)._fields, columns

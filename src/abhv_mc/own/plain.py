@@ -46,7 +46,7 @@ class PlainLaw:
         if self._gains is not None:
             given["gains"] = self._gains(*_row(gains, tick, len(self._gains._fields)))
         if law.settings is not None:
-            given["settings"] = law.settings(*settings[: len(law.settings._fields)])
+            given["settings"] = settings[: len(law.settings._fields)]
         first_of: dict[int, int] = {}
         for lane in range(self._width):
             if block[FAULT, lane] > 0.0:
@@ -86,6 +86,8 @@ class PlainLaw:
     def _fly_lane(self, block: Floats, lane: int, memory: Any, given: dict[str, Any]) -> Any:
         law = self._law
         values = {**given, "memory": memory}
+        if "settings" in law.arguments:
+            values["settings"] = law.settings(*given["settings"])
         if "measured" in law.arguments:
             values["measured"] = Measured(*block[s.MEASURED : s.MEASURED + s.N_MEASURED, lane].tolist())
         if "onboard" in law.arguments:

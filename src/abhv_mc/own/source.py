@@ -9,7 +9,7 @@ import math
 import sys
 import traceback
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -59,7 +59,8 @@ class Module:
 
     def marked(self, mark: str) -> dict[str, Callable[..., Any]]:
         """The functions with a decorator of ours, by name."""
-        return {name: value for name, value in self.names.items() if hasattr(value, mark) and callable(value)}
+        functions = {name: value for name, value in self.names.items() if type(value) is types.FunctionType}
+        return {name: function for name, function in functions.items() if mark in function.__dict__}
 
 
 def read_source(path: Path) -> OwnSource:
@@ -81,21 +82,45 @@ def run_module(source: OwnSource) -> Module:
     module = types.ModuleType(f"abhv_mc_own_{source.hash[:16]}")
     module.__file__ = source.file
     try:
-        with contextlib.chdir("."), contextlib.ExitStack() as as_before:  # names of outputs are relative to the folder
-            as_before.callback(sys.setrecursionlimit, sys.getrecursionlimit())
-            exec(compile(source.text, source.file, "exec", dont_inherit=True), module.__dict__)  # the user's own file
-    except SyntaxError as error:
-        raise InputError(source.file, error.lineno, error.offset, f"'{error.msg}'", "Python") from None
-    except (InputError, KeyboardInterrupt):
-        raise
-    except BaseException as error:  # SystemExit among them, which would end the program, as if all were done
-        line = line_in(error, source.file)
-        found = f"a file that raises {type(error).__name__}: {error}"
-        raise InputError(source.file, line, None, found, "a file that runs on its own") from None
+        code = compile(source.text, source.file, "exec", dont_inherit=True)
+    except (SyntaxError, ValueError, MemoryError, RecursionError) as error:  # the last three: zero bytes, deep nesting
+        at = (error.lineno, error.offset) if isinstance(error, SyntaxError) else (None, None)
+        raise InputError(source.file, *at, f"'{getattr(error, 'msg', error)}'", "Python") from None
+    with refuse_in_words(source, "a file", "a file that runs on its own"), contextlib.ExitStack() as as_before:
+        as_before.enter_context(contextlib.chdir("."))  # names of outputs are relative to the folder
+        as_before.callback(sys.setrecursionlimit, sys.getrecursionlimit())
+        exec(code, module.__dict__)  # the user's own file
     return Module(source, module.__dict__)
 
 
-def line_in(error: BaseException, file: str) -> int | None:
+@contextlib.contextmanager
+def refuse_in_words(source: OwnSource, what: str, wanted: str) -> Iterator[None]:
+    """Make an InputError, with the line, of whatever a user's code raises where it is run or looked at.
+
+    SystemExit among it, which would end the program as if all were done. A full disk or memory, met elsewhere than in
+    his code, is none of that.
+    """
+    try:
+        yield
+    except (InputError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        line = _line_in(error, source.file)
+        if line is None and isinstance(error, OSError | MemoryError):
+            raise
+        raise InputError(source.file, line, None, f"{what} that raises {_describe(error)}", wanted) from None
+
+
+def _describe(error: BaseException) -> str:
+    """What it is and says, as far as it can say it: its words are the user's code, too."""
+    name = type(error).__name__
+    try:
+        return f"{name}: {error!s:.300}"
+    except BaseException:
+        return name
+
+
+def _line_in(error: BaseException, file: str) -> int | None:
     """The last line of ``file`` in a traceback."""
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
     return lines[-1] if lines else None
@@ -124,22 +149,23 @@ def load_law(source: OwnSource) -> Law:
     from abhv_mc.own.check import check_law
 
     module = run_module(source)
-    found = module.marked(CONTROLLER)
-    if len(found) != 1:
-        words = f"{len(found)} functions with @controller" if found else "no function with @controller"
-        raise InputError(source.file, None, None, words, "one: from abhv_mc.extend import controller")
-    (function,) = found.values()
-    mark: ControllerMark = getattr(function, CONTROLLER)
-    law = Law(
-        module,
-        function,
-        mark,
-        tuple(inspect.signature(function).parameters),
-        module.names.get("Memory"),
-        module.names.get("Settings"),
-        module.names.get("design"),
-    )
-    check_law(law)
+    with refuse_in_words(source, "a law", "a plain function, and named tuples of numbers"):
+        found = module.marked(CONTROLLER)
+        if len(found) != 1:
+            words = f"{len(found)} functions with @controller" if found else "no function with @controller"
+            raise InputError(source.file, None, None, words, "one: from abhv_mc.extend import controller")
+        (function,) = found.values()
+        mark: ControllerMark = getattr(function, CONTROLLER)
+        law = Law(
+            module,
+            function,
+            mark,
+            tuple(inspect.signature(function).parameters),
+            module.names.get("Memory"),
+            module.names.get("Settings"),
+            module.names.get("design"),
+        )
+        check_law(law)
     return law
 
 
@@ -163,7 +189,10 @@ def check_defaults(law: Law, kind: Any, words: str, needed: bool, line_of: Calla
 
 def is_number(value: object) -> bool:
     """Whether a default is a finite number."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    try:
+        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # a whole number beyond all floats
+        return False
 
 
 def field_error(file: str, line: int | None, column: int | None, of: str, name: str, known: Any) -> InputError:

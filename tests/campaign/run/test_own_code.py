@@ -24,6 +24,8 @@ from abhv_mc.cli import linearize, margins
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError, InputErrors
+from abhv_mc.own.channels import compile_channels
+from abhv_mc.own.compiled import compile_law
 from abhv_mc.own.source import load_law, read_source, run_module
 from abhv_mc.report.results import read_results
 from abhv_mc.store.manifest import read_manifest
@@ -159,9 +161,6 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):
     ran.unlink()
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "somebody_else"))
     from abhv_mc.campaign.file.inputs import check_inputs
-    from abhv_mc.own.channels import compile_channels
-    from abhv_mc.own.compiled import compile_law
-    from abhv_mc.own.source import load_law, run_module
 
     for kept in (run_module, load_law, compile_law, compile_channels):
         kept.cache_clear()
@@ -244,6 +243,14 @@ def test_line_ends_of_another_system_change_nothing(study, tmp_path):
     assert first["state"] == longer["state"] == "complete"
 
 
+LAW = """\
+from typing import NamedTuple
+from abhv_mc.extend import Command, controller
+@controller{}
+def law():
+    return Command(0.0, 0.0, 0.0, 1.0)
+"""
+PLAIN_LAW = LAW.format("")
 MODULES = {
     "import sys; sys.exit(0)": "SystemExit",
     "raise KeyError('x')": "KeyError",
@@ -254,6 +261,14 @@ MODULES = {
     "from abhv_mc.extend import controller\nif True:\n    @controller\n    def law(actual):\n        return 1": "",
     "from abhv_mc.extend import controller\n@controller\nclass Law:\n    pass": "",
     "from abhv_mc.extend import controller\n@controller\nasync def law(actual):\n    return 1": "",
+    "class Mute(Exception):\n    def __str__(self):\n        raise SystemExit(0)\nraise Mute": "raises Mute",
+    "raise ValueError('x' * 100_000)": "raises ValueError: xxx",
+    PLAIN_LAW + "law.__signature__ = 3": "__signature__",
+    PLAIN_LAW + "law._abhv_mc_controller = 3": "",
+    LAW.format("(units={'x': 3})") + "class Settings(NamedTuple):\n    x: float = 1.0": "the unit 3 of 'x'",
+    PLAIN_LAW + "class Settings:\n    pass": "Settings that is no NamedTuple",
+    PLAIN_LAW + "class Settings(NamedTuple):\n    x: float = 10**400": "for 'x'",
+    PLAIN_LAW.replace("()", "(memory)") + "class Memory(NamedTuple):\n    x: float = 10**400": "for 'x'",
     "\x00": "",
     "#" * 3_000_000: "more than",
 }
@@ -266,6 +281,31 @@ def test_odd_laws_are_refused_in_words(tmp_path, text):
     with pytest.raises(InputError) as refused:
         load_law(read_source(file))
     assert MODULES[text] in str(refused.value) and len(str(refused.value)) < 2000
+
+
+@pytest.mark.parametrize("raised", ["SystemExit(0)", "ValueError(name)"])
+@pytest.mark.parametrize("asked", ["__getattr__", "__getattribute__"])
+@pytest.mark.parametrize("code", ["controller", "channels"])
+def test_what_else_a_file_holds_is_not_touched(tmp_path, raised, asked, code):
+    """The program ended as if it had flown, or in a traceback."""
+    beside = f"class Odd:\n    def {asked}(self, name):\n        raise {raised}\nodd = Odd()\n"
+    file = tmp_path / "code.py"
+    if code == "controller":
+        file.write_text(PLAIN_LAW + beside)
+        assert compile_law(read_source(file), (), 1).address
+    else:
+        file.write_text(CHANNELS.format(line=beside))
+        assert compile_channels(read_source(file), 1).address
+
+
+@pytest.mark.parametrize("raised", ["SystemExit(0)", "ValueError(name)"])
+def test_what_a_law_uses_may_raise_anything(tmp_path, raised):
+    beside = f"class Odd:\n    def __getattribute__(self, name):\n        raise {raised}\nodd = Odd()\n"
+    file = tmp_path / "code.py"
+    file.write_text(PLAIN_LAW.replace("0.0, 1.0)", "0.0, odd)") + beside)
+    with pytest.raises(InputError, match=raised.partition("(")[0]) as refused:
+        compile_law(read_source(file), (), 1)
+    assert refused.value.file == str(file) and refused.value.line == 8
 
 
 def test_a_law_leaves_the_working_folder_and_the_depth_of_calls_as_they_were(tmp_path):
