@@ -19,9 +19,6 @@ _PACKAGE = Path(__file__).parent
 _COMPILED_FILES = ("cache.py", "compiler_target.py", "jit.py", "jit_cuda.py", "jit_pointer.py")
 _COMPILED_LAYERS = ("numerics", "world", "vehicle", "plant", "control", "flight")
 
-# Settings of numba that change the code and that its own cache does not look at.
-_SETTINGS = ("NUMBA_BOUNDSCHECK", "NUMBA_DEBUGINFO", "NUMBA_DISABLE_INTEL_SVML", "NUMBA_LOOP_VECTORIZE", "NUMBA_OPT")
-
 
 def source_hash() -> str:
     """Hash of everything that compiled code is made from: its sources and numba itself; the same on every machine."""
@@ -44,9 +41,8 @@ def source_unchanged() -> bool:
 
 
 def cache_folder(compiler: str) -> Path:
-    """Folder of the code that ``compiler`` (a part of its name) makes from exactly this source."""
-    settings = " ".join(f"{name}={os.environ.get(name)}" for name in _SETTINGS)
-    name = hashlib.sha256(f"{_SOURCE} {compiler} {settings}".encode()).hexdigest()[:16]
+    """Folder of the code that ``compiler`` (in words: it, and its settings) makes from exactly this source."""
+    name = hashlib.sha256(f"{_SOURCE} {compiler}".encode()).hexdigest()[:16]
     base = own_folder("XDG_CACHE_HOME", ".cache")
     for root in (base, _temporary_root()):
         with contextlib.suppress(OSError):  # no home, or a read-only one

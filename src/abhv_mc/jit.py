@@ -26,14 +26,14 @@ import numba
 import numpy as np
 from numba.core import event
 
-from abhv_mc.cache import cache_folder, one_compiles, source_unchanged
-from abhv_mc.compiler_target import choose_target
+from abhv_mc.cache import one_compiles, source_unchanged
+from abhv_mc.compiler_target import choose_target, code_folder
 
 F = TypeVar("F", bound=Callable[..., Any])
 _PUBLIC = "ABHV_MC_PUBLIC_NUMBA"
 
 # Plain Python throughout, as numba itself does it: for counting operations, and for the GPU's simulator.
-PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+PLAIN = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
 
 
 def scalar(function: F) -> F:
@@ -162,12 +162,12 @@ def _try_out(row: Any) -> None:
 choose_target()
 # numba decides on its cache's place when it decorates, so that is set before any function is made.
 _mode = "public" if PLAIN or os.environ.get(_PUBLIC, "0") not in ("", "0") else "private"
-numba.config.CACHE_DIR = str(cache_folder(_mode))  # type: ignore[attr-defined]
+numba.config.CACHE_DIR = str(code_folder(_mode))  # type: ignore[attr-defined]
 if _mode == "private":
     try:
         _inlined, _kernel = _make_private()
         _twice = scalar(lambda x: x + x)
-        if not (tried := cache_folder(_mode) / "tried").exists():  # half a second; numba's version is in the name
+        if not (tried := code_folder(_mode) / "tried").exists():  # half a second; numba's version is in the name
             kernel(_try_out)(np.ones(2))
             with contextlib.suppress(OSError):
                 tried.touch()
@@ -175,6 +175,6 @@ if _mode == "private":
         what = f"the private part of numba {numba.__version__} is another than known ({type(error).__name__}: {error})"
         warnings.warn(f"{what}: its public interface makes the same flights, slower", RuntimeWarning, stacklevel=2)
         os.environ[_PUBLIC], _mode = "1", "public"  # processes that this one starts need not find out again
-        numba.config.CACHE_DIR = str(cache_folder(_mode))  # type: ignore[attr-defined]
+        numba.config.CACHE_DIR = str(code_folder(_mode))  # type: ignore[attr-defined]
 if _mode == "public":
     _inlined, _kernel = numba.njit, functools.partial(numba.njit, cache=True)

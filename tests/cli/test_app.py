@@ -192,6 +192,17 @@ def test_a_setting_that_a_library_does_not_take_is_named(setting, tmp_path):
     assert done.returncode == ExitCode.BAD_INPUT and setting in done.stderr and "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize("content", ["- a list", "broken: [", "3: 4", "num_threads: 0"])
+def test_a_file_of_settings_that_numba_does_not_take_is_named(content, tmp_path):
+    pytest.importorskip("yaml")
+    (tmp_path / ".numba_config.yaml").write_text(content)
+    program = [sys.executable, "-m", "abhv_mc", "fly", "level"]
+    environment = os.environ | {"PYTHONPATH": str(Path(abhv_mc.__file__).parents[1])}
+    done = subprocess.run(program, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == ExitCode.BAD_INPUT, done.stderr
+    assert ".numba_config.yaml" in done.stderr and "Traceback" not in done.stderr
+
+
 @pytest.mark.parametrize("ending", ["", "; sys.stdout.flush()", "; raise SystemExit(1)", "; 1 / 0"])
 def test_output_that_nobody_reads_any_more_is_no_failed_requirement(ending):
     """`status DIR | head -1` ended with exit code 1, which says that a requirement failed."""

@@ -36,6 +36,7 @@ _SETTINGS = (
     "SCIPY_",
     "SOURCE_DATE_EPOCH",
 )  # that libraries read when loaded
+_NUMBA_FILE = ".numba_config.yaml"  # that numba reads in the working folder, where PyYAML is installed
 _NO_MEMORY = (  # as Python and Arrow (no thread's stack), the loader of libraries, and the system say it
     "can't start new thread",
     "Failed to launch worker thread",
@@ -74,10 +75,13 @@ def exit_code_of(error: BaseException) -> int | str | None:
     if isinstance(error, (InputError, Refusal)):
         _tell(error)
         return ExitCode.BAD_INPUT
-    if isinstance(error, ValueError) and (library := _library_being_loaded(error)):
-        settings = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(_SETTINGS)]
-        place = f"the environment ({', '.join(settings)})" if settings else "the environment"
-        _tell(InputError(place, None, None, f"a setting that {library} does not take ({error})", "one that it takes"))
+    library = _library_being_loaded(error)
+    files = [_NUMBA_FILE] if library == "numba" and Path(_NUMBA_FILE).exists() else []
+    if (library and isinstance(error, ValueError)) or (files and not isinstance(error, ImportError)):
+        set_ = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(_SETTINGS)]
+        place = f"the environment ({', '.join(files + set_)})" if files + set_ else "the environment"
+        said = " ".join(str(error).split())
+        _tell(InputError(place, None, None, f"a setting that {library} does not take ({said})", "one that it takes"))
         return ExitCode.BAD_INPUT
     with contextlib.suppress(OSError):
         traceback.print_exception(error)

@@ -9,7 +9,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.cache import cache_folder, one_compiles
+from abhv_mc.cache import one_compiles
+from abhv_mc.compiler_target import code_folder
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.laws.own import MEMORY, ONBOARD
 from abhv_mc.io.atomic_write import atomic_write
@@ -74,7 +75,7 @@ def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> A
     """Compile the function ``loop`` of a generated text with these names. Raises InputError."""
     source = module.source
     key = hashlib.sha256(f"{source.hash} {salt} {text} {_own_hash()}".encode()).hexdigest()[:24]
-    path = cache_folder(compiler()) / "laws" / f"law_{key}.py"
+    path = code_folder(compiler()) / "laws" / f"law_{key}.py"
     if not path.exists():
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with atomic_write(path) as aside:
