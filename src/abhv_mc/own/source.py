@@ -81,16 +81,21 @@ def run_module(source: OwnSource) -> Module:
     linecache.cache[source.file] = (len(source.text), None, source.text.splitlines(keepends=True), source.file)
     module = types.ModuleType(f"abhv_mc_own_{source.hash[:16]}")
     module.__file__ = source.file
-    try:
-        code = compile(source.text, source.file, "exec", dont_inherit=True)
-    except (SyntaxError, ValueError, MemoryError, RecursionError) as error:  # the last three: zero bytes, deep nesting
-        at = (error.lineno, error.offset) if isinstance(error, SyntaxError) else (None, None)
-        raise InputError(source.file, *at, f"'{getattr(error, 'msg', error)}'", "Python") from None
+    code = compile_text(source)
     with refuse_in_words(source, "a file", "a file that runs on its own"), contextlib.ExitStack() as as_before:
         as_before.enter_context(contextlib.chdir("."))  # names of outputs are relative to the folder
         as_before.callback(sys.setrecursionlimit, sys.getrecursionlimit())
         exec(code, module.__dict__)  # the user's own file
     return Module(source, module.__dict__)
+
+
+def compile_text(source: OwnSource, flags: int = 0) -> Any:
+    """What Python's ``compile`` makes of the text, without running it. Raises InputError."""
+    try:
+        return compile(source.text, source.file, "exec", flags, dont_inherit=True)
+    except (SyntaxError, ValueError, MemoryError, RecursionError) as error:  # the last three: zero bytes, deep nesting
+        at = (error.lineno, error.offset) if isinstance(error, SyntaxError) else (None, None)
+        raise InputError(source.file, *at, f"'{getattr(error, 'msg', error)}'", "Python") from None
 
 
 @contextlib.contextmanager

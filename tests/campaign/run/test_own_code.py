@@ -308,6 +308,15 @@ def test_what_a_law_uses_may_raise_anything(tmp_path, raised):
     assert refused.value.file == str(file) and refused.value.line == 8
 
 
+@pytest.mark.parametrize("text", ["x = " + "-" * 50_000 + "1", "x = (", "\0", "#" * 2_000_001, "x = 1"])
+def test_odd_files_of_channels_are_refused_in_words(study, tmp_path, text):
+    """Deep nesting was told as too little memory."""
+    file = study()
+    (tmp_path / "channels.py").write_text(text)
+    with pytest.raises(InputError, match=r"channels\.py"):
+        read_campaign(file)
+
+
 def test_a_law_leaves_the_working_folder_and_the_depth_of_calls_as_they_were(tmp_path):
     """The campaign was flown into another folder, and its page ended in a traceback."""
     file = tmp_path / "law.py"

@@ -23,6 +23,7 @@ from abhv_mc.flight.observe import find_factor, find_row
 from abhv_mc.flight.signals import CHANNEL_INDEX, CHANNELS, METRIC_INDEX
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of, read_document, validate
 from abhv_mc.io.units import Time
+from abhv_mc.own.source import compile_text, read_source
 
 StatisticName = Literal[
     "min", "max", "max_abs", "mean", "rms", "final", "integral", "peak_to_peak", "travel", "time_outside",
@@ -218,10 +219,7 @@ def _describe(entry: MetricEntry) -> str:
 
 def find_own_channels(path: Path) -> tuple[tuple[str, str], ...]:
     """Name and unit of each ``@channel`` of a file, found in its text: the file is not run. Raises InputError."""
-    try:
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-    except (SyntaxError, UnicodeDecodeError, OSError) as error:
-        raise InputError(path, getattr(error, "lineno", None), None, f"'{error}'", "a Python file") from None
+    tree = compile_text(read_source(path), ast.PyCF_ONLY_AST)
     found: list[tuple[str, str]] = []
     for node in tree.body:
         if isinstance(node, ast.FunctionDef):
