@@ -121,7 +121,7 @@ def test_a_closed_folder_is_found_before_anything_flies(call, tmp_path, monkeypa
     assert code == 2 and "cannot be written" in said, said
 
 
-@pytest.mark.parametrize("command", ["fly", "report", "export", "margins", "plan", "merge"])
+@pytest.mark.parametrize("command", ["fly", "report", "export", "margins", "plan"])
 def test_folders_of_files_are_not_a_campaigns(call, flown, command):
     """`fly -o` would write its nominal flight over the campaign's."""
     code, said = call(command, "-o", flown)

@@ -226,7 +226,7 @@ def test_dry_run_says_what_it_costs_and_leaves_nothing(abhv_mc, tmp_path, monkey
     assert [path.name for path in tmp_path.iterdir()] == ["files"]
 
 
-def test_a_folder_with_a_colon_in_its_name_is_a_folder(tmp_path, monkeypatch):
+def test_a_folder_with_a_colon_in_its_name_is_a_folder(abhv_mc, tmp_path, monkeypatch):
     from abhv_mc.campaign.run.runner import run_campaign
     from abhv_mc.campaign.run.setup import Request
     from abhv_mc.store.database import open_database
@@ -236,6 +236,8 @@ def test_a_folder_with_a_colon_in_its_name_is_a_folder(tmp_path, monkeypatch):
     assert run_campaign(Request(campaign, Path("run-21:30")), ENGINE).complete
     with open_database(Path("run-21:30")) as database:
         assert database.sql("select count(*) from flights").fetchall() == [(60,)]
+    for words in (("report",), ("verify", "campaign"), ("status",), ("export",), ("compare", "run-21:30")):
+        assert abhv_mc(*words, "run-21:30")[0] == 0, words
 
 
 def test_a_folder_that_is_deleted_meanwhile_is_not_complete(tmp_path):

@@ -4,6 +4,7 @@ import json
 import re
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -158,3 +159,45 @@ def test_report_and_verify_know_a_searchs_folder(abhv_mc, campaign, words, key):
     first.write_bytes(first.read_bytes()[:-100])
     code, out, _ = abhv_mc("verify", "campaign", "out")
     assert code == 1 and "flights/" in out
+
+
+def test_tune_that_ends_before_its_page_is_whole_goes_on(abhv_mc, tmp_path, monkeypatch):
+    """The new file was there, with which the same command is refused, and the page never came."""
+    monkeypatch.setattr("abhv_mc.campaign.search.tune.make_engine", lambda: ENGINE)
+    words = ("tune", write_tuned(tmp_path).campaign, "--tune", "block.yaml", "-o", "new.yaml", "--json", "new.json")
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("abhv_mc.report.tune_page.write_tune_page", stop)
+        code, _, err = abhv_mc(*words)
+    assert code == 3 and "the same command goes on" in err
+    assert abhv_mc(*words)[0] == 0
+    assert all(Path(name).exists() for name in ("new.yaml", "new.html", "new.json"))
+
+
+@pytest.mark.parametrize("complete", [True, False])
+def test_the_order_of_the_dispersions_is_part_of_a_search(abhv_mc, tmp_path, monkeypatch, complete):
+    """They are its axes: in another order it found other flights, in the place of those that it had found."""
+    first, second = (
+        "aero.lift: {distribution: uniform, half_width: 10 %}",
+        "atmosphere.density: {distribution: uniform, half_width: 2 %}",
+    )
+    file = write_line(tmp_path / "files", dispersions=f"{{{first}, {second}}}")
+    words = ("worst", file, "--metric", METRIC, "--flights", "160", "-o", "out")
+    if not complete:
+        calls = iter(range(10_000))
+
+        def fly_until(plan, parameters, record_every=None):
+            if next(calls) > 6:
+                raise KeyboardInterrupt
+            return fly_line(plan, parameters, record_every)
+
+        monkeypatch.setattr("abhv_mc.campaign.search.worst.make_engine", lambda: replace(LINE, fly=fly_until))
+    assert abhv_mc(*words)[0] == (0 if complete else 3)
+    before = {path: path.read_bytes() for path in Path("out").rglob("*.parquet")}
+    write_line(tmp_path / "files", dispersions=f"{{{second}, {first}}}")
+    code, _, err = abhv_mc(*words)
+    assert code == 2 and "a search of another campaign" in err
+    assert {path: path.read_bytes() for path in Path("out").rglob("*.parquet")} == before

@@ -6,6 +6,7 @@ import pytest
 from abhv_mc.statistics.family import bonferroni, false_pass_bound, hold_family, holm
 from abhv_mc.statistics.looks import judge_at_looks
 from abhv_mc.statistics.sequential import choose_looks, make_sequential_plan
+from abhv_mc.statistics.verdict_words import needed_words
 from abhv_mc.statistics.verdicts import judge
 
 PROBABILITY, RISK = 0.9, 0.10
@@ -42,6 +43,19 @@ def test_holm_passes_more_than_bonferroni():
     assert [verdict.status for verdict in hold_family([*good, last], RISK)] == ["PASS"] * 9
     dropped = hold_family([judge(20, 200, PROBABILITY, RISK)] * 8 + [last], RISK)[-1]
     assert dropped.status == "NOT SHOWN" and "PASS alone" in dropped.note
+
+
+@pytest.mark.parametrize(("failures", "flights"), [(0, 30), (2, 60), (0, 20)])
+def test_what_would_show_it_is_what_the_family_takes(failures, flights):
+    """Of 30 flights without a failure, which were not enough among four, it said that 22 would do, or none more."""
+    pair = judge(failures, flights, PROBABILITY, RISK)
+    held = hold_family([pair] * 4, RISK)
+    assert {verdict.status for verdict in held} == {"NOT SHOWN"}
+    (needed,) = {verdict.flights_needed for verdict in held}
+    assert f"campaign (another seed) of {needed} flights" in needed_words(held[0])
+    for runs, status in ((needed, "PASS"), (needed - 1, "NOT SHOWN")):
+        again = hold_family([judge(failures, runs, PROBABILITY, RISK)] * 4, RISK)
+        assert {verdict.status for verdict in again} == {status}
 
 
 def test_holm_is_the_published_procedure():

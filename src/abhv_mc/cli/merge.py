@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from abhv_mc.cli.outputs import new_folder
+from abhv_mc.cli.outputs import campaign_folder
 
 
 def command(
@@ -13,7 +13,7 @@ def command(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", callback=new_folder, metavar="DIR", help="New folder.", show_default="reports/NAME"
+            "--output", "-o", callback=campaign_folder, metavar="DIR", help="New folder.", show_default="reports/NAME"
         ),
     ] = None,
     no_report: Annotated[bool, typer.Option("--no-report", help="Make no report.")] = False,

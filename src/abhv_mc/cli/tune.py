@@ -47,12 +47,16 @@ def command(
     refuse_shard(shard)
     new_file(out.with_suffix(".html"))
     announce_compiling()
-    from abhv_mc.campaign.search.tune import TuneRequest, tune_controller
+    from abhv_mc.campaign.search.tune import TuneFound, TuneRequest, tune_controller
     from abhv_mc.report.tune_page import write_tune_page
 
-    found = tune_controller(TuneRequest(campaign, out, controller, block, seed, workers, scheduler))
-    write_json(json_file, found.as_json())
-    page = write_tune_page(found, out.with_suffix(".html"))
+    page = out.with_suffix(".html")
+
+    def tell(found: TuneFound) -> None:  # before the new file is there, with which the command would not run again
+        write_json(json_file, found.as_json())
+        write_tune_page(found, page)
+
+    found = tune_controller(TuneRequest(campaign, out, controller, block, seed, workers, scheduler), tell=tell)
     gain = found.validation.difference
     for side in found.sides:
         bound = "" if side.limit is None else f"  (limit {side.limit:.5g}{'' if side.keeps else ', broken'})"

@@ -19,7 +19,8 @@ Format = Literal["html", "md"]
 def hash_files(folder: Path) -> dict[str, str]:
     """SHA-256 of every file that the report is made from, by its path in the folder."""
     paths = CampaignFolder(folder)
-    return {path.relative_to(folder).as_posix(): hash_file(path) for path in (paths.campaign, *data_files(paths, None))}
+    files = (paths.campaign, *data_files(paths, None))
+    return {path.relative_to(paths.root).as_posix(): hash_file(path) for path in files}
 
 
 def write_json(numbers: dict[str, Any]) -> str:

@@ -32,7 +32,7 @@ def verify_campaign(root: Path) -> Iterator[str]:
         return
     if holder := lock_holder(folder.lock):
         raise InputError(root, None, None, f"a campaign that {holder} is flying", "the end of that run")
-    yield from (f"{path.relative_to(root).as_posix()}: {found}" for path, found in find_damage(folder, manifest))
+    yield from (f"{path.relative_to(folder.root).as_posix()}: {found}" for path, found in find_damage(folder, manifest))
     path = root / "report.json"
     if not path.is_file():
         raise InputError(path, None, None, "no such file", f"a report: abhv-mc report {root}")

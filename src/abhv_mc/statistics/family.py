@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from abhv_mc.statistics.verdicts import Verdict
+from abhv_mc.statistics.verdicts import Verdict, runs_needed
 
 
 def false_pass_bound(risks: Sequence[float]) -> float:
@@ -37,13 +37,21 @@ def hold_family(verdicts: Sequence[Verdict], risk: float) -> list[Verdict]:
     """Verdicts of a fixed campaign with the chance of any false PASS at most `risk`: what Holm drops is NOT SHOWN.
 
     The exact p-value of a PASS is its consumer's risk. No verdict becomes better than it was alone, and estimates
-    stay estimates. FAIL stands: nothing is accepted by it.
+    stay estimates. FAIL stands: nothing is accepted by it. The flights that would show what is not shown are those of
+    Bonferroni's share of the risk, with which Holm keeps a PASS whatever the others are.
     """
     judged = [k for k, verdict in enumerate(verdicts) if verdict.consumer_risk is not None]
     kept = dict(zip(judged, holm([float(verdicts[k].consumer_risk or 0.0) for k in judged], risk), strict=True))
     chance = f"a chance of at most {100.0 * risk:g} % of any false PASS"
     note = f"PASS alone, but not with {chance} among {len(judged)} verdicts"
-    return [
+    held = [
         replace(verdict, status="NOT SHOWN", note=note) if verdict.status == "PASS" and not kept[k] else verdict
         for k, verdict in enumerate(verdicts)
+    ]
+    shares = bonferroni([verdict.risk for verdict in held], risk)
+    return [
+        replace(verdict, flights_needed=runs_needed(verdict.failures, verdict.probability, share))
+        if verdict.status == "NOT SHOWN"
+        else verdict
+        for verdict, share in zip(held, shares, strict=True)
     ]

@@ -66,6 +66,6 @@ def needed_words(verdict: Verdict) -> str:
     """What would settle the requirement, for it is not more flights of the same campaign; '' where nothing would."""
     if verdict.runs and verdict.failures / verdict.runs > 1.0 - verdict.probability:
         return "more of its flights failed than the requirement allows"
-    flights = runs_needed(verdict.failures, verdict.probability, verdict.risk)
+    flights = verdict.flights_needed or runs_needed(verdict.failures, verdict.probability, verdict.risk)
     most = "without a failure" if not verdict.failures else f"with at most {_count(verdict.failures, 'failure')}"
     return f"a new campaign (another seed) of {flights} flights {most} would PASS, or 'stop: when proven'"

@@ -102,6 +102,7 @@ class _Manifest(Entries):
     wall_time_s: Number = 0.0
     digest: Hash | None = None
     digests: dict[Text, Hash] = {}
+    healed: Hash = ""
     controllers: dict[Text, _Controller] = {}
     requirements: list[_Requirement] = []
     versions: dict[Text, Any] = {}

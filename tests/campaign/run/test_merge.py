@@ -1,5 +1,7 @@
 """Shards flown apart and merged are the campaign flown whole; what does not fit is refused."""
 
+import contextlib
+import errno
 import json
 import random
 import re
@@ -18,6 +20,7 @@ from abhv_mc.campaign.run.setup import Request
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.input_error import InputError
 from abhv_mc.notebook import open_results
+from abhv_mc.store.folder import StorageFullError
 from abhv_mc.store.manifest import write_manifest
 from abhv_mc.store.plans import read_plan, write_plan
 
@@ -160,7 +163,60 @@ def test_flights_that_only_the_merge_could_compute_accuse_nobody(tmp_path):
     for i, part in enumerate(parts, 1):
         run_campaign(Request(campaign, part, shard=(i, 2)), replace(ENGINE, fly=fail))
     merged = merge_campaign(parts, tmp_path / "merged", ENGINE)
-    assert merged.complete and merged.manifest["digest"] == whole["digest"] and merged.healed.value
+    assert merged.complete and merged.manifest["digest"] == whole["digest"] and "healed" in merged.manifest
+    again = merge_campaign(parts, tmp_path / "merged", ENGINE)
+    assert again.manifest["digest"] == whole["digest"]
+
+
+@pytest.mark.parametrize("fault", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left on device")])
+def test_a_merge_that_was_interrupted_goes_on(tmp_path, monkeypatch, fault):
+    """'The same command goes on', it said, and then refused: the folder was not empty, or a campaign's."""
+    campaign, parts = fly_shards(tmp_path, 2, runs="60", execution="{batch: 15}")
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    out = tmp_path / "merged"
+    left, copy = 0, shutil.copyfile
+
+    def copy_until(source, target):
+        nonlocal left
+        left -= 1
+        if left == 0:
+            raise fault
+        copy(source, target)
+
+    def fail(*_):
+        raise fault
+
+    monkeypatch.setattr(shutil, "copyfile", copy_until)
+    for left in (1, 2, 5, 9, 14):  # noqa: B007
+        with pytest.raises((KeyboardInterrupt, StorageFullError)):
+            merge_campaign(parts, out, ENGINE)
+        assert open_results(out).manifest["state"] == "interrupted"
+    with contextlib.suppress(KeyboardInterrupt, StorageFullError, OSError):
+        assert not merge_campaign(parts, out, replace(ENGINE, find_stability=fail)).complete
+    merged = merge_campaign(parts, out, ENGINE)
+    assert merged.complete and merged.manifest["digest"] == whole["digest"] and "copying" not in merged.manifest
+    for name in FILES[:2]:
+        assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    with pytest.raises(InputError, match="not empty"):
+        merge_campaign(parts, tmp_path / "whole", ENGINE)
+
+
+def test_parts_of_another_version_are_refused_before_anything_is_written(tmp_path):
+    _, parts = fly_shards(tmp_path, 2)
+    with pytest.raises(InputError, match="source"):
+        merge_campaign(parts, tmp_path / "merged", replace(ENGINE, source="another"))
+    assert not (tmp_path / "merged").exists()
+
+
+def test_parts_with_another_controller_first_are_refused(tmp_path):
+    """The lowest part decided which controller requirements bind."""
+    campaign = write_campaign(tmp_path / "f", runs="60")
+    turned = write_campaign(tmp_path / "g", runs="60", controllers="{two: two.yaml, one: one.yaml}")
+    parts = [tmp_path / "part1", tmp_path / "part2"]
+    for i, (file, part) in enumerate(zip((campaign, turned), parts, strict=True), 1):
+        run_campaign(Request(file, part, shard=(i, 2)), ENGINE)
+    with pytest.raises(InputError, match="controllers in another order"):
+        merge_campaign(parts, tmp_path / "merged", ENGINE)
 
 
 def test_plans_travel_from_folder_to_folder(tmp_path):

@@ -159,6 +159,31 @@ def test_controllers_can_be_added(campaign, tmp_path):
     )
 
 
+def test_requirements_of_controllers_that_are_flown_one_after_the_other(tmp_path):
+    """They stood in the folder twice: verdicts of twice as many pairs, and the same command was refused."""
+    limits = "probability: 0.9, consumer_risk: 0.1"
+    requirements = (
+        f"[{{metric: altitude_error_max_m, below: 1.6, {limits}, controllers: [one, two]}},"
+        f" {{metric: altitude_error_max_m, below: 1.7, {limits}, controllers: [two]}},"
+        f" {{metric: altitude_error_max_m, below: 1.8, {limits}, controllers: [one]}},"
+        f" {{metric: altitude_error_max_m, below: 1.9, {limits}}}]"
+    )
+    campaign = write_campaign(tmp_path / "f", runs="60", requirements=requirements, family="{method: holm, risk: 0.10}")
+    whole = run(campaign, tmp_path / "whole").manifest
+
+    def pairs(manifest):
+        return sorted(json.dumps(entry, sort_keys=True) for entry in manifest["requirements"])
+
+    orders = ([("one",), None], [("two",), None], [("one",), ("two",), ("one",), None], [("two",), ("one",), ("two",)])
+    for i, order in enumerate(orders):
+        out = tmp_path / f"{i}"
+        for names in (*order, order[-1], None):
+            flown = run(campaign, out, controllers=names)
+            assert flown.complete
+        assert pairs(flown.manifest) == pairs(whole), order
+    assert run(campaign, tmp_path / "0", runs=90).complete
+
+
 def test_requirements_without_controllers_follow_the_first_of_the_file(campaign, tmp_path):
     """A folder begun with the second controller, or by a file in another order, went on judging the other one."""
 

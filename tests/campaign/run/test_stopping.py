@@ -3,13 +3,15 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from campaign.fake_flight import ENGINE, fly, write_campaign
+from campaign.fake_flight import DENSITY, ENGINE, fly, write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.documents import InputError, read_document
 from abhv_mc.report.numbers import make_numbers
 from abhv_mc.report.results import read_results
@@ -54,6 +56,24 @@ def test_the_result_does_not_depend_on_how_it_is_flown(tmp_path, options):
     assert other["digest"] == whole["digest"] and other["stopped_at"] == whole["stopped_at"]
     for name in FILES:
         assert pq.read_table(tmp_path / "a" / name).equals(pq.read_table(tmp_path / "b" / name))
+
+
+def test_what_lies_beyond_the_look_at_which_it_stops_is_tried_again_too(tmp_path):
+    """'The same command tries again', it said, and tried nothing: exit code 3 for ever."""
+
+    def fail(plan, parameters, every=None):
+        block = fly(plan, parameters, every)
+        off = np.abs(parameters[:, DENSITY] - 1.0)
+        block.outcome[(off > 0.0) & (off < 0.01)] = Outcome.FAILED_TO_RUN  # the trials stand at 1
+        return block
+
+    campaign = make(tmp_path / "f", requirements=PROVEN)
+    whole = run(make(tmp_path / "g", requirements=PROVEN), tmp_path / "whole").manifest
+    weak = run(campaign, tmp_path / "out", replace(ENGINE, fly=fail)).manifest
+    assert weak["runs_failed"] and weak["runs_done"] + weak["runs_failed"] > whole["stopped_at"]
+    again = run(campaign, tmp_path / "out").manifest
+    assert again["runs_failed"] == 0
+    assert [entry["verdict"] for entry in again["requirements"]] == ["PASS"]
 
 
 @pytest.mark.parametrize("blocks", [1, 3, 6])

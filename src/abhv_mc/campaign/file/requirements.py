@@ -1,6 +1,7 @@
 """What a campaign requires of its flights, against the tables of metrics, its design and its mission."""
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from abhv_mc.campaign.file.config import Campaign, Requirement
@@ -22,6 +23,17 @@ def select_requirements(entries: Any, controllers: Sequence[str]) -> Iterator[An
             yield entry
         elif chosen := [name for name in entry["controllers"] if name in controllers]:
             yield {**entry, "controllers": chosen}
+
+
+def join_requirements(first: Iterable[Any], second: Iterable[Any], controllers: Iterable[str]) -> list[Any]:
+    """The requirements of both, each once: of those that differ in their controllers alone one, for all of these."""
+    joined: dict[str, Any] = {}
+    for entry in (*first, *second):
+        rest = {key: value for key, value in entry.items() if key != "controllers"}
+        kind = json.dumps([rest, bool(entry.get("controllers"))], sort_keys=True)
+        named = [*joined.get(kind, {}).get("controllers", ()), *(entry.get("controllers") or ())]
+        joined[kind] = {**entry, "controllers": [name for name in controllers if name in named]} if named else entry
+    return list(joined.values())
 
 
 def check_requirements(

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign
-from abhv_mc.campaign.file.requirements import select_requirements
+from abhv_mc.campaign.file.requirements import join_requirements, select_requirements
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
 from abhv_mc.store.folder import CampaignFolder, hash_file, is_inside, write_bytes, write_whole
 from abhv_mc.store.hashes import FileHashes, refuse_links
@@ -148,14 +148,16 @@ def merge_campaigns(held: ResolvedCampaign, wanted: ResolvedCampaign, selected: 
     """
     first, then = (held, wanted) if selected else (wanted, held)
     controllers = {**first.data["controllers"], **then.data["controllers"], **wanted.data["controllers"]}
-    requirements = list(wanted.data.get("requirements") or [])
-    requirements += [entry for entry in held.data.get("requirements") or [] if entry not in requirements]
+    new, old = (part.data.get("requirements") or [] for part in (wanted, held))
+    requirements = join_requirements(new, old, controllers)
     data = {**wanted.data, "controllers": controllers, "requirements": requirements}
     return ResolvedCampaign(replace(held.document, data=data), wanted.copies, held.hashes | wanted.hashes)
 
 
 def _for_controllers(data: dict[str, Any], names: list[str]) -> dict[str, Any]:
-    return {**data, "requirements": list(select_requirements(data.get("requirements") or [], names))}
+    """The data with the requirements that apply to these, whatever entries they are written in, in one order."""
+    selected = join_requirements(select_requirements(data.get("requirements") or [], names), (), names)
+    return {**data, "requirements": sorted(selected, key=lambda entry: json.dumps(entry, sort_keys=True))}
 
 
 def _changed_files(old: dict[str, str], new: dict[str, str], prefix: str) -> list[str]:

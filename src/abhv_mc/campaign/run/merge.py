@@ -14,8 +14,9 @@ import numpy as np
 from abhv_mc.campaign.envelopes.collector import merge_states
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.own_code import check_own_code
-from abhv_mc.campaign.run.engine import Engine
-from abhv_mc.campaign.run.runner import RunResult, run_campaign
+from abhv_mc.campaign.file.resolve import read_held
+from abhv_mc.campaign.run.engine import Engine, check_source, make_engine
+from abhv_mc.campaign.run.runner import RunResult, healed_of, run_campaign
 from abhv_mc.campaign.run.setup import Request
 from abhv_mc.io.documents import InputError
 from abhv_mc.store.digest import Digest
@@ -27,6 +28,7 @@ from abhv_mc.store.plans import flatten, read_plan
 from abhv_mc.store.samples import ROW_GROUP, SampleReader
 
 _NAMED = 20  # missing shards that are told
+_COPYING = "copying"  # in the manifest while the parts are copied
 _SAME = ("campaign_hash", "source_hash", "inputs")
 
 
@@ -35,49 +37,63 @@ def merge_campaign(
 ) -> RunResult:
     """Join complete shards in the new folder ``out``, then make what follows from all flights.
 
-    ``trust_code`` runs a law of the folders that this user has not flown. Raises InputError, before anything is
-    written, where the parts are not all of one campaign, flown by the same code on the same samples and plans, each
-    flight once; and after it where their digests do not add up.
+    A merge that was interrupted goes on. ``trust_code`` runs a law of the folders that this user has not flown. Raises
+    InputError, before anything is written, where the parts are not all of one campaign, flown by the same code on the
+    same samples and plans, each flight once; and after it where their digests do not add up.
     """
+    engine = engine or make_engine()
     folders = [CampaignFolder(part) for part in parts]
     manifests = [read_whole_manifest(folder.manifest) for folder in folders]
     order = _check_parts(folders, manifests)
     first, target = folders[order[0]], CampaignFolder(out)
+    check_source(first, manifests[order[0]], engine)
+    merged = {key: value for key, value in manifests[order[0]].items() if key not in ("shard", "files", "healed")}
+    merged |= {"state": INTERRUPTED, "merged_from": [manifests[i]["digest"] for i in order]}
+    merged["wall_time_s"] = sum(manifest["wall_time_s"] for manifest in manifests)
+    begun = _begun(target, merged)
     damaged: set[Path] = set()
     for folder in folders:
         with contextlib.suppress(OSError, ValueError):  # damaged, which is told next
             _check_content(first, folder, list(manifests[0]["controllers"]))
         damaged |= _find_damaged_flights(folder)
-    if out.exists() and any(out.iterdir()):
+    if begun is None and out.exists() and any(path != target.lock for path in out.iterdir()):
         raise InputError(out, None, None, "a folder that is not empty", "a new or an empty one")
     check_own_code(read_campaign(first.campaign), trust_code)  # flights are flown again for their histories
     with ExitStack() as stack:
         for folder in folders:
             stack.enter_context(hold_lock(folder.lock))
         stack.enter_context(hold_lock(target.lock))
-        _copy(first, target)
-        for folder in folders:
-            for path in sorted(set(folder.flights.glob("*.parquet")) - damaged):
-                write_whole(target.flights / path.name, partial(shutil.copyfile, path))
-        try:
-            merge_states([folder.envelope_states for folder in folders], target.envelope_states)
-        except ValueError as error:
-            shutil.rmtree(out, ignore_errors=True)  # it was new or empty
-            raise InputError(out, None, None, str(error), "shards of one campaign") from None
-        merged = {key: value for key, value in manifests[order[0]].items() if key not in ("shard", "files")}
-        merged |= {"state": INTERRUPTED, "merged_from": [manifests[i]["digest"] for i in order]}
-        files = manifests[order[0]].get("files") or {}
-        copied = {name: known for name, known in files.items() if not name.startswith(target.envelope_states.name)}
-        if copied:
-            merged["files"] = copied  # the others' flights are proven as they are read
-        merged["wall_time_s"] = sum(manifest["wall_time_s"] for manifest in manifests)
-        write_manifest(target.manifest, merged)
+        if begun is None or _COPYING in begun:
+            write_manifest(target.manifest, merged | {_COPYING: True, "files": {}})  # nothing of it is to be read yet
+            _copy(first, target)
+            for folder in folders:
+                for path in sorted(set(folder.flights.glob("*.parquet")) - damaged):
+                    write_whole(target.flights / path.name, partial(shutil.copyfile, path))
+            try:
+                merge_states([folder.envelope_states for folder in folders], target.envelope_states)
+            except ValueError as error:
+                shutil.rmtree(out, ignore_errors=True)  # it was new or empty
+                raise InputError(out, None, None, str(error), "shards of one campaign") from None
+            files = manifests[order[0]].get("files") or {}
+            copied = {name: known for name, known in files.items() if not name.startswith(target.envelope_states.name)}
+            if copied:
+                merged["files"] = copied  # the others' flights are proven as they are read
+            write_manifest(target.manifest, merged)
     result = run_campaign(Request(target.campaign, out, trust_code=trust_code), engine)
-    total = sum((Digest(int(manifest["digest"], 16)) for manifest in manifests), result.healed)
+    total = sum((Digest(int(manifest["digest"], 16)) for manifest in manifests), healed_of(result.manifest))
     if result.complete and result.manifest["digest"] != str(total):
         found = f"the digest {result.manifest['digest']}, where the parts' digests add up to {total}"
         raise InputError(out, None, None, found, "parts that nobody has changed")
     return result
+
+
+def _begun(target: CampaignFolder, merged: dict[str, Any]) -> dict[str, Any] | None:
+    """The manifest of a folder in which these parts have begun to be merged; None for any other."""
+    if not target.manifest.exists():
+        return None
+    held = read_whole_manifest(target.manifest)
+    same = all(held.get(key) == merged[key] for key in ("merged_from", "campaign_hash"))
+    return held if same else None
 
 
 def _check_parts(folders: Sequence[CampaignFolder], manifests: Sequence[dict[str, Any]]) -> list[int]:
@@ -87,7 +103,7 @@ def _check_parts(folders: Sequence[CampaignFolder], manifests: Sequence[dict[str
         shard = manifest.get("shard")
         if not shard:
             raise InputError(folder.root, None, None, "no shard of a campaign", "a folder flown with --shard i/n")
-        if not manifest.keys() >= {"digest", "wall_time_s", "controllers", "files"} or manifest["digest"] is None:
+        if not manifest.keys() >= {"digest", "wall_time_s", "controllers", "files"} or not manifest["digest"]:
             raise InputError(folder.manifest, None, None, "another kind of manifest", "a shard's")
         if manifest.get("state") != COMPLETE:
             raise InputError(folder.root, None, None, f"a shard that is {manifest.get('state')}", "a complete one")
@@ -110,7 +126,11 @@ def _check_parts(folders: Sequence[CampaignFolder], manifests: Sequence[dict[str
 
 
 def _check_content(first: CampaignFolder, other: CampaignFolder, controllers: list[str]) -> None:
-    """The same plans and the same samples, to the bit."""
+    """The same plans and the same samples, to the bit, and the same controller first: requirements bind it."""
+    orders = [list(read_held(part, read_whole_manifest(part.manifest)).data["controllers"]) for part in (first, other)]
+    if orders[0] != orders[1]:
+        found = f"controllers in another order than in {first.root}"
+        raise InputError(other.root, None, None, found, "shards of one campaign file")
     for name in controllers:
         ours, theirs = flatten(read_plan(first.plan(name))), flatten(read_plan(other.plan(name)))
         if any(value.tobytes() != theirs[key].tobytes() for key, value in ours.items()):

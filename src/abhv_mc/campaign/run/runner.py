@@ -5,7 +5,7 @@ import json
 import sys
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -47,11 +47,15 @@ class RunResult:
 
     folder: Path
     manifest: dict[str, Any]
-    healed: Digest = field(default_factory=Digest)  # of the flights that could be computed now, and not before
 
     @property
     def complete(self) -> bool:
         return self.manifest["state"] == COMPLETE
+
+
+def healed_of(manifest: dict[str, Any]) -> Digest:
+    """Digest of the flights that could be computed when they were tried again, and not before."""
+    return Digest(int(manifest.get("healed") or "0", 16))
 
 
 def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
@@ -91,7 +95,7 @@ class _Run:
         self.schema = flights_schema(self.samples.names, provenance, values)
         self.margin_plans = opened.margin_plans
         self.with_margins = model.margins.of(self.campaign.runs) if model.margins else 0
-        self.healed = Digest()
+        self.healed = healed_of(self.manifest)
         self.start, self.wall_before = time.monotonic(), float(self.manifest.get("wall_time_s", 0.0))
 
     def run(self) -> RunResult:
@@ -101,7 +105,7 @@ class _Run:
         flown = (
             self.manifest["state"] == COMPLETE
             and self.stock.whole()
-            and not any(self.stock.to_retry(self.stock.goal()).values())
+            and not any(self.stock.to_retry().values())
             and (self.sharded or self._has_envelopes())
         )
         if self.files.knows(self.folder.margins) and not self.files.holds(self.folder.margins):
@@ -125,7 +129,7 @@ class _Run:
                 raise
         elif self.manifest.get("files", self.files.listed()) != self.files.listed():
             self._write_manifest(COMPLETE)  # what was mended may have other bytes, written by another library
-        return RunResult(self.folder.root, self.manifest, self.healed)
+        return RunResult(self.folder.root, self.manifest)
 
     def _has_envelopes(self) -> bool:
         return self.files.holds(self.folder.envelopes) and is_whole(self.folder.envelopes)
@@ -158,7 +162,7 @@ class _Run:
                 self.folder.envelope_states, name, self.campaign.runs, self.cells, pilot
             )
         while True:
-            if any((again := self.stock.to_retry(self.stock.goal())).values()):
+            if any((again := self.stock.to_retry()).values()):
                 self._try_again(again)
             elif missing := self.stock.find_missing(self.collectors):
                 self._fly_missing(missing)
@@ -306,6 +310,8 @@ class _Run:
             "wall_time_s": round(self.wall_before + time.monotonic() - self.start, 3),
         }
         self.manifest["files"] = self.files.listed()
+        if self.healed.value:
+            self.manifest["healed"] = str(self.healed)
         self._look(state, gapless)
         looks = tuple(self.manifest["looks"])
         if self.sharded:

@@ -60,14 +60,14 @@ class Stock:
         """Flights [flight] of each controller that were not computed, and not flown again by this run."""
         return {name: tally.uncomputed & ~self.tried[name] for name, tally in self.tallies.items()}
 
-    def to_retry(self, goal: int) -> dict[str, list[int]]:
+    def to_retry(self) -> dict[str, list[int]]:
         """Flights that have to be tried again: what earlier runs left, and all before a look settles anything."""
         due = (
             self.untried()
             if self.campaign.looks
             else {name: tally.uncomputed & self.left[name] & ~self.tried[name] for name, tally in self.tallies.items()}
         )
-        return {name: np.flatnonzero(mask[:goal]).tolist() for name, mask in due.items() if name in self.asked}
+        return {name: np.flatnonzero(mask).tolist() for name, mask in due.items() if name in self.asked}
 
     def whole(self) -> bool:
         goal = self.goal()

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
 from abhv_mc.campaign.file.own_code import check_own_code
-from abhv_mc.campaign.file.resolve import refuse_changes, resolve_campaign
+from abhv_mc.campaign.file.resolve import ResolvedCampaign, read_held, refuse_changes, resolve_campaign
 from abhv_mc.campaign.run.batches import choose_batch
 from abhv_mc.campaign.run.cluster import connect_cluster
 from abhv_mc.campaign.run.engine import Engine, check_source
@@ -242,7 +242,7 @@ def open_search(
             return engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
 
         if started and not request.fresh:
-            held = _check_same(folder, settings, resolved.identity, engine)
+            held = _check_same(folder, settings, resolved, engine)
             files = stack.enter_context(record_hashes(folder.root, held or {}))
             if held is None:
                 files.adopt()
@@ -287,7 +287,7 @@ def open_search(
 
 
 def _check_same(
-    folder: CampaignFolder, settings: dict[str, Any], identity: str, engine: Engine
+    folder: CampaignFolder, settings: dict[str, Any], wanted: ResolvedCampaign, engine: Engine
 ) -> dict[str, str] | None:
     """Raise InputError where the folder does not hold the beginning of the same search; gives its files' hashes."""
     manifest = read_whole_manifest(folder.manifest)
@@ -295,7 +295,11 @@ def _check_same(
     wish = "the same search, another folder (-o DIR), or --fresh to delete what was flown"
     if not isinstance(held, dict):
         raise InputError(folder.root, None, None, "a folder that holds a campaign's flights", wish)
-    if manifest.get("campaign_hash") != identity:
+    same = manifest.get("campaign_hash") == wanted.identity
+    with contextlib.suppress(InputError):  # a damaged file, which is written anew
+        before, now = (list(of.data.get("dispersions") or ()) for of in (read_held(folder, manifest), wanted))
+        same = same and before == now  # also in their order: they are the axes of the search
+    if not same:
         raise InputError(folder.root, None, None, "a folder that holds a search of another campaign", wish)
     changes = [f"{key}: {held.get(key)} -> {value}" for key, value in settings.items() if held.get(key) != value]
     if changes and changes[0].startswith("flights:") and len(changes) == 1:

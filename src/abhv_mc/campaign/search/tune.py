@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -156,11 +157,13 @@ def _inner(places: Any) -> dict[Any, Any]:
     return {keys[1:]: place for keys, place in places.items() if keys[:1] == ("tune",)}
 
 
-def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneFound:
+def tune_controller(
+    request: TuneRequest, engine: Engine | None = None, tell: Callable[[TuneFound], None] | None = None
+) -> TuneFound:
     """Search, validate on a fresh seed, and write the new file where the gain is shown.
 
     Every candidate's flights are kept beside the new file until it is written, so that the same command goes on after
-    an interruption. Raises InputError for a request that is wrong.
+    an interruption; ``tell`` is called with the result just before. Raises InputError for a request that is wrong.
     """
     engine = engine or make_engine()
     campaign, name = read_searched(request.campaign, request.controller, request.seed)
@@ -201,6 +204,8 @@ def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneF
 
             found = tune(measure, np.zeros(len(block.free)), block.candidates, model.seed)
         result = _validate(trials, block, found, name)
+    if tell is not None:
+        tell(result)
     if result.shown:
         write_whole(request.out, lambda aside: numbers.write(aside, found.place, _comment(result, request, model.seed)))
     return result
