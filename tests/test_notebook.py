@@ -145,6 +145,15 @@ def test_a_folder_has_a_name_that_can_be_one(flown):
         flown[0].run("a\0b")
 
 
+def test_no_shell_has_made_a_home_folder_of_a_name(flown, tmp_path, monkeypatch):
+    """pyarrow makes one, and nothing else does: samples of one campaign met flights of another."""
+    monkeypatch.chdir(tmp_path)
+    for use in (abhv_mc.open_results, flown[0].run):
+        with pytest.raises(InputError, match="begins with '~'"):
+            use("~/out")
+    assert not any(tmp_path.iterdir())
+
+
 def test_what_is_not_there_is_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         abhv_mc.open_results(tmp_path)

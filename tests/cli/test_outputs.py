@@ -87,6 +87,16 @@ def test_an_address_is_not_taken_for_the_name_of_a_file(call, tmp_path, monkeypa
     assert not any(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("words", OPTIONS, ids=" ".join)
+def test_a_home_folder_that_no_shell_has_found_is_refused(call, tmp_path, monkeypatch, words):
+    """`--output=~/x` wrote into a folder `~` and flew the samples of another campaign, in the user's home."""
+    monkeypatch.chdir(tmp_path)
+    for place in ("~/x.npz", "~", "~nobody/x.npz"):
+        code, said = call(*words, place)
+        assert code == 2 and "begins with '~'" in said, (place, said)
+    assert not any(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("words", FILES, ids=" ".join)
 def test_a_folder_is_no_name_of_a_file(call, tmp_path, monkeypatch, words):
     monkeypatch.chdir(tmp_path)

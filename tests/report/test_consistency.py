@@ -132,12 +132,12 @@ def test_another_verdict(folder):
 
 def test_a_block_of_other_flights_or_missing(folder):
     block, strange = (
-        folder / f"flights/one-{flights}.parquet" for flights in ("000000000-000000020", "000000100-000000120")
+        folder / f"flights/{flights}.parquet" for flights in ("one-000000000-000000020", "three-000000000-000000020")
     )
     manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
     files = {name: known for name, known in manifest["files"].items() if name != f"flights/{block.name}"}
     block.rename(strange)
-    change(strange, "flight", lambda v: v + 100)
+    change(strange, "controller", lambda v: np.full(len(v), "three"))
     found = forge(folder, files=files | {f"flights/{strange.name}": hash_file(strange)})
     assert found[0] == f"flights/{strange.name}: belongs to no part of this campaign"
     strange.unlink()

@@ -211,6 +211,14 @@ def change(table, name, values):
     return table.set_column(table.column_names.index(name), name, values)
 
 
+def no_text(table):
+    """A column of words that are no UTF-8, or what has no words as it is."""
+    for name in table.column_names:
+        if table.schema.field(name).type == pa.string():
+            yield name, pa.array([b"\xff\xfe"] * len(table)).view(pa.string())
+    yield table.column_names[0], table[table.column_names[0]]
+
+
 TABLES = {
     "texts": lambda t: change(t, t.column_names[-1], pa.array(["x"] * len(t))),
     "lists": lambda t: change(t, t.column_names[-1], pa.array([[1.0]] * len(t))),
@@ -222,6 +230,7 @@ TABLES = {
     "more rows": lambda t: pa.concat_tables([t, t]),
     "unknown words": lambda t: change(t, t.column_names[2], pa.array(["\x1b[2Jlanded"] * len(t))),
     "hidden names": lambda t: t.rename_columns([*t.column_names[:-1], "aero.\u202elift"]),
+    "bytes that are no text": lambda t: change(t, *next(no_text(t))),
     "huge numbers": lambda t: change(t, t.column_names[0], pa.array([2**62] * len(t))),
 }
 
@@ -251,6 +260,28 @@ def test_words_that_no_campaign_writes_are_refused_by_every_reader(flown, folder
         if words[0] in ("query", "export", "compare", "whatif"):
             assert_refused(abhv_mc(*words), f"the {column} '{word}'")
     assert_refused(abhv_mc("report", folder), f"the {column} '{word}'")
+
+
+@pytest.mark.parametrize(
+    ("kind", "alter", "options", "words"),
+    [
+        ("rows in small groups", lambda t: t, {"row_group_size": 3}, "rows in groups of 3"),
+        ("a nan", lambda t: change(t, "aero.lift", pa.array([np.nan] * len(t))), {}, "'aero.lift' that is no number"),
+        ("a null", lambda t: change(t, "aero.lift", pa.nulls(len(t), pa.float64())), {}, "'aero.lift' that is no"),
+        ("another order", lambda t: t.take(list(range(len(t)))[::-1]), {}, "other flights"),
+        ("other numbers", lambda t: change(t, "flight", pa.array([-5] * len(t))), {}, "other flights"),
+    ],
+)
+def test_samples_that_no_campaign_writes_are_refused_by_every_reader(
+    flown, folder, abhv_mc, kind, alter, options, words
+):
+    pq.write_table(
+        alter(pq.read_table(folder / "samples.parquet", partitioning=None)), folder / "samples.parquet", **options
+    )
+    sign(folder)
+    for command in commands(flown[0], folder):
+        if command[0] in ("query", "export", "compare", "whatif", "report"):
+            assert_refused(abhv_mc(*command), words)
 
 
 @pytest.mark.parametrize("last", [None, 0, 2**40])

@@ -43,6 +43,8 @@ def _refuse(path: Path | None, folder: bool, campaign: bool = False) -> Path | N
     wanted = "the name of a folder" if folder else "the name of a file"
     if _is_address(path):
         raise InputError(path, None, None, "an address", wanted)
+    if str(path).startswith("~"):  # in quotes, or after '=': no shell has made a home folder of it
+        raise InputError(path, None, None, "a name that begins with '~'", "the path written out")
     place = find_own_place(path)
     if place is not None and not (campaign and place == Path()):
         raise InputError(path, None, None, "a place of the campaign's own files", "another name, or a place elsewhere")

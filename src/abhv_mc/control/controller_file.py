@@ -283,7 +283,7 @@ def read_controller_document(path: str | Path) -> tuple[Document, Controller]:
     document = read_document(path)
     law = document.data.get("law") if isinstance(document.data, dict) else None
     models: dict[Any, type[Controller]] = {"tlc": TlcController, "lqr": LqrController, "python": PythonController}
-    if law not in models:
+    if not isinstance(law, str) or law not in models:
         raise document.error(("law",), describe(law), one_of(models, law))
     return document, validate(document, models[law])
 

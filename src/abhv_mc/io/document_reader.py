@@ -47,7 +47,7 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
         raise InputError(path, *error.place, error.found, error.wanted) from None
     except MarkedYAMLError as error:
         _refuse_syntax(path, error)
-    except (YAMLError, ValueError) as error:
+    except (YAMLError, ValueError, OverflowError) as error:  # the last: the escape of a character beyond all
         raise InputError(path, None, None, str(error).splitlines()[0], "YAML 1.2") from None
     if root is None:
         raise InputError(path, 1, 1, "an empty file", "a YAML mapping")

@@ -37,6 +37,8 @@ class CampaignFolder:
             raise InputError(root, None, None, "a name that is not UTF-8", "another name of the folder") from None
         if "\0" in str(root):
             raise InputError(root, None, None, "a name with a null character", "another name of the folder")
+        if str(root).startswith("~"):  # pyarrow makes a home folder of it, as shells do; nobody else does
+            raise InputError(root, None, None, "a name that begins with '~'", "the path written out")
         # pyarrow takes a relative path with a colon for an address.
         self.root = root = root.absolute() if ":" in str(root) else root
         self.campaign = root / "campaign.yaml"

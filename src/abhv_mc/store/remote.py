@@ -30,6 +30,7 @@ from abhv_mc.store.folder import CampaignFolder, StorageFullError, is_inside
 PUSH_INTERVAL = 5.0  # s: what the loss of this machine costs
 LEASE = 60.0  # s after which a lock that nobody renews is nobody's
 _SETTLE = 1.0  # s until a store shows everyone the same
+_PATIENCE = 20.0  # s for a store of Google's to answer
 _OBJECT_STORES = ("s3", "gcs", "abfs")
 _MANIFEST, _LOCK = "manifest.json", ".lock"
 
@@ -43,6 +44,8 @@ def parse_address(path: Path | str) -> str | None:
 
 
 def _open(address: str) -> tuple[Any, str]:
+    if address.startswith(("gs:", "gcs:")) and "retry_limit_seconds=" not in address:
+        address += f"{'&' if '?' in address else '?'}retry_limit_seconds={_PATIENCE:g}"  # 900 s in the library
     try:
         system, base = pyarrow_fs.FileSystem.from_uri(address)
     except (pa.ArrowException, OSError, ValueError) as error:

@@ -1,5 +1,7 @@
 """Whether a Parquet file has the columns that a campaign writes: readers take them for numbers without another look."""
 
+import contextlib
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.signals import CHANNELS, METRICS
 from abhv_mc.io.input_error import InputError, is_printable, one_of
 from abhv_mc.store.flights import CASE, END_TIME, DamagedFileError, parse_block_name
+from abhv_mc.store.samples import ROW_GROUP
 
 _WISH = "a table as a campaign writes it: restore it, or make it anew (abhv-mc run)"
 _KEYS = {
@@ -60,22 +63,54 @@ def check_table(path: Path) -> None:
         right = field.type == wanted if wanted else pa.types.is_float32(field.type) or pa.types.is_float64(field.type)
         if not right:
             raise InputError(path, None, None, f"a column '{field.name}' of {field.type}", _WISH)
+    words: dict[str, list[str] | None] = {field.name: None for field in schema if field.type == pa.string()}
     if kind == "flights":
-        _check_rows(path, controller, first, stop)
+        words |= {"outcome": [outcome.code for outcome in Outcome], "controller": [controller]}
+    _check_words(path, words)
+    if kind == "flights":
+        _check_flights(path, first, stop)
+    if kind == "samples":
+        _check_flights(path, 0, rows)
+        _check_samples(path)
 
 
-def _check_rows(path: Path, controller: str, first: int, stop: int) -> None:
-    """Raises InputError for a block with other flights than its name says, or words that no campaign writes."""
-    known = {"outcome": [outcome.code for outcome in Outcome], "controller": [controller]}
+def _check_words(path: Path, wanted: Mapping[str, list[str] | None]) -> None:
+    """Raises InputError for columns that hold no text, or words that no campaign writes (None: any)."""
+    if not wanted:
+        return
+    with _refusing(path), pq.ParquetFile(path, read_dictionary=list(wanted)) as file:  # read_table would import pandas
+        table = file.read(columns=list(wanted))
+        found = {column: table[column].unique().to_pylist() for column in wanted}
+    for column, known in wanted.items():
+        for word in found[column]:
+            if known is not None and word not in known:
+                raise InputError(path, None, None, f"the {column} '{word}'", one_of(known))
+
+
+def _check_flights(path: Path, first: int, stop: int) -> None:
+    """Raises InputError for rows of other flights, or in another order."""
+    with _refusing(path), pq.ParquetFile(path) as file:
+        numbers = file.read(columns=["flight"])["flight"].to_numpy()
+    if not np.array_equal(numbers, np.arange(first, stop)):
+        raise InputError(path, None, None, "other flights", f"{first} to {stop - 1}, in this order")
+
+
+def _check_samples(path: Path) -> None:
+    """Raises InputError for rows in other groups than they are read in, and for what no flight can fly."""
+    with _refusing(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
+        sizes = [file.metadata.row_group(group).num_rows for group in range(file.num_row_groups)]
+        if any(size != ROW_GROUP for size in sizes[:-1]) or sizes[-1] > ROW_GROUP:
+            raise InputError(path, None, None, f"rows in groups of {sizes[0]}", f"groups of {ROW_GROUP}")
+        for group in range(file.num_row_groups):
+            for name, column in zip(file.schema_arrow.names, file.read_row_group(group).columns, strict=True):
+                if column.null_count or np.isnan(column.to_numpy()).any():  # a failure that never comes is at infinity
+                    raise InputError(path, None, None, f"a '{name}' that is no number", _WISH)
+
+
+@contextlib.contextmanager
+def _refusing(path: Path) -> Iterator[None]:
+    """Make an InputError of what a damaged or forged file raises."""
     try:
-        with pq.ParquetFile(path, read_dictionary=list(known)) as file:  # read_table would import pandas
-            table = file.read(columns=["flight", *known])
-        words = {column: table[column].unique().to_pylist() for column in known}
+        yield
     except (pa.ArrowException, OSError, ValueError) as error:  # or bytes that are no text
         raise InputError(path, None, None, str(error).splitlines()[0], _WISH) from None
-    if not np.array_equal(table["flight"].to_numpy(), np.arange(first, stop)):
-        raise InputError(path, None, None, "other flights", f"those of its name, {first} to {stop - 1}")
-    for column, found in words.items():
-        for word in found:
-            if word not in known[column]:
-                raise InputError(path, None, None, f"the {column} '{word}'", one_of(known[column]))

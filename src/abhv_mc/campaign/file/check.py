@@ -158,11 +158,12 @@ def name_effectors(document: Document) -> Document:
         effector, _, key = rest.partition(".")
         return f"{group}.{places[effector]}.{key}" if name in asked and effector in places else name
 
+    listed = data.get("correlations")
     correlations = [
         {**entry, "between": [renamed(str(name)) for name in entry["between"]]}
         if isinstance(entry, dict) and isinstance(entry.get("between"), list)
         else entry
-        for entry in data.get("correlations") or []
+        for entry in (listed if isinstance(listed, list) else [])
     ]
     changed = {**data, "dispersions": {renamed(name): value for name, value in held.items()}}
     if correlations:

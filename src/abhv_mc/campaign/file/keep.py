@@ -29,7 +29,7 @@ def _channels(value: Any) -> Any:
     if value == ["all"]:
         return list(CHANNEL_INDEX)
     for i, name in enumerate(value):
-        if name not in CHANNEL_INDEX:
+        if not isinstance(name, str) or name not in CHANNEL_INDEX:
             raise Refusal(f"channel {describe(name)}", one_of(["all", *CHANNEL_INDEX], name), (i,))
     return sorted(set(value), key=CHANNEL_INDEX.__getitem__)
 

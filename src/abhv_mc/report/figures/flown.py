@@ -47,7 +47,7 @@ def _plot(rows: list[_Row], flights: Mapping[str, Columns], reference: Columns) 
             axes.plot(x, y, color=INK, linewidth=0.7, zorder=3, label="reference")
         for name, flight in flights.items():
             x = _x(row, flight, "_m")
-            label = controller_label(name)
+            label = controller_label(name).replace("$", r"\$")  # a file's name may hold what is else drawn as a formula
             axes.plot(x, flight[curve.channel] * curve.scale, color=colors[name], label=label)
             if curve.command:
                 command = flight[curve.command] * curve.scale
