@@ -272,9 +272,7 @@ def test_words_that_no_campaign_writes_are_refused_by_every_reader(flown, folder
         ("other numbers", lambda t: change(t, "flight", pa.array([-5] * len(t))), {}, "other flights"),
     ],
 )
-def test_samples_that_no_campaign_writes_are_refused_by_every_reader(
-    flown, folder, abhv_mc, kind, alter, options, words
-):
+def test_samples_that_no_campaign_writes(flown, folder, abhv_mc, kind, alter, options, words):
     pq.write_table(
         alter(pq.read_table(folder / "samples.parquet", partitioning=None)), folder / "samples.parquet", **options
     )
