@@ -10,6 +10,7 @@ import abhv_mc
 from abhv_mc.flight.signals import CHANNELS, METRICS
 from abhv_mc.flying import make_parameters
 from abhv_mc.io.documents import InputError
+from abhv_mc.plant import trim as plant_trim
 
 
 def test_a_flight_is_a_table_with_units_and_metrics():
@@ -42,6 +43,13 @@ def test_what_is_wrong_is_said():
             abhv_mc.fly(name)
     with pytest.raises(InputError, match="no entry 'limit'"):
         abhv_mc.fly("level", controller={"base": "tlc", "limit.bank": "60 deg"})
+
+
+def test_a_trim_without_drag_has_no_lift_to_drag(monkeypatch):
+    """It ended in a division by zero."""
+    balance = plant_trim.trim
+    monkeypatch.setattr(plant_trim, "trim", lambda *given: balance(*given)._replace(drag=0.0))
+    assert math.isnan(abhv_mc.trim("ghame").lift_to_drag.iloc[0])
 
 
 @pytest.mark.parametrize("every", [0, -1, 1.5, True, "2", None, np.arange(2)])

@@ -211,7 +211,7 @@ def trim_rows(
             "thrust_n": found.thrust,
             "lift_n": found.lift,
             "drag_n": found.drag,
-            "lift_to_drag": found.lift / found.drag,
+            "lift_to_drag": found.lift / found.drag if found.drag else math.nan,
             "c_tn": found.c_tn,
             "load_factor_g": found.load_factor,
             "fuel_flow_kgps": found.fuel_flow,

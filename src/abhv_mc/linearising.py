@@ -100,14 +100,21 @@ def find_point(setup: Setup, name: str, time: "Time", bank: float, parameters: "
 
     Raises InputError where there is none; it calls the time ``asked``.
     """
+    import numpy as np
+
     from abhv_mc.flight.prepare import prepare
     from abhv_mc.stability.nodes import near_nodes
     from abhv_mc.stability.points import flown_points, make_steady_plan, trim_points
 
     warnings = []
     if time == "trim":
-        plan = make_steady_plan(setup.vehicle, setup.mission, setup.controller, name, bank, setup.own)
-        found = trim_points(plan, parameters)
+        try:
+            plan = make_steady_plan(setup.vehicle, setup.mission, setup.controller, name, bank, setup.own)
+            found = trim_points(plan, parameters)
+        except np.linalg.LinAlgError as error:
+            words = f"a vehicle that its controls do not rule in steady flight ({str(error).lower()})"
+            wanted = "surfaces with moments of their own, and a weight that they can hold"
+            raise InputError(_path(setup.files[0]), None, None, words, wanted) from None
         if found.faults[0]:
             wanted = "a start that this vehicle can be trimmed at"
             raise InputError(_path(setup.files[1]), None, None, found.faults[0], wanted)

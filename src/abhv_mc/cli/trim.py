@@ -87,9 +87,10 @@ def _quantity(name: str, text: str) -> float:
 
 def _print_json(vehicle: Path, altitude: float, speed: float, mass: float, points: list[dict[str, Any]]) -> None:
     from abhv_mc.cli.printing import print_json
+    from abhv_mc.report.plain import plain
 
     head = {"vehicle": str(vehicle), "altitude_m": altitude, "speed_mps": speed, "mass_kg": mass}
-    print_json({**head, "points": points})
+    print_json(plain({**head, "points": points}))
 
 
 def _print_table(vehicle: Path, altitude: float, speed: float, points: list[dict[str, Any]]) -> None:

@@ -2,13 +2,14 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from campaign.fake_flight import ENGINE, LOST_BELOW, fly, write_campaign
 
-from abhv_mc.campaign.analysis.explain import explain_flight
+from abhv_mc.campaign.analysis.explain import _mildest_first, explain_flight
 from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request
 from abhv_mc.flight.signals import METRIC_INDEX
@@ -92,3 +93,12 @@ def test_the_command_prints_the_causes_and_draws_the_flight(flown, table, tmp_pa
     numbers = json.loads(told.stdout)
     assert numbers["controller"] == "one" and list(numbers["causes"]) == ["atmosphere.density"]
     assert (tmp_path / "x.png").is_file()
+
+
+def test_a_failure_that_seldom_comes_is_no_usual_dispersion():
+    """It was the most usual one where most flights are without it, with a warning of numpy's."""
+    drawn = np.column_stack([np.where(np.arange(100) % 10, np.inf, 5.0), np.linspace(-1.0, 1.0, 100)])
+    samples = SimpleNamespace(flights=100, rows=lambda first, stop: drawn[first:stop])
+    with np.errstate(all="raise"):
+        assert _mildest_first(samples, np.array([5.0, 0.8])).tolist() == [1, 0]
+        assert _mildest_first(samples, np.array([np.inf, 0.8])).tolist() == [0, 1]

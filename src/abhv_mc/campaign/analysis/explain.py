@@ -162,5 +162,10 @@ def _find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked:
 def _mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:
     """The parameters, those whose values are the most usual among the campaign's first."""
     drawn = samples.rows(0, min(samples.flights, _MOST_SAMPLES))[:, : values.size]
-    middle = np.median(drawn, axis=0)
-    return np.argsort((np.abs(drawn - middle) < np.abs(values - middle)).mean(axis=0), kind="stable")
+    middle = np.median(drawn, axis=0)  # infinite where most flights are without a failure
+
+    def off(some: Floats) -> Floats:
+        with np.errstate(invalid="ignore"):
+            return np.where(some == middle, 0.0, np.abs(some - middle))
+
+    return np.argsort((off(drawn) < off(values)).mean(axis=0), kind="stable")

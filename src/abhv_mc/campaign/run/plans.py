@@ -23,7 +23,7 @@ def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -
     ticks = 1.0 / (rate * plan.timing.tick)
     every = round(ticks)
     if every < 1 or abs(ticks - every) > 1e-9 * ticks:
-        found = f"{rate:g} Hz with control ticks at {1.0 / plan.timing.tick:g} Hz"
+        found = f"{rate:g} Hz (keep.{kind}.rate) with control ticks at {1.0 / plan.timing.tick:g} Hz"
         raise document.error(("keep", kind, "rate"), found, "a rate that divides the control rate")
     return every
 

@@ -55,15 +55,19 @@ def rank_distinct(severities: Floats, samples: Floats, number: int, apart: float
     """The flights with the greatest severities, the worst first; flights with the same samples but once.
 
     Each lies farther than ``apart`` from all worse ones: rms over the columns of ``samples`` [flight, parameter], in
-    parts of the range that they span.
+    parts of the range that they span. A failure that never comes, at infinity, is the whole range from any that does.
     """
     order = np.argsort(-severities, kind="stable")
     order = order[np.isfinite(severities[order])]
-    span = np.ptp(samples, axis=0)
-    places = samples[order] / np.where(span > 0.0, span, 1.0)
+    comes = np.isfinite(samples)
+    low, high = samples.min(0, where=comes, initial=np.inf), samples.max(0, where=comes, initial=-np.inf)
+    span = high - low
+    places = np.where(comes, samples, 0.0)[order] / np.where(span > 0.0, span, 1.0)
+    comes = comes[order]
     found: list[int] = []
     while len(order) and len(found) < number:
         found.append(int(order[0]))
-        others = np.sqrt(np.mean((places - places[0]) ** 2, axis=1)) > apart
-        order, places = order[others], places[others]
+        distance = np.where(comes == comes[0], places - places[0], 1.0)
+        others = np.sqrt(np.mean(distance**2, axis=1)) > apart
+        order, places, comes = order[others], places[others], comes[others]
     return found

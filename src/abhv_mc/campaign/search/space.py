@@ -6,7 +6,7 @@ import numpy as np
 
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.correlation import Copula
-from abhv_mc.campaign.sampling.marginals import DiscreteMarginal, Marginal
+from abhv_mc.campaign.sampling.marginals import DiscreteMarginal, Marginal, SometimesMarginal
 from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
 from abhv_mc.search.evaluation import Floats
 
@@ -38,15 +38,19 @@ class Space:
         return np.column_stack([marginal.ppf(probabilities[:, i]) for i, marginal in enumerate(self.marginals)])
 
     def bounds(self, box: float) -> Floats:
-        """Low and high ends ``[dimension, 2]``: of bounded laws their range, of others +-``box`` sigma."""
+        """Low and high ends ``[dimension, 2]``: of bounded laws their range, of others +-``box`` sigma.
+
+        Of what comes with a probability, such as a failure, they are those of the values that it has when it comes.
+        """
         from scipy.special import ndtr
 
         found = []
         for marginal in self.marginals:
-            ends = marginal.at_fraction(np.array([0.0, 1.0]))
+            law = _when_it_comes(marginal)
+            ends = law.at_fraction(np.array([0.0, 1.0]))
             tails = np.array([ndtr(-box), ndtr(box)])
-            probable = marginal.ppf(tails)
-            bounded = marginal.cdf(ends) - np.array([0.0, 1.0])
+            probable = law.ppf(tails)
+            bounded = law.cdf(ends) - np.array([0.0, 1.0])
             found.append(np.where(np.abs(bounded) < 1e-12, ends, probable))
         return np.array(found)
 
@@ -55,17 +59,22 @@ class Space:
         values = bounds[:, 0] + 0.5 * (points + 1.0) * (bounds[:, 1] - bounds[:, 0])
         values = np.where(points == 1.0, bounds[:, 1], values)
         for i, marginal in enumerate(self.marginals):
-            if isinstance(marginal, DiscreteMarginal):
-                values[:, i] = marginal.at_fraction(0.5 * (points[:, i] + 1.0))
+            law = _when_it_comes(marginal)
+            if isinstance(law, DiscreteMarginal):
+                values[:, i] = law.at_fraction(0.5 * (points[:, i] + 1.0))
         return values
 
     def draw_in_box(self, bounds: Floats, seed: int, number: int) -> Floats:
-        """Random values ``[flight, dimension]`` as a campaign draws them, those outside of the box drawn anew."""
+        """Random values ``[flight, dimension]`` as a campaign draws them, those outside of the box drawn anew.
+
+        What does not come, a failure or another thing with a probability, is outside of no box.
+        """
+        absent = np.array([m.nominal if isinstance(m, SometimesMarginal) else np.nan for m in self.marginals])
         generator = np.random.Generator(np.random.Philox(np.random.SeedSequence(stream_key(seed, "box", "search"))))
         kept: list[Floats] = []
         while sum(map(len, kept)) < number:
             drawn = self.from_normal(generator.standard_normal((2 * number, len(self.names))))
-            inside = np.all((drawn >= bounds[:, 0]) & (drawn <= bounds[:, 1]), axis=1)
+            inside = np.all((drawn >= bounds[:, 0]) & (drawn <= bounds[:, 1]) | (drawn == absent), axis=1)
             kept.append(drawn[inside])
         return np.concatenate(kept)[:number]
 
@@ -78,6 +87,11 @@ class Space:
                 np.resize(draw_uniforms(key, first or 0, len(values) if first is not None else 1), len(values))
             )
         return np.column_stack([values, *columns])
+
+
+def _when_it_comes(marginal: Marginal) -> Marginal:
+    """The law of the drawn values."""
+    return marginal.drawn if isinstance(marginal, SometimesMarginal) else marginal
 
 
 def make_space(campaign: CheckedCampaign) -> Space:
