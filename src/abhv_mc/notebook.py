@@ -222,6 +222,7 @@ class CampaignResults:
         """Write the report into the folder and give the path of the page."""
         from abhv_mc.report.build import build_report
 
+        self._checked.refuse_changes()
         return build_report(self.folder, format)
 
     def query(self, sql: str) -> "pd.DataFrame":
@@ -234,6 +235,7 @@ class CampaignResults:
         from abhv_mc.store.sql import ask
 
         table = ask(self.folder, sql, lambda answer: answer.df())
+        self._checked.refuse_changes()
         return pd.DataFrame() if table is None else table
 
     def replay(self, flight: int, controller: str | None = None) -> "pd.DataFrame":
@@ -248,6 +250,7 @@ class CampaignResults:
         from abhv_mc.flight.signals import CHANNEL_INDEX
 
         again = replay_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly)
+        self._checked.refuse_changes()
         if again.differences:
             raise RuntimeError(f"flight {flight} differs from the stored one: {'; '.join(again.differences)}")
         table = pd.DataFrame(again.block.history[0], columns=list(CHANNEL_INDEX)).dropna(how="all")
@@ -259,6 +262,7 @@ class CampaignResults:
         from abhv_mc.campaign.analysis.explain import explain_flight
         from abhv_mc.campaign.run.engine import make_engine
 
+        self._checked.refuse_changes()
         return explain_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly, requirement)
 
     @staticmethod
@@ -284,6 +288,7 @@ class CampaignResults:
         for key, value in check_mapping(settings, "settings").items():
             name, _, entry = str(key).rpartition(".")
             nested.setdefault(name, {})[entry] = value
+        self._checked.refuse_changes()
         found = make_whatif(self.folder, nested)
         rows = []
         for name, part in found["controllers"].items():

@@ -57,15 +57,27 @@ def test_a_query(request_, fly_meanwhile):
         ask()
 
 
-@pytest.mark.parametrize("asked", ["samples", "histories", "envelopes", "numbers", "verdicts"])
-def test_a_notebook(request_, fly_meanwhile, asked):
+ASKED = {
+    **{name: lambda results, name=name: getattr(results, name) for name in ("samples", "histories", "envelopes")},
+    **{name: lambda results, name=name: getattr(results, name) for name in ("numbers", "verdicts", "figure_names")},
+    "query": lambda results: results.query("select count(*) from flights"),
+    "replay": lambda results: results.replay(3),
+    "explain": lambda results: results.explain(3),
+    "whatif": lambda results: results.whatif({"aero.lift.sigma": "4 %"}),
+    "make_report": lambda results: results.make_report(),
+}
+
+
+@pytest.mark.parametrize("asked", ASKED)
+def test_a_notebook(request_, fly_meanwhile, monkeypatch, asked):
     """Flights of one campaign stood beside samples of the other, which drivers then came from."""
+    monkeypatch.setattr("abhv_mc.campaign.run.engine.make_engine", lambda: ENGINE)
     results = open_results(request_.out)
     before = results.flights
     assert results.controllers == ("one", "two")
     fly_meanwhile()
     with pytest.raises(InputError, match=CHANGED):
-        getattr(results, asked)
+        ASKED[asked](results)
     pd.testing.assert_frame_equal(results.flights, before)
 
 

@@ -1,10 +1,12 @@
 """A campaign's dispersions as a box: what comes with a probability is searched where it comes."""
 
 import numpy as np
+import pytest
 from campaign.fake_flight import write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.search.space import make_space
+from abhv_mc.io.documents import InputError
 
 DISPERSIONS = """{failure.aileron.stuck_time: {distribution: uniform, low: 10 s, high: 40 s, probability: 40 %},
   aero.drag: {distribution: normal, sigma: 2 %, probability: 30 %},
@@ -26,3 +28,13 @@ def test_what_comes_with_a_probability_has_the_box_of_what_it_is_when_it_comes(t
     assert abs(comes.mean() - 0.4) < 0.03, "the random flights are as a campaign's: most without a failure"
     assert drawn[comes, time].min() >= 10.0 and drawn[comes, time].max() <= 40.0
     assert abs((drawn[:, drag] == 1.0).mean() - 0.7) < 0.03
+
+
+def test_a_box_in_which_no_random_flight_lies_is_refused(tmp_path):
+    """The search flew, and then drew for ever."""
+    names = ("aero.lift", "aero.drag", "aero.side_force", "mass.total", "mass.inertia_xx", "mass.inertia_yy")
+    laws = ", ".join(f"{name}: {{distribution: normal, sigma: 2 %}}" for name in names)
+    space = make_space(read_campaign(write_campaign(tmp_path, dispersions=f"{{{laws}}}", requirements="[]")))
+    space.refuse_small(space.bounds(1.0), 1.0)
+    with pytest.raises(InputError, match=r"--box: found 0\.1: 0 of 65536"):
+        space.refuse_small(space.bounds(0.1), 0.1)

@@ -3,14 +3,17 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.marginals import DiscreteMarginal, Marginal, SometimesMarginal
 from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
+from abhv_mc.io.documents import InputError
 from abhv_mc.search.evaluation import Floats
 
 _SMALLEST = 2.0**-53
+_TRIED, _FEWEST_INSIDE = 65536, 10  # random flights
 _SEEDS = {"wind.turbulence_seed": "wind.turbulence", "sensor.noise_seed": "_noise"}  # and how what it seeds ends
 
 
@@ -69,14 +72,25 @@ class Space:
 
         What does not come, a failure or another thing with a probability, is outside of no box.
         """
-        absent = np.array([m.nominal if isinstance(m, SometimesMarginal) else np.nan for m in self.marginals])
         generator = np.random.Generator(np.random.Philox(np.random.SeedSequence(stream_key(seed, "box", "search"))))
         kept: list[Floats] = []
         while sum(map(len, kept)) < number:
             drawn = self.from_normal(generator.standard_normal((2 * number, len(self.names))))
-            inside = np.all((drawn >= bounds[:, 0]) & (drawn <= bounds[:, 1]) | (drawn == absent), axis=1)
-            kept.append(drawn[inside])
+            kept.append(drawn[self._inside(drawn, bounds)])
         return np.concatenate(kept)[:number]
+
+    def refuse_small(self, bounds: Floats, box: float) -> None:
+        """Raise InputError for a box in which hardly a random flight lies: :meth:`draw_in_box` would not end."""
+        generator = np.random.Generator(np.random.Philox(0))
+        drawn = self.from_normal(generator.standard_normal((_TRIED, len(self.names))))
+        found = int(self._inside(drawn, bounds).sum())
+        if found < _FEWEST_INSIDE:
+            words = f"{box:g}: {found} of {_TRIED} random flights lie inside, with {len(self.names)} dispersions"
+            raise InputError("--box", None, None, words, "a larger one")
+
+    def _inside(self, drawn: Floats, bounds: Floats) -> NDArray[np.bool_]:
+        absent = np.array([m.nominal if isinstance(m, SometimesMarginal) else np.nan for m in self.marginals])
+        return np.all((drawn >= bounds[:, 0]) & (drawn <= bounds[:, 1]) | (drawn == absent), axis=1)
 
     def complete(self, values: Floats, seed: int, first: int | None) -> Floats:
         """Values with the seeds' columns: of the flights from ``first`` on, or one for all where it is None."""

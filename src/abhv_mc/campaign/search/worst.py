@@ -87,6 +87,7 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
         raise InputError("--metric", None, None, f"metric '{settings.metric}'", wanted)
     space = make_space(campaign)
     bounds = space.bounds(settings.box)
+    space.refuse_small(bounds, settings.box)
     least = least_evaluations(len(space.names), choose_batch(settings.flights))
     if settings.flights < least:
         raise InputError(
