@@ -15,10 +15,11 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from campaign.fake_flight import DENSITY, ENGINE, fly, write_campaign
+from campaign.fake_flight import DENSITY, ENGINE, fly, make_plan, write_campaign
 from campaign.search import tuned_flight
 from campaign.search.line_flight import LINE, METRIC, write_line
 
+from abhv_mc.campaign.run.cluster import connect_cluster
 from abhv_mc.campaign.run.engine import make_engine
 from abhv_mc.campaign.run.retry import UnusableError
 from abhv_mc.campaign.run.runner import run_campaign
@@ -28,6 +29,7 @@ from abhv_mc.campaign.search.rare import RareSettings, find_rare
 from abhv_mc.campaign.search.tune import tune_controller
 from abhv_mc.campaign.search.worst import WorstSettings, find_worst
 from abhv_mc.cli.errors import ExitCode, exit_code_of
+from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import shipped_campaigns
 
@@ -46,13 +48,21 @@ def fly_hanging(plan, parameters, every=None):
     return fly(plan, parameters, every)
 
 
+def fly_when_let(plan, parameters, every=None):
+    while Path(os.environ["HELD"]).exists():
+        time.sleep(0.02)
+    return fly(plan, parameters, every)
+
+
 class Dask:
     """A cluster on this machine."""
 
     def __init__(self, folder: Path) -> None:
         self._file, self.processes = folder / "scheduler.json", []
         # One worker that dies is enough to fly a block in parts: the tests need not wait for four.
-        self._environment = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
+        self.held = folder / "held"
+        failures = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
+        self._environment = os.environ | failures | {"HELD": str(self.held)}
         self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
         while not self._file.exists():
             time.sleep(0.05)
@@ -178,6 +188,35 @@ def test_one_worker_killed_and_one_late_give_the_same_digest(dask, tmp_path):
         assert pq.read_table(tmp_path / "a" / name).equals(pq.read_table(tmp_path / "b" / name))
 
 
+def test_a_plan_that_waits_on_a_killed_worker_is_held_anew(dask):
+    """Dask gave up the plan for ever, and every later flight of it was recorded as one that cannot be computed."""
+    dask.held.touch()
+    worker, rows = dask.start_worker(), np.repeat(nominal_parameters(), 8, axis=0)
+    flown = {}
+    with connect_cluster(dask.address, replace(ENGINE, fly=fly_when_let)) as cluster:
+        cluster.limit = 60.0
+
+        def start(name):
+            work = threading.Thread(target=lambda: flown.update({name: cluster.fly(make_plan(name), rows)}))
+            work.start()
+            return work
+
+        busy = start("one")  # takes the only thread
+        while not any(cluster._client.processing().values()):
+            time.sleep(0.02)
+        waiting = start("two")  # its plan is the worker's, too, which has not begun with it
+        while sum(len(tasks) for tasks in cluster._client.processing().values()) < 2:
+            time.sleep(0.02)
+        dask.kill(worker)
+        dask.held.unlink()
+        dask.start_worker()
+        busy.join()
+        waiting.join()
+    expected = fly(make_plan("two"), rows)
+    for block in flown.values():
+        assert np.array_equal(block.outcome, expected.outcome) and np.array_equal(block.metrics, expected.metrics)
+
+
 def test_a_scheduler_that_dies_ends_the_campaign_in_words_and_the_same_command_goes_on(dask, tmp_path):
     dask.start_worker()
     campaign, out = write_campaign(tmp_path / "f", execution="{batch: 8}"), tmp_path / "out"
@@ -227,17 +266,19 @@ def test_what_is_no_scheduler_may_answer_anything(tmp_path, monkeypatch, answer)
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def serve():
-            connections = []
-            with contextlib.suppress(OSError):  # closed at the end
+            with contextlib.ExitStack() as connections, contextlib.suppress(OSError):  # shut down at the end
                 while True:
-                    connections.append(server.accept()[0])
+                    connection = connections.enter_context(server.accept()[0])
                     if answer is not None:
-                        connections[-1].sendall(answer)
+                        connection.sendall(answer)
 
-        threading.Thread(target=serve, daemon=True).start()
+        serving = threading.Thread(target=serve)
+        serving.start()
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
         with pytest.raises(InputError, match="no scheduler"):
             run_campaign(replace(request, scheduler=address), ENGINE)
+        server.shutdown(socket.SHUT_RDWR)
+        serving.join()
     assert not (tmp_path / "out").exists()
 
 

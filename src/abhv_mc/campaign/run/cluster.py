@@ -101,21 +101,26 @@ class Cluster:
 
     def fly(self, plan: FlightPlan, parameters: Floats, every: int | None = None) -> FlightBlock:
         """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
+        return fly_with_retries(lambda rows: self._attempt(plan, rows, every), plan, parameters, every)
+
+    def _hold(self, plan: FlightPlan) -> "Future":
+        """The plan on the cluster: held anew where Dask gave it up, as it does after workers that died with it."""
         with self._lock:
-            if id(plan) not in self._plans:
+            held, _ = self._plans.get(id(plan), (None, plan))
+            if held is None or held.status == "error":
                 while len(self._plans) >= _MOST_PLANS:  # the oldest; flights under way hold it on their own
                     del self._plans[next(iter(self._plans))]
-                self._plans[id(plan)] = self._client.submit(hold_plan, flatten(plan)), plan
-            future, _ = self._plans[id(plan)]
-        code = plan.source, plan.channels_source
-        return fly_with_retries(lambda rows: self._attempt(future, code, rows, every), plan, parameters, every)
+                held = self._client.submit(hold_plan, flatten(plan), pure=False)
+                self._plans[id(plan)] = held, plan
+            return held
 
-    def _attempt(self, plan: "Future", code: Code, parameters: Floats, every: int | None) -> FlightBlock:
+    def _attempt(self, plan: FlightPlan, parameters: Floats, every: int | None) -> FlightBlock:
         from distributed import CancelledError, KilledWorker
 
         engine, limit = self._engine, time_limit(len(parameters), self.limit)
         source = engine.source if engine.checked else ""
-        future = self._client.submit(fly_remote, engine.fly, source, plan, code, parameters, every, limit, pure=False)
+        held, code = self._hold(plan), (plan.source, plan.channels_source)
+        future = self._client.submit(fly_remote, engine.fly, source, held, code, parameters, every, limit, pure=False)
         try:
             answer: FlightBlock | str = future.result()
         except KilledWorker as error:
