@@ -153,7 +153,7 @@ class _Kept:
         self._note, self.lock = folder / f"{name}.sha256", folder / f"{name}.lock"
 
     def _files(self) -> list[Path]:
-        return sorted(file for file in self._folder.rglob(f"*{self._name}-*") if file.suffix in (".nbi", ".nbc"))
+        return sorted(file for file in self._folder.rglob(f"*.{self._name}-*") if file.suffix in (".nbi", ".nbc"))
 
     def _digest(self) -> str:
         files = self._files()

@@ -117,7 +117,7 @@ def find_point(setup: Setup, name: str, time: "Time", bank: float, parameters: "
             raise InputError(_path(setup.files[0]), None, None, words, wanted) from None
         if found.faults[0]:
             wanted = "a start that this vehicle can be trimmed at"
-            raise InputError(_path(setup.files[1]), None, None, found.faults[0], wanted)
+            raise InputError(_path(setup.files[1]), None, None, f"a start at which {found.faults[0]}", wanted)
     else:
         if not 0.0 <= time <= setup.mission.duration:
             wanted = f"a time of the mission, 0 to {setup.mission.duration:g} s"

@@ -65,6 +65,8 @@ def command(
     for name, value in numbers["parameters"].items():
         say(f"  {name:<40} {value:.6g}{'  (at its bound)' if name in found.at_bounds else ''}")
     say(f"flights   {found.searched} searched, {found.flights.stop - found.searched} random")
+    for name, share in found.probabilities.items():
+        say(f"in all flights of the search, though its probability is {share:.6g}: {name}")
     say(f"report    {page}")
     if found.failed_to_run:
         raise typer.Exit(ExitCode.INCOMPLETE)

@@ -11,6 +11,7 @@ from abhv_mc.report.figures.searches import plot_convergence, plot_place
 from abhv_mc.report.metrics import controller_label, words_of
 from abhv_mc.report.parameters import shown_value
 from abhv_mc.report.searched_flights import drawn_figure, flights_table, lower_label, with_unit
+from abhv_mc.report.words import percent
 from abhv_mc.search.evaluation import Floats
 
 
@@ -48,6 +49,12 @@ def _answers(found: WorstFound) -> list[str]:
         "A search shows what can happen in the box, not how often: the box counts its corners as much as its middle, "
         "correlations are left out, and a worse place that no flight came near stays unseen.",
     ]
+    if found.probabilities:
+        often = ", ".join(f"{name} ({percent(share, 3)})" for name, share in found.probabilities.items())
+        answers.append(
+            f"In every flight of the search, but in a campaign and in the random flights with a probability: {often}. "
+            "How bad it gets without is not searched."
+        )
     if found.flights.names != found.names:
         answers.append("All flights met the same turbulence and noise, so that they differ by their parameters alone.")
     if found.failed_to_run:

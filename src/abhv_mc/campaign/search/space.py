@@ -31,6 +31,12 @@ class Space:
         """Names of the columns of :meth:`complete`."""
         return (*self.names, *self.seeds)
 
+    @property
+    def probabilities(self) -> dict[str, float]:
+        """Of what does not come in every flight, such as a failure: how often it does."""
+        laws = zip(self.names, self.marginals, strict=True)
+        return {name: law.probability for name, law in laws if isinstance(law, SometimesMarginal)}
+
     def from_normal(self, points: Floats) -> Floats:
         """Values ``[flight, dimension]`` in SI of standard normal points: through the copula and the laws."""
         from scipy.special import ndtr

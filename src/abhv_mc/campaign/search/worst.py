@@ -41,6 +41,7 @@ class WorstFound:
     case: WorstCase
     names: tuple[str, ...]
     bounds: Floats  # [parameter, 2]
+    probabilities: dict[str, float]  # of what does not come in every flight, and that the search has come in all of its
     flights: FlightRows  # the search's, then as many random ones
     searched: int  # flights of the search
     worst: int  # number of the worst flight
@@ -112,6 +113,7 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
             case,
             space.names,
             bounds,
+            space.probabilities,
             rows,
             searched,
             int(np.argmax(severities[:searched])),
