@@ -32,6 +32,7 @@ from abhv_mc.cli.errors import ExitCode, exit_code_of
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import shipped_campaigns
+from abhv_mc.stability.metrics import fly_with_margins
 
 pytest.importorskip("distributed")
 
@@ -39,6 +40,11 @@ pytest.importorskip("distributed")
 def fly_slowly(plan, parameters, every=None):
     time.sleep(0.1)
     return fly(plan, parameters, every)
+
+
+def fly_compiled_slowly(plan, parameters, every=None):
+    time.sleep(0.3)
+    return fly_with_margins(plan, parameters, every)
 
 
 def fly_hanging(plan, parameters, every=None):
@@ -159,7 +165,7 @@ def test_compiled_flights_stand_a_killed_worker_and_a_late_one(local, dask, tmp_
     meddler = threading.Thread(target=meddle)
     meddler.start()
     request = Request(with_blocks(tmp_path, 16), tmp_path / "out", RUNS, controllers=("tlc",), scheduler=dask.address)
-    flown = run_campaign(request, make_engine()).manifest
+    flown = run_campaign(request, replace(make_engine(), fly=fly_compiled_slowly)).manifest
     meddler.join()
     assert 3 <= seen[0] < RUNS // 16
     assert (flown["state"], flown["runs_failed"], flown["digest"]) == ("complete", 0, local)
