@@ -153,7 +153,9 @@ class _Kept:
         self._note, self.lock = folder / f"{name}.sha256", folder / f"{name}.lock"
 
     def _files(self) -> list[Path]:
-        return sorted(file for file in self._folder.rglob(f"*.{self._name}-*") if file.suffix in (".nbi", ".nbc"))
+        kinds = (".nbi", ".nbc")  # of MODULE.NAME-LINE..., a law's without a module
+        found = (file for file in self._folder.rglob(f"*{self._name}-*") if file.suffix in kinds)
+        return sorted(file for file in found if f".{file.name.rpartition('-')[0]}".endswith(f".{self._name}"))
 
     def _digest(self) -> str:
         files = self._files()
