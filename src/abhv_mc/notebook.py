@@ -320,7 +320,7 @@ class CampaignResults:
         tables = [pq.read_table(file, partitioning=None) for file in files]
         self._checked.refuse_changes()
         whole = pa.concat_tables(tables, promote_options="default")
-        table = whole.to_pandas()
+        table = whole.to_pandas(ignore_metadata=True)  # which may call a column by another one's name
         units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in whole.schema}
         table.attrs["units"] = {name: unit for name, unit in units.items() if unit}
         return table
