@@ -140,8 +140,11 @@ def _working_folder_is_gone() -> bool:
 
 def _explain(error: OSError) -> Exception:
     """A full disk or a closed folder as what it is, wherever it was met; other errors as they are."""
-    if isinstance(error, FileNotFoundError) and error.filename is None and _working_folder_is_gone():
-        return InputError(".", None, None, "a working folder that was deleted", "one that is there (cd)")
+    if isinstance(error, FileNotFoundError):  # what was never there is refused where it is asked for
+        if error.filename is None and _working_folder_is_gone():
+            return InputError(".", None, None, "a working folder that was deleted", "one that is there (cd)")
+        gone = error.filename or str(error).partition("\n")[0]
+        return FolderLostError(f"{gone}: gone, and was there a moment ago: somebody has deleted or replaced it.")
     try:
         with told_plainly(Path(error.filename or "the disk or standard output")):
             raise error
