@@ -1,17 +1,22 @@
 """The package as a notebook uses it: a light import, then campaigns and results as pandas."""
 
+import json
+import shutil
 import subprocess
 import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 from campaign.fake_flight import ENGINE, write_campaign
 
 import abhv_mc
 from abhv_mc.flight.signals import CHANNEL_INDEX, CHANNELS
 from abhv_mc.io.documents import InputError
+from abhv_mc.store.folder import hash_file
+from abhv_mc.store.manifest import write_manifest
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +64,20 @@ def test_tables(flown):
     assert set(results.nominal.controller) == {"one", "two"}
     count = results.query("select controller, count(*) n from flights where outcome <> 'ok' group by 1 order by 1")
     assert list(count.n) == [int((group.outcome != "ok").sum()) for _, group in table.groupby("controller")]
+
+
+def test_what_a_table_says_to_pandas_is_not_heeded(flown, tmp_path):
+    folder = shutil.copytree(flown[1].folder, tmp_path / "out")
+    path, manifest = folder / "nominal.parquet", json.loads((folder / "manifest.json").read_text())
+    table = pq.read_table(path)
+    swapped = {"time": "altitude_m", "altitude_m": "time"}
+    columns = [{"field_name": name, "name": swapped.get(name, name), "pandas_type": "float64", "numpy_type": "float64",
+                "metadata": None} for name in table.column_names]  # fmt: skip
+    words = json.dumps({"index_columns": [], "column_indexes": [], "columns": columns})
+    pq.write_table(table.replace_schema_metadata({"pandas": words}), path)
+    manifest["files"]["nominal.parquet"] = hash_file(path)
+    write_manifest(folder / "manifest.json", manifest)
+    pd.testing.assert_frame_equal(abhv_mc.open_results(folder).nominal, flown[1].nominal)
 
 
 def test_numbers(flown):

@@ -317,11 +317,18 @@ class CampaignResults:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        tables = [pq.read_table(file, partitioning=None) for file in files]
+        from abhv_mc.store.table_check import refusing
+
+        tables = []
+        for file in files:
+            with refusing(file):
+                tables.append(pq.read_table(file, partitioning=None))
         self._checked.refuse_changes()
         whole = pa.concat_tables(tables, promote_options="default")
-        table = whole.to_pandas()
-        units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in whole.schema}
+        table = whole.to_pandas(ignore_metadata=True)  # which may call a column by another one's name
+        units = {
+            field.name: (field.metadata or {}).get(b"unit", b"").decode(errors="replace") for field in whole.schema
+        }
         table.attrs["units"] = {name: unit for name, unit in units.items() if unit}
         return table
 

@@ -264,6 +264,39 @@ def test_a_folder_that_is_deleted_meanwhile_is_not_complete(tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    ("call", "moment"), [("os.scandir", 1), ("os.scandir", 4), ("abhv_mc.store.hashes.hash_file", 3)]
+)
+def test_a_folder_that_goes_while_it_is_read_is_told(abhv_mc, flown, tmp_path, monkeypatch, call, moment):
+    import importlib
+    import shutil
+
+    module, name = call.rsplit(".", 1)
+    original = getattr(importlib.import_module(module), name)
+    out = tmp_path / "gone"
+    for words in (
+        ["query", out, "select 1"],
+        ["export", out],
+        ["verify", "campaign", out],
+        ["report", out],
+        ["status", out],
+    ):
+        shutil.copytree(flown, out)
+        calls = iter(range(1, 1000))
+
+        def take_away(path=".", calls=calls):
+            if str(path).startswith(str(out)) and next(calls) == moment:
+                monkeypatch.setattr(call, original)
+                shutil.rmtree(out)
+            return original(path)
+
+        monkeypatch.setattr(call, take_away)
+        code, _, err = abhv_mc(*words)
+        monkeypatch.setattr(call, original)
+        assert code in ((0,) if words[0] == "status" else (2, 3)) and "Traceback" not in err, (words, code, err)
+        shutil.rmtree(out, ignore_errors=True)
+
+
 @pytest.mark.parametrize("names", ["", ",", "one,", " "])
 def test_an_empty_name_of_a_controller_is_refused(names):
     from abhv_mc.cli.names import parse_names

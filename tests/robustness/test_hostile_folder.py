@@ -20,6 +20,7 @@ from abhv_mc.campaign.run.runner import run_campaign
 from abhv_mc.campaign.run.setup import Request
 from abhv_mc.cli.app import main
 from abhv_mc.io.input_error import InputError
+from abhv_mc.notebook import open_results
 from abhv_mc.report.build import _read_pages, is_up_to_date
 from abhv_mc.report.results import read_results
 from abhv_mc.store.flights import read_block, write_block
@@ -246,6 +247,38 @@ def test_tables_of_wrong_types_and_sizes(flown, folder, abhv_mc, name, kind):
         if words[0] not in ("status", "list", "merge"):
             code, said = abhv_mc(*words)
             assert code in (0, 1, 2) and "Traceback" not in said and "\x1b" not in said, (words, code, said)
+
+
+@pytest.mark.parametrize(
+    "name", [BLOCK, "histories/one-000000.parquet", "samples.parquet", "envelopes.parquet", "nominal.parquet"]
+)
+def test_pages_that_cannot_be_read(flown, folder, abhv_mc, name):
+    content = bytearray((folder / name).read_bytes())
+    with pq.ParquetFile(folder / name) as file:
+        column = file.metadata.row_group(0).column(file.metadata.num_columns - 1)  # no words, which are read first
+    start = column.data_page_offset
+    content[start : start + column.total_compressed_size] = bytes(column.total_compressed_size)
+    (folder / name).write_bytes(content)
+    sign(folder)
+    table = name.partition("/")[0].removesuffix(".parquet")
+    with pytest.raises(InputError):
+        getattr(open_results(folder), table)
+    for words in (("report", folder), *commands(flown[0], folder)):
+        if words[0] not in ("status", "list", "merge"):
+            code, said = abhv_mc(*words)
+            assert code in (0, 1, 2) and "Traceback" not in said, (words, code, said)
+
+
+def test_a_footer_that_counts_rows_which_are_not_there(flown, folder, abhv_mc):
+    path = folder / "reference.parquet"
+    schema, rows = pq.read_schema(path), pq.read_metadata(path).num_rows
+    pq.ParquetWriter(path, schema).close()
+    content = path.read_bytes()
+    counted = content.index(b"\x16\x00\x19")  # the third field, of 64 bits; zero; the fourth, a list
+    path.write_bytes(content[: counted + 1] + bytes([2 * rows]) + content[counted + 2 :])
+    assert pq.read_metadata(path).num_rows == rows < 64
+    sign(folder)
+    assert_refused(abhv_mc("report", folder), "rows")
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,7 @@ _SETTINGS = (
     "SCIPY_",
     "SOURCE_DATE_EPOCH",
 )  # that libraries read when loaded
+_PROGRAM = Path(__file__).parents[1]
 _NUMBA_FILE = ".numba_config.yaml"  # that numba reads in the working folder, where PyYAML is installed
 _NO_MEMORY = (  # as Python and Arrow (no thread's stack), the loader of libraries, and the system say it
     "can't start new thread",
@@ -140,8 +141,12 @@ def _working_folder_is_gone() -> bool:
 
 def _explain(error: OSError) -> Exception:
     """A full disk or a closed folder as what it is, wherever it was met; other errors as they are."""
-    if isinstance(error, FileNotFoundError) and error.filename is None and _working_folder_is_gone():
-        return InputError(".", None, None, "a working folder that was deleted", "one that is there (cd)")
+    if isinstance(error, FileNotFoundError):  # what was never there is refused where it is asked for
+        if error.filename is None and _working_folder_is_gone():
+            return InputError(".", None, None, "a working folder that was deleted", "one that is there (cd)")
+        gone = os.fsdecode(error.filename or str(error).partition("\n")[0])
+        if not Path(gone).is_relative_to(_PROGRAM):
+            return FolderLostError(f"{gone}: gone, and was there a moment ago: somebody has deleted or replaced it.")
     try:
         with told_plainly(Path(error.filename or "the disk or standard output")):
             raise error

@@ -116,7 +116,7 @@ def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
     kept = {figure.path for figure in figures}
     for stale in figures_folder.glob("*.png"):
         if stale not in kept:
-            stale.unlink()
+            stale.unlink(missing_ok=True)  # another report of this folder may do the same
     page = folder / f"report.{format}"
     write_text(
         page, make_page(results, numbers, figures) if format == "html" else make_markdown(results, numbers, figures)

@@ -24,6 +24,7 @@ from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import FileHashes
 from abhv_mc.store.manifest import COMPLETE
 from abhv_mc.store.samples import ROW_GROUP, SampleReader
+from abhv_mc.store.table_check import refusing
 from abhv_mc.vehicle.arrays import Floats
 
 _DRAWN = 1e-9  # relative; another machine's functions differ in last bits
@@ -224,7 +225,8 @@ def _histories(folder: CampaignFolder, campaign: CheckedCampaign, results: Resul
 
 def _history_file(file: HistoryFile, campaign: CheckedCampaign, results: Results, flown: _Flown) -> Iterator[str]:
     keep, place = campaign.model.keep.histories, f"histories/{file.path.name}"
-    table = pq.read_table(file.path, partitioning=None)
+    with refusing(file.path):
+        table = pq.read_table(file.path, partitioning=None)
     channels = [name for name in table.column_names if name not in ("flight", "controller", "time")]
     numbers = table["flight"].to_numpy()
     if set(table["controller"].to_pylist()) != {file.controller} or np.unique(numbers).tolist() != file.flights:

@@ -22,6 +22,7 @@ from abhv_mc.store.folder import CampaignFolder
 from abhv_mc.store.hashes import CheckedFolder, data_files
 from abhv_mc.store.manifest import COMPLETE, read_manifest
 from abhv_mc.store.margins_check import read_margins
+from abhv_mc.store.table_check import refusing
 from abhv_mc.vehicle.arrays import Floats
 
 BANDS = ("min", *QUANTILE_COLUMNS, "max")
@@ -239,7 +240,8 @@ def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
     for path in data_files(folder, read_manifest(folder.manifest)):
         if path.parent != folder.histories:
             continue
-        table = pq.read_table(path, filters=[("controller", "=", controller)], partitioning=None)
+        with refusing(path):
+            table = pq.read_table(path, filters=[("controller", "=", controller)], partitioning=None)
         if not table.num_rows:
             continue
         columns = _columns(table.drop_columns(["controller"]))

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+import pyarrow as pa
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
 
@@ -10,6 +11,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.store.database import table_files
 from abhv_mc.store.folder import write_whole
 from abhv_mc.store.hashes import CheckedFolder
+from abhv_mc.store.table_check import refusing
 
 
 def export_csv(root: Path, out: Path) -> Iterator[Path]:
@@ -24,12 +26,8 @@ def export_csv(root: Path, out: Path) -> Iterator[Path]:
         def write(aside: Path, files: list[Path] = files) -> None:
             schema = pq.read_schema(files[0]).remove_metadata()
             with pc.CSVWriter(aside, schema) as writer:
-                for file in files:
-                    with pq.ParquetFile(file) as part:
-                        if not part.schema_arrow.equals(schema):
-                            raise InputError(file, None, None, f"other columns than in {files[0].name}", "the same")
-                        for batch in part.iter_batches():
-                            writer.write_batch(batch.cast(schema))
+                for batch in _read(files, schema):
+                    writer.write_batch(batch)
 
         path = out / f"{name}.csv"
         try:
@@ -39,3 +37,12 @@ def export_csv(root: Path, out: Path) -> Iterator[Path]:
             raise
         yield path
     checked.refuse_changes()
+
+
+def _read(files: list[Path], schema: pa.Schema) -> Iterator[pa.RecordBatch]:
+    for file in files:
+        with refusing(file), pq.ParquetFile(file) as part:
+            if not part.schema_arrow.equals(schema):
+                raise InputError(file, None, None, f"other columns than in {files[0].name}", "the same")
+            for batch in part.iter_batches():
+                yield batch.cast(schema)

@@ -140,8 +140,9 @@ def told_plainly(path: Path, writing: bool = False) -> Iterator[None]:
                 f"{path}: no space left. What was flown is kept: make room and run the same command again."
             ) from error
         if error.errno in (_UNWRITABLE if writing else _CLOSED):
-            raise InputError(path, None, None, f"a place that cannot be written ({error.strerror})",
-                             "a folder that can be written") from error  # fmt: skip
+            what = "written" if writing else "written or read"
+            found, wanted = f"a place that cannot be {what} ({error.strerror})", f"a place that can be {what}"
+            raise InputError(path, None, None, found, wanted) from error
         raise
 
 

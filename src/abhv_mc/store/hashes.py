@@ -90,10 +90,11 @@ def record_hashes(root: Path, held: Mapping[str, str]) -> Iterator[FileHashes]:
 def refuse_links(root: Path) -> None:
     """Raises InputError for a link in the folder that leads out of it: what it leads to is not the campaign's.
 
-    And for what is neither a file nor a folder: a pipe that is read makes its reader wait for ever.
+    And for what is neither a file nor a folder: a pipe that is read makes its reader wait for ever. And for a folder
+    that cannot be listed: what lies in it would silently be left out.
     """
     base = Path(os.path.realpath(root))  # which stands links in circles
-    for path in sorted(root.rglob("*")) if root.is_dir() else ():
+    for path in sorted(_content(root)):
         if path.is_symlink() and not Path(os.path.realpath(path)).is_relative_to(base):
             raise InputError(path, None, None, _LINK, "files of the campaign's own, as it wrote them")
         try:
@@ -102,6 +103,18 @@ def refuse_links(root: Path) -> None:
             continue
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode) or stat.S_ISLNK(mode)):
             raise InputError(path, None, None, _SPECIAL, "files of the campaign's own, as it wrote them")
+
+
+def _content(root: Path) -> Iterator[Path]:
+    """All files and folders below ``root``. Raises InputError for a folder whose files nobody here may list."""
+
+    def refuse(error: OSError) -> None:
+        if isinstance(error, PermissionError):
+            found = "a folder that may not be read"
+            raise InputError(error.filename, None, None, found, "one that its reader may list") from None
+
+    for place, folders, files in os.walk(root, onerror=refuse):  # others are gone since, as a run removes its own
+        yield from (Path(place, name) for name in (*folders, *files))
 
 
 def find_damage(

@@ -41,6 +41,9 @@ def check_table(path: Path) -> None:
     try:
         with pq.ParquetFile(path) as file:
             schema, rows = file.schema_arrow, file.metadata.num_rows
+            held = sum(file.metadata.row_group(group).num_rows for group in range(file.num_row_groups))
+        if held != rows:
+            raise InputError(path, None, None, f"{held} rows where its end says {rows}", _WISH)
         if kind == "flights":
             controller, first, stop = parse_block_name(path)
             if rows != stop - first:
@@ -78,7 +81,7 @@ def _check_words(path: Path, wanted: Mapping[str, list[str] | None]) -> None:
     """Raises InputError for columns that hold no text, or words that no campaign writes (None: any)."""
     if not wanted:
         return
-    with _refusing(path), pq.ParquetFile(path, read_dictionary=list(wanted)) as file:  # read_table would import pandas
+    with refusing(path), pq.ParquetFile(path, read_dictionary=list(wanted)) as file:  # read_table would import pandas
         table = file.read(columns=list(wanted))
         found = {column: table[column].unique().to_pylist() for column in wanted}
     for column, known in wanted.items():
@@ -89,7 +92,7 @@ def _check_words(path: Path, wanted: Mapping[str, list[str] | None]) -> None:
 
 def _check_flights(path: Path, first: int, stop: int) -> None:
     """Raises InputError for rows of other flights, or in another order."""
-    with _refusing(path), pq.ParquetFile(path) as file:
+    with refusing(path), pq.ParquetFile(path) as file:
         numbers = file.read(columns=["flight"])["flight"].to_numpy()
     if not np.array_equal(numbers, np.arange(first, stop)):
         raise InputError(path, None, None, "other flights", f"{first} to {stop - 1}, in this order")
@@ -97,7 +100,7 @@ def _check_flights(path: Path, first: int, stop: int) -> None:
 
 def _check_samples(path: Path) -> None:
     """Raises InputError for rows in other groups than they are read in, and for what no flight can fly."""
-    with _refusing(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
+    with refusing(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
         sizes = [file.metadata.row_group(group).num_rows for group in range(file.num_row_groups)]
         if any(size != ROW_GROUP for size in sizes[:-1]) or sizes[-1] > ROW_GROUP:
             raise InputError(path, None, None, f"rows in groups of {sizes[0]}", f"groups of {ROW_GROUP}")
@@ -108,7 +111,7 @@ def _check_samples(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def _refusing(path: Path) -> Iterator[None]:
+def refusing(path: Path) -> Iterator[None]:
     """Make an InputError of what a damaged or forged file raises."""
     try:
         yield

@@ -15,6 +15,10 @@ ENTRIES = {
     "requirements that are no list": ("requirements", "{a: 1}"),
     "a requirement that is a number": ("requirements", "[7]"),
     "controllers of a requirement": ("requirements", "[{metric: speed_error_max_mps, below: 1, controllers: 7}]"),
+    "a metric of a number beyond all": ("metrics", f"{{m: {{of: '{'9' * 400}', statistic: max}}}}"),
+    "a metric of a long sum": ("metrics", f"{{m: {{of: '{'+'.join('1' * 2000)}', statistic: max}}}}"),
+    "a metric of many signs": ("metrics", f"{{m: {{of: '{'-' * 3000}1', statistic: max}}}}"),
+    "a metric of more signs": ("metrics", f"{{m: {{of: '{'-' * 50_000}1', statistic: max}}}}"),
     "a character beyond all": ("question", '"\\UFFFFFFFF"'),
 }
 

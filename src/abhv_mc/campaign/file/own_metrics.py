@@ -21,7 +21,7 @@ from abhv_mc.flight.declared import (
 )
 from abhv_mc.flight.observe import find_factor, find_row
 from abhv_mc.flight.signals import CHANNEL_INDEX, CHANNELS, METRIC_INDEX
-from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of, read_document, validate
+from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, describe, one_of, read_document, validate
 from abhv_mc.io.units import Time
 from abhv_mc.own.source import compile_text, read_source
 
@@ -111,9 +111,9 @@ def compile_metrics(
         try:
             tree = ast.parse(entry.of.strip(), mode="eval").body
             program.add(tree, 0)
-        except SyntaxError:
+        except (SyntaxError, RecursionError, MemoryError, OverflowError):  # the last three: deep nesting, long numbers
             wanted = "a channel or an expression of channels"
-            errors.append(document.error((*where, name, "of"), f"'{entry.of}'", wanted))
+            errors.append(document.error((*where, name, "of"), describe(entry.of), wanted))
         except Refusal as refusal:
             errors.append(document.error((*where, name, "of"), refusal.found, refusal.wanted))
         code += program.code

@@ -1,6 +1,7 @@
 """What can be said of a campaign's folder without flying."""
 
 import contextlib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,17 @@ def read_status(root: Path) -> dict[str, Any]:
     holder = lock_holder(folder.lock)
     if manifest["state"] == RUNNING and holder is None:
         manifest["state"] = INTERRUPTED
-    size = sum(path.stat().st_size for path in root.rglob("*") if path.is_file())
-    return manifest | {"folder": str(root), "holder": holder, "bytes": size}
+    return manifest | {"folder": str(root), "holder": holder, "bytes": _size(root)}
+
+
+def _size(root: Path) -> int:
+    """Bytes of all files; a run that goes on removes some meanwhile."""
+    size = 0
+    for place, _, names in os.walk(root):
+        for name in names:
+            with contextlib.suppress(OSError):
+                size += Path(place, name).lstat().st_size
+    return size
 
 
 def find_campaigns(root: Path) -> list[dict[str, Any]]:
