@@ -4,6 +4,8 @@ An expression is parsed into instructions and never evaluated as Python.
 """
 
 import ast
+import math
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
@@ -22,6 +24,7 @@ from abhv_mc.flight.declared import (
 from abhv_mc.flight.observe import find_factor, find_row
 from abhv_mc.flight.signals import CHANNEL_INDEX, CHANNELS, METRIC_INDEX
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, describe, one_of, read_document, validate
+from abhv_mc.io.unit_pattern import NUMBER
 from abhv_mc.io.units import Time
 from abhv_mc.own.source import compile_text, read_source
 
@@ -107,10 +110,9 @@ def compile_metrics(
         if name in _TAKEN:
             found = f"'{name}', a metric of the program"
             errors.append(document.key_error((*where, name), found, "another name"))
-        program = _Program(channels)
+        program = _Program(channels, entry.of.strip())
         try:
-            tree = ast.parse(entry.of.strip(), mode="eval").body
-            program.add(tree, 0)
+            program.add(ast.parse(program.text, mode="eval").body, 0)
         except (SyntaxError, RecursionError, MemoryError, OverflowError):  # the last three: deep nesting, long numbers
             wanted = "a channel or an expression of channels"
             errors.append(document.error((*where, name, "of"), describe(entry.of), wanted))
@@ -130,8 +132,8 @@ def compile_metrics(
 class _Program:
     """Instructions for one expression."""
 
-    def __init__(self, channels: dict[str, Channel]) -> None:
-        self.channels = channels
+    def __init__(self, channels: dict[str, Channel], text: str) -> None:
+        self.channels, self.text = channels, text
         self.code: list[tuple[int, int, int, int]] = []
         self.constant: list[float] = []
 
@@ -150,6 +152,9 @@ class _Program:
                 channel = self.channels[name]
                 self._emit(Operation.LOAD, register, channel.row, constant=channel.factor)
             case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+                written = str(ast.get_source_segment(self.text, node))
+                if not (re.fullmatch(NUMBER, written) and math.isfinite(value)):
+                    raise Refusal(f"number {describe(written)}", "a plain decimal one, such as 0.5 or 1e3")
                 self._emit(Operation.CONSTANT, register, constant=float(value))
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):
                 self.add(operand, register)
