@@ -1,5 +1,6 @@
 """What commands print: JSON for programs, and tables as wide as their text, in which no number is ever cut."""
 
+import re
 import sys
 from collections.abc import Iterable
 from io import TextIOWrapper
@@ -12,8 +13,9 @@ if TYPE_CHECKING:
 
 
 def say(*words: Any, sep: str = " ", **options: Any) -> None:
-    """Print, as Python's own ``print``; what a results folder holds cannot steer the terminal by it."""
-    print(printable(sep.join(map(str, words))), **options)
+    """Print, as Python's own ``print``: what a results folder holds cannot steer the terminal, no secret is repeated."""
+    text = re.sub(r"(://[^/@\s:]*:)[^@\s]+@", r"\1...@", sep.join(map(str, words)))  # of s3://KEY:SECRET@...
+    print(printable(text), **options)
 
 
 def escape_unknown_characters() -> None:
