@@ -39,7 +39,7 @@ class ControllerNumbers:
 
     def write(self, path: Path, point: Floats, comment: str = "") -> None:
         """Write the file with the free numbers of a point; a law of one's own that it names stays the same file."""
-        data = self.document.data
+        data: Any = self.document.data
         if "file" in data:
             law = (Path(self.document.path).parent / data["file"]).resolve()
             data = {**data, "file": os.path.relpath(law, path.parent.resolve())}
