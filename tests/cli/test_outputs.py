@@ -161,6 +161,39 @@ def test_the_page_beside_a_tuned_controller_is_no_campaigns_report(call, flown):
     assert code == 2 and "own files" in said
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        "plan one.yaml --json one.yaml",
+        "plan --json ./one.yaml one.yaml",
+        "worst one.yaml --metric x -o new --json one.yaml",
+        "worst one.yaml --metric x -o new --json new",
+        "margins one.yaml --json one.yaml",
+        "tune one.yaml -o new.yaml --json one.yaml",
+        "tune one.yaml -o new.yaml --tune two.yaml --json two.yaml",
+        "tune one.yaml -o new.yaml --json new.yaml",
+        "tune one.yaml -o new.yaml --json new.html",
+    ],
+)
+def test_outputs_keep_away_from_each_other_and_from_what_is_read(call, tmp_path, monkeypatch, words):
+    """The campaign file was lost, or the result was not where it had been asked for."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("one.yaml", "two.yaml"):
+        (tmp_path / name).write_text("{}\n", encoding="utf-8")
+    code, said = call(*words.split())
+    assert code == 2 and "a file that the command reads or writes, too" in said, said
+    assert all((tmp_path / name).read_text() == "{}\n" for name in ("one.yaml", "two.yaml"))
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("command", ["worst one.yaml --metric x", "rare one.yaml --requirement x"])
+def test_the_result_keeps_away_from_what_the_search_is_to_write(call, tmp_path, command, place):
+    """`worst -o NEW --json NEW/manifest.json` took the manifest from a search that had just been flown."""
+    new = tmp_path / "new"
+    code, said = call(*command.split(), "-o", new, "--json", new / place)
+    assert code == 2 and "a place of the campaign's own files" in said, said
+
+
 def test_other_places_are_free(flown, tmp_path):
     copy = shutil.copytree(flown, tmp_path / "copy")
     assert find_own_place(copy) == Path()

@@ -61,6 +61,12 @@ def test_margins_that_are_none_are_refused(text):
         parse_margins([text])
 
 
+def test_a_metric_with_two_margins_is_refused():
+    """The last one held: a gate of 1 % was passed by way of a second one of 100 %."""
+    with pytest.raises(InputError, match="'bank_error_rms_deg' a second time"):
+        parse_margins(["bank_error_rms_deg=1%", "bank_error_rms_deg = 100 %"])
+
+
 @pytest.mark.parametrize(("margin", "code"), [("500%", 0), ("5%", 1)])
 def test_the_gate_is_the_exit_code(failing_folder, monkeypatch, margin, code):
     """There was no such gate: continuous integration could not ask whether a change made a metric worse."""

@@ -118,6 +118,7 @@ def test_the_same_laws_change_nothing(flown):
         (["aero.lift.half_width=5%"], "unknown key 'half_width'"),
         (["aero.drag.sigma=5%"], "'aero.drag', which the campaign did not disperse"),
         (["aero.lift"], "PARAMETER.KEY=VALUE"),
+        (["aero.lift.sigma=4%", "aero.lift.sigma = 3%"], "'aero.lift.sigma' a second time"),
         (["aero.lift.distribution=discrete", "aero.lift.values=[0.9, 1.1]"], "a distribution of the same kind"),
     ],
 )

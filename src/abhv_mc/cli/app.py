@@ -14,6 +14,7 @@ import typer
 
 from abhv_mc import __version__
 from abhv_mc.cli.errors import ExitCode, exit_code_of, settle_output
+from abhv_mc.cli.outputs import with_outputs_apart
 from abhv_mc.cli.printing import escape_unknown_characters, say
 from abhv_mc.cli.signals import heed_signals, ignore_signals
 
@@ -70,7 +71,7 @@ for _panel, _names in _COMMANDS.items():
         if hasattr(_module, "app"):
             app.add_typer(_module.app, name=_name, rich_help_panel=_panel)
         else:
-            app.command(_name, rich_help_panel=_panel)(_module.command)
+            app.command(_name, rich_help_panel=_panel)(with_outputs_apart(_module.command))
 
 
 def main() -> None:

@@ -1,7 +1,12 @@
 """Where a command may write, judged before it does anything else. Callbacks of the options that name an output."""
 
 import os
+from collections.abc import Callable, Iterable
+from functools import wraps
 from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+_OWN, _ELSEWHERE = "a place of the campaign's own files", "another name, or a place elsewhere"
 
 
 def new_file(path: Path | None) -> Path | None:
@@ -47,7 +52,7 @@ def _refuse(path: Path | None, folder: bool, campaign: bool = False) -> Path | N
         raise InputError(path, None, None, "a name that begins with '~'", "the path written out")
     place = find_own_place(path)
     if place is not None and not (campaign and place == Path()):
-        raise InputError(path, None, None, "a place of the campaign's own files", "another name, or a place elsewhere")
+        raise InputError(path, None, None, _OWN, _ELSEWHERE)
     if path.exists() and not (path.is_file() or path.is_dir()):  # /dev/null would be renamed over
         raise InputError(path, None, None, "a pipe, socket or device", wanted)
     if path.is_file() if folder else path.is_dir() or path.name in ("", ".."):
@@ -60,3 +65,46 @@ def _refuse(path: Path | None, folder: bool, campaign: bool = False) -> Path | N
         found = f"a place in {home}, which cannot be written"
         raise InputError(path, None, None, found, "a folder that can be written")
     return path
+
+
+def with_outputs_apart(command: Callable[..., None]) -> Callable[..., None]:
+    """The command, which looks at its outputs together once all its words are read."""
+
+    @wraps(command)
+    def checked(**given: Any) -> None:
+        callbacks = {
+            name: callback
+            for name, hint in get_type_hints(command, include_extras=True).items()
+            for callback in (getattr(info, "callback", None) for info in get_args(hint)[1:])
+            if callback in (new_file, new_folder, campaign_folder, campaign_folder_or_address)
+        }
+        campaigns = [given[name] for name, callback in callbacks.items() if callback is campaign_folder]
+        keep_apart(
+            [given[name] for name in callbacks],
+            [value for name, value in given.items() if name not in callbacks and isinstance(value, str | Path)],
+            campaigns,
+        )
+        command(**given)
+
+    return checked
+
+
+def keep_apart(
+    outputs: Iterable[Path | None], inputs: Iterable[str | Path] = (), campaigns: Iterable[Path | None] = ()
+) -> None:
+    """Raises InputError where an output is another one, a file that is read, or a part of a campaign to be flown."""
+    from abhv_mc.io.input_error import InputError
+    from abhv_mc.store.folder import is_own_part
+
+    # Words may be no paths at all, which Path.is_file would raise for.
+    taken = [os.path.realpath(path) for path in inputs if os.path.isfile(path)]  # noqa: PTH113
+    roots = [Path(os.path.realpath(root)) for root in campaigns if root is not None]
+    for path in outputs:
+        if path is None or path == Path("-"):
+            continue
+        place = os.path.realpath(path)
+        if place in taken:
+            raise InputError(path, None, None, "a file that the command reads or writes, too", "another name")
+        if any(is_own_part(root, Path(place)) for root in roots):
+            raise InputError(path, None, None, _OWN, _ELSEWHERE)
+        taken.append(place)

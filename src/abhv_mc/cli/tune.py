@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.outputs import new_file
+from abhv_mc.cli.outputs import keep_apart, new_file
 from abhv_mc.cli.printing import say
 from abhv_mc.cli.searching import (
     CampaignFile,
@@ -45,12 +45,11 @@ def command(
     from abhv_mc.cli.announce import announce_compiling
 
     refuse_shard(shard)
-    new_file(out.with_suffix(".html"))
+    page = out.with_suffix(".html")
+    keep_apart([new_file(page), json_file])
     announce_compiling()
     from abhv_mc.campaign.search.tune import TuneFound, TuneRequest, tune_controller
     from abhv_mc.report.tune_page import write_tune_page
-
-    page = out.with_suffix(".html")
 
     def tell(found: TuneFound) -> None:  # before the new file is there, with which the command would not run again
         write_json(json_file, found.as_json())

@@ -52,6 +52,8 @@ def parse_margins(texts: Sequence[str]) -> dict[str, float]:
             raise InputError("--fail-if-worse", None, None, f"metric '{metric.strip()}'", wanted)
         if margin < 0.0:
             raise InputError("--fail-if-worse", None, None, f"'{text}'", "METRIC=SHARE, a share from 0 such as 5%")
+        if metric.strip() in margins:
+            raise InputError("--fail-if-worse", None, None, f"'{metric.strip()}' a second time", "each metric once")
         margins[metric.strip()] = margin
     return margins
 

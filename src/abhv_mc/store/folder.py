@@ -113,11 +113,16 @@ def find_own_place(path: Path) -> Path | None:
     for root in (target, *target.parents):
         folder = CampaignFolder(root)
         others = (folder.campaign, folder.samples, folder.flights)
-        if folder.manifest.exists() and any(part.exists() for part in others):
-            place = target.relative_to(root)
-            if not place.parts or root / place.parts[0] in (*folder.parts, folder.lock):
-                return place
+        is_campaigns = folder.manifest.exists() and any(part.exists() for part in others)
+        if is_campaigns and (target == root or is_own_part(root, target)):
+            return target.relative_to(root)
     return None
+
+
+def is_own_part(root: Path, path: Path) -> bool:
+    """Whether a path is, or is in, a part of what a campaign has or will have in the folder ``root``."""
+    folder = CampaignFolder(root)
+    return any(path.is_relative_to(part) for part in (*folder.parts, folder.lock))
 
 
 def is_inside(name: str) -> bool:

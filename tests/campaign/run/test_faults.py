@@ -33,7 +33,7 @@ def is_bad(density):
 
 
 def _plant(fault, plan, parameters, every):
-    if (is_bad(parameters[:, DENSITY]) & (parameters[:, DENSITY] != 1.0)).any():  # the trials stand at 1
+    if (is_bad(parameters[:, DENSITY]) & (parameters[:, DENSITY] != 1.0)).any():  # the nominal flight stands at 1
         fault()
     return fly(plan, parameters, every)
 

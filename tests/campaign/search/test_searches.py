@@ -199,3 +199,11 @@ def test_a_requirement_on_a_metric_that_its_flights_do_not_have_is_refused(tmp_p
     with pytest.raises(InputError, match="no requirement on 'swing'"):
         find_rare(SearchRequest(campaign, tmp_path / "out"), RareSettings("swing", flights=8000), LINE)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_requirement_of_another_controller_is_not_proposed(tmp_path):
+    """It said: no requirement on 'x' for 'two'; wanted 'x'."""
+    entry = f"{{metric: {METRIC}, below: 3, probability: 0.9, controllers: [one]}}"
+    campaign = write_line(tmp_path / "files", requirements=f"[{entry}]")
+    with pytest.raises(InputError, match="for 'two'; wanted a requirement with the limit"):
+        find_rare(SearchRequest(campaign, tmp_path / "out", "two"), RareSettings(METRIC, flights=8000), LINE)

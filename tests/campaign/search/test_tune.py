@@ -11,6 +11,7 @@ from abhv_mc.campaign.search import tune as module
 from abhv_mc.campaign.search.tune import TuneRequest, tune_controller
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.io.documents import InputError
+from abhv_mc.store.arrays import write_array
 
 
 @pytest.fixture
@@ -84,6 +85,8 @@ def test_what_is_kept_and_damaged_is_flown_again(request_, tmp_path):
         file.write_bytes(content)
     kept[-1].write_bytes(kept[-1].read_bytes()[:50])
     kept[-2].write_bytes(b"")
+    for i, other in enumerate([np.zeros((2, 2)), np.zeros(0), np.array([["a"]]), np.zeros((64, 3), np.int64)]):
+        write_array(kept[-3 - i], other)  # whole, but nothing that tuning writes
     request_.out.unlink()
     assert tune_controller(request_, ENGINE).as_json() == found
 

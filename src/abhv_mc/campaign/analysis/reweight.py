@@ -41,6 +41,8 @@ def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
         name, _, entry = key.strip().rpartition(".")
         if not (sign and name and entry and value.strip()):
             raise InputError(_SET, None, None, f"'{text}'", "PARAMETER.KEY=VALUE, such as aero.drag.half_width=12%")
+        if entry in settings.get(name, {}):
+            raise InputError(_SET, None, None, f"'{key.strip()}' a second time", "each setting once")
         data = compose(Path(_SET), f"value: {value.strip()}\n".encode())[0]
         settings.setdefault(name, {})[entry] = data["value"] if isinstance(data, dict) else data
     return settings

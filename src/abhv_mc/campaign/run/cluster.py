@@ -5,6 +5,7 @@ flown in pieces (see :mod:`abhv_mc.campaign.run.retry`). Workers may come and go
 """
 
 import asyncio
+import logging
 import math
 import os
 import sys
@@ -145,6 +146,18 @@ async def _greet(address: str) -> None:
 
 
 @contextmanager
+def _without_logs(name: str) -> Iterator[None]:
+    """Dask's client tells in tracebacks how it failed to find a scheduler again, which the command says in words."""
+    logger = logging.getLogger(name)
+    before = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
+
+
+@contextmanager
 def connect_cluster(address: str, engine: Engine) -> Iterator[Cluster]:
     """The cluster whose scheduler is at ``address``. Raises InputError where there is none."""
     try:
@@ -159,7 +172,7 @@ def connect_cluster(address: str, engine: Engine) -> Iterator[Cluster]:
     except Exception as error:  # of any kind, as whatever listens there may say anything
         found = f"no scheduler at '{address}' ({(str(error) or type(error).__name__).splitlines()[0]})"
         raise InputError("--scheduler", None, None, found, "an address such as tcp://host:8786") from None
-    with client:
+    with _without_logs("distributed.client"), client:
         told = False
         while not client.nthreads():
             if not told:

@@ -1,5 +1,6 @@
 """Free numbers of a controller's file: found by their keys, varied by factors, written back with their units."""
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,8 +38,11 @@ class ControllerNumbers:
         return [entry.key for entry, x in zip(self.free, point.tolist(), strict=True) if abs(x) >= 1.0 - 1e-9]
 
     def write(self, path: Path, point: Floats, comment: str = "") -> None:
-        """Write the file with the free numbers of a point."""
-        data = self.document.data
+        """Write the file with the free numbers of a point; a law of one's own that it names stays the same file."""
+        data: Any = self.document.data
+        if "file" in data:
+            law = (Path(self.document.path).parent / data["file"]).resolve()
+            data = {**data, "file": os.path.relpath(law, path.parent.resolve())}
         for key, value in self.values(point).items():
             data = _replaced(data, key.split("."), value)
         write_document(path, data, comment)

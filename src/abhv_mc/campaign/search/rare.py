@@ -129,9 +129,9 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
 def _find_requirement(campaign: CheckedCampaign, controller: str, metric: str) -> tuple[Requirement, float]:
     """The campaign's requirement on this metric, and its limit. Raises InputError where there is none, or several."""
     pairs = zip(campaign.model.requirements, campaign.limits, strict=True)
-    entries = [entry for entry in pairs if entry[0].metric in METRIC_INDEX]  # its flights have no others
-    found = [entry for entry in entries if entry[0].metric == metric]
-    own = [entry for entry in found if controller in (entry[0].controllers or (controller,))]
+    bound = [entry for entry in pairs if controller in (entry[0].controllers or (controller,))]
+    entries = [entry for entry in bound if entry[0].metric in METRIC_INDEX]  # its flights have no others
+    own = [entry for entry in entries if entry[0].metric == metric]
     if len(own) == 1:
         return own[0]
     where = ("requirements",)

@@ -97,17 +97,18 @@ class Trials:
 
     def _one(self, point: Floats, parameters: Floats) -> Trial:
         candidate = self._plan(point)
-        metrics = self._remember(point, parameters, lambda: self._fly(candidate(), parameters))
+        metrics = self._remember(point, parameters, len(METRIC_INDEX), lambda: self._fly(candidate(), parameters))
         if not len(self.vehicles):
             return Trial(metrics, np.empty((0, len(MARGIN_NAMES))))
-        return Trial(metrics, self._remember(point, self.vehicles, lambda: self.margins_of(candidate())))
+        found = self._remember(point, self.vehicles, len(MARGIN_NAMES), lambda: self.margins_of(candidate()))
+        return Trial(metrics, found)
 
-    def _remember(self, point: Floats, parameters: Floats, make: Callable[[], Floats]) -> Floats:
+    def _remember(self, point: Floats, parameters: Floats, columns: int, make: Callable[[], Floats]) -> Floats:
         key = hashlib.sha256(point.tobytes() + parameters.tobytes() + self.identity.encode()).hexdigest()[:32]
         path = self.kept / f"{key}.npy"
         kept = read_array(path)
-        if kept is not None:
-            return np.array(kept, np.float64)
+        if kept is not None and kept.shape == (len(parameters), columns) and kept.dtype == np.float64:
+            return np.array(kept)
         values = make()
         refuse_changes(self.campaign, self.resolved)  # before the flights of another vehicle are kept as this one's
         write_array(path, values)
