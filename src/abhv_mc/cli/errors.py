@@ -56,7 +56,7 @@ def exit_code_of(error: BaseException) -> int | str | None:
     cut_short = isinstance(error, ImportError) and any(isinstance(cause, KeyboardInterrupt) for cause in causes)
     if isinstance(error, (SystemExit, KeyboardInterrupt)) or cut_short:
         settle_interrupt()
-        _tell("interrupted: what was done is kept, and the same command goes on")
+        _tell("interrupted: what a campaign or search has flown is kept, and the same command goes on")
         return ExitCode.INCOMPLETE
     if isinstance(error, OSError):
         error = _explain(error)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def say(*words: Any, sep: str = " ", **options: Any) -> None:
-    """Print, as Python's own ``print``: what a results folder holds cannot steer the terminal, no secret is repeated."""
+    """Print, as Python's own ``print``, but nothing that steers the terminal, and no secret of an address."""
     text = re.sub(r"(://[^/@\s:]*:)[^@\s]+@", r"\1...@", sep.join(map(str, words)))  # of s3://KEY:SECRET@...
     print(printable(text), **options)
 

@@ -20,8 +20,8 @@ Floats = NDArray[np.float64]
 
 
 _ROWS = 3  # trials of each dispersion
-_FIRST = 600.0  # s more than later flights have: a loop without an end is to be found here, not a busy machine
-_MIDDLE = 0.6  # of its extent, where a dispersion stands in the others' trials: not at a symmetric law's nominal value
+_FIRST = 600.0  # s more than later flights have: to find a loop without an end, not a busy machine
+_MIDDLE = 0.6  # of its extent, where a dispersion stands in other trials: no nominal value of a symmetric law
 
 
 def make_trials(campaign: CheckedCampaign) -> Floats:
