@@ -1,6 +1,7 @@
 """Worker processes that stand still or lose the process they were forked from are replaced; flights are as ever."""
 
 import contextlib
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -201,3 +202,53 @@ def test_a_deep_temporary_folder_is_no_obstacle(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "'PYTHONSAFEPATH': None" in done.stderr
     assert not Path(done.stdout.strip()).exists()
+
+
+AGAIN = """
+import contextlib, multiprocessing, sys
+from abhv_mc.campaign.run.worker_pool import WorkerPool
+from abhv_mc.flight.fly import nominal_parameters
+from campaign.fake_flight import fly, make_plan
+
+def again():
+    with contextlib.closing(WorkerPool(fly, 1, 60.0)) as pool:
+        pool.fly(make_plan("one"), nominal_parameters(3))
+
+again()
+process = multiprocessing.get_context("fork").Process(target=again)
+process.start()
+process.join(60)
+sys.exit(process.exitcode)
+"""
+
+
+def test_a_process_that_was_forked_from_one_that_has_flown_flies(tmp_path):
+    """multiprocessing forks on Linux unless told otherwise, and takes the parent's server for the child's own."""
+    _, done = run_script(tmp_path, AGAIN)
+    assert done.returncode == 0, done.stderr
+
+
+BLOCKED = """
+import contextlib, signal
+from abhv_mc.campaign.run.worker_pool import WorkerPool
+from abhv_mc.flight.fly import nominal_parameters
+from campaign.fake_flight import fly, make_plan
+signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGCHLD})
+with contextlib.closing(WorkerPool(fly, 1, 60.0)) as pool:
+    pool.fly(make_plan("one"), nominal_parameters(3))
+    (worker,) = pool._workers
+    signal.alarm(30)
+    worker.kill()
+"""
+
+
+def test_a_starter_that_blocks_sigchld_is_no_obstacle(tmp_path):
+    """The mask is inherited: the server did not hear that a worker had ended, and whoever waited for it hung."""
+    _, done = run_script(tmp_path, BLOCKED)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_process_that_may_start_no_others_says_so(monkeypatch):
+    monkeypatch.setitem(multiprocessing.current_process()._config, "daemon", True)
+    with pytest.raises(UnusableError, match=r"multiprocessing\.Pool.*isolation: threads"):
+        WorkerPool(fly, 1, 60.0)

@@ -15,6 +15,7 @@ import threading
 import time
 import types
 from collections.abc import Iterator
+from functools import partial
 from multiprocessing import forkserver, resource_tracker, util
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -39,6 +40,8 @@ _RESPONSE_LIMIT = 30.0  # s at least for one that has done so to say that it beg
 _SOCKET_NAME = 103  # bytes of a socket's name that every system has room for
 _SHORT_PLACE = "/tmp"  # noqa: S108  for a private folder in it
 _start_lock = threading.Lock()
+# A process that was forked holds its parent's server for its own, and cannot start one: it begins without.
+os.register_at_fork(after_in_child=partial(forkserver.ForkServer.__init__, forkserver._forkserver))
 
 
 class _NotBegunError(Exception):
@@ -112,7 +115,10 @@ class WorkerPool:
     """Flies in worker processes, each started when first needed; threads may call :meth:`fly` side by side."""
 
     def __init__(self, fly: Fly, workers: int, limit: float) -> None:
-        """``limit``: time for one flight, or for 16 in a batch, s."""
+        """``limit``: time for one flight, or for 16 in a batch, s. Raises UnusableError where none can be started."""
+        if multiprocessing.current_process().daemon:
+            words = "this process (of multiprocessing.Pool, or a daemon) may start no others"
+            raise UnusableError(f"{words}: concurrent.futures.ProcessPoolExecutor, or 'isolation: threads', helps")
         self._fly, self._limit = fly, limit
         self._idle: queue.LifoQueue[_Worker | None] = queue.LifoQueue()
         for _ in range(workers):
@@ -210,6 +216,7 @@ def _starting_processes() -> Iterator[Environment]:
         try:
             resource_tracker.ensure_running()  # which unblocks signals when it starts
             mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGCHLD})  # or the server never hears of a worker's end
             sys.modules["__main__"] = types.ModuleType("__main__")
             try:
                 yield outside
