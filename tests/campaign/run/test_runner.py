@@ -244,6 +244,15 @@ def test_other_code_does_not_continue(campaign, tmp_path):
         run(campaign, tmp_path / "out", replace(ENGINE, source="other"))
 
 
+@pytest.mark.parametrize("name", ["nominal.parquet", "reference.parquet"])
+def test_other_code_does_not_mend_what_was_flown(campaign, tmp_path, name):
+    run(campaign, tmp_path / "out")
+    (tmp_path / "out" / name).write_bytes(b"damaged")
+    with pytest.raises(InputError, match="another version of the program"):
+        run(campaign, tmp_path / "out", replace(ENGINE, source="other"))
+    assert (tmp_path / "out" / name).read_bytes() == b"damaged"
+
+
 def test_the_resolved_campaign_flies_the_same(campaign, tmp_path):
     first = run(campaign, tmp_path / "a").manifest
     for path in campaign.parent.rglob("*"):

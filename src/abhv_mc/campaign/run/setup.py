@@ -188,7 +188,8 @@ def _resume(
         wish = f"the same campaign with {held.data['runs']} runs, which mends it"
         raise InputError(folder.campaign, None, None, "a damaged file", wish)
     longer = longer or not intact  # or killed while it grew
-    if added or longer or manifest.get("state") != COMPLETE:
+    with_nominal = files.holds(folder.nominal) and files.holds(folder.reference)
+    if added or longer or not with_nominal or manifest.get("state") != COMPLETE:
         check_source(folder, manifest, engine)
         _start_workers(request, engine)
     if added:
@@ -218,7 +219,7 @@ def _resume(
     }
     if added or longer or "warnings" not in manifest:
         manifest["warnings"] = find_warnings(plans, campaign)
-    if added or not (files.holds(folder.nominal) and files.holds(folder.reference)):
+    if added or not with_nominal:
         _write_nominal(folder, campaign, plans, _try_out(campaign, plans, engine))
     return OpenCampaign(folder, campaign, plans, manifest, (), files, make_margin_plans(campaign, plans, engine.device))
 
