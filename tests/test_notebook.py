@@ -173,6 +173,19 @@ def test_no_shell_has_made_a_home_folder_of_a_name(flown, tmp_path, monkeypatch)
     assert not any(tmp_path.iterdir())
 
 
+def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypatch, flown):
+    """The tables were called changed by a run, and another file of the same name was flown."""
+    (tmp_path / "there").mkdir()
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(flown[1].folder, "out")
+    write_campaign(tmp_path / "f")
+    campaign, results = abhv_mc.Campaign.read("f/campaign.yaml"), abhv_mc.open_results("out")
+    monkeypatch.chdir(tmp_path / "there")
+    assert len(results.flights) == 400
+    monkeypatch.setattr("abhv_mc.campaign.run.runner.make_engine", lambda: ENGINE)
+    assert campaign.run("again", runs=20).folder == tmp_path / "there" / "again"
+
+
 def test_what_is_not_there_is_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         abhv_mc.open_results(tmp_path)

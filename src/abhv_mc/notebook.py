@@ -31,7 +31,7 @@ class Campaign:
     """A campaign file, read and checked; :meth:`run` flies it."""
 
     def __init__(self, path: Path, checked: CheckedCampaign) -> None:
-        self.path, self._checked = path, checked
+        self.path, self._checked = path.absolute(), checked  # whoever changes the working folder means no other
         self.name: str = checked.model.name
         self.question: str = checked.model.question  # what it asks
         self.runs: int = checked.runs  # flights of each controller
@@ -109,8 +109,8 @@ class CampaignResults:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self._checked = CheckedFolder(folder)
+        self.folder = folder if str(folder).startswith("~") else folder.absolute()  # see CampaignFolder on '~'
+        self._checked = CheckedFolder(self.folder)
         self._paths, self.manifest = self._checked.folder, self._checked.manifest
 
     @property
