@@ -57,7 +57,7 @@ def _family_words(numbers: Mapping[str, Any]) -> str:
             f" The chance of any false PASS among all {len(verdicts)} verdicts is at most {percent(bound, 2)} (held by "
             "the campaign's family of verdicts)."
         )
-    if expected < 1.0:
+    if round(expected, 9) < 1.0:  # ten risks of 0.1 add up to a bit less than 1
         text = f" Among all {len(verdicts)} verdicts the chance of any false PASS is at most {percent(bound, 2)}."
     else:
         text = (
