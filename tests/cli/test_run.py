@@ -184,7 +184,18 @@ def test_a_query_without_an_end_heeds_an_interrupt(flown, sql, words):
     time.sleep(4.0)
     assert asked.poll() is None
     asked.send_signal(signal.SIGINT)
-    said = asked.communicate(timeout=30.0)[1]
+    said = asked.communicate(timeout=60.0)[1]
+    assert asked.returncode == 3 and "Traceback" not in said, said
+
+
+@pytest.mark.parametrize("moment", [0.4, 0.5, 0.6, 0.8, 1.0])
+def test_a_query_heeds_an_interrupt_before_it_begins(flown, moment):
+    """It began nevertheless, and was aborted by the system ten seconds later."""
+    program = [sys.executable, "-m", "abhv_mc", "query", str(flown), ENDLESS["a range"]]
+    asked = subprocess.Popen(program, stderr=subprocess.PIPE, text=True)
+    time.sleep(moment)
+    asked.send_signal(signal.SIGINT)
+    said = asked.communicate(timeout=60.0)[1]
     assert asked.returncode == 3 and "Traceback" not in said, said
 
 

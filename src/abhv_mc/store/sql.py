@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection, DuckDBPyRelation
 
 T = TypeVar("T")
-_PATIENCE = 10.0  # s for duckdb to heed an interrupt
+_INTERRUPTS, _PAUSE = 300, 0.1  # and s between them: what duckdb may take to heed one
 
 
 def ask(folder: Path, sql: str, take: "Callable[[DuckDBPyRelation], T]") -> T | None:
@@ -24,20 +24,25 @@ def ask(folder: Path, sql: str, take: "Callable[[DuckDBPyRelation], T]") -> T | 
     ended = threading.Event()
 
     def answer() -> T | None:
+        with open_database(folder) as database:
+            opened.append(database)
+            found = database.sql(sql)
+            return None if found is None else take(found)
+
+    def work() -> T | None:
         try:
-            with open_database(folder) as database:
-                opened.append(database)
-                found = database.sql(sql)
-                return None if found is None else take(found)
-        finally:
+            return answer()
+        finally:  # nothing of duckdb's is left to this thread: Python cannot end while it takes its objects down
             ended.set()
 
     try:
-        return run_aside(answer)  # in a thread of its own, as duckdb heeds no interrupt in the main one
+        return run_aside(work)  # in a thread of its own, as duckdb heeds no interrupt in the main one
     except KeyboardInterrupt:
-        for database in opened:
-            database.interrupt()
-        ended.wait(_PATIENCE)
+        for _ in range(_INTERRUPTS):  # until it heeds one, as it knows none of before it begins
+            for database in opened:
+                database.interrupt()
+            if ended.wait(_PAUSE):
+                break
         raise
     except (duckdb.Error, ArithmeticError, ValueError) as error:  # the last two: of values that Python cannot hold
         words = str(error).partition("\nTraceback")[0]  # duckdb adds one where Python lacks what a type needs
