@@ -41,7 +41,8 @@ _SOCKET_NAME = 103  # bytes of a socket's name that every system has room for
 _SHORT_PLACE = "/tmp"  # noqa: S108  for a private folder in it
 _start_lock = threading.Lock()
 # A process that was forked holds its parent's server for its own, and cannot start one: it begins without.
-os.register_at_fork(after_in_child=partial(forkserver.ForkServer.__init__, forkserver._forkserver))
+with contextlib.suppress(AttributeError):  # a private name; a Python without it tells such a process so in words
+    os.register_at_fork(after_in_child=partial(forkserver.ForkServer.__init__, forkserver._forkserver))
 
 
 class _NotBegunError(Exception):
