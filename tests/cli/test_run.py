@@ -123,6 +123,8 @@ def test_replay_is_the_same_flight_at_full_rate(abhv_mc, flown, tmp_path):
     history = pq.read_table(tmp_path / "h.parquet")
     np.testing.assert_allclose(np.diff(history["time"].to_numpy()), 0.1)
     assert set(history["flight"].to_pylist()) == {17}
+    code, _, err = abhv_mc("replay", flown, "--flight", 17, "--controller", "two", "-o", tmp_path / "h.csv")
+    assert code == 2 and "ends in .parquet" in err and not (tmp_path / "h.csv").exists()
 
 
 @pytest.mark.parametrize(

@@ -32,9 +32,12 @@ def command(
     from abhv_mc.campaign.run.engine import make_engine
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.flight.signals import CHANNEL_INDEX
+    from abhv_mc.io.input_error import InputError
     from abhv_mc.own.aside import run_aside
     from abhv_mc.store.histories import write_histories
 
+    if out is not None and out.suffix != ".parquet":  # the only kind it writes, whatever the name promises
+        raise InputError("--output", None, None, f"'{out.name}'", "a name that ends in .parquet")
     announce_compiling()
     fly = make_engine().fly
     replay = run_aside(lambda: replay_flight(folder, controller, flight, fly, trust_code=trust_code))
