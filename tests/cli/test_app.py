@@ -72,7 +72,7 @@ def test_shell_completion(shell: str) -> None:
         (OSError(errno.EMFILE, "Too many open files", "y.ttf"), 3, "too many open files"),
         (OSError(errno.EFBIG, "File too large", "y.png"), 3, "y.png: no space left"),
         (PermissionError(errno.EACCES, "Permission denied", "y.png"), 2, "y.png: found a place that cannot be written"),
-        (FileNotFoundError(errno.ENOENT, "No such file", "y.png"), 3, "y.png: gone, and was there a moment ago"),
+        (FileNotFoundError(errno.ENOENT, "No such file", "y.png"), 3, "y.png: not there when it was needed"),
         (FileNotFoundError(errno.ENOENT, "No such file", str(Path(abhv_mc.__file__).with_name("y"))), 70, "a defect"),
         (SystemExit(1), 1, ""),
         (SystemExit(None), None, ""),

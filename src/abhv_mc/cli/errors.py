@@ -146,7 +146,8 @@ def _explain(error: OSError) -> Exception:
             return InputError(".", None, None, "a working folder that was deleted", "one that is there (cd)")
         gone = os.fsdecode(error.filename or str(error).partition("\n")[0])
         if not Path(gone).is_relative_to(_PROGRAM):
-            return FolderLostError(f"{gone}: gone, and was there a moment ago: somebody has deleted or replaced it.")
+            words = "not there when it was needed: deleted or replaced meanwhile, or else a defect of abhv-mc"
+            return FolderLostError(f"{gone}: {words}")
     try:
         with told_plainly(Path(error.filename or "the disk or standard output")):
             raise error

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 
 _ROWS = 3  # trials of each dispersion
-_COMPILING = 1800.0  # s at most, before they fly: 30 to 60 on an idle machine, some 700 were seen on a busy one
+_COMPILING = 1800.0  # s at most, before they fly: on a busy machine more than 600 were seen
 _MIDDLE = 0.6  # of its extent, where a dispersion stands in other trials: no nominal value of a symmetric law
 
 
