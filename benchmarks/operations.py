@@ -28,7 +28,7 @@ _FIRST, _LAST = 5, 25  # ticks: past the start, where differentiators and hints 
 
 def count_operations(plans: dict[str, FlightPlan]) -> dict[str, Operations]:
     """The operations of each plan's flight, counted over some ticks in a process of its own without the compiler."""
-    from abhv_mc.store.plans import write_plan
+    from abhv_mc.folder.plans import write_plan
 
     with tempfile.TemporaryDirectory() as folder:
         paths = []
@@ -88,7 +88,7 @@ def _main(paths: list[str]) -> None:
         return
     if os.environ.get("NUMBA_DISABLE_JIT") != "1":
         raise SystemExit("counting needs NUMBA_DISABLE_JIT=1")
-    from abhv_mc.store.plans import read_plan
+    from abhv_mc.folder.plans import read_plan
 
     plans = {Path(path).stem: read_plan(Path(path)) for path in paths}
     _use_counted_floats()

@@ -23,10 +23,10 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
-from search.known_probabilities import Case, all_cases, held_out_cases  # noqa: E402
+from search.methods.known_probabilities import Case, all_cases, held_out_cases  # noqa: E402
 
-from abhv_mc.search.rare import choose_chains, estimate_rare  # noqa: E402
-from abhv_mc.search.subset import SubsetPlan  # noqa: E402
+from abhv_mc.search.methods.rare import choose_chains, estimate_rare  # noqa: E402
+from abhv_mc.search.methods.subset import SubsetPlan  # noqa: E402
 
 FLIGHTS = 20_000
 

@@ -24,13 +24,13 @@ import numpy as np
 from document import write_json
 
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
-from abhv_mc.campaign.run.batches import choose_batch
-from abhv_mc.campaign.run.engine import make_engine
-from abhv_mc.campaign.sampling.samples import spread_parameters
-from abhv_mc.campaign.search.flights import SearchFlights, SearchRequest, open_search
-from abhv_mc.campaign.search.severity import Severity
-from abhv_mc.campaign.search.worst import WorstSettings
-from abhv_mc.search.worst import search_worst
+from abhv_mc.campaign.sampling.samples import full_rows
+from abhv_mc.execution.blocks import choose_batch
+from abhv_mc.execution.engine import make_engine
+from abhv_mc.search.methods.worst import search_worst
+from abhv_mc.search.search_flights import SearchFlights, SearchRequest, open_search
+from abhv_mc.search.severity import Severity
+from abhv_mc.search.worst import WorstSettings
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -65,7 +65,7 @@ def measure(arguments: argparse.Namespace, isolation: str, clock: Callable[[], f
                 found = search_worst(evaluate, len(space.names), arguments.flights, seed)
                 searched = clock() - start
                 values = space.complete(space.from_box(found.points, bounds), search.seed, None)
-                rows = spread_parameters(space.columns, values)
+                rows = full_rows(space.columns, values)
                 start = clock()
                 fly_plain(search, rows)
                 ratios.append((clock() - start) / searched)

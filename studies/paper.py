@@ -28,7 +28,7 @@ from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.report.figures.style import write_png
-from abhv_mc.report.results import Results, read_results
+from abhv_mc.report.numbers.results import Results, read_results
 from abhv_mc.stability.analysis import analyse
 from abhv_mc.stability.linearize import linearise
 from abhv_mc.stability.points import make_steady_plan, trim_points

@@ -4,7 +4,7 @@
 
 The same freedom for both laws: TLC's bandwidths and dampings of the two inner sub-loops, LQR's weights but one of each
 regulator (only ratios count; the pitch rate stays without weight). CMA-ES on the same flights for every candidate
-(``abhv_mc.search.tune``): first whatever keeps the limits, then the smallest score.
+(``abhv_mc.search.methods.tune``): first whatever keeps the limits, then the smallest score.
 
 Limits (numbers in ``robust_flights.py``):
 - margins of every loop (``NOMINAL``) in level flight at the trim, and at the corners of the paper's box (``CORNER``);
@@ -31,11 +31,11 @@ from experiment import ERRORS, ROOT, USAGE, Floats
 from robust_flights import RIPPLE, Duel, random_flights
 
 from abhv_mc.campaign.file.tuning import Free
-from abhv_mc.campaign.search.controller_numbers import ControllerNumbers
 from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.io.documents import read_document
-from abhv_mc.search.tune import Scores, tune
+from abhv_mc.search.controller_numbers import ControllerNumbers
+from abhv_mc.search.methods.tune import Scores, tune
 from abhv_mc.stability.points import make_steady_plan
 
 FAR = 0.6  # beyond a limit of the margins, relative: not worth flying

@@ -9,7 +9,7 @@ from experiment import ALLOWED, ERRORS, FOLLOWING, ROOT, USAGE, Floats, columns
 from robust_flights import RIPPLE, Duel, Flown, box_a, random_flights
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.sampling.samples import spread_parameters
+from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
@@ -47,7 +47,7 @@ def paper_box(flights: int) -> Floats:
 def wide_flights() -> Floats:
     """The flights of wide.yaml, ``[flight, parameter]``."""
     campaign = read_campaign(ROOT / "campaigns/wide.yaml")
-    return spread_parameters(campaign.names, campaign.make_samples().draw(0, campaign.runs))
+    return full_rows(campaign.names, campaign.make_samples().draw(0, campaign.runs))
 
 
 @dataclass(frozen=True)

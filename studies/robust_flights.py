@@ -12,11 +12,11 @@ from abhv_mc.control.controller_file import Controller, TlcController, read_cont
 from abhv_mc.control.design.lqr_design import gains_of_models, make_lqr_gains, make_lqr_models
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.control.mission import Level, read_mission
+from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_plan
-from abhv_mc.flight.signals import CHANNEL_INDEX
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.stability.analysis import margins_of_flights

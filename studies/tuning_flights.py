@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from abhv_mc.control.controller_file import TlcController
 from abhv_mc.control.design.profile import step_times
+from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.signals import CHANNEL_INDEX
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 
 INNER = tuple(f"attitude.{name}" for name in ("angle_of_attack", "sideslip", "bank")) + tuple(

@@ -1,6 +1,8 @@
 """What every test relies on."""
 
+import multiprocessing
 import os
+from multiprocessing import forkserver
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,9 @@ os.environ["MPLBACKEND"] = "Agg"  # figures without a display
 # Linear algebra reads it when numpy is loaded, which nothing has done yet.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Worker processes find the fake flight as this one does.
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
+
 # The same examples in each run: a suite that fails now and then teaches people to run it again.
 settings.register_profile("repeatable", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("repeatable")
@@ -20,6 +25,20 @@ settings.load_profile("repeatable")
 def repository() -> Path:
     """The checkout's root."""
     return Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def fork_server():
+    """One server for all engines: the first would know its own alone, and each worker of another import for seconds."""
+    modules = [
+        "fake_flight",
+        "abhv_mc.execution.worker",
+        "abhv_mc.execution.runner",
+        "abhv_mc.flight.fly",
+    ]
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([*modules, "scipy.stats", "joblib"])
+    forkserver.ensure_running()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

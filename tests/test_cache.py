@@ -12,8 +12,8 @@ import pytest
 
 import abhv_mc
 from abhv_mc import cache
-from abhv_mc.own import trust
-from abhv_mc.own.source import OwnSource
+from abhv_mc.user_code import trust
+from abhv_mc.user_code.source import OwnSource
 
 PACKAGE = Path(abhv_mc.__file__).parent
 LAYERS = ["cache.py", "jit.py", "jit_cuda.py", "numerics", "world", "vehicle", "plant", "control", "flight"]

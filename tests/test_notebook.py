@@ -10,27 +10,27 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from campaign.fake_flight import ENGINE, write_campaign
+from fake_flight import ENGINE, write_campaign
 
 import abhv_mc
-from abhv_mc.flight.signals import CHANNEL_INDEX, CHANNELS
+from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
+from abhv_mc.folder.layout import hash_file
+from abhv_mc.folder.manifest import write_manifest
 from abhv_mc.io.documents import InputError
-from abhv_mc.store.folder import hash_file
-from abhv_mc.store.manifest import write_manifest
 
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("notebook")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("abhv_mc.campaign.run.runner.make_engine", lambda: ENGINE)
+        patch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
         campaign = abhv_mc.Campaign.read(write_campaign(folder / "f"))
         return campaign, campaign.run(output=folder / "out", runs=200, workers=2)
 
 
 @pytest.fixture
 def fake(monkeypatch):
-    monkeypatch.setattr("abhv_mc.campaign.run.engine.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.execution.engine.make_engine", lambda: ENGINE)
 
 
 def test_the_import_takes_nothing_heavy():
@@ -118,7 +118,7 @@ def test_a_channel_that_a_flight_does_not_have_costs_no_rows(flown, monkeypatch)
     history[0, 3:] = np.nan
     block = SimpleNamespace(history=history, times=np.arange(5.0))
     again = SimpleNamespace(differences=(), block=block)
-    monkeypatch.setattr("abhv_mc.campaign.analysis.replay.replay_flight", lambda *_: again)
+    monkeypatch.setattr("abhv_mc.analysis.replay.replay_flight", lambda *_: again)
     assert results.replay(17, "two").time.tolist() == [0.0, 1.0, 2.0]
 
 
@@ -182,7 +182,7 @@ def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypat
     campaign, results = abhv_mc.Campaign.read("f/campaign.yaml"), abhv_mc.open_results("out")
     monkeypatch.chdir(tmp_path / "there")
     assert len(results.flights) == 400
-    monkeypatch.setattr("abhv_mc.campaign.run.runner.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
     assert campaign.run("again", runs=20).folder == tmp_path / "there" / "again"
 
 

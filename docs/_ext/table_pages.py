@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from tables import code, table
 
 from abhv_mc.cli.errors import ExitCode
+from abhv_mc.flight.channels import CHANNELS, METRICS, REFERENCE_CHANNELS, Signal, Statistic
 from abhv_mc.flight.outcome import SENTENCES, Outcome
-from abhv_mc.flight.signals import CHANNELS, METRICS, REFERENCE_CHANNELS, Signal, Statistic
 from abhv_mc.io.units import DIMENSIONS
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.stability.metrics import MARGIN_VALUES
@@ -55,7 +55,7 @@ before, has 0.
 {_signals(MARGIN_VALUES)}
 ## Of your own
 
-[Metrics of your own](../own-laws.md#metrics-of-your-own) are declared in the campaign and are metrics like any other.
+[Metrics of your own](../user-laws.md#metrics-of-your-own) are declared in the campaign and are metrics like any other.
 """
 
 

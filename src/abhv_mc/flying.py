@@ -123,9 +123,9 @@ def fly(
     """
     import pandas as pd
 
+    from abhv_mc.flight.channels import CHANNELS, METRICS
     from abhv_mc.flight.fly import fly as fly_plan
     from abhv_mc.flight.outcome import SENTENCES, Outcome
-    from abhv_mc.flight.signals import CHANNELS, METRICS
 
     steps = check_count(every, 1, "every")
     plan = make_flight_plan(mission, vehicle, controller)

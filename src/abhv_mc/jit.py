@@ -155,7 +155,7 @@ def _make_private() -> tuple[Any, Any]:
     return Inlined, Kernel
 
 
-def _try_out(row: Any) -> None:
+def _probe_dispersions(row: Any) -> None:
     row[0] = _twice(row[0])
 
 
@@ -168,7 +168,7 @@ if _mode == "private":
         _inlined, _kernel = _make_private()
         _twice = scalar(lambda x: x + x)
         if not (tried := code_folder(_mode) / "tried").exists():  # half a second; numba's version is in the name
-            kernel(_try_out)(np.ones(2))
+            kernel(_probe_dispersions)(np.ones(2))
             with contextlib.suppress(OSError):
                 tried.touch()
     except Exception as error:

@@ -13,16 +13,16 @@ from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
 from abhv_mc.campaign.file.resolve import find_references
 from abhv_mc.flying import check_count, check_mapping, make_document
+from abhv_mc.folder.hashes import CheckedFolder, data_files
+from abhv_mc.folder.manifest import COMPLETE
 from abhv_mc.io.documents import write_document
-from abhv_mc.store.hashes import CheckedFolder, data_files
-from abhv_mc.store.manifest import COMPLETE
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from abhv_mc.campaign.analysis.explain import Explanation
-    from abhv_mc.report.results import Results
+    from abhv_mc.analysis.explain import Explanation
+    from abhv_mc.report.numbers.results import Results
 
 Paths = str | Path
 
@@ -85,8 +85,8 @@ class Campaign:
         override the file. An interrupt keeps what was flown (``results.complete`` is False); the same call goes on.
         Raises :class:`abhv_mc.io.documents.InputError` for what is wrong, and ``StorageFullError`` on a full disk.
         """
-        from abhv_mc.campaign.run.runner import run_campaign
-        from abhv_mc.campaign.run.setup import Request
+        from abhv_mc.execution.runner import run_campaign
+        from abhv_mc.execution.setup import Request
 
         names = tuple(controllers) if controllers is not None else None
         if workers is not None:
@@ -159,7 +159,7 @@ class CampaignResults:
     @cached_property
     def numbers(self) -> dict[str, Any]:
         """Every number of the report, as ``report.json`` holds them."""
-        from abhv_mc.report.numbers import make_numbers
+        from abhv_mc.report.numbers.report_numbers import make_numbers
 
         numbers = make_numbers(self._results)
         self._checked.refuse_changes()
@@ -168,10 +168,10 @@ class CampaignResults:
     @property
     def answer(self) -> list[str]:
         """The campaign's answer in sentences."""
-        from abhv_mc.report.answer import answer_sentences
-        from abhv_mc.report.sureness import sureness_sentence
+        from abhv_mc.report.numbers.confidence import sureness_sentence
+        from abhv_mc.report.numbers.summary import summary_sentences
 
-        return [*answer_sentences(self.numbers), sureness_sentence(self.numbers)]
+        return [*summary_sentences(self.numbers), sureness_sentence(self.numbers)]
 
     @property
     def verdicts(self) -> "pd.DataFrame":
@@ -201,7 +201,7 @@ class CampaignResults:
 
     @cached_property
     def _figures(self) -> "dict[str, Figure]":
-        from abhv_mc.report.gallery import make_figures
+        from abhv_mc.report.pages.gallery import make_figures
 
         figures = {text.name: figure for text, figure in make_figures(self._results, self.numbers)}
         self._checked.refuse_changes()
@@ -220,7 +220,7 @@ class CampaignResults:
 
     def make_report(self, format: Literal["html", "md"] = "html") -> Path:  # noqa: A002
         """Write the report into the folder and give the path of the page."""
-        from abhv_mc.report.build import build_report
+        from abhv_mc.report.pages.build import build_report
 
         self._checked.refuse_changes()
         return build_report(self.folder, format)
@@ -232,7 +232,7 @@ class CampaignResults:
         """
         import pandas as pd
 
-        from abhv_mc.store.sql import ask
+        from abhv_mc.folder.sql import ask
 
         table = ask(self.folder, sql, lambda answer: answer.df())
         self._checked.refuse_changes()
@@ -245,9 +245,9 @@ class CampaignResults:
         """
         import pandas as pd
 
-        from abhv_mc.campaign.analysis.replay import replay_flight
-        from abhv_mc.campaign.run.engine import make_engine
-        from abhv_mc.flight.signals import CHANNEL_INDEX
+        from abhv_mc.analysis.replay import replay_flight
+        from abhv_mc.execution.engine import make_engine
+        from abhv_mc.flight.channels import CHANNEL_INDEX
 
         again = replay_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly)
         self._checked.refuse_changes()
@@ -259,8 +259,8 @@ class CampaignResults:
 
     def explain(self, flight: int, controller: str | None = None, requirement: str | None = None) -> "Explanation":
         """The smallest set of a failing flight's dispersions with which it still fails; see ``abhv-mc explain``."""
-        from abhv_mc.campaign.analysis.explain import explain_flight
-        from abhv_mc.campaign.run.engine import make_engine
+        from abhv_mc.analysis.explain import explain_flight
+        from abhv_mc.execution.engine import make_engine
 
         self._checked.refuse_changes()
         return explain_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly, requirement)
@@ -268,7 +268,7 @@ class CampaignResults:
     @staticmethod
     def explained_figure(explanation: "Explanation", dpi: float = 100.0) -> "Figure":
         """An explained flight as flown and with its causes alone, beside the nominal one."""
-        from abhv_mc.report.explained import make_explained_figure
+        from abhv_mc.report.pages.explained import make_explained_figure
 
         figure = make_explained_figure(explanation)
         figure.set_dpi(dpi)
@@ -282,7 +282,7 @@ class CampaignResults:
         """
         import pandas as pd
 
-        from abhv_mc.report.whatif import make_whatif
+        from abhv_mc.report.numbers.whatif import make_whatif
 
         nested: dict[str, dict[str, Any]] = {}
         for key, value in check_mapping(settings, "settings").items():
@@ -304,7 +304,7 @@ class CampaignResults:
 
     @cached_property
     def _results(self) -> "Results":
-        from abhv_mc.report.results import read_results
+        from abhv_mc.report.numbers.results import read_results
 
         results = read_results(self.folder)
         self._checked.refuse_changes()
@@ -317,7 +317,7 @@ class CampaignResults:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        from abhv_mc.store.table_check import refusing
+        from abhv_mc.folder.table_check import refusing
 
         tables = []
         for file in files:

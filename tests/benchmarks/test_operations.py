@@ -80,7 +80,7 @@ from dataclasses import replace
 from pathlib import Path
 from benchmarks import operations
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.store.plans import read_plan
+from abhv_mc.folder.plans import read_plan
 plan = read_plan(Path(sys.argv[1]))
 operations._use_counted_floats()
 np.save(sys.argv[2], fly(plan, nominal_parameters(), lanes=1).metrics)
@@ -89,7 +89,7 @@ np.save(sys.argv[2], fly(plan, nominal_parameters(), lanes=1).metrics)
 
 def test_counted_floats_fly_the_same_flight(plans, tmp_path):
     from abhv_mc.flight.fly import nominal_parameters
-    from abhv_mc.store.plans import write_plan
+    from abhv_mc.folder.plans import write_plan
 
     short = shortened(plans["tlc"], 8)
     write_plan(tmp_path / "plan.npz", short)

@@ -7,25 +7,25 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from campaign.fake_flight import ENGINE, write_campaign
-from campaign.search.line_flight import LINE, write_line
+from fake_flight import ENGINE, write_campaign
+from search.line_flight import LINE, write_line
 
-from abhv_mc.campaign.analysis.replay import replay_flight
-from abhv_mc.campaign.run.runner import run_campaign
-from abhv_mc.campaign.run.setup import Request
-from abhv_mc.campaign.search.flights import SearchRequest
-from abhv_mc.campaign.search.worst import WorstSettings, find_worst
+from abhv_mc.analysis.replay import replay_flight
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder.database import open_database
+from abhv_mc.folder.export import export_csv
+from abhv_mc.folder.hashes import refuse_links
+from abhv_mc.folder.lock import hold_lock
 from abhv_mc.io.input_error import InputError
 from abhv_mc.notebook import open_results
-from abhv_mc.report.build import build_report
-from abhv_mc.report.compare import compare_folders
-from abhv_mc.report.results import read_results
-from abhv_mc.report.verify import verify_campaign
-from abhv_mc.report.whatif import make_whatif
-from abhv_mc.store.database import open_database
-from abhv_mc.store.export import export_csv
-from abhv_mc.store.hashes import refuse_links
-from abhv_mc.store.lock import hold_lock
+from abhv_mc.report.numbers.compare import compare_folders
+from abhv_mc.report.numbers.results import read_results
+from abhv_mc.report.numbers.whatif import make_whatif
+from abhv_mc.report.pages.build import build_report
+from abhv_mc.report.pages.verify import verify_campaign
+from abhv_mc.search.search_flights import SearchRequest
+from abhv_mc.search.worst import WorstSettings, find_worst
 
 KEEP = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: [altitude_m, bank_deg]}}"
 READERS = {

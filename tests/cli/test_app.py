@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 import abhv_mc
-from abhv_mc.campaign.run.progress import Progress
 from abhv_mc.cli.app import app
 from abhv_mc.cli.errors import ExitCode, exit_code_of
+from abhv_mc.execution.progress import Progress
+from abhv_mc.folder.layout import FolderLostError, StorageFullError
 from abhv_mc.io.documents import InputError
-from abhv_mc.store.folder import FolderLostError, StorageFullError
 
 HEAVY = {"duckdb", "matplotlib", "numba", "numpy", "pandas", "plotly", "pyarrow", "pydantic", "scipy"}
 
@@ -125,7 +125,7 @@ def test_threads_without_memory_a_working_folder_that_went_and_long_names_are_no
 
 
 def test_a_name_that_is_not_utf_8_is_refused(capsys):
-    from abhv_mc.store.folder import CampaignFolder
+    from abhv_mc.folder.layout import CampaignFolder
 
     with pytest.raises(InputError, match="UTF-8"):
         CampaignFolder(Path("out\udcff"))

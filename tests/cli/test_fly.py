@@ -9,7 +9,7 @@ import pytest
 
 from abhv_mc.cli import fly as cli
 from abhv_mc.cli import parameters
-from abhv_mc.flight.signals import CHANNELS, METRICS
+from abhv_mc.flight.channels import CHANNELS, METRICS
 from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import PARAMETERS
 

@@ -7,14 +7,14 @@ import typing
 from pathlib import Path
 
 import pytest
-from campaign.fake_flight import ENGINE, write_campaign
+from fake_flight import ENGINE, write_campaign
 from typer.models import OptionInfo
 
-from abhv_mc.campaign.run.runner import run_campaign
-from abhv_mc.campaign.run.setup import Request
 from abhv_mc.cli.app import app, main
 from abhv_mc.cli.outputs import new_folder
-from abhv_mc.store.folder import find_own_place
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder.layout import find_own_place
 
 NOT_OUTPUTS = {"block", "plans", "references", "file"}  # options that name a file to read
 

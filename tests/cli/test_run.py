@@ -14,21 +14,21 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import typer
-from campaign.fake_flight import DENSITY, ENGINE, fly, write_campaign
+from fake_flight import DENSITY, ENGINE, fly, write_campaign
 
-from abhv_mc.campaign.run.runner import RunResult
 from abhv_mc.cli.app import main
 from abhv_mc.cli.run import finish
+from abhv_mc.execution.runner import RunResult
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.store.folder import hash_file
-from abhv_mc.store.manifest import write_manifest
+from abhv_mc.folder.layout import hash_file
+from abhv_mc.folder.manifest import write_manifest
 
 
 @pytest.fixture(autouse=True)
 def fake_engine(monkeypatch, tmp_path):
     """Cheap flights, in a folder of their own."""
-    monkeypatch.setattr("abhv_mc.campaign.run.runner.make_engine", lambda: ENGINE)
-    monkeypatch.setattr("abhv_mc.campaign.run.engine.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.execution.engine.make_engine", lambda: ENGINE)
     monkeypatch.chdir(tmp_path)
 
 
@@ -83,7 +83,7 @@ def test_an_interrupt_is_exit_code_3_and_the_same_command_resumes(abhv_mc, tmp_p
 
     campaign = write_campaign(tmp_path / "files")
     with monkeypatch.context() as patched:
-        patched.setattr("abhv_mc.campaign.run.runner.make_engine", lambda: type(ENGINE)(ENGINE.prepare, some, "fake"))
+        patched.setattr("abhv_mc.execution.runner.make_engine", lambda: type(ENGINE)(ENGINE.prepare, some, "fake"))
         code, out, err = abhv_mc("run", campaign)
     assert code == 3 and "interrupted" in out and "same command" in err
     assert not (tmp_path / "reports/fake/report.html").exists()
@@ -146,7 +146,7 @@ def test_replay_names_what_differs(abhv_mc, flown, monkeypatch):
         block.metrics[:, 3] = np.nextafter(block.metrics[:, 3], 1e9)
         return block
 
-    monkeypatch.setattr("abhv_mc.campaign.run.engine.make_engine", lambda: type(ENGINE)(ENGINE.prepare, other, "fake"))
+    monkeypatch.setattr("abhv_mc.execution.engine.make_engine", lambda: type(ENGINE)(ENGINE.prepare, other, "fake"))
     code, out, _ = abhv_mc("replay", flown, "--flight", 17, "--controller", "two")
     assert code == 1 and "speed_error_max_mps" in out and "differ" in out
 
@@ -240,9 +240,9 @@ def test_dry_run_says_what_it_costs_and_leaves_nothing(abhv_mc, tmp_path, monkey
 
 
 def test_a_folder_with_a_colon_in_its_name_is_a_folder(abhv_mc, tmp_path, monkeypatch):
-    from abhv_mc.campaign.run.runner import run_campaign
-    from abhv_mc.campaign.run.setup import Request
-    from abhv_mc.store.database import open_database
+    from abhv_mc.execution.runner import run_campaign
+    from abhv_mc.execution.setup import Request
+    from abhv_mc.folder.database import open_database
 
     monkeypatch.chdir(tmp_path)
     campaign = write_campaign(tmp_path / "f", runs="30")
@@ -257,9 +257,9 @@ def test_a_folder_that_is_deleted_meanwhile_is_not_complete(tmp_path):
     import shutil
     from dataclasses import replace
 
-    from abhv_mc.campaign.run.runner import run_campaign
-    from abhv_mc.campaign.run.setup import Request
-    from abhv_mc.store.folder import FolderLostError
+    from abhv_mc.execution.runner import run_campaign
+    from abhv_mc.execution.setup import Request
+    from abhv_mc.folder.layout import FolderLostError
 
     campaign, out = write_campaign(tmp_path / "f", runs="60", execution="{batch: 20}"), tmp_path / "out"
     blocks = iter(range(100))
@@ -278,7 +278,7 @@ def test_a_folder_that_is_deleted_meanwhile_is_not_complete(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("call", "moment"), [("os.scandir", 1), ("os.scandir", 4), ("abhv_mc.store.hashes.hash_file", 3)]
+    ("call", "moment"), [("os.scandir", 1), ("os.scandir", 4), ("abhv_mc.folder.hashes.hash_file", 3)]
 )
 def test_a_folder_that_goes_while_it_is_read_is_told(abhv_mc, flown, tmp_path, monkeypatch, call, moment):
     import importlib
@@ -334,7 +334,7 @@ def test_a_campaign_of_which_no_flight_was_computed_is_told_and_no_success(abhv_
         )
 
     engine = replace(ENGINE, fly=none)
-    monkeypatch.setattr("abhv_mc.campaign.run.runner.make_engine", lambda: engine)
+    monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: engine)
     keep = "{histories: {flights: none}, envelopes: {rate: 5 Hz}}"
     campaign = write_campaign(tmp_path / "files", runs="6", keep=keep, controllers=controllers)
     code, out, err = abhv_mc("run", campaign)

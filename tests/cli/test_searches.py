@@ -8,11 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from campaign.search.line_flight import LINE, METRIC, fly_line, write_line
-from campaign.search.tuned_flight import ENGINE, write_tuned
+from search.line_flight import LINE, METRIC, fly_line, write_line
+from search.tuned_flight import ENGINE, write_tuned
 
 from abhv_mc.cli.app import main
-from abhv_mc.store.manifest import read_manifest, write_manifest
+from abhv_mc.folder.manifest import read_manifest, write_manifest
 
 
 @pytest.fixture(autouse=True)
@@ -84,7 +84,7 @@ def test_rare_gives_an_estimate_or_refuses_with_exit_code_1(abhv_mc, campaign):
 
 
 def test_tune_writes_the_file_and_a_page_or_says_why_not(abhv_mc, tmp_path, monkeypatch):
-    monkeypatch.setattr("abhv_mc.campaign.search.tune.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.search.tune.make_engine", lambda: ENGINE)
     campaign = write_tuned(tmp_path).campaign
     words = ("tune", campaign, "--tune", "block.yaml")
     code, out, _ = abhv_mc(*words, "-o", "new.yaml", "--json", "new.json")
@@ -163,14 +163,14 @@ def test_report_and_verify_know_a_searchs_folder(abhv_mc, campaign, words, key):
 
 def test_tune_that_ends_before_its_page_is_whole_goes_on(abhv_mc, tmp_path, monkeypatch):
     """The new file was there, with which the same command is refused, and the page never came."""
-    monkeypatch.setattr("abhv_mc.campaign.search.tune.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.search.tune.make_engine", lambda: ENGINE)
     words = ("tune", write_tuned(tmp_path).campaign, "--tune", "block.yaml", "-o", "new.yaml", "--json", "new.json")
 
     def stop(*_):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("abhv_mc.report.tune_page.write_tune_page", stop)
+        patch.setattr("abhv_mc.report.pages.tune_page.write_tune_page", stop)
         code, _, err = abhv_mc(*words)
     assert code == 3 and "the same command goes on" in err
     assert abhv_mc(*words)[0] == 0
@@ -194,7 +194,7 @@ def test_the_order_of_the_dispersions_is_part_of_a_search(abhv_mc, tmp_path, mon
                 raise KeyboardInterrupt
             return fly_line(plan, parameters, record_every)
 
-        monkeypatch.setattr("abhv_mc.campaign.search.worst.make_engine", lambda: replace(LINE, fly=fly_until))
+        monkeypatch.setattr("abhv_mc.search.worst.make_engine", lambda: replace(LINE, fly=fly_until))
     assert abhv_mc(*words)[0] == (0 if complete else 3)
     before = {path: path.read_bytes() for path in Path("out").rglob("*.parquet")}
     write_line(tmp_path / "files", dispersions=f"{{{second}, {first}}}")

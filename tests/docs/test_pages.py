@@ -12,7 +12,7 @@ import pytest
 import typer
 
 from abhv_mc.cli.app import app
-from abhv_mc.store.folder import CampaignFolder
+from abhv_mc.folder.layout import CampaignFolder
 
 ROOT = Path(__file__).parents[2]
 BUILT = ("_build", "generated", ".venv")
@@ -122,7 +122,7 @@ def test_generated_pages_hold_every_key_metric_and_parameter(monkeypatch: pytest
     monkeypatch.setattr(sys, "path", [str(ROOT / "docs/_ext"), *sys.path])
     from abhv_mc.campaign.file.inputs import MODELS
     from abhv_mc.campaign.file.schema import make_schema
-    from abhv_mc.flight.signals import CHANNEL_INDEX, METRIC_INDEX
+    from abhv_mc.flight.channels import CHANNEL_INDEX, METRIC_INDEX
     from abhv_mc.plant.parameters import PARAMETERS
 
     pages = importlib.import_module("reference_pages").make_pages(Path(), ROOT / "docs/reference/commands")

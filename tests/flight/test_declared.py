@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from abhv_mc.campaign.file.own_metrics import MetricEntry, compile_metrics, known_channels
+from abhv_mc.campaign.file.user_metrics import MetricEntry, compile_metrics, known_channels
+from abhv_mc.flight.channels import CHANNEL_INDEX, METRIC_INDEX, METRICS
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import LANES
 from abhv_mc.flight.prepare import prepare
-from abhv_mc.flight.signals import CHANNEL_INDEX, METRIC_INDEX, METRICS
 from abhv_mc.io.documents import Document
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 

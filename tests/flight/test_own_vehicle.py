@@ -4,10 +4,10 @@ import re
 
 import pytest
 
+from abhv_mc.flight.channels import METRIC_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
-from abhv_mc.flight.signals import METRIC_INDEX
 
 
 @pytest.fixture(scope="module")

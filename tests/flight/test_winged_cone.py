@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from abhv_mc.flight.channels import METRIC_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
-from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 
 BOX = {"atmosphere.density": 0.10, "aero.lift": 0.10, "aero.drag": 0.15}

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.prepare import prepare
-from abhv_mc.flight.signals import CHANNEL_INDEX
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 

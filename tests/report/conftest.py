@@ -5,9 +5,9 @@ import json
 import pytest
 from report.synthetic import write_campaign
 
-from abhv_mc.report.build import build_report
-from abhv_mc.report.numbers import make_numbers
-from abhv_mc.report.results import read_results
+from abhv_mc.report.numbers.report_numbers import make_numbers
+from abhv_mc.report.numbers.results import read_results
+from abhv_mc.report.pages.build import build_report
 
 
 @pytest.fixture(scope="session")

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from abhv_mc.report import gallery
-from abhv_mc.report.build import Format, build_report
+from abhv_mc.report.pages import gallery
+from abhv_mc.report.pages.build import Format, build_report
 
 
 def build_with(folder: Path, *figures: str, page: Format = "html") -> Path:

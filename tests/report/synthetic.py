@@ -6,13 +6,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from abhv_mc.flight.signals import CHANNELS, METRICS, REFERENCE_CHANNELS, STANDARD_CHANNELS
-from abhv_mc.store.digest import Digest
-from abhv_mc.store.envelopes import QUANTILES, EnvelopeTable, write_envelopes
-from abhv_mc.store.flights import VALUES, FlightRows, flights_schema, write_block
-from abhv_mc.store.folder import CampaignFolder
-from abhv_mc.store.histories import write_histories, write_nominal
-from abhv_mc.store.manifest import write_manifest
+from abhv_mc.flight.channels import CHANNELS, METRICS, REFERENCE_CHANNELS, STANDARD_CHANNELS
+from abhv_mc.folder.digest import Digest
+from abhv_mc.folder.envelopes import QUANTILES, EnvelopeTable, write_envelopes
+from abhv_mc.folder.flights import VALUES, FlightRows, flights_schema, write_block
+from abhv_mc.folder.histories import write_histories, write_nominal
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.manifest import write_manifest
 
 CONTROLLERS = ("tlc", "lqr", "lqr_retuned")
 # How far each controller strays (1 = a wide error) and how much surface it uses, beside the first.

@@ -9,8 +9,8 @@ from PIL import Image
 from abhv_mc.report.figures.distributions import Spread, plot_distributions
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.report.figures.style import BLUE, CYCLE, VERMILION, controller_colors, write_png
-from abhv_mc.report.gallery import make_figures
-from abhv_mc.report.results import BANDS
+from abhv_mc.report.numbers.results import BANDS
+from abhv_mc.report.pages.gallery import make_figures
 
 FILES = [
     "convergence",

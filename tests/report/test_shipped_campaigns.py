@@ -11,13 +11,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.run.engine import make_engine
-from abhv_mc.campaign.run.runner import run_campaign
-from abhv_mc.campaign.run.setup import Request
-from abhv_mc.report.build import build_report
-from abhv_mc.report.page import make_markdown
-from abhv_mc.report.results import read_results
-from abhv_mc.report.verify import verify_campaign
+from abhv_mc.execution.engine import make_engine
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.report.numbers.results import read_results
+from abhv_mc.report.pages.build import build_report
+from abhv_mc.report.pages.page import make_markdown
+from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.shipped import shipped_campaigns
 
 # Channel of a figure: metrics of its smallest and largest value, or one of its largest size, at any control tick.

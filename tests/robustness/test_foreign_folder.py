@@ -11,12 +11,12 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from campaign.fake_flight import ENGINE, write_campaign
+from fake_flight import ENGINE, write_campaign
 
-from abhv_mc.campaign.run.runner import run_campaign
-from abhv_mc.campaign.run.setup import Request
 from abhv_mc.cli.app import main
-from abhv_mc.store.manifest import read_manifest
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder.manifest import read_manifest
 
 
 def mount(*words):
@@ -37,7 +37,7 @@ def disk(tmp_path):
 @pytest.fixture
 def call(monkeypatch, capfd, tmp_path):
     for place in ("runner", "engine"):
-        monkeypatch.setattr(f"abhv_mc.campaign.run.{place}.make_engine", lambda: ENGINE)
+        monkeypatch.setattr(f"abhv_mc.execution.{place}.make_engine", lambda: ENGINE)
     monkeypatch.chdir(tmp_path)
 
     def run(*words):

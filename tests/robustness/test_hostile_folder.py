@@ -14,19 +14,19 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from campaign.fake_flight import ENGINE, write_campaign
+from fake_flight import ENGINE, write_campaign
 
-from abhv_mc.campaign.run.runner import run_campaign
-from abhv_mc.campaign.run.setup import Request
 from abhv_mc.cli.app import main
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder.flights import read_block, write_block
+from abhv_mc.folder.layout import hash_file
+from abhv_mc.folder.manifest import write_manifest
+from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.input_error import InputError
 from abhv_mc.notebook import open_results
-from abhv_mc.report.build import _read_pages, is_up_to_date
-from abhv_mc.report.results import read_results
-from abhv_mc.store.flights import read_block, write_block
-from abhv_mc.store.folder import hash_file
-from abhv_mc.store.manifest import write_manifest
-from abhv_mc.store.samples import SampleReader
+from abhv_mc.report.numbers.results import read_results
+from abhv_mc.report.pages.build import _read_pages, is_up_to_date
 
 BLOCK = "flights/one-000000000-000000020.parquet"
 LIMIT = 20  # s; a command that waits for a pipe would wait for ever
@@ -50,7 +50,7 @@ def folder(flown, tmp_path):
 def abhv_mc(monkeypatch, capfd, tmp_path):
     """Run the program within a time limit; gives exit code and all that it said."""
     for place in ("runner", "engine"):
-        monkeypatch.setattr(f"abhv_mc.campaign.run.{place}.make_engine", lambda: ENGINE)
+        monkeypatch.setattr(f"abhv_mc.execution.{place}.make_engine", lambda: ENGINE)
     monkeypatch.chdir(tmp_path)
 
     def call(*words):
@@ -445,7 +445,7 @@ def assert_refused(ended, words):
 
 
 def test_a_plan_that_unpacks_to_gigabytes_or_runs_code(flown, folder, abhv_mc, monkeypatch):
-    monkeypatch.setattr("abhv_mc.store.packed.MAX_BYTES", 2**20)
+    monkeypatch.setattr("abhv_mc.folder.packed.MAX_BYTES", 2**20)
     plan = folder / "plans/one.npz"
     parts = dict(np.load(plan, allow_pickle=False))
 

@@ -5,15 +5,15 @@ import shutil
 import sys
 
 import pytest
-from campaign.search.line_flight import LINE, write_line
+from search.line_flight import LINE, write_line
 
-from abhv_mc.campaign.run.runner import run_campaign
-from abhv_mc.campaign.run.setup import Request
-from abhv_mc.campaign.search.flights import SearchRequest
-from abhv_mc.campaign.search.rare import RareSettings, find_rare
-from abhv_mc.campaign.search.worst import WorstSettings, find_worst
 from abhv_mc.cli.app import main
-from abhv_mc.store.manifest import write_manifest
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder.manifest import write_manifest
+from abhv_mc.search.rare import RareSettings, find_rare
+from abhv_mc.search.search_flights import SearchRequest
+from abhv_mc.search.worst import WorstSettings, find_worst
 
 METRIC = "altitude_error_max_m"
 
@@ -30,8 +30,8 @@ def searched(tmp_path_factory):
 @pytest.fixture
 def abhv_mc(monkeypatch, capfd, tmp_path):
     for place in ("engine", "runner"):
-        monkeypatch.setattr(f"abhv_mc.campaign.run.{place}.make_engine", lambda: LINE)
-    monkeypatch.setattr("abhv_mc.campaign.search.worst.make_engine", lambda: LINE)
+        monkeypatch.setattr(f"abhv_mc.execution.{place}.make_engine", lambda: LINE)
+    monkeypatch.setattr("abhv_mc.search.worst.make_engine", lambda: LINE)
     monkeypatch.chdir(tmp_path)
 
     def call(*words):

@@ -8,17 +8,17 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from campaign.fake_flight import ENGINE, write_campaign
+from fake_flight import ENGINE, write_campaign
 
-from abhv_mc.campaign.envelopes import collector
-from abhv_mc.campaign.run.runner import run_campaign
-from abhv_mc.campaign.run.setup import Request
 from abhv_mc.cli.app import main
-from abhv_mc.store.arrays import write_array
-from abhv_mc.store.flights import read_block, write_block
-from abhv_mc.store.folder import hash_file
-from abhv_mc.store.manifest import read_manifest, write_manifest
-from abhv_mc.store.samples import SampleReader
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder import envelope_states as collector
+from abhv_mc.folder.arrays import write_array
+from abhv_mc.folder.flights import read_block, write_block
+from abhv_mc.folder.layout import hash_file
+from abhv_mc.folder.manifest import read_manifest, write_manifest
+from abhv_mc.folder.samples import SampleReader
 
 
 def fly(root, **options):
@@ -41,7 +41,7 @@ def shards(request, tmp_path_factory):
 @pytest.fixture
 def merge(shards, tmp_path, monkeypatch, capfd):
     """Spoil the second shard, sign it, merge; gives the exit code, what was said and the merged digest."""
-    monkeypatch.setattr("abhv_mc.campaign.run.runner.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
     monkeypatch.chdir(tmp_path)
 
     def call(spoil, **entries):

@@ -1,104 +1,190 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from fake_flight import LIFT, write_campaign
+from search.tuned_flight import BLOCK, CONTROLLER, ENGINE, fly, prepare, write_tuned
 
-from abhv_mc.search.tune import Scores, join_scores, pareto_front, tune, validate
-
-SHIFTS = np.random.default_rng(5).normal(0.0, 0.3, (200, 1, 4))
-
-
-def noisy_quadratic(shifts, points):
-    """Mean over common random shifts of the squared distance to (0.5, -0.3, 0.2, 0)."""
-    target = np.array([0.5, -0.3, 0.2, 0.0])
-    return ((points + shifts - target) ** 2).sum(axis=2)
-
-
-def measure(points):
-    objective = noisy_quadratic(SHIFTS, points).mean(axis=0)
-    usage = np.abs(points).sum(axis=1)
-    return Scores(objective, (points[:, :1] - 0.2), usage)
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.control.controller_file import read_controller
+from abhv_mc.execution.engine import Engine
+from abhv_mc.folder.arrays import write_array
+from abhv_mc.io.documents import InputError
+from abhv_mc.search import tune as module
+from abhv_mc.search.tune import TuneRequest, tune_controller
 
 
-def test_finds_the_best_place_that_the_limit_allows():
-    found = tune(measure, np.full(4, -0.5), 800, seed=3)
-    centre = np.array([0.5, -0.3, 0.2, 0.0]) - SHIFTS.mean(axis=(0, 1))
-    assert found.place[0] == pytest.approx(0.2, abs=0.01)
-    np.testing.assert_allclose(found.place[1:], centre[1:], atol=0.05)
-    assert found.scores.allowed[found.best]
-    assert len(found.points) <= 800
+@pytest.fixture
+def request_(tmp_path):
+    return write_tuned(tmp_path)
 
 
-def test_never_ends_worse_than_the_start():
-    best = np.array([0.2, *(np.array([-0.3, 0.2, 0.0]) - SHIFTS.mean(axis=(0, 1))[1:])])
-    found = tune(measure, best, 33, seed=1)
-    assert found.scores.objective[found.best] <= found.scores.objective[0]
+def test_finds_the_best_numbers_within_the_limit_and_writes_them(request_):
+    found = tune_controller(request_, ENGINE)
+    law = read_controller(request_.out)
+    assert law.altitude.damping == pytest.approx(3.0, rel=0.05)
+    assert law.altitude.bandwidth == pytest.approx(0.045, rel=0.02)  # 1.5 times the start's travel
+    assert law.altitude.bandwidth <= 0.045
+    assert found.shown and found.validation.difference.high < 0.0
+    text = request_.out.read_text(encoding="utf-8")
+    assert text.startswith("# Made by `abhv-mc tune ") and "95 % interval" in text
+    numbers = found.as_json()
+    assert numbers["shown_better"] and len(numbers["front"]) > 1
 
 
-def test_the_same_seed_gives_the_same_candidates():
-    one, two = (tune(measure, np.zeros(4), 100, seed=8) for _ in range(2))
-    np.testing.assert_array_equal(one.points, two.points)
+def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_path):
+    calls = 0
+
+    def fly_until(plan, parameters, record_every=None):
+        nonlocal calls
+        calls += 1
+        if calls > 60:
+            raise KeyboardInterrupt
+        return fly(plan, parameters, record_every)
+
+    with pytest.raises(KeyboardInterrupt):
+        tune_controller(request_, Engine(prepare, fly_until, "tuned"))
+    assert not request_.out.exists()
+    stored = len(list((tmp_path / "new.tuning").glob("*.npy")))
+    assert stored >= 50
+    calls = -10_000
+    found = tune_controller(replace(request_, workers=2), Engine(prepare, fly_until, "tuned"))
+    assert 10_000 + calls <= 113 - stored + 10
+    other = TuneRequest(request_.campaign, tmp_path / "other.yaml", block=request_.block, workers=1)
+    assert found.as_json() == tune_controller(other, ENGINE).as_json()
 
 
-def test_one_free_parameter():
-    def line(points):
-        return Scores((points[:, 0] - 0.7) ** 2, np.zeros((len(points), 0)), points[:, 0])
+@pytest.mark.parametrize("name", ["vehicle.yaml", "mission.yaml", "tables/cl.csv"])
+def test_a_file_that_is_edited_meanwhile_mixes_no_candidates(request_, tmp_path, name):
+    """The other vehicle's flights were kept as this one's, also for the next time."""
+    whole = tune_controller(replace(request_, out=tmp_path / "whole.yaml"), ENGINE).as_json()
+    file = tmp_path / "files" / name
+    text = file.read_text()
+    calls = 0
 
-    assert tune(line, np.zeros(1), 300).place[0] == pytest.approx(0.7, abs=1e-3)
+    def edit(plan, parameters, record_every=None):
+        nonlocal calls
+        calls += 1
+        if calls == 40:
+            file.write_text(f"{text}# edited\n")
+        block = fly(plan, parameters, record_every)
+        return replace(block, metrics=block.metrics * (1.0 if calls < 40 else 0.5))
+
+    with pytest.raises(InputError, match=name):
+        tune_controller(replace(request_, workers=1), Engine(prepare, edit, "tuned"))
+    file.write_text(text)
+    assert tune_controller(request_, ENGINE).as_json() == whole
 
 
-def test_broken_limits_come_after_all_that_keep_them_and_lost_flights_last():
-    scores = Scores(
-        np.array([5.0, 1.0, 0.5, np.inf, 4.0]),
-        np.array([[0.0, -1.0], [0.1, 0.0], [0.3, 0.2], [-1.0, -1.0], [-2.0, 0.0]]),
-        np.zeros(5),
+def test_what_is_kept_and_damaged_is_flown_again(request_, tmp_path):
+    found = tune_controller(request_, ENGINE).as_json()
+    kept = sorted((tmp_path / "new.tuning").glob("*.npy"))
+    for file, place in zip(kept, (0, 7, 60, 200, -1), strict=False):
+        content = bytearray(file.read_bytes())
+        content[place] ^= 8
+        file.write_bytes(content)
+    kept[-1].write_bytes(kept[-1].read_bytes()[:50])
+    kept[-2].write_bytes(b"")
+    for i, other in enumerate([np.zeros((2, 2)), np.zeros(0), np.array([["a"]]), np.zeros((64, 3), np.int64)]):
+        write_array(kept[-3 - i], other)  # whole, but nothing that tuning writes
+    request_.out.unlink()
+    assert tune_controller(request_, ENGINE).as_json() == found
+
+
+def test_what_is_no_better_is_not_written(request_, tmp_path):
+    """The start is the best there is."""
+    (tmp_path / "files/one.yaml").write_text(
+        CONTROLLER.replace("damping: 2.4, bandwidth: 0.03", "damping: 3.0, bandwidth: 0.06"), encoding="utf-8"
     )
-    assert scores.rank().tolist() == [1, 2, 3, 4, 0]
-    assert scores.allowed.tolist() == [True, False, False, False, True]
+    found = tune_controller(request_, ENGINE)
+    assert not found.shown
+    assert not request_.out.exists()
 
 
-def test_an_excess_that_is_no_number_breaks_its_limit():
-    scores = Scores(np.array([1.0, 2.0]), np.array([[np.nan], [0.5]]), np.zeros(2))
-    assert scores.rank().tolist() == [1, 0]
-    assert not scores.allowed.any()
+def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(request_, monkeypatch):
+    """The fake margin falls with the bandwidth, and with the lift's distance from nominal."""
+    seen = []
+
+    def margins_of(self, candidate):
+        bandwidth = candidate.controller.altitude.bandwidth
+        lift = np.abs(self.vehicles[:, LIFT] - 1.0) / 0.05
+        seen.append((len(lift), self.margins_at))
+        return np.tile(((12.0 - 100.0 * bandwidth) - lift)[:, None], (1, 4))
+
+    monkeypatch.setattr("abhv_mc.search.tune_trials.Trials.margins_of", margins_of)
+    text = "limits: [{metric: gain_margin_min_db, above: 7%s}]\nmargins_at: [trim, 1 s]\ncandidates: 161\n"
+    start = BLOCK[: BLOCK.index("limits:")]
+    for vehicles, vehicle_count, wanted in (("", 1, 0.05), (", vehicles: corners", 3, 0.02)):
+        request_.block.write_text(start + text % vehicles, encoding="utf-8")
+        out = request_.out.with_name(f"new{vehicle_count}.yaml")
+        found = tune_controller(TuneRequest(request_.campaign, out, block=request_.block, workers=2), ENGINE)
+        assert set(seen) == {(vehicle_count, ("trim", 1.0))}
+        seen.clear()
+        assert read_controller(found.numbers.document.path).altitude.bandwidth == 0.03
+        values = found.numbers.values(found.tuning.place)
+        assert float(str(values["altitude.bandwidth"]).split()[0]) == pytest.approx(wanted, rel=0.05)
+        margin = found.sides[1]
+        assert margin.best == pytest.approx(7.0, abs=0.3) and margin.best >= 7.0 and margin.quantile is None
+        assert found.as_json()["fresh"][1]["vehicles"] == (vehicles.split()[-1] if vehicles else "nominal")
 
 
-def test_front_holds_what_nothing_beats():
-    costs = np.array([[1.0, 5.0], [2.0, 3.0], [2.0, 4.0], [3.0, 3.0], [4.0, 1.0], [0.5, 9.0]])
-    assert pareto_front(costs).tolist() == [5, 0, 1, 4]
-    assert len(pareto_front(np.empty((0, 2)))) == 0
+def test_numbers_that_make_no_controller_are_passed_over(request_):
+    def prepare_some(vehicle, mission, controller, name):
+        if read_controller(controller).altitude.damping > 3.5:
+            raise InputError(controller, None, None, "too much", "less")
+        return prepare(vehicle, mission, controller, name)
+
+    assert tune_controller(request_, Engine(prepare_some, fly, "some")).shown
 
 
-def test_front_leaves_out_candidates_that_break_a_limit():
-    found = tune(measure, np.full(4, -0.5), 200, seed=3)
-    assert found.scores.allowed[found.front].all()
-    assert found.best in found.front or np.any(
-        found.scores.objective[found.front] <= found.scores.objective[found.best]
-    )
+def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path):
+    wrapped = tmp_path / "wrapped.yaml"
+    wrapped.write_text("tune:\n" + "".join(f"  {line}\n" for line in BLOCK.splitlines()), encoding="utf-8")
+    campaign = read_campaign(request_.campaign)
+    alone, _, _ = module.read_tune_block(campaign, request_.block)
+    below, _, _ = module.read_tune_block(campaign, wrapped)
+    assert alone == below
+    inside = write_campaign(
+        tmp_path / "files", dispersions="{aero.lift: {distribution: normal, sigma: 5 %}}",
+        tune="\n" + "".join(f"  {line}\n" for line in BLOCK.splitlines()),
+    )  # fmt: skip
+    assert module.read_tune_block(read_campaign(inside), None)[0] == alone
 
 
-def test_joined_scores_keep_their_order():
-    part = measure(np.eye(4))
-    joined = join_scores([part, part])
-    np.testing.assert_array_equal(joined.objective, np.tile(part.objective, 2))
-    assert joined.excess.shape == (8, 1)
+@pytest.mark.parametrize(
+    "old, new, match",
+    [
+        ("altitude.damping,", "altitude.gain,", r"block.yaml:1:8.*'altitude.gain'"),
+        ("altitude_error_rms_m", "altitude", r"block.yaml:2:\d+.*metric 'altitude'"),
+        ("below_start_times: 1.5", "below: 3, above: 2", r"below and above"),
+        ("candidates: 113", "candidate: 113", r"candidate"),
+        ("elevator_travel_deg, quantile: 0.5", "gain_margin_min_db, quantile: 0.5", r"no quantile"),
+        ("elevator_travel_deg, quantile: 0.5, below_start_times: 1.5", "gain_margin_min_db, below: 6", r"'above'"),
+        ("below_start_times: 1.5", "below: 3, vehicles: corners", r"vehicles"),
+        (
+            "elevator_travel_deg, quantile: 0.5, below_start_times: 1.5}",
+            "gain_margin_min_db, above: 6}\nmargins_at: [trim, 900 s]",
+            r"block.yaml:5:\d+.*900 s",
+        ),
+    ],
+)
+def test_a_block_that_is_wrong_is_refused_with_its_place(request_, old, new, match):
+    request_.block.write_text(BLOCK.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError, match=match):
+        tune_controller(request_, ENGINE)
+    assert not request_.out.exists()
+    assert not request_.out.with_suffix(".tuning").exists()
 
 
-def test_a_gain_on_fresh_flights_is_shown_and_none_is_not():
-    fresh = np.random.default_rng(9).normal(0.0, 0.3, (400, 1, 4))
-    start = noisy_quadratic(fresh, np.zeros((1, 4)))[:, 0]
-    good = noisy_quadratic(fresh, np.array([[0.4, -0.3, 0.2, 0.0]]))[:, 0]
-    shown = validate(start, good, 0.95)
-    assert shown.better
-    assert 0.0 < shown.gain < 1.0
-    assert shown.difference.low <= shown.difference.value <= shown.difference.high < 0.0
-    assert not validate(start, start, 0.95).better
-    assert not validate(good, start, 0.95).better
+def test_an_existing_file_is_not_overwritten(request_):
+    request_.out.write_text("law: tlc\n", encoding="utf-8")
+    with pytest.raises(InputError, match="there already"):
+        tune_controller(request_, ENGINE)
 
 
-def test_false_gains_are_rare():
-    draw = np.random.default_rng(11)
-    wrong = 0
-    for _ in range(60):
-        common = draw.gamma(2.0, 1.0, 100)
-        one, two = common + draw.normal(0.0, 0.2, 100), common + draw.normal(0.0, 0.2, 100)
-        wrong += validate(one, two, 0.95).better
-    assert wrong <= 5
+@pytest.mark.parametrize("ending", ["tuning", "html"])
+def test_a_name_that_tuning_takes_itself_is_refused(request_, tmp_path, ending):
+    """The candidates' folder was in the result's way when all was flown, and the page was written over the result."""
+    with pytest.raises(InputError, match=rf"{ending}' .*wanted"):
+        tune_controller(replace(request_, out=tmp_path / f"new.{ending}"), ENGINE)
+    assert not list(tmp_path.glob("new.*"))

@@ -15,9 +15,9 @@ from stability.systems import (
 
 from abhv_mc.control.design.tlc_design import velocity_loop
 from abhv_mc.control.design.trim_tables import LONGEST
+from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.prepare import make_plan
-from abhv_mc.flight.signals import CHANNEL_INDEX
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.analysis import analyse
 from abhv_mc.stability.linearize import INPUTS, closed_loop, linearise

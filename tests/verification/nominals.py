@@ -12,8 +12,8 @@ import numpy as np
 from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
 from abhv_mc.control.design.design_model import Surroundings, attitude_rates, body_rate_rates, guidance_rates, wrench_at
 from abhv_mc.control.design.design_tables import Numbers, slope
+from abhv_mc.control.design.environment import make_surroundings
 from abhv_mc.control.design.reference import make_mission_trim_tables, solve_reference
-from abhv_mc.control.design.surroundings import make_surroundings
 from abhv_mc.control.design.trim_tables import trim_elevator
 from abhv_mc.control.laws.tlc_loops import AttitudePoint, attitude_inverse
 from abhv_mc.control.mission import Mission, read_mission

@@ -14,9 +14,9 @@ import typer
 
 from abhv_mc import __version__
 from abhv_mc.cli.errors import ExitCode, exit_code_of, settle_output
+from abhv_mc.cli.interrupts import heed_signals, ignore_signals
 from abhv_mc.cli.outputs import with_outputs_apart
 from abhv_mc.cli.printing import escape_unknown_characters, say
-from abhv_mc.cli.signals import heed_signals, ignore_signals
 
 _COMMANDS = {
     "Start": ("new", "validate", "plan", "schema"),

@@ -35,7 +35,7 @@ def command(
         return
     _print_figures(figures, {name: vars(one.operations) for name, one in speed.controllers.items()})
     if json is not None:
-        from abhv_mc.store.folder import write_text
+        from abhv_mc.folder.layout import write_text
 
         write_text(json, text)
 

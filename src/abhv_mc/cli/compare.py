@@ -29,7 +29,7 @@ def command(
     """
     from abhv_mc.cli.names import parse_names
     from abhv_mc.cli.printing import print_json
-    from abhv_mc.report.compare import compare_folders, parse_margins
+    from abhv_mc.report.numbers.compare import compare_folders, parse_margins
 
     named = parse_names(controllers) or ()
     found = compare_folders(folder_a, folder_b, named, parse_margins(fail_if_worse or []))
@@ -41,8 +41,8 @@ def command(
 
 def _print(found: dict[str, Any]) -> None:
     from abhv_mc.cli.printing import new_table, print_table
-    from abhv_mc.report.metrics import words_of
-    from abhv_mc.report.words import p_value, significant
+    from abhv_mc.report.numbers.metrics import words_of
+    from abhv_mc.report.numbers.words import p_value, significant
 
     for pair in found["paired"]:
         headings = "median difference (95 %)", "of 95 % quantiles (95 %)", "A better", "B better", "pairing saved"
@@ -70,7 +70,7 @@ def _print(found: dict[str, Any]) -> None:
 
 def _gate_words(gate: dict[str, Any]) -> str:
     """What the test of non-inferiority says."""
-    from abhv_mc.report.words import percent
+    from abhv_mc.report.numbers.words import percent
 
     verdict = "shown" if gate["shown"] else "NOT shown"
     words = f"B is {verdict} to be at most {100.0 * gate['margin']:g} % worse: it is on {gate['within']} of "
@@ -79,7 +79,7 @@ def _gate_words(gate: dict[str, Any]) -> str:
 
 
 def _with_bounds(interval: dict[str, Any]) -> str:
-    from abhv_mc.report.words import bounds, estimate
+    from abhv_mc.report.numbers.words import bounds, estimate
 
     ends = bounds(interval)
     return f"{estimate(interval)} ({ends})" if ends else estimate(interval)
@@ -99,7 +99,7 @@ def _listed(failed: dict[str, Any]) -> str:
 def _print_usage(usage: dict[str, Any]) -> None:
     """Tracking error against control usage: the ratios, and in how many flights less error was bought with more use."""
     from abhv_mc.cli.printing import new_table, print_table
-    from abhv_mc.report.metrics import words_of
+    from abhv_mc.report.numbers.metrics import words_of
 
     headings = "error ratio", "usage ratio", "less error, no more use", "less error, more use"
     table = new_table(("metric",), headings, "A to B: error against surface usage")

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from enum import IntEnum
 from pathlib import Path
 
+from abhv_mc.cli.interrupts import settle_interrupt
 from abhv_mc.cli.printing import say
-from abhv_mc.cli.signals import settle_interrupt
+from abhv_mc.folder.layout import FolderLostError, StorageFullError, explain_os_error
 from abhv_mc.io.input_error import InputError, Refusal
-from abhv_mc.store.folder import FolderLostError, StorageFullError, told_plainly
 
 
 class ExitCode(IntEnum):
@@ -149,7 +149,7 @@ def _explain(error: OSError) -> Exception:
             words = "not there when it was needed: deleted or replaced meanwhile, or else a defect of abhv-mc"
             return FolderLostError(f"{gone}: {words}")
     try:
-        with told_plainly(Path(error.filename or "the disk or standard output")):
+        with explain_os_error(Path(error.filename or "the disk or standard output")):
             raise error
     except Exception as explained:
         return explained

@@ -37,14 +37,14 @@ def command(
 
     A flight failed that ended early or missed a requirement.
     """
-    from abhv_mc.campaign.analysis.explain import explain_flight
-    from abhv_mc.campaign.run.engine import make_engine
+    from abhv_mc.analysis.explain import explain_flight
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.cli.printing import print_json
-    from abhv_mc.own.aside import run_aside
-    from abhv_mc.report.explained import explanation_numbers, explanation_words, write_explained_figure
-    from abhv_mc.report.results import read_facts
-    from abhv_mc.store.folder import CampaignFolder
+    from abhv_mc.execution.engine import make_engine
+    from abhv_mc.folder.layout import CampaignFolder
+    from abhv_mc.report.numbers.results import read_facts
+    from abhv_mc.report.pages.explained import explanation_numbers, explanation_words, write_explained_figure
+    from abhv_mc.user_code.temporary import run_aside
 
     paths = CampaignFolder(folder)
     name = controller or read_facts(paths.campaign).controllers[0]

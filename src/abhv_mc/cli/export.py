@@ -17,7 +17,7 @@ def command(
     ] = None,
 ) -> None:
     """Write every table as a CSV file; numbers read back to the same bits."""
-    from abhv_mc.store.export import export_csv
+    from abhv_mc.folder.export import export_csv
 
     for path in export_csv(folder, out or folder / "csv"):
         say(path)

@@ -39,7 +39,7 @@ def command(
     announce_compiling()
     from abhv_mc.flight.fly import fly, nominal_parameters
     from abhv_mc.flight.prepare import prepare
-    from abhv_mc.own.aside import run_aside
+    from abhv_mc.user_code.temporary import run_aside
 
     plans = {file.stem: prepare(*paths, file, file.stem) for file in files}
     announce_warnings(warning for plan in plans.values() for warning in plan.warnings.tolist())
@@ -49,7 +49,7 @@ def command(
     blocks = {name: run_aside(partial(fly, plan, nominal, record_every=1)) for name, plan in plans.items()}
     _print_table(f"{paths[1].stem} with {paths[0].stem}, nominal", blocks)
     if out is not None:
-        from abhv_mc.report.nominal import write_nominal_report
+        from abhv_mc.report.pages.nominal import write_nominal_report
 
         for path in write_nominal_report(out, plans, {name: block.history[0] for name, block in blocks.items()}):
             say(path)
@@ -57,8 +57,8 @@ def command(
 
 def _print_table(title: str, blocks: "dict[str, FlightBlock]") -> None:
     from abhv_mc.cli.printing import new_table, print_table
+    from abhv_mc.flight.channels import METRICS
     from abhv_mc.flight.outcome import SENTENCES, Outcome
-    from abhv_mc.flight.signals import METRICS
 
     table = new_table(("metric",), blocks, title, padding=(0, 1, 0, 0))
     outcomes = {name: Outcome(int(block.outcome[0])) for name, block in blocks.items()}

@@ -16,8 +16,8 @@ def command(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """List the campaigns in a folder: name, state, flights, when, and the digest's first digits."""
-    from abhv_mc.campaign.run.status import find_campaigns
     from abhv_mc.cli.printing import print_json
+    from abhv_mc.execution.status import find_campaigns
 
     if not folder.is_dir() and folder != _DEFAULT:
         raise InputError(folder, None, None, "no such folder", "one that holds campaigns' folders")

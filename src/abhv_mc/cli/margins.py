@@ -84,7 +84,7 @@ def command(
     if json is not None:
         from json import dumps
 
-        from abhv_mc.store.folder import write_text
+        from abhv_mc.folder.layout import write_text
 
         files = next(iter(setups.values())).files
         head = {"vehicle": files[0].stem, "mission": files[1].stem}
@@ -117,7 +117,7 @@ def read_setups(
     vehicle: str | None, mission: str, controllers: str | None, one: bool = False, trust_code: bool = False
 ) -> "dict[str, Setup]":
     """What is to be linearised, by the controllers' names; ``mission`` may be a campaign file. Raises InputError."""
-    from abhv_mc.campaign.file.own_code import check_own_law
+    from abhv_mc.campaign.file.user_code import check_own_law
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.io.input_error import InputError
@@ -144,7 +144,7 @@ def _find_files(
     names = [name.strip() for name in controllers.split(",")] if controllers else []
     if Path(mission).is_file() and find_kind(Path(mission)) == "campaign":
         from abhv_mc.campaign.file.check import read_campaign
-        from abhv_mc.campaign.file.own_code import check_own_code
+        from abhv_mc.campaign.file.user_code import check_own_code
 
         campaign = read_campaign(mission)
         check_own_code(campaign, trust_code)

@@ -25,18 +25,18 @@ def command(
 
     The result is that of the campaign flown in one piece: the same digest, envelopes and histories.
     """
-    from abhv_mc.campaign.run.merge import merge_campaign
     from abhv_mc.cli.run import finish
+    from abhv_mc.execution.merge import merge_campaign
+    from abhv_mc.folder.layout import CampaignFolder
+    from abhv_mc.folder.manifest import read_whole_manifest
     from abhv_mc.io.input_error import InputError
-    from abhv_mc.store.folder import CampaignFolder
-    from abhv_mc.store.manifest import read_whole_manifest
 
     manifest = read_whole_manifest(CampaignFolder(parts[0]).manifest)
     if not isinstance(manifest.get("name"), str):
         raise InputError(parts[0], None, None, "another kind of manifest", "a campaign's")
     engine = None
     if manifest.get("machine", {}).get("device", "cpu") != "cpu":
-        from abhv_mc.campaign.run.gpu import make_gpu_engine
+        from abhv_mc.execution.gpu import make_gpu_engine
 
         engine = make_gpu_engine()
     finish(merge_campaign(parts, out or Path("reports") / manifest["name"], engine, trust_code), no_report)

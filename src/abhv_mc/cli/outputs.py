@@ -34,7 +34,7 @@ def campaign_folder_or_address(path: Path | None) -> Path | None:
 def _is_address(path: Path) -> bool:
     if ":" not in str(path):
         return False
-    from abhv_mc.store.remote import parse_address
+    from abhv_mc.folder.remote import parse_address
 
     return parse_address(f"{path}/") is not None  # of s3:// a path keeps s3:
 
@@ -42,8 +42,8 @@ def _is_address(path: Path) -> bool:
 def _refuse(path: Path | None, folder: bool, campaign: bool = False) -> Path | None:
     if path is None:
         return None
+    from abhv_mc.folder.layout import find_own_place
     from abhv_mc.io.input_error import InputError
-    from abhv_mc.store.folder import find_own_place
 
     wanted = "the name of a folder" if folder else "the name of a file"
     if _is_address(path):
@@ -93,8 +93,8 @@ def keep_apart(
     outputs: Iterable[Path | None], inputs: Iterable[str | Path] = (), campaigns: Iterable[Path | None] = ()
 ) -> None:
     """Raises InputError where an output is another one, a file that is read, or a part of a campaign to be flown."""
+    from abhv_mc.folder.layout import is_own_part
     from abhv_mc.io.input_error import InputError
-    from abhv_mc.store.folder import is_own_part
 
     # Words may be no paths at all, which Path.is_file would raise for.
     taken = [os.path.realpath(path) for path in inputs if os.path.isfile(path)]  # noqa: PTH113

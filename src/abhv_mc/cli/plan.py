@@ -25,8 +25,8 @@ def command(
 
     from abhv_mc.campaign.file.check import read_campaign
     from abhv_mc.cli.announce import announce_warnings
-    from abhv_mc.report.planned import plan_numbers, write_plan_figure
-    from abhv_mc.store.folder import write_text
+    from abhv_mc.folder.layout import write_text
+    from abhv_mc.report.pages.planned import plan_numbers, write_plan_figure
 
     checked = read_campaign(campaign, runs)
     if not checked.model.requirements:
@@ -43,7 +43,7 @@ def command(
 
 def _print(numbers: dict[str, Any]) -> None:
     from abhv_mc.cli.printing import new_table, print_table
-    from abhv_mc.report.words import percent, significant
+    from abhv_mc.report.numbers.words import percent, significant
 
     share = 0.2
     each = "chance of PASS *", "of a false one **"

@@ -21,8 +21,8 @@ def command(
 
     Parameters have a dot in their names: write them in double quotes, as in select "aero.lift" from samples.
     """
-    from abhv_mc.store.remote import fetched
-    from abhv_mc.store.sql import ask
+    from abhv_mc.folder.remote import fetched
+    from abhv_mc.folder.sql import ask
 
     with fetched(folder) as source:
         if json or csv:
@@ -50,7 +50,7 @@ def _print_rows(columns: list[str], rows: list[tuple[object, ...]], as_json: boo
     import sys
 
     from abhv_mc.io.input_error import InputError, printable
-    from abhv_mc.report.plain import plain
+    from abhv_mc.report.numbers.plain import plain
 
     if as_json:
         twice = sorted({name for name in columns if columns.count(name) > 1})

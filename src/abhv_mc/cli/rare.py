@@ -45,9 +45,9 @@ def command(
 
     refuse_shard(shard)
     announce_compiling()
-    from abhv_mc.campaign.search.flights import SearchRequest
-    from abhv_mc.campaign.search.rare import RareSettings, find_rare
-    from abhv_mc.report.rare_page import write_rare_page
+    from abhv_mc.report.pages.rare_page import write_rare_page
+    from abhv_mc.search.rare import RareSettings, find_rare
+    from abhv_mc.search.search_flights import SearchRequest
 
     request = SearchRequest(campaign, out, controller, seed, workers, scheduler, fresh)
     found = find_rare(request, RareSettings(requirement, target_cov, flights))

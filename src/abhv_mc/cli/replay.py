@@ -28,13 +28,13 @@ def command(
 
     Exit code 1 where any differs.
     """
-    from abhv_mc.campaign.analysis.replay import replay_flight
-    from abhv_mc.campaign.run.engine import make_engine
+    from abhv_mc.analysis.replay import replay_flight
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.flight.signals import CHANNEL_INDEX
+    from abhv_mc.execution.engine import make_engine
+    from abhv_mc.flight.channels import CHANNEL_INDEX
+    from abhv_mc.folder.histories import write_histories
     from abhv_mc.io.input_error import InputError
-    from abhv_mc.own.aside import run_aside
-    from abhv_mc.store.histories import write_histories
+    from abhv_mc.user_code.temporary import run_aside
 
     if out is not None and out.suffix != ".parquet":  # the only kind it writes, whatever the name promises
         raise InputError("--output", None, None, f"'{out.name}'", "a name that ends in .parquet")

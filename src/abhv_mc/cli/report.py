@@ -28,10 +28,10 @@ def command(
     import shutil
     from functools import partial
 
-    from abhv_mc.report.build import build_report
-    from abhv_mc.store.folder import CampaignFolder, write_whole
-    from abhv_mc.store.manifest import read_manifest
-    from abhv_mc.store.remote import fetched, local_path
+    from abhv_mc.folder.layout import CampaignFolder, write_whole
+    from abhv_mc.folder.manifest import read_manifest
+    from abhv_mc.folder.remote import fetched, local_path
+    from abhv_mc.report.pages.build import build_report
 
     with fetched(folder) as source:
         page = build_report(source, format)

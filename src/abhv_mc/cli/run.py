@@ -16,7 +16,7 @@ from abhv_mc.cli.searching import Workers
 from abhv_mc.io.input_error import Refusal
 
 if TYPE_CHECKING:
-    from abhv_mc.campaign.run.runner import RunResult
+    from abhv_mc.execution.runner import RunResult
 
 
 class Device(StrEnum):
@@ -63,18 +63,18 @@ def command(
     from abhv_mc.cli.announce import announce_compiling
 
     announce_compiling()
-    from abhv_mc.campaign.run.retry import UnusableError
-    from abhv_mc.campaign.run.runner import run_campaign
-    from abhv_mc.campaign.run.setup import Request
+    from abhv_mc.execution.retry import UnusableError
+    from abhv_mc.execution.runner import run_campaign
+    from abhv_mc.execution.setup import Request
+    from abhv_mc.folder.remote import mirrored
     from abhv_mc.shipped import find_input
-    from abhv_mc.store.remote import mirrored
 
     file = find_input(campaign, "campaign")
     names = parse_names(controllers)
     part = _parse_shard(shard) if shard else None
     engine = None
     if device is Device.GPU:
-        from abhv_mc.campaign.run.gpu import make_gpu_engine
+        from abhv_mc.execution.gpu import make_gpu_engine
 
         if scheduler is not None:
             raise Refusal("--device gpu with --scheduler", "one of the two")
@@ -94,7 +94,7 @@ def finish(result: "RunResult", no_report: bool, place: Path | None = None) -> N
     ``place`` is what the user calls the folder: perhaps an address.
     """
     from abhv_mc.cli.announce import announce_warnings
-    from abhv_mc.store.remote import parse_address
+    from abhv_mc.folder.remote import parse_address
 
     named = parse_address(place or "") or str(result.folder)
     _print_result(result, named)
@@ -104,7 +104,7 @@ def finish(result: "RunResult", no_report: bool, place: Path | None = None) -> N
         raise typer.Exit(ExitCode.INCOMPLETE)
     outcomes = [facts["outcomes"] for facts in result.manifest["controllers"].values()]
     if not no_report and any(set(ended) - {"failed_to_run"} for ended in outcomes):
-        from abhv_mc.report.build import build_report, is_up_to_date
+        from abhv_mc.report.pages.build import build_report, is_up_to_date
 
         made = is_up_to_date(result.folder)
         say(f"report    {named}/{'report.html, up to date' if made else build_report(result.folder).name}")

@@ -40,7 +40,7 @@ def refuse_shard(shard: str | None) -> None:
 def write_json(path: Path | None, numbers: dict[str, Any]) -> None:
     """Write the result where it is asked for; infinite and missing numbers are null."""
     if path is not None:
-        from abhv_mc.report.plain import plain
-        from abhv_mc.store.folder import write_text
+        from abhv_mc.folder.layout import write_text
+        from abhv_mc.report.numbers.plain import plain
 
         write_text(path, json.dumps(plain(numbers), indent=2, allow_nan=False) + "\n")

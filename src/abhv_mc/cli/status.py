@@ -13,9 +13,9 @@ def command(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Say how far a campaign is, who flies it, and what was found so far."""
-    from abhv_mc.campaign.run.status import read_status
     from abhv_mc.cli.printing import print_json
     from abhv_mc.cli.run import describe_outcomes, describe_requirement
+    from abhv_mc.execution.status import read_status
 
     status = read_status(folder)
     if json:

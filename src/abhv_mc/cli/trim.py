@@ -87,7 +87,7 @@ def _quantity(name: str, text: str) -> float:
 
 def _print_json(vehicle: Path, altitude: float, speed: float, mass: float, points: list[dict[str, Any]]) -> None:
     from abhv_mc.cli.printing import print_json
-    from abhv_mc.report.plain import plain
+    from abhv_mc.report.numbers.plain import plain
 
     head = {"vehicle": str(vehicle), "altitude_m": altitude, "speed_mps": speed, "mass_kg": mass}
     print_json(plain({**head, "points": points}))

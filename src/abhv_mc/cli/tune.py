@@ -48,8 +48,8 @@ def command(
     page = out.with_suffix(".html")
     keep_apart([new_file(page), json_file])
     announce_compiling()
-    from abhv_mc.campaign.search.tune import TuneFound, TuneRequest, tune_controller
-    from abhv_mc.report.tune_page import write_tune_page
+    from abhv_mc.report.pages.tune_page import write_tune_page
+    from abhv_mc.search.tune import TuneFound, TuneRequest, tune_controller
 
     def tell(found: TuneFound) -> None:  # before the new file is there, with which the command would not run again
         write_json(json_file, found.as_json())

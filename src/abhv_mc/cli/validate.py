@@ -45,9 +45,9 @@ def _estimate(file: Path) -> None:
     """Print what a campaign will cost; nothing for another kind of file."""
     from abhv_mc.campaign.file.check import read_campaign
     from abhv_mc.campaign.file.inputs import find_kind
-    from abhv_mc.campaign.run.engine import make_engine
-    from abhv_mc.campaign.run.estimate import estimate_campaign
     from abhv_mc.cli.announce import announce_compiling, announce_warnings
+    from abhv_mc.execution.engine import make_engine
+    from abhv_mc.execution.estimate import estimate_campaign
 
     if find_kind(file) != "campaign":
         return

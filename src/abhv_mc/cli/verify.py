@@ -27,11 +27,11 @@ def campaign(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder 
     The campaign file and its inputs, the samples, the manifest's counts and verdicts, histories, envelopes, and every
     number of the report. Nothing is flown again: replay does that with one flight.
     """
-    from abhv_mc.report.consistency import has_facts
-    from abhv_mc.report.searched import search_command
-    from abhv_mc.report.verify import verify_campaign
-    from abhv_mc.store.folder import CampaignFolder
-    from abhv_mc.store.manifest import COMPLETE, read_manifest
+    from abhv_mc.folder.layout import CampaignFolder
+    from abhv_mc.folder.manifest import COMPLETE, read_manifest
+    from abhv_mc.report.numbers.consistency import has_facts
+    from abhv_mc.report.pages.searched import search_command
+    from abhv_mc.report.pages.verify import verify_campaign
 
     for difference in verify_campaign(folder):
         say(difference)

@@ -20,9 +20,9 @@ def command(
 
     Refused where the flights do not cover what is asked, or where too few of them count.
     """
-    from abhv_mc.campaign.analysis.reweight import parse_settings
+    from abhv_mc.analysis.reweight import parse_settings
     from abhv_mc.cli.printing import print_json
-    from abhv_mc.report.whatif import make_whatif
+    from abhv_mc.report.numbers.whatif import make_whatif
 
     found = make_whatif(folder, parse_settings(settings))
     (print_json if json else _print)(found)
@@ -30,8 +30,8 @@ def command(
 
 def _print(found: dict[str, Any]) -> None:
     from abhv_mc.cli.printing import new_table, print_table
-    from abhv_mc.report.metrics import HEADLINE, USAGE, controller_label, words_of
-    from abhv_mc.report.words import bounds, estimate, percent, significant
+    from abhv_mc.report.numbers.metrics import HEADLINE, USAGE, controller_label, words_of
+    from abhv_mc.report.numbers.words import bounds, estimate, percent, significant
 
     for name, after in found["after"].items():
         say(f"{name}: {_entry(found['before'][name])}  ->  {_entry(after)}")

@@ -49,9 +49,9 @@ def command(
     if above and below:
         raise InputError("--below", None, None, "both --above and --below", "one of them")
     announce_compiling()
-    from abhv_mc.campaign.search.flights import SearchRequest
-    from abhv_mc.campaign.search.worst import WorstSettings, find_worst
-    from abhv_mc.report.worst_page import write_worst_page
+    from abhv_mc.report.pages.worst_page import write_worst_page
+    from abhv_mc.search.search_flights import SearchRequest
+    from abhv_mc.search.worst import WorstSettings, find_worst
 
     request = SearchRequest(campaign, out, controller, seed, workers, scheduler, fresh)
     found = find_worst(request, WorstSettings(metric, not below, flights, box))

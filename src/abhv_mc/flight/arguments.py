@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from abhv_mc.control.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.control.laws.recorded import RECORDED_GAINS
+from abhv_mc.flight.channels import CHANNELS, METRICS
 from abhv_mc.flight.declared import NOTHING_DECLARED, Declared
 from abhv_mc.flight.memory import Memory
 from abhv_mc.flight.observe import Observed, make_observed
 from abhv_mc.flight.plan import FlightPlan, Timing
-from abhv_mc.flight.signals import CHANNELS, METRICS
 from abhv_mc.plant.air_profile import PROFILE
 from abhv_mc.plant.effectiveness import Effectiveness
 from abhv_mc.plant.state import N_PARAMETERS, N_STATES

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.control import columns as ref
-from abhv_mc.flight.signals import Signal
+from abhv_mc.flight.channels import Signal
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.angles import larger, smaller
 from abhv_mc.numerics.lane_math import sincos

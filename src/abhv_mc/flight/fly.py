@@ -9,8 +9,8 @@ import numpy as np
 from abhv_mc.flight.arguments import KernelPlan, KernelResults, check_written, make_kernel_plan, make_results
 from abhv_mc.flight.kernel import make_fly_lanes
 from abhv_mc.flight.memory import Memory, make_memory
-from abhv_mc.flight.own_law import open_law
 from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan
+from abhv_mc.flight.user_law import open_law
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.vehicle.arrays import Floats
 

@@ -9,9 +9,9 @@ tuples: the plan, which is only read (:class:`abhv_mc.flight.arguments.KernelPla
 from collections.abc import Callable
 
 from abhv_mc.control.laws.lqr import lqr_tick
-from abhv_mc.control.laws.own import own_tick
 from abhv_mc.control.laws.recorded import recorded_tick
 from abhv_mc.control.laws.tlc import tlc_tick
+from abhv_mc.control.laws.user import own_tick
 from abhv_mc.flight import observe
 from abhv_mc.flight.arguments import LQR, PYTHON, RECORDED, TLC
 from abhv_mc.flight.declared import finish_declared, update_declared

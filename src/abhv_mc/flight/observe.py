@@ -1,6 +1,6 @@
 """Once a tick, at the state of the tick: derived quantities, the end of a flight, metrics and the recorded channels.
 
-What is observed comes from the tables of :mod:`abhv_mc.flight.signals` and :mod:`abhv_mc.flight.outcome`, as numbers
+What is observed comes from the tables of :mod:`abhv_mc.flight.channels` and :mod:`abhv_mc.flight.outcome`, as numbers
 that the compiled code reads.
 """
 
@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc.control import columns as ref
-from abhv_mc.control.laws.own import FAULT
+from abhv_mc.control.laws.user import FAULT
 from abhv_mc.flight import declared, derived
+from abhv_mc.flight.channels import CHANNELS, METRICS, Statistic
 from abhv_mc.flight.derived import FIRST_DERIVED, remember_start
 from abhv_mc.flight.outcome import LIMITS, Limits, Outcome
-from abhv_mc.flight.signals import CHANNELS, METRICS, Statistic
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.angles import larger, smaller
 from abhv_mc.numerics.tables import natural

@@ -72,7 +72,7 @@ class Limits(NamedTuple):
 
 @dataclass(frozen=True)
 class Limit:
-    """A flight ends with ``outcome`` where ``source`` (see :mod:`abhv_mc.flight.signals`) leaves its two bounds."""
+    """A flight ends with ``outcome`` where ``source`` (see :mod:`abhv_mc.flight.channels`) leaves its two bounds."""
 
     outcome: Outcome
     source: str

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.flight import outcome
+from abhv_mc.flight.channels import METRICS, Signal
 from abhv_mc.flight.declared import NO_METRICS, DeclaredMetrics
-from abhv_mc.flight.signals import METRICS, Signal
-from abhv_mc.own.source import OwnSource
 from abhv_mc.plant.air_profile import no_profile
 from abhv_mc.plant.effectiveness import Effectiveness
+from abhv_mc.user_code.source import OwnSource
 from abhv_mc.vehicle.arrays import Floats, Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth

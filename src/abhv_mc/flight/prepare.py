@@ -15,26 +15,26 @@ from abhv_mc.control.controller_file import (
 )
 from abhv_mc.control.design.design_model import wrench_at
 from abhv_mc.control.design.design_tables import Numbers, slope
+from abhv_mc.control.design.environment import make_surroundings
 from abhv_mc.control.design.guidance_trim import trim_faults
 from abhv_mc.control.design.lqr_design import make_lqr_gains, make_lqr_settings
 from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, solve_reference
-from abhv_mc.control.design.surroundings import make_surroundings
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.flight.outcome import EndBounds
-from abhv_mc.flight.own_law import PYTHON, load_plan_law, open_law
 from abhv_mc.flight.plan import LANES, FlightPlan, Limits, Timing
 from abhv_mc.flight.start import multiply
+from abhv_mc.flight.user_law import PYTHON, load_plan_law, open_law
 from abhv_mc.io.documents import InputError
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
-from abhv_mc.own.design import DesignModel, design_gains
-from abhv_mc.own.settings import make_own_settings
-from abhv_mc.own.source import Law, load_law
-from abhv_mc.own.trust import read_trusted
 from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.trim import GRAVITY, TrimPoint
 from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.design import DesignModel, design_gains
+from abhv_mc.user_code.settings import make_own_settings
+from abhv_mc.user_code.source import Law, load_law
+from abhv_mc.user_code.trust import read_trusted
 from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.vehicle.limits import tighter
 from abhv_mc.vehicle.model import Vehicle

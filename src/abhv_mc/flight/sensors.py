@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from abhv_mc.control.laws.own import N_ROWS as N_LAW_ROWS
+from abhv_mc.control.laws.user import N_ROWS as N_LAW_ROWS
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.random_numbers import N_STREAM_ROWS
 from abhv_mc.plant.disturbance import any_lane, draw_normals, seed_stream

@@ -1,151 +1,143 @@
-"""The probability of a rare event with an interval, or the reason why there is none to trust.
-
-Independent repetitions of subset simulation give estimates whose logarithms are about normal: the interval is
-Student's for their mean, about the logarithm of the mean estimate. Repetitions that contradict each other (one of them
-does not find the event; they differ by far more than their chains explain; the interval spans decades) are a refusal,
-and so is a second opinion by importance sampling that does not agree.
-"""
+"""``abhv-mc rare``: the probability that a flight breaks a requirement, where plain sampling would see no failure."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from scipy import stats
 
-from abhv_mc.search.evaluation import LANES, Evaluate, Floats, round_up
-from abhv_mc.search.importance import MOST_DIMENSIONS, ImportanceEstimate, sample_importance
-from abhv_mc.search.subset import Repetition, SubsetPlan, run_subset
-
-CONFIDENCE = 0.95
-FEWEST = 4  # repetitions of an estimate
-_WIDEST = 10.0  # high / low of an interval that is still one
-_PRIOR = 4  # repetitions that the chains' own estimate of their spread counts for
-# One level's chains start in the last one's, which the chains' own estimate leaves out: on known cases the
-# repetitions differ 1 to 1.5 times as much (benchmarks/rare_coverage.py); beyond twice they contradict each other.
-_BEYOND_CHAINS = 1.3
-_MOST_BEYOND = 2.0
-_CHECK_SHARE = 0.1  # of the flights, for importance sampling
-_FEWEST_CHECKED = 256  # flights of importance sampling
-_SHARE_OF_LANES = 10_000  # flights for each full batch of lanes that a level's chains fill
-
-
-def choose_chains(flights: int) -> int:
-    """Chains of a repetition, whole lanes, so that four repetitions reach 1e-7 with about so many flights."""
-    return LANES * int(np.clip(flights // _SHARE_OF_LANES, 1, 8))
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.config import Requirement
+from abhv_mc.execution.engine import Engine, make_engine
+from abhv_mc.flight.channels import METRIC_INDEX
+from abhv_mc.folder.flights import FlightRows
+from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.search.methods.evaluation import Floats
+from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains, estimate_rare
+from abhv_mc.search.methods.subset import SubsetPlan
+from abhv_mc.search.search_flights import DrawnFlights, SearchRequest, open_search, read_searched
+from abhv_mc.search.severity import FAILS_ABOVE, Severity, ended_early, rank_distinct
+from abhv_mc.search.space import make_space
 
 
 @dataclass(frozen=True)
-class RareEstimate:
-    """What repetitions of subset simulation say."""
+class RareSettings:
+    """What is estimated, and how well."""
 
-    probability: float  # mean of the repetitions
-    low: float
-    high: float
-    cov: float  # of the mean, from the repetitions' spread
-    flights: int
-    repetitions: tuple[Repetition, ...]
-    check: ImportanceEstimate | None
-    refusal: str | None  # why the estimate is not to be trusted
+    requirement: str  # the metric of one of the campaign's requirements
+    target_cov: float = 0.2
+    flights: int = 20_000
+
+
+@dataclass(frozen=True)
+class RareFound:
+    """An estimate and the flights that it comes from."""
+
+    settings: RareSettings
+    controller: str
+    requirement: Requirement
+    limit: float  # of the requirement, in its metric's unit
+    estimate: RareEstimate
+    names: tuple[str, ...]
+    flights: FlightRows
+    severities: Floats  # [flight]: above the limit, in the metric's unit
+    failed_to_run: int
+    drawn: DrawnFlights
 
     @property
-    def failures(self) -> Floats:
-        """Failures ``[point, dimension]``, distributed as failures are; of all repetitions."""
-        return np.concatenate([one.failures for one in self.repetitions])
+    def failures(self) -> int:
+        """How many of the flights fail."""
+        return int((self.severities > FAILS_ABOVE).sum())
+
+    def numbers(self) -> dict[str, Any]:
+        """The result as JSON holds it."""
+        found = self.estimate
+        refused = found.refusal is not None
+        check = found.check
+        return {
+            "requirement": self.settings.requirement,
+            "below" if self.requirement.below is not None else "above": self.limit,
+            "controller": self.controller,
+            "probability": None if refused else found.probability,
+            "low": None if refused else found.low,
+            "high": None if refused else found.high,
+            "confidence": CONFIDENCE,
+            "flights": found.flights,
+            "cov": None if refused else found.cov,
+            "levels": [
+                {
+                    "repetition": one.number,
+                    "limit": level.threshold,
+                    "probability": level.probability,
+                    "cov": level.cov,
+                    "acceptance": level.acceptance,
+                }
+                for one in found.repetitions
+                for level in one.levels
+            ],
+            "repetitions": [one.probability for one in found.repetitions],
+            "importance_sampling": None
+            if check is None or not check.usable
+            else {"probability": check.probability, "cov": check.cov, "flights": check.flights},
+            "refusal": found.refusal,
+            "ended_early": int(ended_early(self.flights).sum()),
+            "ended_early_fails": self.requirement.ended_early == "failure",
+            "failed_to_run": self.failed_to_run,
+            "failures": self.failures,
+            "worst_flights": rank_distinct(self.severities, self.flights.samples, 20),
+        }
 
 
-def estimate_rare(evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2, flights: int = 20000) -> RareEstimate:
-    """P(severity > threshold) of standard normal points, with an interval of 95 % confidence.
+def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | None = None) -> RareFound:
+    """Estimate P(failure) of one requirement. Raises InputError for a request that is wrong."""
+    campaign, controller = read_searched(request.campaign, request.controller, request.seed)
+    requirement, limit = _find_requirement(campaign, controller, settings.requirement)
+    space = make_space(campaign)
+    chains = choose_chains(settings.flights)
+    least = FEWEST * SubsetPlan(1, 0.0, 0, chains).size
+    if settings.flights < least:
+        raise InputError("--flights", None, None, f"{settings.flights}", f"at least {least}")
+    sign = 1.0 if requirement.below is not None else -1.0
+    early = requirement.ended_early == "failure"
+    with open_search(request, {"kind": "rare", **vars(settings)}, settings.flights, engine or make_engine()) as search:
+        severity = Severity(settings.requirement, sign, search.plan.timing.duration, limit, early)
 
-    The first repetitions run side by side; more are added until the interval is as narrow as that of a normal
-    estimate with ``target_cov``, or the next one would not fit into ``flights``. Severities may depend on random
-    numbers of their own, drawn afresh with each point. Raises ValueError where ``flights`` are fewer than the first
-    level needs.
-    """
-    if flights < FEWEST * plan.size:
-        raise ValueError(f"{flights} flights, fewer than the {FEWEST * plan.size} of the first level")
-    check_flights = round_up(int(_CHECK_SHARE * flights)) if plan.dimension <= MOST_DIMENSIONS else 0
-    used = 0
+        def evaluate(points: Floats) -> Floats:
+            # What cannot be computed counts as a failure, as in every verdict.
+            found = severity.of(search.fly(space.from_normal(points), common_seed=False))
+            return np.where(np.isnan(found), np.inf, found)
 
-    def counted(points: Floats) -> Floats:
-        nonlocal used
-        used += len(points)
-        return evaluate(points)
-
-    repetitions = run_subset(counted, plan, range(FEWEST), flights, FEWEST)
-    number = FEWEST
-    while more := _count_more(repetitions, flights - check_flights - used, target_cov):
-        repetitions += run_subset(counted, plan, range(number, number + more), flights - check_flights - used)
-        number += more
-    refusal = _judge(repetitions)
-    check = None
-    check_flights = min(check_flights, (flights - used) // LANES * LANES)
-    if refusal is None and check_flights >= _FEWEST_CHECKED:
-        failures = np.concatenate([one.failures for one in repetitions])
-        check = sample_importance(counted, plan.threshold, failures, check_flights, plan.seed)
-    probability, low, high, cov = _interval(repetitions)
-    if check is not None and check.usable and refusal is None:
-        apart = abs(np.log(check.probability / probability))
-        if apart > 3.0 * np.hypot(check.cov, np.log(high / low) / 3.92):
-            refusal = f"importance sampling gives {check.probability:.2g}, subset simulation {probability:.2g}"
-    return RareEstimate(probability, low, high, cov, used, tuple(repetitions), check, refusal)
-
-
-def _half_width(repetitions: list[Repetition], number: int) -> float:
-    """Half the width of the interval of the logarithm with ``number`` repetitions like these.
-
-    Few repetitions know their own spread badly. What the chains of each say about it counts like so many more.
-    """
-    logs = np.log([one.probability for one in repetitions])
-    chains = (_BEYOND_CHAINS * _chain_cov(repetitions)) ** 2
-    own = len(logs) - 1
-    variance = (_PRIOR * chains + own * logs.var(ddof=1)) / (_PRIOR + own)
-    return float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, _PRIOR + number - 1) * np.sqrt(variance / number))
+        plan = SubsetPlan(len(space.names), FAILS_ABOVE, search.seed, chains)
+        estimate = estimate_rare(evaluate, plan, settings.target_cov, settings.flights)
+        rows = search.rows()
+        severities = severity.ranked(rows)
+        found = RareFound(
+            settings,
+            controller,
+            requirement,
+            limit,
+            estimate,
+            space.names,
+            rows,
+            severities,
+            search.failed_to_run,
+            search.draw(severities),
+        )
+        search.finish(found.numbers())
+    return found
 
 
-def _chain_cov(repetitions: list[Repetition]) -> float:
-    """Coefficient of variation of one repetition, as the chains' correlation gives it."""
-    return float(np.sqrt(np.mean([one.cov**2 for one in repetitions])))
-
-
-def _count_more(repetitions: list[Repetition], left: int, target_cov: float) -> int:
-    """How many more repetitions to run: as many as are wanted and fit."""
-    if not all(one.reached for one in repetitions):
-        return 0
-    wide = stats.norm.ppf(0.5 + CONFIDENCE / 2.0) * target_cov
-    fitting = left // max(one.flights for one in repetitions)
-    wanted, number = 0, len(repetitions)
-    while wanted < fitting and _half_width(repetitions, number + wanted) > wide:
-        wanted += 1
-    return wanted
-
-
-def _interval(repetitions: list[Repetition]) -> tuple[float, float, float, float]:
-    """Mean, ends of its interval, coefficient of variation of the mean; all of 0 .. 1 where there is no interval."""
-    estimates = np.array([one.probability for one in repetitions])
-    number = len(estimates)
-    mean = float(estimates.mean())
-    if not np.all(estimates > 0.0):
-        return mean, 0.0, 1.0, np.inf
-    half = _half_width(repetitions, number)
-    cov = float(estimates.std(ddof=1) / (mean * np.sqrt(number)))
-    return mean, float(mean * np.exp(-half)), float(min(1.0, mean * np.exp(half))), cov
-
-
-def _judge(repetitions: list[Repetition]) -> str | None:
-    """Why these repetitions are not to be trusted; None where they are."""
-    number = len(repetitions)
-    missed = sum(not one.reached for one in repetitions)
-    deepest = min(float(np.prod([level.probability for level in one.levels])) for one in repetitions)
-    if any(one.cut_short for one in repetitions):
-        return f"the flights suffice for {number - missed} of {number} repetitions, down to {deepest:.1g}"
-    if missed == number:
-        return f"no repetition reaches the event; it is rarer than {deepest:.1g}, or on a plateau"
-    if missed:
-        return f"{missed} of {number} repetitions do not reach the event, the others do"
-    logs = np.log([one.probability for one in repetitions])
-    _, low, high, _ = _interval(repetitions)
-    if high > _WIDEST * low:
-        return f"the repetitions range from {np.exp(logs.min()):.1g} to {np.exp(logs.max()):.1g}"
-    ratio = float(logs.std(ddof=1)) / _chain_cov(repetitions)
-    if ratio**2 * (number - 1) > _MOST_BEYOND**2 * stats.chi2.isf(1e-3, number - 1):
-        return f"the repetitions differ {ratio:.1f} times as much as their chains explain"
-    return None
+def _find_requirement(campaign: CheckedCampaign, controller: str, metric: str) -> tuple[Requirement, float]:
+    """The campaign's requirement on this metric, and its limit. Raises InputError where there is none, or several."""
+    pairs = zip(campaign.model.requirements, campaign.limits, strict=True)
+    bound = [entry for entry in pairs if controller in (entry[0].controllers or (controller,))]
+    entries = [entry for entry in bound if entry[0].metric in METRIC_INDEX]  # its flights have no others
+    own = [entry for entry in entries if entry[0].metric == metric]
+    if len(own) == 1:
+        return own[0]
+    where = ("requirements",)
+    if not own:
+        names = [entry.metric for entry, _ in entries]
+        said = f"no requirement on '{metric}' for '{controller}'"
+        wanted = one_of(names, metric) if names else "a requirement with the limit that is meant"
+        raise campaign.document.error(where if names else (), said, wanted)
+    raise campaign.document.error(where, f"{len(own)} requirements on '{metric}'", "one of them")

@@ -1,138 +1,254 @@
-"""Better values of free parameters under constraints, and whether they are shown to be better.
+"""``abhv-mc tune``: better numbers in a controller's file, shown to be better on fresh flights."""
 
-Each candidate is scored on the same random numbers, so that candidates differ by what they are and not by luck. CMA-ES
-needs the order of candidates only: those that keep every limit come first, by their objective; the others follow, by
-how far they are outside (K. Deb, "An efficient constraint handling method for genetic algorithms", Computer Methods in
-Applied Mechanics and Engineering 186 (2000)). A search on one set of flights fits itself to them, so the result is
-compared with the start on a fresh set.
-"""
-
+import hashlib
+import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.search.evaluation import Floats, make_generator
-from abhv_mc.statistics.estimates import Interval
-from abhv_mc.statistics.quantile_pairs import quantile_difference
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.config import THREADS
+from abhv_mc.campaign.file.resolve import resolve_campaign
+from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
+from abhv_mc.execution.cluster import connect_cluster
+from abhv_mc.execution.engine import Engine, make_engine
+from abhv_mc.execution.executor import open_executor
+from abhv_mc.execution.progress import Progress
+from abhv_mc.flight.channels import METRIC_INDEX
+from abhv_mc.folder.layout import write_whole
+from abhv_mc.folder.lock import hold_lock
+from abhv_mc.io.documents import Document, InputError, one_of, read_document, validate
+from abhv_mc.search.controller_numbers import ControllerNumbers, read_controller_numbers
+from abhv_mc.search.methods.evaluation import Floats
+from abhv_mc.search.methods.tune import Scores, Tuning, Validation, tune
+from abhv_mc.search.methods.tune import validate as validate_gain
+from abhv_mc.search.search_flights import read_searched
+from abhv_mc.search.space import make_space
+from abhv_mc.search.tune_limits import bound_of, excess_of, limited_value, lost_as_worst, quantile_of, score
+from abhv_mc.search.tune_trials import MOST_CORNERED, Trials, cornered_vehicles
+from abhv_mc.stability.metrics import MARGIN_NAMES
 
-_STALE = 15  # generations without a better candidate, after which the search starts again at the best with small steps
-_SMALL = 0.3  # of the first step
-
-
-@dataclass(frozen=True)
-class Scores:
-    """How candidates do on the common flights; an objective that cannot be computed is infinite."""
-
-    objective: Floats  # [candidate]: to be made small
-    excess: Floats  # [candidate, limit]: above zero where a limit is broken, relative to the limit or its scale
-    usage: Floats  # [candidate]: what the objective is traded against
-
-    @property
-    def allowed(self) -> NDArray[np.bool_]:
-        """Candidates ``[candidate]`` that keep every limit."""
-        return np.isfinite(self.objective) & np.all(self.excess <= 0.0, axis=1)
-
-    def rank(self) -> NDArray[np.intp]:
-        """Place ``[candidate]`` of each in the order from best to worst; equal ones share a place."""
-        broken = np.where(np.isfinite(self.excess), np.maximum(self.excess, 0.0), np.inf).sum(axis=1)
-        broken = np.where(np.isfinite(self.objective), broken, np.inf)
-        within = np.where(self.allowed, self.objective, 0.0)
-        pairs = np.column_stack([broken, within])
-        _, place = np.unique(pairs, axis=0, return_inverse=True)
-        return place.reshape(-1)
-
-
-def join_scores(parts: list[Scores]) -> Scores:
-    """The candidates of all parts, in their order."""
-    return Scores(
-        np.concatenate([part.objective for part in parts]),
-        np.concatenate([part.excess for part in parts]),
-        np.concatenate([part.usage for part in parts]),
-    )
+_KEPT, _PAGE = ".tuning", ".html"  # endings of the folder of candidates and of the page
 
 
 @dataclass(frozen=True)
-class Tuning:
-    """What a search of free parameters found."""
+class TuneRequest:
+    """What is tuned, and where the result goes."""
 
-    best: int  # the best candidate's number; the start is candidate 0
-    points: Floats  # [candidate, dimension], box -1 .. 1
-    scores: Scores
+    campaign: Path
+    out: Path  # the new controller file
+    controller: str | None = None  # the campaign's first by default
+    block: Path | None = None  # a file that holds the block ``tune``; the campaign's by default
+    seed: int | None = None
+    workers: int | None = None
+    scheduler: str | None = None  # of a Dask cluster
+
+
+@dataclass(frozen=True)
+class Sides:
+    """A metric's quantile over the fresh flights, or a stability margin, of the start and the result, and its limit."""
+
+    metric: str
+    quantile: float | None  # of the metric over the flights; None for a stability margin
+    vehicles: str | None  # whose stability margin; None for a metric of flights
+    start: float
+    best: float
+    limit: float | None = None
+    keeps: bool = True  # whether the result keeps the limit there, too
+    floor: bool = False  # whether the limit is to be kept above
 
     @property
-    def place(self) -> Floats:
-        """The best candidate ``[dimension]``."""
-        return self.points[self.best]
+    def words(self) -> str:
+        """What it is: 'altitude_error_rms_m, 95 % quantile', 'gain_margin_min_db, corners'."""
+        if self.quantile is None:
+            return f"{self.metric}, {'nominal and corners' if self.vehicles == 'corners' else 'nominal'}"
+        return f"{self.metric}, {100 * self.quantile:g} % quantile"
+
+
+@dataclass(frozen=True)
+class TuneFound:
+    """What tuning found."""
+
+    controller: str
+    block: Tune
+    numbers: ControllerNumbers
+    tuning: Tuning
+    validation: Validation
+    sides: tuple[Sides, ...]  # the aim first, then the limits, then the usage
 
     @property
-    def front(self) -> NDArray[np.intp]:
-        """Candidates that keep every limit and that no other one beats in objective and usage, by their usage."""
-        allowed = np.flatnonzero(self.scores.allowed)
-        return allowed[pareto_front(np.column_stack([self.scores.usage, self.scores.objective])[allowed])]
+    def shown(self) -> bool:
+        """Whether the result is shown to be better, within all limits."""
+        return self.tuning.best != 0 and self.validation.better and all(side.keeps for side in self.sides)
+
+    def as_json(self) -> dict[str, Any]:
+        """The result as JSON holds it."""
+        gain = self.validation.difference
+        front = self.tuning.front
+        return {
+            "controller": self.controller,
+            "metric": self.block.minimise.metric,
+            "quantile": self.block.minimise.quantile,
+            "shown_better": self.shown,
+            "difference": {"value": gain.value, "low": gain.low, "high": gain.high},
+            "fresh": [vars(side) for side in self.sides],
+            "values": self.numbers.values(self.tuning.place),
+            "at_bounds": self.numbers.at_ends(self.tuning.place),
+            "candidates": len(self.tuning.points),
+            "flights_each": self.block.flights,
+            "validation_flights": self.block.validation,
+            "front": [
+                {"usage": float(self.tuning.scores.usage[i]), "objective": float(self.tuning.scores.objective[i])}
+                | {"values": self.numbers.values(self.tuning.points[i])}
+                for i in front.tolist()
+            ],
+        }
 
 
-def pareto_front(costs: Floats) -> NDArray[np.intp]:
-    """Rows of ``costs`` [candidate, 2] that no other beats in one and equals or beats in the other, by the first."""
-    order = np.lexsort((costs[:, 1], costs[:, 0]))
-    lowest = np.minimum.accumulate(np.append(np.inf, costs[order, 1]))[:-1]
-    return order[costs[order, 1] < lowest]
+def read_tune_block(campaign: CheckedCampaign, path: Path | None) -> tuple[Tune, Document, tuple[str, ...]]:
+    """The block, its document and its place there. Raises InputError."""
+    where: tuple[str, ...] = ("tune",)
+    document = campaign.document
+    if path is None:
+        if campaign.model.tune is None:
+            raise document.error((), "no block 'tune'", "tune: {free: [...], minimise: {metric: ...}}, or --tune FILE")
+        block = campaign.model.tune
+    else:
+        document = read_document(path)
+        data = document.data
+        if isinstance(data, dict) and set(data) == {"tune"} and isinstance(data["tune"], dict):
+            nested = replace(
+                document,
+                data=data["tune"],
+                value_places=_inner(document.value_places),
+                key_places=_inner(document.key_places),
+            )
+            block = validate(nested, Tune)
+        else:
+            block, where = validate(document, Tune), ()
+    for keys, metric in (
+        (("minimise", "metric"), block.minimise.metric),
+        (("usage", "metric"), block.usage.metric),
+        *((("limits", i, "metric"), limit.metric) for i, limit in enumerate(block.limits) if not limit.is_margin),
+    ):
+        if metric not in METRIC_INDEX:
+            known = (*METRIC_INDEX, *MARGIN_NAMES) if keys[0] == "limits" else METRIC_INDEX
+            raise document.error((*where, *keys), f"metric '{metric}'", one_of(known, metric))
+    return block, document, where
 
 
-def tune(
-    measure: Callable[[Floats], Scores],
-    start: Floats,
-    candidates: int,
-    seed: int = 0,
-    step: float = 0.25,
-    population: int = 16,
-) -> Tuning:
-    """Search the box -1 .. 1 from ``start`` [dimension] with at most so many candidates, the start among them.
+def _check_margins(block: Tune, document: Document, where: tuple[str, ...], duration: float, dimension: int) -> None:
+    """Raise InputError for points outside the mission, or more corners than can be analysed for every candidate."""
+    for i, time in enumerate(block.margins_at):
+        if time != "trim" and not 0.0 <= time <= duration:
+            wanted = f"trim, or a time of the mission, 0 to {duration:g} s"
+            raise document.error((*where, "margins_at", i), f"{time:g} s", wanted)
+    for i, limit in enumerate(block.limits):
+        if limit.vehicles == "corners" and dimension > MOST_CORNERED:
+            found = f"corners of {dimension} dispersions"
+            raise document.error((*where, "limits", i, "vehicles"), found, f"at most {MOST_CORNERED}, or nominal")
 
-    ``measure`` scores candidates ``[candidate, dimension]``. The step is the first standard deviation.
+
+def _inner(places: Any) -> dict[Any, Any]:
+    return {keys[1:]: place for keys, place in places.items() if keys[:1] == ("tune",)}
+
+
+def tune_controller(
+    request: TuneRequest, engine: Engine | None = None, tell: Callable[[TuneFound], None] | None = None
+) -> TuneFound:
+    """Search, validate on a fresh seed, and write the new file where the gain is shown.
+
+    Every candidate's flights are kept beside the new file until it is written, so that the same command goes on after
+    an interruption; ``tell`` is called with the result just before. Raises InputError for a request that is wrong.
     """
-    from cmaes import CMA
+    engine = engine or make_engine()
+    campaign, name = read_searched(request.campaign, request.controller, request.seed)
+    model = campaign.model
+    block, document, where = read_tune_block(campaign, request.block)
+    if request.out.suffix in (_KEPT, _PAGE):
+        words = f"the ending '{request.out.suffix}' of what tuning writes beside it"
+        raise InputError(request.out, None, None, words, "-o NEW.yaml")
+    if request.out.exists():
+        raise InputError(request.out, None, None, "a file that is there already", "a new file (-o NEW.yaml)")
+    numbers = read_controller_numbers(model.controllers[name], block.free, document, where)
+    space = make_space(campaign)
+    if any(limit.is_margin for limit in block.limits):
+        plan = engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
+        _check_margins(block, document, where, plan.timing.duration, len(space.names))
+    # Threads: every candidate has a plan of its own, which worker processes would have to be sent and would keep. A
+    # crash in compiled code ends the program; the same command then goes on with what is kept.
+    execution = model.execution.model_copy(update={"isolation": THREADS})
+    resolved = resolve_campaign(campaign)
+    text = json.dumps([resolved.identity, name, block.model_dump(), model.seed, engine.source])
+    kept = request.out.with_suffix(_KEPT)
+    with hold_lock(kept / ".lock"), ExitStack() as stack:
+        cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
+        executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))
+        identity = hashlib.sha256(text.encode()).hexdigest()
+        vehicles = cornered_vehicles(space, block)
+        beside = kept, identity, engine, executor
+        trials = Trials(campaign, resolved, name, space, numbers, *beside, vehicles, block.margins_at)
+        flown = trials.draw(model.seed, block.flights)
+        (start,) = trials.measure(np.zeros((1, len(block.free))), flown)
+        bounds = [bound_of(limit, start) for limit in block.limits]
+        with Progress("flights", block.candidates * block.flights) as progress:
 
-    dimension = len(start)
-    points, parts = [start[None, :]], [measure(start[None, :])]
-    # CMA-ES wants two dimensions; a single one gets an idle companion.
-    bounds = np.tile([-1.0, 1.0], (max(dimension, 2), 1))
-    cma: CMA | None = None
-    begun, stale, best = 0, 0, 0
-    while sum(map(len, points)) + population <= candidates:
-        if cma is None or cma.should_stop() or stale >= _STALE:
-            mean = np.zeros(max(dimension, 2))
-            mean[:dimension] = np.concatenate(points)[best]
-            number = int(make_generator(seed, begun).integers(2**32))
-            sigma = step if begun == 0 else step * _SMALL
-            cma = CMA(mean, sigma, bounds, n_max_resampling=1, seed=number, population_size=population)
-            begun, stale = begun + 1, 0
-        asked = np.array([cma.ask() for _ in range(population)])
-        scores = measure(asked[:, :dimension])
-        cma.tell(list(zip(asked, scores.rank().astype(float).tolist(), strict=True)))
-        points.append(asked[:, :dimension])
-        parts.append(scores)
-        best, before = int(np.argmin(join_scores(parts).rank())), best
-        stale = stale + 1 if best == before else 0
-    return Tuning(best, np.concatenate(points), join_scores(parts))
+            def measure(points: Floats) -> Scores:
+                found = trials.measure(points, flown)
+                progress.add(len(points) * block.flights)
+                return score(found, block, bounds)
+
+            found = tune(measure, np.zeros(len(block.free)), block.candidates, model.seed)
+        result = _validate(trials, block, found, name)
+    if tell is not None:
+        tell(result)
+    if result.shown:
+        write_whole(request.out, lambda aside: numbers.write(aside, found.place, _comment(result, request, model.seed)))
+    return result
 
 
-@dataclass(frozen=True)
-class Validation:
-    """The best candidate against the start, on flights that the search has not seen."""
+def _validate(trials: Trials, block: Tune, found: Tuning, name: str) -> TuneFound:
+    """The result beside the start on flights of another seed."""
+    fresh = trials.draw((trials.campaign.model.seed + 1) % 2**63, block.validation)
+    start, best = trials.measure(np.stack([np.zeros(len(block.free)), found.place]), fresh)
+    aim, usage = block.minimise, block.usage
+    of_start, of_best = (lost_as_worst(trial.metrics[:, METRIC_INDEX[aim.metric]]) for trial in (start, best))
 
-    difference: Interval  # of the quantile: best minus start; below zero is better
-    gain: float  # share of the start's quantile that is saved
+    def side(entry: Aim) -> Sides:
+        at_start, at_best = (quantile_of(trial.metrics, entry.metric, entry.quantile) for trial in (start, best))
+        return Sides(entry.metric, entry.quantile, None, at_start, at_best)
 
-    @property
-    def better(self) -> bool:
-        """Whether the interval leaves out zero on the good side."""
-        return self.difference.high < 0.0
+    def limited(entry: Limit) -> Sides:
+        bound = bound_of(entry, start)
+        quantile, vehicles = (None, entry.vehicles or "nominal") if entry.is_margin else (entry.quantile, None)
+        at_start, at_best = (limited_value(trial, entry) for trial in (start, best))
+        keeps = excess_of(best, entry, bound) <= 0.0
+        return Sides(entry.metric, quantile, vehicles, at_start, at_best, bound, keeps, entry.above is not None)
+
+    limits = tuple(limited(entry) for entry in block.limits)
+    known = [(aim.metric, aim.quantile), *((entry.metric, entry.quantile) for entry in limits)]
+    more = () if (usage.metric, usage.quantile) in known else (side(usage),)
+    validation = validate_gain(of_start, of_best, aim.quantile)
+    return TuneFound(name, block, trials.numbers, found, validation, (side(aim), *limits, *more))
 
 
-def validate(start: Floats, best: Floats, quantile: float, confidence: float = 0.95) -> Validation:
-    """Compare severities ``[flight]`` of the same fresh flights, +infinity for a lost one, with an interval."""
-    difference = quantile_difference(best, start, quantile, confidence)
-    at_start = float(np.quantile(start, quantile))
-    return Validation(difference, -difference.value / at_start if np.isfinite(at_start) and at_start else np.nan)
+def _comment(found: TuneFound, request: TuneRequest, seed: int) -> str:
+    """How the file was made, for its head."""
+    aim, gain = found.sides[0], found.validation.difference
+    percent = f"{100 * found.block.minimise.quantile:g} % quantile of {aim.metric}"
+    command = f"abhv-mc tune {request.campaign} --controller {found.controller} -o {request.out} --seed {seed}"
+    command += f" --tune {request.block}" if request.block else ""
+    lines = [
+        f"Made by `{command}`:",
+        f"{len(found.tuning.points)} candidates on {found.block.flights} flights each, the same for all.",
+        f"On {found.block.validation} fresh flights the {percent} is {aim.best:.4g} instead of {aim.start:.4g}",
+        f"(difference {gain.value:.4g}, 95 % interval {gain.low:.4g} .. {gain.high:.4g}).",
+    ]
+    for side in found.sides[1:]:
+        bound = "" if side.limit is None else f", limit {side.limit:.4g}"
+        lines.append(f"{side.words}: {side.best:.4g} instead of {side.start:.4g}{bound}.")
+    return "\n".join(lines)

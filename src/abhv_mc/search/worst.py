@@ -1,126 +1,134 @@
-"""The largest value in a box: corners, one dimension at a time and even points, then CMA-ES, then a local polish.
-
-CMA-ES: N. Hansen, A. Ostermeier, "Completely derandomized self-adaptation in evolution strategies", Evolutionary
-Computation 9 (2001), as in the package cmaes. Several of them run side by side from different starts; one that has
-converged is replaced by another from the best place that is still far from those tried.
-"""
+"""``abhv-mc worst``: the worst value of a metric over the box of a campaign's dispersions."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from abhv_mc.search.evaluation import LANES, Evaluate, Floats, make_generator, round_up
-from abhv_mc.search.first_points import explore
-from abhv_mc.search.polish import polish
-from abhv_mc.search.record import Progress, Record
-
-_BATCHES = 15  # at least: a search learns from batch to batch, and workers want many flights at once
-_MOST_IN_BATCH = 512
-_POLISH_SHARE = 0.25  # of the evaluations, for the last climb
-_STEP = 0.3  # first standard deviation of a CMA-ES, half widths of the box
-_APART = 0.2  # rms distance of the starts from one another
-_STALE = 10  # generations without a better value, after which one starts elsewhere
-_PROBE = 0.1  # step of the sensitivity about the worst, half widths of the box
-AT_BOUND = 1.0 - 1e-9
+from abhv_mc.execution.engine import Engine, make_engine
+from abhv_mc.flight.channels import METRIC_INDEX
+from abhv_mc.folder.flights import FlightRows
+from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.search.methods.evaluation import Floats
+from abhv_mc.search.methods.worst import WorstCase, choose_batch, least_evaluations, search_worst
+from abhv_mc.search.search_flights import (
+    DrawnFlights,
+    SearchFlights,
+    SearchRequest,
+    open_search,
+    read_searched,
+)
+from abhv_mc.search.severity import Severity, ended_early
+from abhv_mc.search.space import make_space
 
 
 @dataclass(frozen=True)
-class WorstCase:
-    """The largest value found in the box -1 .. 1."""
+class WorstSettings:
+    """What is searched."""
 
-    value: float
-    place: Floats  # [dimension]
-    history: tuple[Progress, ...]
-    sensitivity: Floats  # [dimension, 2]: change of the value a tenth of the half width below and above; nan outside
-    points: Floats  # [evaluation, dimension]
-    values: Floats  # [evaluation]
+    metric: str
+    largest: bool = True  # whether large values are bad
+    flights: int = 2000
+    box: float = 3.0  # sigma of unbounded laws
+
+
+@dataclass(frozen=True)
+class WorstFound:
+    """The worst flight of a search, and what it is to be seen beside."""
+
+    settings: WorstSettings
+    controller: str
+    case: WorstCase
+    names: tuple[str, ...]
+    bounds: Floats  # [parameter, 2]
+    probabilities: dict[str, float]  # of what does not come in every flight, and that the search has come in all of its
+    flights: FlightRows  # the search's, then as many random ones
+    searched: int  # flights of the search
+    worst: int  # number of the worst flight
+    random_worst: int  # number of the worst random flight
+    severities: Floats  # [flight]
+    duration: float  # s, of a flight that does not end early
+    failed_to_run: int
+    drawn: DrawnFlights
+
+    def metric(self, flight: int) -> float:
+        """The metric of a flight."""
+        return float(self.flights.values[flight, METRIC_INDEX[self.settings.metric]])
 
     @property
-    def at_bounds(self) -> np.ndarray:
-        """Which dimensions ``[dimension]`` sit on a bound."""
-        return np.abs(self.place) >= AT_BOUND
+    def at_bounds(self) -> list[str]:
+        """Parameters that sit on an end of their range."""
+        return [name for name, at in zip(self.names, self.case.at_bounds, strict=True) if at]
+
+    def numbers(self) -> dict[str, Any]:
+        """The result as JSON holds it, values in SI."""
+        samples = self.flights.samples[self.worst].tolist()
+        return {
+            "metric": self.settings.metric,
+            "controller": self.controller,
+            "value": self.metric(self.worst),
+            "outcome": self.flights.outcome[self.worst],
+            "flight": self.worst,
+            "flights": self.searched,
+            "parameters": dict(zip(self.flights.names, samples, strict=True)),
+            "random_worst": self.metric(self.random_worst),
+            "random_outcome": self.flights.outcome[self.random_worst],
+            "random_flight": self.random_worst,
+            "at_bounds": self.at_bounds,
+            "ended_early": int(ended_early(self.flights)[: self.searched].sum()),
+            "failed_to_run": self.failed_to_run,
+        }
 
 
-def choose_batch(evaluations: int) -> int:
-    """Points of a batch: the more, the more evaluations there are, so that many workers have their share."""
-    return int(np.clip(evaluations // _BATCHES // (2 * LANES), 1, _MOST_IN_BATCH // (2 * LANES))) * 2 * LANES
+def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine | None = None) -> WorstFound:
+    """Search, then fly as many random flights in the same box. Raises InputError for a request that is wrong."""
+    campaign, controller = read_searched(request.campaign, request.controller, request.seed)
+    if settings.metric not in METRIC_INDEX:
+        wanted = one_of(METRIC_INDEX, settings.metric)
+        raise InputError("--metric", None, None, f"metric '{settings.metric}'", wanted)
+    space = make_space(campaign)
+    bounds = space.bounds(settings.box)
+    space.refuse_small(bounds, settings.box)
+    least = least_evaluations(len(space.names), choose_batch(settings.flights))
+    if settings.flights < least:
+        raise InputError(
+            "--flights", None, None, f"{settings.flights}", f"at least {least} for {len(space.names)} dispersions"
+        )
+    held = {"kind": "worst", **vars(settings)}
+    with open_search(request, held, 2 * settings.flights, engine or make_engine()) as search:
+        sign = 1.0 if settings.largest else -1.0
+        severity = Severity(settings.metric, sign, search.plan.timing.duration)
+
+        def evaluate(points: Floats) -> Floats:
+            return severity.of(search.fly(space.from_box(points, bounds), common_seed=True))
+
+        case = search_worst(evaluate, len(space.names), settings.flights, search.seed)
+        searched = search.flown
+        _fly_random(search, bounds, searched)
+        rows = search.rows()
+        severities = severity.ranked(rows)
+        found = WorstFound(
+            settings,
+            controller,
+            case,
+            space.names,
+            bounds,
+            space.probabilities,
+            rows,
+            searched,
+            int(np.argmax(severities[:searched])),
+            searched + int(np.argmax(severities[searched:])),
+            severities,
+            severity.duration,
+            search.failed_to_run,
+            search.draw(severities[:searched]),
+        )
+        search.finish(found.numbers())
+    return found
 
 
-def least_evaluations(dimension: int, batch: int) -> int:
-    """The fewest evaluations that :func:`search_worst` takes with such batches."""
-    return 2 * round_up(2 * dimension + 1, batch) + round_up(2 * dimension)
-
-
-def search_worst(
-    evaluate: Evaluate, dimension: int, evaluations: int = 2000, seed: int = 0, batch: int | None = None
-) -> WorstCase:
-    """Search the box -1 .. 1 for the largest value with about so many evaluations, never more.
-
-    Batches hold ``batch`` points, a multiple of 32; see :func:`choose_batch`. Raises ValueError where the evaluations
-    do not suffice for the first batches.
-    """
-    batch = batch or choose_batch(evaluations)
-    least = least_evaluations(dimension, batch)
-    if evaluations < least:
-        raise ValueError(f"{evaluations} flights; a search of {dimension} parameters needs at least {least}")
-    reserve = round_up(2 * dimension)
-    record = Record(evaluate, evaluations)
-    explore(record, dimension, seed, batch)
-    step = _evolve(record, dimension, seed, batch, max(int(_POLISH_SHARE * evaluations), reserve + 2 * batch))
-    polish(record, step, seed, batch, reserve)
-    sensitivity = _probe(record, dimension, reserve)
-    return WorstCase(
-        record.best,
-        record.place,
-        tuple(record.history),
-        sensitivity,
-        np.concatenate(record.points),
-        np.concatenate(record.values),
-    )
-
-
-def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int) -> float:
-    """CMA-ES from the best places until ``reserve`` evaluations are left; a first step for the polish."""
-    from cmaes import CMA
-
-    if dimension == 1:  # CMA-ES wants two; even points and the polish find a maximum on a line
-        return 4.0 / record.used
-    side_by_side = batch // LANES
-    bounds = np.tile([-1.0, 1.0], (dimension, 1))
-    starts = list(record.best_places(64, _APART))
-    running: list[tuple[CMA, float, int]] = []  # optimiser, its best value, generations since then
-    begun, last = 0, _STEP
-    while record.left - reserve >= batch:
-        while len(running) < side_by_side:
-            start = starts[begun % len(starts)]
-            number = int(make_generator(seed, 0, begun).integers(2**32))
-            # What lies outside is drawn once more, then moved to the bound: many worst cases lie there.
-            cma = CMA(start, _STEP, bounds, n_max_resampling=1, seed=number, population_size=LANES)
-            running.append((cma, -np.inf, 0))
-            begun += 1
-        asked = [np.array([cma.ask() for _ in range(LANES)]) for cma, _, _ in running]
-        values = record.call(np.concatenate(asked), "CMA-ES").reshape(side_by_side, LANES)
-        going = []
-        for (cma, before, age), points, found in zip(running, asked, values, strict=True):
-            # An infinite value would spoil the ranks' weights: it is the worst of the others.
-            finite = found[np.isfinite(found)]
-            losses = -np.where(np.isfinite(found), found, finite.min() if finite.size else 0.0)
-            cma.tell(list(zip(points, losses.tolist(), strict=True)))
-            stale = 0 if found.max() > before else age + 1
-            if found.max() >= record.best:
-                last = float(np.clip(points.std(axis=0).max(), 0.01, _STEP))
-            if not cma.should_stop() and stale < _STALE:
-                going.append((cma, max(before, float(found.max())), stale))
-        running = going
-    return last
-
-
-def _probe(record: Record, dimension: int, reserve: int) -> Floats:
-    """How the value changes about the best place; the place may move where a probe is better."""
-    place, best = record.place, record.best
-    probes = np.concatenate([place - _PROBE * np.eye(dimension), place + _PROBE * np.eye(dimension)])
-    outside = np.abs(probes).max(axis=1) > 1.0 + 1e-12
-    filled = np.concatenate([np.clip(probes, -1.0, 1.0), np.tile(place, (reserve - 2 * dimension, 1))])
-    values = record.call(filled, "sensitivity")[: 2 * dimension]
-    change = np.where(outside, np.nan, values - best)
-    return np.column_stack([change[:dimension], change[dimension:]])
+def _fly_random(search: SearchFlights, bounds: Floats, number: int) -> None:
+    values = search.space.draw_in_box(bounds, search.seed, number)
+    batch = 512
+    for start in range(0, number, batch):
+        search.fly(values[start : start + batch], common_seed=True)

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
-from abhv_mc.flight.signals import Signal
 from abhv_mc.vehicle.arrays import Floats
 
 if TYPE_CHECKING:

@@ -12,16 +12,16 @@ from abhv_mc.control.design.guidance_trim import GuidancePoints, GuidanceTrim, t
 from abhv_mc.control.design.reference import make_mission_trim_tables
 from abhv_mc.control.mission import Level, Mission
 from abhv_mc.flight.fly import fly
-from abhv_mc.flight.own_law import PYTHON
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import OwnParts, make_gains, make_plan
+from abhv_mc.flight.user_law import PYTHON
 from abhv_mc.io.input_error import InputError
-from abhv_mc.own.design import DesignModel
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.linearize import Points, law_slopes, memory_count, plant_slopes
 from abhv_mc.stability.probe import law_memory_rows, law_tick, replay_law, undisturbed
+from abhv_mc.user_code.design import DesignModel
 from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.vehicle.model import Vehicle
 

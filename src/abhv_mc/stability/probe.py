@@ -8,16 +8,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abhv_mc.control.laws.own import FAULT
 from abhv_mc.control.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
+from abhv_mc.control.laws.user import FAULT
 from abhv_mc.flight.arguments import make_kernel_plan
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.kernel import control, evaluate
 from abhv_mc.flight.memory import Z_ROWS, has_width, make_memory
 from abhv_mc.flight.navigation import navigate
-from abhv_mc.flight.own_law import PYTHON, law_memory, open_law
 from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.flight.sensors import active_sensor_errors, sense
+from abhv_mc.flight.user_law import PYTHON, law_memory, open_law
 from abhv_mc.jit import kernel, lanes
 from abhv_mc.plant import state as s
 from abhv_mc.plant.disturbance import density_profile

@@ -6,10 +6,10 @@ import numpy as np
 
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.mission import read_mission
+from abhv_mc.flight.channels import METRIC_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import make_plan
-from abhv_mc.flight.signals import METRIC_INDEX
 from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs

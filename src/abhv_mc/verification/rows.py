@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from abhv_mc.store.folder import write_text
+from abhv_mc.folder.layout import write_text
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Values of a kind that nobody expects in their place: refused in place, not with a traceback."""
 
 import pytest
-from campaign.fake_flight import write_campaign
+from fake_flight import write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.control.controller_file import read_controller

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from campaign.fake_flight import write_campaign
+from fake_flight import write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.distributions import Normal, Uniform

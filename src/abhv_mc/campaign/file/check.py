@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.campaign.file.config import Campaign
-from abhv_mc.campaign.file.own_metrics import (
-    compile_metrics,
-    find_own_channels,
-    known_channels,
-    read_metrics_file,
-)
 from abhv_mc.campaign.file.requirements import (
     check_margins,
     check_requirements,
     check_stop,
     find_looks,
     select_requirements,
+)
+from abhv_mc.campaign.file.user_metrics import (
+    compile_metrics,
+    find_own_channels,
+    known_channels,
+    read_metrics_file,
 )
 from abhv_mc.campaign.sampling.correlation import Copula, make_copula, normal_correlation
 from abhv_mc.campaign.sampling.designs import (
@@ -35,8 +35,8 @@ from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
 from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, SampleSource, SeededSamples
 from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
+from abhv_mc.flight.channels import METRICS, Signal
 from abhv_mc.flight.declared import NO_METRICS, DeclaredMetrics
-from abhv_mc.flight.signals import METRICS, Signal
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
 from abhv_mc.plant.parameters import EFFECTORS, PARAMETER_INDEX, PARAMETERS
 from abhv_mc.stability.metrics import MARGINS

@@ -8,13 +8,13 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.campaign.file.keep import Keep
-from abhv_mc.campaign.file.own_metrics import MetricEntry, MetricName
 from abhv_mc.campaign.file.tuning import Tune
+from abhv_mc.campaign.file.user_metrics import MetricEntry, MetricName
 from abhv_mc.campaign.sampling.designs import DESIGNS
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
+from abhv_mc.folder.manifest_check import Name
 from abhv_mc.io.documents import File, Refusal, StrictModel, describe, one_of
 from abhv_mc.io.units import TIME, Time, parse_quantity
-from abhv_mc.store.manifest_check import Name
 
 PROCESSES, THREADS = "processes", "threads"
 

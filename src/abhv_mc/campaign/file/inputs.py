@@ -8,7 +8,7 @@ from pydantic import BaseModel
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.config import Campaign
-from abhv_mc.campaign.file.possible import find_impossible
+from abhv_mc.campaign.file.feasibility import find_impossible
 from abhv_mc.control.controller_file import (
     ControllerFile,
     LqrController,

@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from abhv_mc.flight.signals import CHANNEL_INDEX, STANDARD_CHANNELS
+from abhv_mc.flight.channels import CHANNEL_INDEX, STANDARD_CHANNELS
 from abhv_mc.io.documents import Refusal, StrictModel, describe, one_of
 from abhv_mc.io.units import FREQUENCY, Frequency, parse_quantity
 

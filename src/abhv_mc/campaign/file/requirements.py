@@ -7,7 +7,7 @@ from typing import Any
 from abhv_mc.campaign.file.config import Campaign, Requirement
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.control.mission import read_mission
-from abhv_mc.flight.signals import Signal
+from abhv_mc.flight.channels import Signal
 from abhv_mc.io.documents import Document, InputError, Refusal, one_of
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
 from abhv_mc.stability.metrics import MARGINS

@@ -13,9 +13,9 @@ from typing import Any
 
 from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign
 from abhv_mc.campaign.file.requirements import join_requirements, select_requirements
+from abhv_mc.folder.hashes import FileHashes, refuse_links
+from abhv_mc.folder.layout import CampaignFolder, hash_file, is_inside, write_bytes, write_whole
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
-from abhv_mc.store.folder import CampaignFolder, hash_file, is_inside, write_bytes, write_whole
-from abhv_mc.store.hashes import FileHashes, refuse_links
 
 _YAML = (".yaml", ".yml")
 _DATA = (".csv", ".parquet", ".pq", ".json", ".gz", ".py")
@@ -221,7 +221,9 @@ def _refuse_outside(folder: CampaignFolder, document: Document, named: Iterable[
             raise InputError(document.path, None, None, found, "a file in inputs/, as the campaign wrote it")
 
 
-def mend_folder(folder: CampaignFolder, manifest: dict[str, Any], wanted: ResolvedCampaign, files: FileHashes) -> None:
+def restore_folder(
+    folder: CampaignFolder, manifest: dict[str, Any], wanted: ResolvedCampaign, files: FileHashes
+) -> None:
     """Write the campaign's file and inputs anew where they are damaged and the manifest says that they were these."""
     if wanted.identity != manifest.get("campaign_hash"):
         return

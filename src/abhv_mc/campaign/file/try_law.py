@@ -8,10 +8,10 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError
-from abhv_mc.own.aside import run_aside
-from abhv_mc.own.source import read_source
-from abhv_mc.own.trust import is_in_a_folder, is_trusted
 from abhv_mc.shipped import shipped_configs
+from abhv_mc.user_code.source import read_source
+from abhv_mc.user_code.temporary import run_aside
+from abhv_mc.user_code.trust import is_in_a_folder, is_trusted
 
 _LONGEST = 600.0  # s, compiling included
 _BROKEN = {

@@ -95,7 +95,7 @@ class SeededSamples:
         return np.column_stack([self.samples.draw(first, stop), self.seeds.draw(first, stop)])
 
 
-def spread_parameters(names: Sequence[str], values: Floats) -> Floats:
+def full_rows(names: Sequence[str], values: Floats) -> Floats:
     """Full rows ``[flight, parameter]`` in the order of PARAMETERS: nominal but for the sampled columns."""
     rows = np.tile([parameter.nominal for parameter in PARAMETERS], (len(values), 1))
     rows[:, [PARAMETER_INDEX[name] for name in names]] = values

@@ -24,8 +24,8 @@ from abhv_mc.control.design.design_model import (
     wrench_at,
 )
 from abhv_mc.control.design.design_tables import Numbers, slope
+from abhv_mc.control.design.environment import make_surroundings
 from abhv_mc.control.design.profile import step_times
-from abhv_mc.control.design.surroundings import make_surroundings
 from abhv_mc.control.mission import Mission
 from abhv_mc.vehicle.arrays import Floats, Tables
 from abhv_mc.vehicle.model import Vehicle

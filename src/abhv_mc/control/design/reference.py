@@ -3,9 +3,9 @@
 import numpy as np
 
 from abhv_mc.control.columns import REFERENCE
+from abhv_mc.control.design.environment import density_factor, make_places
 from abhv_mc.control.design.guidance_trim import GuidancePoints, GuidanceTrim, trim_along
 from abhv_mc.control.design.profile import Profile, make_profile, step_times
-from abhv_mc.control.design.surroundings import density_factor, make_places
 from abhv_mc.control.design.trim_tables import make_trim_tables
 from abhv_mc.control.mission import Mission
 from abhv_mc.plant.trim import FlightPoint, TrimPoint, trim

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.report.figures.style import controller_colors
-from abhv_mc.report.results import Results
+from abhv_mc.report.numbers.results import Results
 from abhv_mc.vehicle.arrays import Floats
 
 _BANDS = (

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.style import context
 
-from abhv_mc.store.folder import write_bytes
+from abhv_mc.folder.layout import write_bytes
 
 P = ParamSpec("P")
 

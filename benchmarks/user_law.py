@@ -1,0 +1,50 @@
+"""What a law and metrics of one's own cost: processor time beside the built-in LQR's, flights taking turns."""
+
+import dataclasses
+import statistics
+import sys
+import time
+from pathlib import Path
+
+from abhv_mc.campaign.file.user_metrics import MetricEntry, compile_metrics, known_channels
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.io.documents import Document
+
+ROOT = Path(__file__).parents[1]
+FLIGHTS, ROUNDS = 128, int(sys.argv[1]) if len(sys.argv) > 1 else 9
+METRICS = {
+    f"m{i}": {"of": of, "statistic": statistic}
+    for i, (of, statistic) in enumerate(
+        [
+            ("bank_error_deg", "peak_to_peak"), ("altitude_error_m", "mean"), ("mach", "max"), ("thrust_n", "integral"),
+            ("elevator_deg", "travel"), ("speed_error_mps", "rms"), ("load_factor_g", "max"), ("bank_deg", "min"),
+            ("sideslip_deg", "max_abs"), ("pitch_rate_dps", "final"),
+        ]
+    )
+}  # fmt: skip
+
+configs = ROOT / "configs"
+files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
+built_in = prepare(*files, configs / "control" / "lqr.yaml", "lqr")
+entries = {name: MetricEntry(**entry) for name, entry in METRICS.items()}
+declared = compile_metrics(entries, known_channels(), Document("-", {}, {(): (1, 1)}, {}), (), [])
+plans = {
+    "built-in LQR": built_in,
+    "LQR as a file": prepare(*files, ROOT / "tests" / "user_code" / "lqr_law.yaml", "own"),
+    "with ten metrics": dataclasses.replace(built_in, declared=declared),
+    "inversion, on board": prepare(*files, configs / "control" / "inversion.yaml", "own"),
+}
+parameters = nominal_parameters(FLIGHTS)
+seconds: dict[str, list[float]] = {name: [] for name in plans}
+for plan in plans.values():
+    fly(plan, parameters[:1])
+for _ in range(ROUNDS):
+    for name, plan in plans.items():
+        start = time.process_time()
+        fly(plan, parameters)
+        seconds[name].append(time.process_time() - start)
+ticks = FLIGHTS * (built_in.timing.ticks + 1)
+for name, taken in seconds.items():
+    ratio = statistics.median(a / b for a, b in zip(taken, seconds["built-in LQR"], strict=True))
+    print(f"{name:20} {1e9 * min(taken) / ticks:7.1f} ns a flight and tick at best, {ratio:.3f} x built-in (median)")

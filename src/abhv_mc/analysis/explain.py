@@ -1,0 +1,171 @@
+"""Why a flight failed: the smallest set of its dispersions that still fails with all others nominal."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.analysis.replay import find_row
+from abhv_mc.analysis.shrink import shrink
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.config import Requirement
+from abhv_mc.campaign.file.resolve import read_own_campaign
+from abhv_mc.campaign.file.user_code import read_trusted_plan
+from abhv_mc.campaign.sampling.samples import full_rows
+from abhv_mc.execution.blocks import Fly
+from abhv_mc.flight.outcome import SENTENCES, Outcome
+from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.folder.flights import END_TIME, FlightRows
+from abhv_mc.folder.hashes import read_checked
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.samples import SampleReader
+from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.statistics.requirement import requirement_failures
+
+Floats = NDArray[np.float64]
+
+_MOST_SAMPLES = 10_000  # flights that tell how unusual a value is
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What counts as failing: ending early, or missing one requirement."""
+
+    requirement: Requirement | None
+    limit: float
+    column: int = 0  # of its metric
+
+    @property
+    def words(self) -> str:
+        if self.requirement is None:
+            return "ended early"
+        side = "below" if self.requirement.below is not None else "above"
+        return f"missed {self.requirement.metric} {side} {self.limit:g}"
+
+    def severity(self, outcome: NDArray[np.int64], end_time: Floats, metrics: Floats) -> Floats:
+        """How badly flights fail, larger being worse; -inf where they do not. ``metrics`` is [flight, metric]."""
+        early = outcome != Outcome.OK
+        if self.requirement is None:
+            return np.where(early, -end_time, -np.inf)
+        value = metrics[:, self.column]
+        below = self.requirement.below is not None
+        worse = value if below else -value
+        failed = requirement_failures(value, early, self.limit, below, self.requirement.early_is_failure)
+        return np.where(failed, np.nan_to_num(worse, nan=np.inf), -np.inf)
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """The smallest set of dispersions with which a flight still fails."""
+
+    controller: str
+    flight: int
+    failure: Failure
+    ended: str  # how the flight ended, in words
+    samples: dict[str, float]  # all its dispersions, SI
+    causes: tuple[str, ...]  # those that suffice; empty where the nominal flight fails, too
+    others: tuple[tuple[str, ...], ...]  # other sets of the same size that fail
+    smallest: bool  # no smaller set fails; else: none of the causes can be left out
+    tried: int  # flights flown to find it
+    parameters: Floats  # [flight, parameter] nominal, with the causes alone, as flown
+    block: FlightBlock  # those three flights
+
+
+def explain_flight(
+    root: Path,
+    controller: str,
+    flight: int,
+    fly: Fly,
+    requirement: str | None = None,
+    every: int = 1,
+    trust_code: bool = False,
+) -> Explanation:
+    """Shrink the dispersions of a failing flight of the campaign in ``root`` to those that it takes to fail.
+
+    ``requirement`` names the metric of the requirement to explain; by default it is the early end of the flight, or
+    else the first requirement that it missed. Raises InputError for a flight that is not there or did not fail.
+    """
+    folder = CampaignFolder(root)
+    inputs = [path for path in folder.inputs.rglob("*") if path.is_file()]
+    read_checked(folder, [folder.campaign, *inputs])
+    campaign = read_own_campaign(folder)
+    if controller not in campaign.model.controllers:
+        raise InputError(root, None, None, f"no controller '{controller}'", one_of(campaign.model.controllers))
+    row = find_row(folder, controller, flight)
+    read_checked(folder, [folder.plan(controller)])
+    failure = _find_failure(root, campaign, row, requirement)
+    plan = read_trusted_plan(folder, controller, trust_code)
+    names = campaign.names
+    nominal = np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in names])
+    values, seeds = row.samples[0, : len(names)], row.samples[:, len(names) :]  # the noise stays as it was flown
+
+    def spread(rows: Floats) -> Floats:
+        return full_rows(row.names, np.column_stack([rows, np.repeat(seeds, len(rows), axis=0)]))
+
+    def severity(keep: NDArray[np.bool_]) -> Floats:
+        block = fly(plan, spread(np.where(keep, values, nominal)), None)
+        return failure.severity(block.outcome, block.end_time, block.metrics)
+
+    samples = SampleReader(folder.samples)
+    try:
+        found = shrink(len(names), severity, _mildest_first(samples, values))
+    except ValueError:
+        wish = "the version of the program that flew it (see manifest.json)"
+        raise InputError(root, None, None, f"a flight {flight} that does not fail when flown again", wish) from None
+    sets = [tuple(names[i] for i in members) for members in found.sets]
+    alone = np.isin(names, sets[0])
+    parameters = spread(np.stack([nominal, np.where(alone, values, nominal), values]))
+    return Explanation(
+        controller,
+        flight,
+        failure,
+        SENTENCES[Outcome(next(o for o in Outcome if o.code == row.outcome[0]))],
+        dict(zip(names, values.tolist(), strict=True)),
+        sets[0],
+        tuple(sets[1:]),
+        found.smallest,
+        found.tried,
+        parameters,
+        fly(plan, parameters, every),
+    )
+
+
+def _find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked: str | None) -> Failure:
+    """What to explain of a flight. Raises InputError where it did not fail so."""
+    outcome = next(o for o in Outcome if o.code == row.outcome[0])
+    if outcome == Outcome.FAILED_TO_RUN:
+        found = f"flight {row.first}, which could not be computed"
+        raise InputError(root, None, None, found, "a flight that was flown")
+    end = row.columns.index(END_TIME.name)
+    metrics_flown = row.columns[:end]  # margins, which follow, are no metrics of the flights that are flown again
+    state = np.array([int(outcome)]), row.values[:, end], row.values[:, :end]
+    failures = [
+        Failure(entry, limit, metrics_flown.index(entry.metric))
+        for entry, limit in zip(campaign.model.requirements, campaign.limits, strict=True)
+        if entry.metric in metrics_flown
+    ]
+    metrics = [failure.requirement.metric for failure in failures if failure.requirement]
+    if asked is not None and asked not in metrics:
+        found = f"no requirement on '{asked}'"
+        raise InputError("--requirement", None, None, found, one_of(metrics, asked) if metrics else "no requirement")
+    candidates = [Failure(None, 0.0), *failures] if asked is None else failures
+    for failure in candidates:
+        named = asked is None or (failure.requirement is not None and failure.requirement.metric == asked)
+        if named and failure.severity(*state)[0] > -np.inf:
+            return failure
+    found = f"flight {row.first} of {row.controller}, which {f'kept {asked}' if asked else 'did not fail'}"
+    raise InputError(root, None, None, found, "a flight that ended early or missed a requirement")
+
+
+def _mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:
+    """The parameters, those whose values are the most usual among the campaign's first."""
+    drawn = samples.rows(0, min(samples.flights, _MOST_SAMPLES))[:, : values.size]
+    middle = np.median(drawn, axis=0)  # infinite where most flights are without a failure
+
+    def off(some: Floats) -> Floats:
+        with np.errstate(invalid="ignore"):
+            return np.where(some == middle, 0.0, np.abs(some - middle))
+
+    return np.argsort((off(drawn) < off(values)).mean(axis=0), kind="stable")

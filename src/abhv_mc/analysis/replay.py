@@ -1,0 +1,88 @@
+"""Fly one flight of a campaign again at full rate, and prove that it is the same flight."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.campaign.file.user_code import read_trusted_plan
+from abhv_mc.campaign.sampling.samples import full_rows
+from abhv_mc.execution.blocks import Fly
+from abhv_mc.flight.outcome import SENTENCES, Outcome
+from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.folder.flights import DamagedFileError, FlightRows, parse_block_name, read_block
+from abhv_mc.folder.hashes import read_checked
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.manifest import read_whole_manifest
+from abhv_mc.folder.samples import SampleReader
+from abhv_mc.io.documents import InputError, one_of
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A flight flown again."""
+
+    controller: str
+    flight: int
+    block: FlightBlock  # of this flight alone
+    samples: dict[str, float]
+    metrics: dict[str, float]
+    differences: tuple[str, ...]  # what differs from the stored row in any bit
+
+    @property
+    def outcome(self) -> Outcome:
+        return Outcome(int(self.block.outcome[0]))
+
+    @property
+    def sentence(self) -> str:
+        """How the flight ended, in words."""
+        return SENTENCES[self.outcome]
+
+
+def replay_flight(
+    root: Path, controller: str, flight: int, fly: Fly, every: int = 1, trust_code: bool = False
+) -> Replay:
+    """Fly flight ``flight`` of the campaign in ``root`` with its stored plan, recording every ``every``-th tick.
+
+    Raises InputError for a flight that the folder does not hold.
+    """
+    folder = CampaignFolder(root)
+    names = list(read_whole_manifest(folder.manifest).get("controllers", {}))
+    if controller not in names:
+        raise InputError(root, None, None, f"no controller '{controller}'", one_of(names, controller))
+    row = find_row(folder, controller, flight)
+    read_checked(folder, [folder.plan(controller)])
+    plan = read_trusted_plan(folder, controller, trust_code)
+    reader = SampleReader(folder.samples)
+    block = fly(plan, full_rows(reader.names, row.samples), every)
+    values = np.append(block.metrics[0], block.end_time[0])
+    differences = [
+        f"{name}: {new!r} instead of {old!r}"
+        for name, new, old in zip(row.columns, values.tolist(), row.values[0].tolist(), strict=False)  # margins follow
+        if np.float64(new).tobytes() != np.float64(old).tobytes() and not (np.isnan(new) and np.isnan(old))
+    ]
+    outcome = Outcome(int(block.outcome[0])).code
+    if outcome != row.outcome[0]:
+        differences.append(f"outcome: {outcome} instead of {row.outcome[0]}")
+    samples = dict(zip(reader.names, row.samples[0].tolist(), strict=True))
+    metrics = dict(zip(row.columns, values.tolist(), strict=False))
+    return Replay(controller, flight, block, samples, metrics, tuple(differences))
+
+
+def find_row(folder: CampaignFolder, controller: str, flight: int) -> FlightRows:
+    """The stored row of one flight. Raises InputError where there is none."""
+    read_checked(folder, [folder.samples])
+    names = SampleReader(folder.samples).names
+    for path in folder.flights.glob("*.parquet"):
+        try:
+            name, first, stop = parse_block_name(path)
+            if name == controller and first <= flight < stop:
+                read_checked(folder, [path])
+                rows = read_block(path, names)
+                at = slice(flight - first, flight - first + 1)
+                return FlightRows(
+                    name, flight, names, rows.samples[at], rows.outcome[at], rows.values[at], rows.columns
+                )
+        except DamagedFileError as error:
+            raise InputError(path, None, None, str(error), "a whole file: run the campaign again") from None
+    raise InputError(folder.root, None, None, f"no flight {flight} of '{controller}'", "the number of a flown flight")

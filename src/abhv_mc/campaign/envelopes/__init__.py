@@ -1,1 +1,0 @@
-"""Envelopes over all flights, collected as blocks land."""

@@ -1,0 +1,156 @@
+"""What a campaign asks for and cannot get: requirements that no flight decides, laws that leave what has a meaning.
+
+`validate` refuses these; `run` says them and flies, since the rest of the campaign may be worth it.
+"""
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.sampling.designs import INDEPENDENT
+from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
+from abhv_mc.flight.channels import METRIC_INDEX, METRICS
+from abhv_mc.io.documents import InputError
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.statistics.family import holm
+from abhv_mc.statistics.judgement import Rules, own_risks
+from abhv_mc.statistics.sequential import make_sequential_plan
+from abhv_mc.statistics.verdicts import consumer_risk, runs_needed
+from abhv_mc.vehicle.arrays import COEFFICIENTS, FIXED_TABLE_ROWS
+from abhv_mc.vehicle.model import Vehicle
+
+# Without a meaning at or below zero. A factor on a coefficient has one: the part is absent or turned around.
+_ABOVE_ZERO = re.compile(
+    r"^(atmosphere\.|actuator\.|engine\.|mass\.(total|inertia_(xx|yy|zz))$|propulsion\.specific_impulse$"
+    r"|aero\.(lift|drag)$|propulsion\.thrust$|wind\.(turbulence|gust)_length$)"
+)
+_MOST_BELOW_ZERO = 1e-6  # probability that an unbounded law may have there
+
+
+def find_impossible(campaign: CheckedCampaign, vehicle: Vehicle | None = None) -> list[InputError]:
+    """Everything of that kind, each with its place in the file; with ``vehicle`` also what that has nothing of."""
+    found = [*_requirements(campaign), *_laws(campaign)]
+    return found if vehicle is None else [*found, *_lacking(campaign, vehicle)]
+
+
+def asked_in_vain(campaign: CheckedCampaign) -> list[str]:
+    """The same in sentences (without their full stops), where it is no reason to refuse the campaign."""
+    return [f"the campaign asks for {error.found}; it takes {error.wanted}" for error in find_impossible(campaign)]
+
+
+def _requirements(campaign: CheckedCampaign) -> Iterator[InputError]:
+    document, entries = campaign.document, campaign.model.requirements
+    for i, (entry, limit) in enumerate(zip(entries, campaign.limits, strict=True)):
+        side = "below" if entry.below is not None else "above"
+        if entry.metric not in METRIC_INDEX or not METRICS[METRIC_INDEX[entry.metric]].never_negative:
+            continue
+        if side == "below" and limit <= 0.0:
+            found = f"'{entry.metric}' below {limit:g}, which no flight meets: it is never negative"
+            yield document.error(("requirements", i, side), found, "a limit above zero")
+        elif side == "above" and limit < 0.0:
+            found = f"'{entry.metric}' above {limit:g}, which every flight meets: it is never negative"
+            yield document.error(("requirements", i, side), found, "a limit from zero on")
+    if campaign.model.sampling.design != INDEPENDENT:
+        return
+    for i, (entry, shown) in enumerate(zip(entries, _can_show(campaign), strict=True)):
+        if shown:
+            continue
+        needed = runs_needed(0, entry.probability, entry.consumer_risk)
+        found = (
+            f"a probability of {entry.probability:g} that no outcome of {campaign.runs} flights shows at a "
+            f"consumer's risk of {entry.consumer_risk:g}"
+        )
+        wish = f"at least {needed} flights" if needed > campaign.runs else "more flights, for the family's risk"
+        yield document.error(("requirements", i, "probability"), found, f"{wish}, or a lower probability")
+
+
+def _can_show(campaign: CheckedCampaign) -> list[bool]:
+    """Whether some outcome of the campaign's flights is a PASS, by requirement."""
+    model = campaign.model
+    family = model.family.risk if model.family else None
+    # Every requirement is judged on every controller.
+    asked = [(entry.probability, entry.consumer_risk) for entry in model.requirements for _ in model.controllers]
+    each = len(model.controllers)
+    if campaign.looks:
+        risks = own_risks([risk for _, risk in asked], Rules((), campaign.looks, True, family))
+        plans = [make_sequential_plan(campaign.looks, p, risk) for (p, _), risk in zip(asked, risks, strict=True)]
+        shown = [max(plan.accept) >= 0 for plan in plans]
+    else:
+        best = [consumer_risk(0, campaign.runs, p) for p, _ in asked]
+        shown = [value <= risk for value, (_, risk) in zip(best, asked, strict=True)]
+        if family is not None:
+            shown = [alone and held for alone, held in zip(shown, holm(best, family), strict=True)]
+    return shown[::each]
+
+
+def _laws(campaign: CheckedCampaign) -> Iterator[InputError]:
+    """Laws that give values at or below zero to what has a meaning above it only."""
+    for column, name in enumerate(campaign.names):
+        if not _ABOVE_ZERO.search(name):
+            continue
+        if campaign.sample_file is not None:
+            least = float(campaign.sample_file.values[:, column].min())
+            if least <= 0.0:
+                found = f"'{name}' down to {least:g} in the samples"
+                yield campaign.document.error(("sampling",), found, "values above zero: below it has no meaning")
+            continue
+        marginal = campaign.marginals[name]
+        if isinstance(marginal, ContinuousMarginal):
+            least = float(marginal.frozen.support()[0])
+            if not np.isfinite(least):
+                below = float(marginal.cdf(np.zeros(1))[0])
+                if below > _MOST_BELOW_ZERO:
+                    found = f"'{name}' at or below zero with a probability of {below:.2g}"
+                    wish = f"at most {_MOST_BELOW_ZERO:g}: below zero it has no meaning; truncated_normal, or lognormal"
+                    yield campaign.document.key_error(("dispersions", name), found, wish)
+                continue
+            if least == 0.0 and float(marginal.density(np.array([1e-12]))[0]) < 1e-6:
+                continue  # a lognormal law comes near zero and never reaches it
+        else:
+            least = float(marginal.at_fraction(np.zeros(1))[0])
+        if least <= 0.0:
+            found = f"'{name}' down to {least:g}"
+            yield campaign.document.key_error(
+                ("dispersions", name), found, "values above zero: at or below it has no meaning"
+            )
+
+
+def _lacking(campaign: CheckedCampaign, vehicle: Vehicle) -> Iterator[InputError]:
+    """Dispersions of parts that the vehicle does not have, and that would leave every flight as it is."""
+    where = ("sampling",) if campaign.sample_file is not None else ("dispersions",)
+    for name in campaign.names:
+        if _has(vehicle, name):
+            continue
+        place = where if campaign.sample_file is not None else (*where, name)
+        found = f"'{name}' of a vehicle that has no such part"
+        yield campaign.document.key_error(place, found, "a dispersion that matters to this vehicle")
+
+
+def _has(vehicle: Vehicle, name: str) -> bool:
+    """Whether a parameter multiplies anything of the vehicle. What is added, and what no file lacks, does."""
+    group, _, rest = name.partition(".")
+    if group == "aero" and not rest.endswith(".increment"):
+        coefficient, _, variable = rest.partition(".")
+        if variable:
+            return bool(np.any(vehicle.build_up.factor == PARAMETER_INDEX[name]))
+        return bool(np.any(vehicle.build_up.coefficient == COEFFICIENTS.index(coefficient)))
+    if group == "engine":
+        return vehicle.constants.equivalence_ratio_max > 0.0
+    if name == "mass.inertia_13":
+        return bool(np.any(_values(vehicle, "inertia_13")))
+    return name not in ("propulsion.thrust", "propulsion.specific_impulse") or any(
+        np.any(_values(vehicle, row)) for row in ("capture_area_ratio", "thrust_area")
+    )
+
+
+def _values(vehicle: Vehicle, row: str) -> np.ndarray:
+    """All nodes of one of the fixed tables."""
+    tables = vehicle.tables
+    number = int(tables.fixed_row[FIXED_TABLE_ROWS.index(row)])
+    group = int(np.searchsorted(tables.group_row, number, side="right")) - 1
+    stop = np.append(tables.group_start, tables.data.size)[group + 1]
+    block = tables.data[tables.group_start[group] : stop].reshape(-1, tables.group_width[group])
+    values: np.ndarray = block[:, number - tables.group_row[group]]
+    return values

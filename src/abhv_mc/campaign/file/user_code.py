@@ -1,0 +1,66 @@
+"""A campaign's own Python code: taken from its user's files, or from a folder's copies where it is trusted."""
+
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.control.controller_file import Controller, PythonController, read_controller
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.plans import read_plan
+from abhv_mc.io.documents import InputError, read_document
+from abhv_mc.user_code.source import OwnSource, read_source
+from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
+
+
+def read_trusted_plan(folder: CampaignFolder, controller: str, trusted: bool = False) -> FlightPlan:
+    """A stored plan with the code that it needs, from the folder's copies.
+
+    Raises InputError where the code is missing, or is not in the user's list of what he has flown.
+    """
+    plan = read_plan(folder.plan(controller))
+    if plan.source_hash:
+        place = folder.inputs / "controllers" / controller
+        plan = replace(plan, source=_take(place, plan.source_hash, trusted))
+    if plan.channels_hash:
+        plan = replace(plan, channels_source=_take(folder.inputs / "channels", plan.channels_hash, trusted))
+    return plan
+
+
+def _take(place: Path, digest: str, trusted: bool) -> OwnSource:
+    for path in sorted(place.rglob("*.py")):
+        if hashlib.sha256(path.read_bytes()).hexdigest() == digest:
+            source = read_source(path)
+            check_trusted(source, trusted)
+            return source
+    found = "no copy of the Python code that was flown"
+    raise InputError(place, None, None, found, "the file as it was: restore it, or run with --fresh")
+
+
+def check_own_code(campaign: CheckedCampaign, trusted: bool = False) -> list[OwnSource]:
+    """The campaign's Python files, where this user may run them: his own, and those of a folder that he has flown.
+
+    Not run here. Raises InputError for others, unless he says that he trusts them.
+    """
+    model, foreign = campaign.model, is_in_a_folder(campaign.document.path)
+    files = [model.channels] if model.channels is not None else []
+    for path in model.controllers.values():
+        data = read_document(path).data
+        if isinstance(data, dict) and data.get("law") == "python":
+            controller = read_controller(path)
+            files += [controller.file] if isinstance(controller, PythonController) else []
+    own = []
+    for file in files:
+        source = read_source(file)
+        if foreign or is_in_a_folder(file):
+            check_trusted(source, trusted)
+        else:
+            own.append(source)
+    return own
+
+
+def check_own_law(controller: Controller, trusted: bool = False) -> None:
+    """Raise InputError for a controller whose code is a folder's copy that this user has not flown, nor trusts."""
+    if isinstance(controller, PythonController) and is_in_a_folder(controller.file):
+        check_trusted(read_source(controller.file), trusted)

@@ -1,0 +1,182 @@
+"""Flights on a Dask cluster: each block is a task, and the plan travels with the work as plain arrays.
+
+Dask flies a block whose worker died on another one; a block that ends several workers comes back as lost and is
+flown in pieces (see :mod:`abhv_mc.execution.retry`). Workers may come and go while a campaign flies.
+"""
+
+import asyncio
+import logging
+import math
+import os
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.execution.blocks import Fly
+from abhv_mc.execution.engine import Engine
+from abhv_mc.execution.every_tick import fly_every_tick
+from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, time_limit
+from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.folder.plans import flatten, rebuild
+from abhv_mc.io.input_error import InputError
+from abhv_mc.stability.metrics import MarginPlan
+from abhv_mc.user_code.source import OwnSource
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+Floats = NDArray[np.float64]
+Arrays = dict[str, np.ndarray]
+Code = tuple[OwnSource | None, OwnSource | None]  # of a law and of channels of one's own
+
+_CONNECT = 10.0  # s to find the scheduler
+_PER_THREAD = 2  # blocks under way for each thread of the cluster, so that none waits for the next one
+_MOST_PLANS = 32  # held on the cluster: `tune` has one for each candidate
+_FEWEST = 16  # blocks under way at least: room for workers that join later
+_warm: set[tuple[str, str, str]] = set()
+_warming = threading.Lock()
+
+
+def hold_plan(arrays: Arrays) -> Arrays:
+    """A task whose result is its input: workers hand it on to each other, and Dask makes it anew where it is lost."""
+    return arrays
+
+
+def with_code(plan: FlightPlan, code: Code) -> FlightPlan:
+    """A plan with the code that travelled beside it."""
+    if isinstance(plan, MarginPlan):
+        plan = replace(plan, steady=replace(plan.steady, source=code[0]))
+    return replace(plan, source=code[0], channels_source=code[1])
+
+
+def fly_remote(
+    fly: Fly, source: str, arrays: Arrays, code: Code, parameters: Floats, every: int | None, limit: float
+) -> FlightBlock | str:
+    """What a worker of the cluster does: the block, or in words why it cannot fly it.
+
+    A flight that hangs ends its process: Dask takes it for a worker that died.
+    """
+    kind_of_plan = MarginPlan if "margin_times" in arrays else FlightPlan
+    plan: FlightPlan = with_code(rebuild(kind_of_plan, arrays), code)
+    if source:
+        from abhv_mc.cache import source_hash
+
+        if source_hash() != source:
+            return f"another version of the program (source {source_hash()}, the campaign's is {source})"
+    with _warming:
+        kind = (f"{plan.law} {plan.source_hash} {plan.channels_hash}", type(plan).__name__, fly.__qualname__)
+        if kind not in _warm:
+            fly(plan, nominal_parameters(), None)  # loads or compiles, which is no flight's time
+            _warm.add(kind)
+    watch = threading.Timer(limit, os._exit, (1,))
+    watch.daemon = True
+    watch.start()
+    try:
+        return fly_every_tick(fly, plan, parameters, every)
+    finally:
+        watch.cancel()
+
+
+class Cluster:
+    """Flies on the workers of a scheduler; threads may call :meth:`fly` side by side."""
+
+    def __init__(self, client: "Client", engine: Engine) -> None:
+        self._client, self._engine = client, engine
+        self.limit = math.inf  # s that one flight, or 16 in a batch, may take
+        self._plans: dict[int, tuple[Future, FlightPlan]] = {}  # held, so that no id comes twice
+        self._lock = threading.Lock()
+
+    @property
+    def room(self) -> int:
+        """Blocks to have under way."""
+        return max(_FEWEST, _PER_THREAD * sum(self._client.nthreads().values()))
+
+    def fly(self, plan: FlightPlan, parameters: Floats, every: int | None = None) -> FlightBlock:
+        """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
+        return fly_with_retries(lambda rows: self._attempt(plan, rows, every), plan, parameters, every)
+
+    def _hold(self, plan: FlightPlan) -> "Future":
+        """The plan on the cluster: held anew where Dask gave it up, as it does after workers that died with it."""
+        with self._lock:
+            held, _ = self._plans.get(id(plan), (None, plan))
+            if held is None or held.status == "error":
+                while len(self._plans) >= _MOST_PLANS:  # the oldest; flights under way hold it on their own
+                    del self._plans[next(iter(self._plans))]
+                held = self._client.submit(hold_plan, flatten(plan), pure=False)
+                self._plans[id(plan)] = held, plan
+            return held
+
+    def _attempt(self, plan: FlightPlan, parameters: Floats, every: int | None) -> FlightBlock:
+        from distributed import CancelledError, KilledWorker
+
+        engine, limit = self._engine, time_limit(len(parameters), self.limit)
+        source = engine.source if engine.checked else ""
+        held, code = self._hold(plan), (plan.source, plan.channels_source)
+        future = self._client.submit(fly_remote, engine.fly, source, held, code, parameters, every, limit, pure=False)
+        try:
+            answer: FlightBlock | str = future.result()
+        except KilledWorker as error:
+            raise FlightLostError(f"workers of the cluster ended on it ({error.last_worker.address})") from None
+        except (CancelledError, OSError) as error:
+            raise UnusableError(f"the cluster is gone: {type(error).__name__}: {error}") from None
+        except Exception as error:
+            raise FlightLostError(f"{type(error).__name__}: {error}") from None
+        if isinstance(answer, str):
+            raise UnusableError(f"a worker of the cluster has {answer}")
+        return answer
+
+
+async def _greet(address: str) -> None:
+    """Raises what keeps an address from being a scheduler's: a client that finds out hangs and leaves tracebacks."""
+    from distributed.comm.addressing import get_address_host_port
+    from distributed.comm.core import connect
+
+    get_address_host_port(address)
+    comm = await asyncio.wait_for(connect(address, timeout=_CONNECT), 2 * _CONNECT)
+    comm.abort()
+
+
+@contextmanager
+def _without_logs(name: str) -> Iterator[None]:
+    """Dask's client tells in tracebacks how it failed to find a scheduler again, which the command says in words."""
+    logger = logging.getLogger(name)
+    before = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
+
+
+@contextmanager
+def connect_cluster(address: str, engine: Engine) -> Iterator[Cluster]:
+    """The cluster whose scheduler is at ``address``. Raises InputError where there is none."""
+    try:
+        from distributed import Client
+    except ImportError:
+        wish = "pip install 'abhv-mc[cluster]'"
+        raise InputError("--scheduler", None, None, "no Dask in this installation", wish) from None
+    try:
+        with ThreadPoolExecutor(1) as thread:  # as a notebook's own thread runs a loop already
+            thread.submit(asyncio.run, _greet(address)).result()
+        client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
+    except Exception as error:  # of any kind, as whatever listens there may say anything
+        found = f"no scheduler at '{address}' ({(str(error) or type(error).__name__).splitlines()[0]})"
+        raise InputError("--scheduler", None, None, found, "an address such as tcp://host:8786") from None
+    with _without_logs("distributed.client"), client:
+        told = False
+        while not client.nthreads():
+            if not told:
+                print(f"waiting for workers of {address}", file=sys.stderr, flush=True)
+                told = True
+            time.sleep(0.2)
+        yield Cluster(client, engine)

@@ -1,0 +1,51 @@
+"""How plans are made and flights computed, and which of two engines may share a campaign."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.config import PROCESSES, THREADS
+from abhv_mc.execution.blocks import Fly
+from abhv_mc.execution.stability import describe_stability
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.io.documents import InputError
+
+Prepare = Callable[[Path, Path, Path, str], FlightPlan]
+
+
+@dataclass(frozen=True)
+class Engine:
+    """How a plan is made and flown; tests put cheap ones in their place."""
+
+    prepare: Prepare
+    fly: Fly
+    source: str  # hash of the code that flies: two of them never share a campaign
+    # what margins.json holds
+    find_stability: Callable[[CheckedCampaign, dict[str, FlightPlan]], dict[str, Any]] | None = None
+    checked: bool = False  # whether ``source`` is what cache.source_hash() must give on every machine
+    isolation: str = THREADS  # where "auto" flies; processes need a ``fly`` that can be imported
+    device: str = "cpu"  # or the name of a GPU
+    batch: int | None = None  # flights of a block and workers, where neither the campaign nor its user says
+    workers: int | None = None
+
+
+def make_engine() -> Engine:
+    """The compiled flight."""
+    from abhv_mc.cache import source_hash
+    from abhv_mc.flight.prepare import prepare
+    from abhv_mc.stability.metrics import fly_with_margins
+
+    return Engine(prepare, fly_with_margins, source_hash(), describe_stability, checked=True, isolation=PROCESSES)
+
+
+def check_source(folder: CampaignFolder, manifest: dict[str, Any], engine: Engine) -> None:
+    """Refuse to go on with other code than the one that flew so far. Raises InputError."""
+    flown = manifest.get("source_hash")
+    if flown != engine.source:
+        device = manifest.get("machine", {}).get("device", engine.device)
+        kind = "another version of the program" if device == engine.device else "another device"
+        found = f"flights of {kind} (source {flown} on {device}, now {engine.source} on {engine.device})"
+        raise InputError(folder.root, None, None, found, "the same again, another folder (-o DIR), or --fresh")

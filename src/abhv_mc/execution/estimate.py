@@ -1,0 +1,100 @@
+"""What a campaign will cost, from a short trial of its own flights: time, disk, memory."""
+
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.sampling.samples import full_rows
+from abhv_mc.execution.blocks import choose_batch
+from abhv_mc.execution.engine import Engine
+from abhv_mc.execution.flight_counts import FlightCounts, make_flight_counts
+from abhv_mc.execution.plans import find_warnings, make_plans, record_every
+from abhv_mc.execution.probe_dispersions import fly_probes
+from abhv_mc.execution.retention import choose_kept
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.folder.envelope_states import EXACT_FLIGHTS
+from abhv_mc.folder.flights import END_TIME, FlightRows, flights_schema, write_block
+from abhv_mc.folder.histogram import BINS, KEPT
+from abhv_mc.folder.histories import write_histories
+from abhv_mc.folder.provenance import count_cores
+
+TRIAL_FLIGHTS = 64
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The cost of a campaign."""
+
+    flights: int  # of each controller
+    controllers: int
+    workers: int
+    batch: int  # flights of a block
+    flight_s: float  # of one core, mean over the controllers
+    flying_s: float  # wall time
+    rows_bytes: int
+    histories_bytes: int
+    kept: int  # flights with histories, of each controller; "failed" counts none
+    envelope_bytes: int  # on disk while it flies
+    warnings: tuple[str, ...]  # about the mission
+
+    @property
+    def disk_bytes(self) -> int:
+        """Peak on disk."""
+        return self.rows_bytes + self.histories_bytes + self.envelope_bytes
+
+
+def estimate_campaign(campaign: CheckedCampaign, engine: Engine, workers: int | None = None) -> Estimate:
+    """Fly a few of the campaign's flights of each controller and extrapolate; nothing is left behind.
+
+    Raises InputError for what only a flight shows, such as a dispersion that changes nothing.
+    """
+    model = campaign.model
+    plans = make_plans(campaign, model.controllers, engine)
+    first = next(iter(plans.values()))
+    every = record_every(campaign.document, first, model.keep.envelopes.rate, "envelopes")
+    history_every = record_every(campaign.document, first, model.keep.histories.rate, "histories")
+    fly_probes(campaign, plans, engine.fly, every)
+    source = campaign.make_samples()
+    number = min(TRIAL_FLIGHTS, campaign.runs)
+    values = source.draw(0, number)
+    parameters = full_rows(source.names, values)
+    seconds, rows_size, histories_size = [], 0, 0
+    with tempfile.TemporaryDirectory() as folder:
+        for name, plan in plans.items():
+            start = time.perf_counter()
+            block = engine.fly(plan, parameters, every)
+            seconds.append((time.perf_counter() - start) / number)
+            outcomes = tuple(Outcome(code).code for code in block.outcome)
+            table = np.column_stack([block.metrics, block.end_time])
+            columns = (*campaign.metrics, END_TIME.name)
+            rows = FlightRows(name, 0, tuple(source.names), values, outcomes, table, columns)
+            write_block(Path(folder), rows, flights_schema(source.names, {}, (*plan.metrics, END_TIME)))
+            rows_size += next(Path(folder).glob(f"{name}-*")).stat().st_size
+            block = engine.fly(plan, parameters[:16], history_every)
+            path = Path(folder) / "history.parquet"
+            channels = model.keep.histories.channels
+            write_histories(path, name, range(len(block.outcome)), block.times, block.history, channels)
+            histories_size += path.stat().st_size // len(block.outcome)
+    workers = workers or model.execution.workers or count_cores()
+    counts: FlightCounts = next(iter(make_flight_counts(campaign).values()))
+    counts.worst = [(True, 0.0, flight) for flight in range(min(counts.worst_kept, campaign.runs))]
+    kept = len(choose_kept(model.keep.histories.flights, campaign.runs, counts))
+    cells = (first.timing.ticks // every + 1) * len(model.keep.envelopes.channels)
+    per_cell = 4 * campaign.runs if campaign.runs <= EXACT_FLIGHTS else 4 * (BINS + 2 * KEPT)
+    return Estimate(
+        flights=campaign.runs,
+        controllers=len(plans),
+        workers=workers,
+        batch=model.execution.batch or choose_batch(campaign.runs, workers),
+        flight_s=sum(seconds) / len(seconds),
+        flying_s=sum(seconds) * (campaign.runs + kept) / workers,
+        rows_bytes=rows_size * campaign.runs // number,
+        histories_bytes=histories_size * kept,
+        kept=kept,
+        envelope_bytes=cells * per_cell * len(plans),
+        warnings=tuple(find_warnings(plans, campaign)),
+    )

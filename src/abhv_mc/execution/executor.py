@@ -1,0 +1,65 @@
+"""What flies the blocks: worker processes, threads of this process, or a cluster's workers.
+
+Worker processes are the default: a crash in compiled code ends its process. Threads start a second sooner and stand
+only flights that raise an exception.
+"""
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.file.config import PROCESSES, Execution
+from abhv_mc.execution.blocks import Fly
+from abhv_mc.execution.cluster import Cluster
+from abhv_mc.execution.engine import Engine
+from abhv_mc.execution.every_tick import fly_every_tick
+from abhv_mc.execution.pool import WorkerPool
+from abhv_mc.execution.retry import FlightLostError, fly_with_retries
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.folder.provenance import count_cores
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Executor:
+    """Flies blocks in parallel."""
+
+    fly: Fly  # threads may call it side by side; gives ``failed_to_run`` for what cannot be computed
+    workers: int  # calls to have under way
+
+
+@contextlib.contextmanager
+def open_executor(
+    engine: Engine, execution: Execution, workers: int | None, cluster: Cluster | None
+) -> Iterator[Executor]:
+    """The executor that the campaign asks for; its worker processes end with the context."""
+    limit = execution.flight_time_limit
+    number = workers or execution.workers or engine.workers or count_cores()
+    isolation = engine.isolation if execution.isolation == "auto" else execution.isolation
+    if cluster is not None:
+        cluster.limit = limit
+        yield Executor(cluster.fly, workers or cluster.room)
+    elif isolation == PROCESSES:
+        with contextlib.closing(WorkerPool(engine.fly, number, limit)) as pool:
+            yield Executor(pool.fly, number)
+    else:
+        yield Executor(_in_this_process(engine), number)
+
+
+def _in_this_process(engine: Engine) -> Fly:
+    def fly(plan: FlightPlan, parameters: Floats, every: int | None = None) -> FlightBlock:
+        def attempt(rows: Floats) -> FlightBlock:
+            try:
+                if engine.device != "cpu":  # its memory has no room for every tick of so many flights
+                    return engine.fly(plan, rows, every)
+                return fly_every_tick(engine.fly, plan, rows, every)
+            except Exception as error:
+                raise FlightLostError(f"{type(error).__name__}: {error}") from error
+
+        return fly_with_retries(attempt, plan, parameters, every)
+
+    return fly

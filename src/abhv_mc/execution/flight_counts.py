@@ -1,0 +1,189 @@
+"""What a campaign counts while it flies: outcomes, failures of requirements, the worst flights, the digest."""
+
+from array import array
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.config import Requirement
+from abhv_mc.campaign.sampling.designs import INDEPENDENT
+from abhv_mc.flight.channels import Signal
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.folder.digest import Digest
+from abhv_mc.folder.flights import END_TIME, FlightRows
+from abhv_mc.stability.metrics import MARGIN_VALUES
+from abhv_mc.statistics.judgement import Pair, Rules, judge_pairs
+from abhv_mc.statistics.requirement import measured_failures, requirement_failures
+from abhv_mc.statistics.verdict_words import verdict_words
+
+_OK, _FAILED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
+Mask = NDArray[np.bool_]
+
+
+@dataclass
+class RequirementCount:
+    """One requirement on one controller; flights that could not be computed are not in these counts."""
+
+    requirement: Requirement
+    limit: float
+    binds: bool  # whether it applies to this controller, or is only shown
+    missed: Mask  # [flight]
+    flights: int = 0
+    failures_ended_early: int = 0  # failures that are such because the flight ended early
+    failures_measured: int = 0  # failures by the metric alone, up to wherever the flight came
+
+    def add(self, values: np.ndarray, early: np.ndarray, flights: np.ndarray) -> None:
+        """Count flights by their metric; not-a-number fails."""
+        side = self.limit, self.requirement.below is not None
+        measured = measured_failures(values, *side)
+        failed = requirement_failures(values, early, *side, self.requirement.early_is_failure)
+        self.failures_measured += int(measured.sum())
+        self.failures_ended_early += int((failed & ~measured).sum())
+        self.missed[flights] = failed
+        self.flights += len(values)
+
+
+@dataclass
+class FlightCounts:
+    """Everything counted of one controller."""
+
+    controller: str
+    worst_kept: int
+    worst_by: str
+    requirements: list[RequirementCount]
+    uncomputed: Mask  # [flight] that the machine could not compute
+    digest: Digest = field(default_factory=Digest)
+    outcomes: Counter[str] = field(default_factory=Counter)
+    failed: "array[int]" = field(default_factory=lambda: array("q"))  # flights that ended early; perhaps a million
+    worst: list[tuple[bool, float, int]] = field(default_factory=list)  # ok?, -metric, flight: rising
+
+    def add(self, rows: FlightRows, digest: Digest) -> None:
+        """Count one block."""
+        self.digest += digest
+        self.outcomes.update(rows.outcome)
+        outcome = np.array(rows.outcome)
+        flown = outcome != _FAILED
+        early = (outcome != _OK) & flown
+        self.failed.extend(rows.flights[early].tolist())
+        self.uncomputed[rows.flights[~flown]] = True
+        for count in self.requirements:
+            column = rows.columns.index(count.requirement.metric)
+            count.add(rows.values[flown, column], early[flown], rows.flights[flown])
+        if self.worst_kept:
+            metric = rows.values[:, rows.columns.index(self.worst_by)]
+            metric = np.where(np.isnan(metric), np.inf, metric)
+            candidates = zip((~early).tolist(), (-metric).tolist(), rows.flights.tolist(), flown.tolist(), strict=True)
+            self.worst = sorted([*self.worst, *(c[:3] for c in candidates if c[3])])[: self.worst_kept]
+
+    @property
+    def not_computed(self) -> list[int]:
+        """Numbers of the flights that could not be computed."""
+        found: list[int] = np.flatnonzero(self.uncomputed).tolist()
+        return found
+
+    @property
+    def worst_flights(self) -> list[int]:
+        """The worst first: flights that ended early, then those with the largest metric."""
+        return [flight for _, _, flight in self.worst]
+
+
+def make_flight_counts(campaign: CheckedCampaign) -> dict[str, FlightCounts]:
+    """An empty counts for each controller."""
+    model = campaign.model
+    keep = model.keep.histories
+    number = max((int(str(item).split()[1]) for item in keep.flights if str(item).startswith("worst")), default=0)
+    first = next(iter(model.controllers))
+    all_counts = {}
+    for name in model.controllers:
+        counts = [
+            RequirementCount(entry, limit, name in (entry.controllers or (first,)), np.zeros(campaign.runs, bool))
+            for entry, limit in zip(model.requirements, campaign.limits, strict=True)
+        ]
+        all_counts[name] = FlightCounts(name, number, keep.by, counts, np.zeros(campaign.runs, bool))
+    return all_counts
+
+
+def flight_values(campaign: CheckedCampaign) -> tuple[Signal, ...]:
+    """What the flights table holds after the samples, in the order of its columns."""
+    return (*campaign.metrics.values(), END_TIME, *(MARGIN_VALUES if campaign.model.margins else ()))
+
+
+def count_flights(all_counts: Mapping[str, FlightCounts], done: Mapping[str, Mask]) -> tuple[dict[str, Any], int]:
+    """What the manifest says of the flights ``done`` [flight] of each controller, and how many are without a gap."""
+    failed = max((counts.outcomes[_FAILED] for counts in all_counts.values()), default=0)
+    together = np.logical_and.reduce(list(done.values()))
+    entries = {
+        "runs_done": int(together.sum()) - failed,
+        "runs_failed": failed,
+        "digest": str(sum((counts.digest for counts in all_counts.values()), Digest())),
+        "digests": {name: str(counts.digest) for name, counts in all_counts.items()},
+        "controllers": {
+            name: {"flights_done": int(done[name].sum()), "outcomes": dict(sorted(counts.outcomes.items()))}
+            | ({"failed_to_run": sorted(counts.not_computed)} if counts.not_computed else {})
+            for name, counts in all_counts.items()
+        },
+    }
+    return entries, int(np.argmin(np.append(together, False)))
+
+
+def make_rules(campaign: CheckedCampaign, looks: tuple[int, ...]) -> Rules:
+    """What the campaign's verdicts rest on, after so many looks."""
+    family = campaign.model.family
+    independent = campaign.model.sampling.design == INDEPENDENT
+    return Rules(looks, campaign.looks, independent, family.risk if family else None)
+
+
+def judge_requirements(
+    all_counts: dict[str, FlightCounts],
+    campaign: CheckedCampaign,
+    flown: int,
+    looks: tuple[int, ...],
+    untried: dict[str, Mask],
+) -> list[dict[str, Any]]:
+    """Failure counts and verdicts of the requirements that bind, as the manifest holds them.
+
+    Verdicts are of the first ``flown`` flights, which have no gaps, with ``looks`` in the past; ``untried`` [flight]
+    of each controller were not computed and not tried again. All pairs of requirement and controller are one family.
+    """
+    counted = [(counts, count) for counts in all_counts.values() for count in counts.requirements]
+    pairs = [
+        Pair(
+            count.missed[:flown],
+            counts.uncomputed[:flown],
+            count.requirement.probability,
+            count.requirement.consumer_risk,
+            untried[counts.controller][:flown],
+        )
+        for counts, count in counted
+    ]
+    found = []
+    for (counts, count), verdict in zip(counted, judge_pairs(pairs, make_rules(campaign, looks)), strict=True):
+        if not count.binds:
+            continue
+        entry, uncomputed = count.requirement, int(counts.uncomputed.sum())
+        failures, flights = int(count.missed.sum()) + uncomputed, count.flights + uncomputed
+        found.append(
+            {
+                "metric": entry.metric,
+                "below" if entry.below is not None else "above": count.limit,
+                "probability": entry.probability,
+                "consumer_risk": entry.consumer_risk,
+                "controller": counts.controller,
+                "flights": flights,
+                "failures": failures,
+                "failures_ended_early": count.failures_ended_early,
+                "failures_measured": count.failures_measured,
+                "failures_not_computed": uncomputed,
+                "verdict": verdict.status,
+                "provisional": verdict.provisional,
+                "verdict_flights": verdict.runs,
+                "verdict_failures": verdict.failures,
+                "words": verdict_words(verdict, failures, flights),
+            }
+        )
+    return found

@@ -1,0 +1,91 @@
+"""The plans that a campaign flies: made from its files, taken from another folder, or mended in its own."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.feasibility import asked_in_vain
+from abhv_mc.campaign.file.resolve import ResolvedCampaign
+from abhv_mc.campaign.file.user_code import check_own_code, read_trusted_plan
+from abhv_mc.execution.engine import Engine, check_source
+from abhv_mc.flight.plan import LANES, FlightPlan
+from abhv_mc.flight.user_law import open_law
+from abhv_mc.folder.hashes import FileHashes, read_checked
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.plans import pack_plan, write_plan
+from abhv_mc.io.documents import Document, InputError
+from abhv_mc.user_code.trust import read_trusted
+
+
+def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -> int:
+    """Control ticks between records at ``rate``. Raises InputError when the control rate is no multiple of it."""
+    ticks = 1.0 / (rate * plan.timing.tick)
+    every = round(ticks)
+    if every < 1 or abs(ticks - every) > 1e-9 * ticks:
+        found = f"{rate:g} Hz (keep.{kind}.rate) with control ticks at {1.0 / plan.timing.tick:g} Hz"
+        raise document.error(("keep", kind, "rate"), found, "a rate that divides the control rate")
+    return every
+
+
+def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) -> dict[str, FlightPlan]:
+    """The plans of some of a campaign's controllers, with what it declares. Raises InputError."""
+    model = campaign.model
+    check_own_code(campaign)
+    made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
+    plans = {name: _declare(campaign, plan) for name, plan in made.items()}
+    if model.channels is None:
+        return plans
+    channels = read_trusted(model.channels)
+    plans = {name: replace(plan, channels_source=channels, channels_hash=channels.hash) for name, plan in plans.items()}
+    for plan in plans.values():
+        with open_law(plan, LANES):  # compiled now, before anything is written
+            pass
+    return plans
+
+
+def _declare(campaign: CheckedCampaign, plan: FlightPlan) -> FlightPlan:
+    """The plan with the metrics that the campaign itself declares: no file that plans are made from holds them."""
+    return replace(plan, declared=campaign.declared)
+
+
+def make_plan(campaign: CheckedCampaign, name: str, engine: Engine) -> FlightPlan:
+    """The plan of one controller."""
+    return make_plans(campaign, [name], engine)[name]
+
+
+def take_plans(
+    root: Path | None, campaign: CheckedCampaign, resolved: ResolvedCampaign, engine: Engine, trust_code: bool
+) -> dict[str, FlightPlan]:
+    """The plans of another folder of the same inputs; empty without one. Raises InputError where it does not fit."""
+    if root is None:
+        return {}
+    source, names = CampaignFolder(root), campaign.model.controllers
+    manifest = read_checked(source, [source.plan(name) for name in names])
+    check_source(source, manifest, engine)
+    held = manifest.get("inputs") or {}
+    for place, content in resolved.hashes.items():
+        if held.get(place) != content and not place.startswith("inputs/samples/"):
+            raise InputError(root, None, None, f"plans made from another {place}", "plans of this campaign's files")
+    return {name: _declare(campaign, read_trusted_plan(source, name, trust_code)) for name in names}
+
+
+def restore_plan(
+    folder: CampaignFolder, name: str, files: FileHashes, make: Callable[[], FlightPlan], trust_code: bool = False
+) -> FlightPlan:
+    """The stored plan; where it is damaged, a new one that is the same to the bit. Raises InputError without one."""
+    path = folder.plan(name)
+    if not files.holds(path) and files.knows(path):
+        again = make()
+        if not files.is_content(path, pack_plan(again)):
+            found = "a damaged plan, and here it comes out otherwise"
+            wish = "the plan as it was written: restore it, or --fresh to delete what was flown and fly it anew"
+            raise InputError(path, None, None, found, wish)
+        write_plan(path, again)
+    return read_trusted_plan(folder, name, trust_code)
+
+
+def find_warnings(plans: dict[str, FlightPlan], campaign: CheckedCampaign) -> list[str]:
+    """What the plans say about their mission, and what of the campaign cannot come out, each sentence once."""
+    plain = [warning for plan in plans.values() for warning in plan.warnings.tolist()]
+    return list(dict.fromkeys([*plain, *asked_in_vain(campaign)]))

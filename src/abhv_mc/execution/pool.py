@@ -1,0 +1,249 @@
+"""Worker processes that a flight may hang or kill: the parent watches them, replaces them and flies the rest.
+
+A thread of the parent waits for each process, and each process has a pipe of its own: one that is killed while it sends
+its result disturbs no other.
+"""
+
+import contextlib
+import multiprocessing
+import os
+import queue
+import signal
+import sys
+import tempfile
+import threading
+import time
+import types
+from collections.abc import Iterator
+from functools import partial
+from multiprocessing import forkserver, resource_tracker, util
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.execution.blocks import Fly
+from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, time_limit
+from abhv_mc.execution.worker import Environment, serve, set_environment
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+
+Floats = NDArray[np.float64]
+
+# Give up after 20 + workers consecutive failed starts (refused or SIGKILL counts 1, a crash 4).
+_FAILED_STARTS = 20
+_CRASH = 4
+_PAUSE = 0.05  # s of waiting before a start, times the failed starts so far
+_COMPILE_LIMIT = 600.0  # s for a process to start and to load or compile a flight
+_RESPONSE_LIMIT = 30.0  # s at least for one that has done so to say that it begins the next block
+_SOCKET_NAME = 103  # bytes of a socket's name that every system has room for
+_SHORT_PLACE = "/tmp"  # noqa: S108  for a private folder in it
+_start_lock = threading.Lock()
+# A process that was forked holds its parent's server for its own, and cannot start one: it begins without.
+with contextlib.suppress(AttributeError):  # a private name; a Python without it tells such a process so in words
+    os.register_at_fork(after_in_child=partial(forkserver.ForkServer.__init__, forkserver._forkserver))
+
+
+class _NotBegunError(Exception):
+    """A worker process did not start, or ended before it began the flights it was sent: no flight's fault."""
+
+
+def start_fork_server(fly: Fly) -> None:
+    """Start the process that workers are forked from, which imports in the background what ``fly`` needs.
+
+    Where it cannot be started, the first worker says why.
+    """
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([serve.__module__, fly.__module__, "llvmlite.binding"])
+    with contextlib.suppress(OSError), _starting_processes():
+        forkserver.ensure_running()
+
+
+class _Worker:
+    """One process and the pipe to it. Raises OSError or EOFError where the process cannot be started."""
+
+    def __init__(self, fly: Fly) -> None:
+        context = multiprocessing.get_context("forkserver")
+        self._connection, theirs = context.Pipe()
+        with theirs:
+            try:
+                with _starting_processes() as outside:
+                    self.process: BaseProcess = context.Process(target=serve, args=(theirs, fly, outside), daemon=True)
+                    self.process.start()
+            except (OSError, EOFError):
+                self._connection.close()
+                raise
+        self._plans: set[int] = set()  # keys of those it has
+        self.has_flown = False
+
+    def fly(self, key: int, plan: FlightPlan, parameters: Floats, every: int | None, limit: float) -> FlightBlock:
+        """Raises FlightLostError, and _NotBegunError where the process ended before these flights began."""
+        known = key in self._plans
+        try:
+            self._connection.send((key, None if known else plan, parameters, every))
+            self._plans.add(key)
+            answer = self._receive(max(limit, _RESPONSE_LIMIT) if known else _COMPILE_LIMIT)
+        except (ConnectionError, FlightLostError):
+            self.kill()
+            raise _NotBegunError(_describe_exit(self.process.exitcode)) from None
+        self.has_flown = True
+        if answer is None:
+            answer = self._receive(limit)
+        if isinstance(answer, str):
+            raise FlightLostError(answer)
+        return answer
+
+    def _receive(self, limit: float) -> Any:
+        connection: Connection = self._connection
+        if not wait([connection], limit):
+            self.kill()
+            raise FlightLostError(f"not done in {limit:g} s")
+        try:
+            return connection.recv()
+        except (EOFError, OSError):
+            self.kill()
+            raise FlightLostError(f"its process ended: {_describe_exit(self.process.exitcode)}") from None
+
+    def kill(self) -> None:
+        """End the process, whatever it does."""
+        self.process.kill()
+        self.process.join()
+        self._connection.close()
+
+
+class WorkerPool:
+    """Flies in worker processes, each started when first needed; threads may call :meth:`fly` side by side."""
+
+    def __init__(self, fly: Fly, workers: int, limit: float) -> None:
+        """``limit``: time for one flight, or for 16 in a batch, s. Raises UnusableError where none can be started."""
+        if multiprocessing.current_process().daemon:
+            words = "this process (of multiprocessing.Pool, or a daemon) may start no others"
+            raise UnusableError(f"{words}: concurrent.futures.ProcessPoolExecutor, or 'isolation: threads', helps")
+        self._fly, self._limit = fly, limit
+        self._idle: queue.LifoQueue[_Worker | None] = queue.LifoQueue()
+        for _ in range(workers):
+            self._idle.put(None)
+        self._workers: set[_Worker] = set()
+        self._plans: dict[int, tuple[int, FlightPlan]] = {}  # by id; held, so that no id comes twice
+        self._lock = threading.Lock()
+        self._most_failed_starts = _FAILED_STARTS + workers
+        self._failed_starts = 0  # consecutive, weighed
+        self._last_end = ""
+        self._closed = False
+
+    def fly(self, plan: FlightPlan, parameters: Floats, every: int | None = None) -> FlightBlock:
+        """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
+        with self._lock:
+            key, _ = self._plans.setdefault(id(plan), (len(self._plans), plan))
+        return fly_with_retries(lambda rows: self._attempt(key, plan, rows, every), plan, parameters, every)
+
+    def _attempt(self, key: int, plan: FlightPlan, parameters: Floats, every: int | None) -> FlightBlock:
+        worker = self._idle.get()
+        try:
+            while True:
+                worker = worker or self._start()
+                try:
+                    block = worker.fly(key, plan, parameters, every, time_limit(len(parameters), self._limit))
+                except _NotBegunError as end:
+                    self._remove(worker, str(end))
+                    worker = None
+                else:
+                    self._failed_starts = 0
+                    return block
+        except FlightLostError as lost:
+            if worker is not None and not worker.process.is_alive():
+                self._remove(worker, str(lost))
+                worker = None
+            if self._closed:
+                raise UnusableError("the campaign was stopped") from None
+            raise
+        finally:
+            self._idle.put(worker)
+
+    def _start(self) -> _Worker:
+        while not self._closed:
+            if self._failed_starts >= self._most_failed_starts:
+                words = f"worker processes end before they fly ({self._last_end})"
+                raise UnusableError(f"{words}; 'isolation: threads' does without them")
+            time.sleep(_PAUSE * self._failed_starts)
+            try:
+                worker = _Worker(self._fly)
+            except (OSError, EOFError) as error:  # the server is dying and not known to be dead, or cannot fork
+                self._count_failed_start(1, f"not started: {error or 'the server they are forked from ended'}")
+                continue
+            with self._lock:
+                self._workers.add(worker)
+            if not self._closed:
+                return worker
+            worker.kill()
+        raise UnusableError("the campaign was stopped")
+
+    def _remove(self, worker: _Worker, end: str) -> None:
+        worker.kill()
+        with self._lock:
+            self._workers.discard(worker)
+        if not worker.has_flown:
+            self._count_failed_start(1 if worker.process.exitcode == -signal.SIGKILL else _CRASH, end)
+
+    def _count_failed_start(self, weight: int, end: str) -> None:
+        with self._lock:
+            self._failed_starts += weight
+            self._last_end = end
+
+    def close(self) -> None:
+        """End every worker at once; flights under way are lost."""
+        with self._lock:
+            self._closed = True
+            workers = list(self._workers)
+        for worker in workers:
+            with contextlib.suppress(OSError, ValueError):
+                worker.process.kill()
+
+
+@contextlib.contextmanager
+def _starting_processes() -> Iterator[Environment]:
+    """Processes that multiprocessing starts inside ignore Ctrl-C and import from where this one does.
+
+    Ctrl-C reaches every process of the terminal: the parent decides. The caller's script is not run again. The server
+    and its helper are started with ``python -c``, which would import from the working folder first: two variables keep
+    them from that. Gives those variables as they are outside.
+    """
+    searched = os.pathsep.join(map(os.path.abspath, sys.path))
+    with _start_lock:
+        _make_socket_folder()
+        main = sys.modules["__main__"]
+        outside = set_environment({"PYTHONPATH": searched, "PYTHONSAFEPATH": "1"})
+        try:
+            resource_tracker.ensure_running()  # which unblocks signals when it starts
+            mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGCHLD})  # or the server never hears of a worker's end
+            sys.modules["__main__"] = types.ModuleType("__main__")
+            try:
+                yield outside
+            finally:
+                sys.modules["__main__"] = main
+                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        finally:
+            set_environment(outside)
+
+
+def _make_socket_folder() -> None:
+    """Have multiprocessing make its private folder elsewhere where TMPDIR leaves no room for names of sockets.
+
+    Later versions of Python do it themselves. Without a place for it the start is refused, and says why.
+    """
+    with contextlib.suppress(OSError):
+        usual = tempfile.gettempdir()
+        if len(os.fsencode(f"{usual}/pymp-12345678/listener-12345678")) > _SOCKET_NAME:
+            tempfile.tempdir = _SHORT_PLACE
+        try:
+            util.get_temp_dir()
+        finally:
+            tempfile.tempdir = usual
+
+
+def _describe_exit(code: int | None) -> str:
+    if code is not None and code < 0:
+        return f"killed by {signal.Signals(-code).name}"
+    return f"exit code {code}"

@@ -1,0 +1,83 @@
+"""Trial flights before a campaign: the nominal one, and a sensitivity check of every dispersion.
+
+A dispersion that reaches no equation gives the same flight to the last bit; it is refused before anything is flown,
+so that no campaign silently varies nothing.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.sampling.samples import full_rows
+from abhv_mc.execution.blocks import Fly
+from abhv_mc.execution.retry import time_limit
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.io.documents import InputError, InputErrors
+from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.user_code.temporary import run_aside
+
+Floats = NDArray[np.float64]
+
+
+_ROWS = 3  # trials of each dispersion
+_COMPILING = 1800.0  # s at most, before they fly: on a busy machine more than 600 were seen
+_MIDDLE = 0.6  # of its extent, where a dispersion stands in other trials: no nominal value of a symmetric law
+
+
+def make_trials(campaign: CheckedCampaign) -> Floats:
+    """Parameter rows: the nominal flight, then for each dispersion its nominal value and both ends of its range.
+
+    The others stand a little above their middles meanwhile: a gust's start matters only where there is a gust, and a
+    gust that blows either way alike has none in its middle.
+    """
+    names = campaign.names
+    nominal = np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in names])
+    quantiles = np.stack([ends_of(campaign, i) for i in range(len(names))]) if names else np.empty((0, _ROWS))
+    values = np.tile(quantiles[:, 1], (1 + _ROWS * len(names), 1))
+    values[0] = nominal
+    for i in range(len(names)):
+        values[1 + _ROWS * i : 1 + _ROWS * (i + 1), i] = nominal[i], quantiles[i, 0], quantiles[i, 2]
+    return full_rows(names, values)
+
+
+def ends_of(campaign: CheckedCampaign, i: int) -> Floats:
+    """Low end, about the middle, and high end of a dispersion."""
+    if campaign.sample_file is not None:
+        return np.quantile(campaign.sample_file.values[: campaign.runs, i], [0.0, _MIDDLE, 1.0])
+    return np.asarray(campaign.marginals[campaign.names[i]].at_fraction(np.array([0.0, _MIDDLE, 1.0])))
+
+
+def fly_probes(campaign: CheckedCampaign, plans: dict[str, FlightPlan], fly: Fly, every: int) -> dict[str, FlightBlock]:
+    """Fly the trials of every controller; the first flight of each block is the nominal one.
+
+    Raises InputError for a dispersion that changes no controller's flight, and where flights do not end.
+    """
+    trials = make_trials(campaign)
+    limit = _COMPILING + time_limit(len(trials), campaign.model.execution.flight_time_limit)
+    flown = {name: _fly_aside(fly, plan, trials, every, limit) for name, plan in plans.items()}
+    errors: list[InputError] = []
+    for i, name in enumerate(campaign.names):
+        unchanged, *rows = range(1 + _ROWS * i, 1 + _ROWS * (i + 1))
+        if not any(_differs(block, row, unchanged) for block in flown.values() for row in rows):
+            low, high = trials[rows, PARAMETER_INDEX[name]]
+            where = ("sampling",) if campaign.sample_file is not None else ("dispersions", name)
+            found = f"'{name}' from {low:g} to {high:g}, which changes no controller's flight"
+            errors.append(campaign.document.key_error(where, found, "a dispersion that matters to this vehicle"))
+    if errors:
+        raise InputErrors(errors)
+    return flown
+
+
+def _fly_aside(fly: Fly, plan: FlightPlan, trials: Floats, every: int, limit: float) -> FlightBlock:
+    try:
+        return run_aside(lambda: fly(plan, trials, every), limit)
+    except TimeoutError:
+        found = f"first flights of '{plan.controller}' that are not done in {limit:g} s"
+        wish = "a law whose loops end, or a longer 'flight_time_limit'"
+        raise InputError("controllers", None, None, found, wish) from None
+
+
+def _differs(block: FlightBlock, a: int, b: int) -> bool:
+    """Whether two flights of a block differ in any bit of what was measured."""
+    same = np.array_equal(block.metrics[a], block.metrics[b], equal_nan=True)
+    return not (same and block.outcome[a] == block.outcome[b] and block.end_time[a] == block.end_time[b])

@@ -1,0 +1,124 @@
+"""Which flights are kept at full length, and how: flown once more when all have flown.
+
+The worst are known only then, and flying a flight again gives the same bits.
+"""
+
+import contextlib
+import hashlib
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.sampling.samples import full_rows
+from abhv_mc.execution.blocks import Backpressure, Fly, closing_quietly
+from abhv_mc.execution.flight_counts import FlightCounts
+from abhv_mc.execution.progress import Progress
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.folder.hashes import FileHashes
+from abhv_mc.folder.histories import history_metadata, write_histories
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.samples import SampleReader
+
+_FLIGHTS_PER_FILE = 128
+
+
+def choose_kept(items: tuple[int | str, ...], flights: int, counts: FlightCounts) -> list[int]:
+    """Numbers of the flights that ``items`` of the campaign's ``keep`` name, ascending."""
+    kept: set[int] = set()
+    for item in items:
+        words = str(item).split()
+        if isinstance(item, int):
+            kept.update({item} & set(range(flights)))  # a campaign may have stopped before it
+        elif item == "all":
+            kept.update(range(flights))
+        elif item == "failed":
+            kept.update(counts.failed)
+        elif words[0] == "every":
+            kept.update(range(0, flights, int(words[1])))
+        elif words[0] == "worst":
+            kept.update(counts.worst_flights[: int(words[1])])
+    return sorted(kept - set(counts.not_computed))
+
+
+@dataclass(frozen=True)
+class HistoryFile:
+    """A file of histories that the campaign keeps."""
+
+    path: Path
+    controller: str
+    flights: list[int]
+    mark: str  # of what it holds
+    files: FileHashes
+
+    @property
+    def whole(self) -> bool:
+        return self.files.holds(self.path) and history_metadata(self.path).get("kept") == self.mark
+
+
+def list_histories(
+    folder: CampaignFolder, campaign: CheckedCampaign, all_counts: Mapping[str, FlightCounts], hashes: FileHashes
+) -> list[HistoryFile]:
+    """The files that the histories of all flights, which have flown, are kept in."""
+    keep = campaign.model.keep.histories
+    files = []
+    for name, counts in all_counts.items():
+        kept = choose_kept(keep.flights, campaign.runs, counts)
+        for part, first in enumerate(range(0, len(kept), _FLIGHTS_PER_FILE)):
+            flights = kept[first : first + _FLIGHTS_PER_FILE]
+            mark = hashlib.sha256(repr((flights, keep.channels, keep.rate)).encode()).hexdigest()
+            files.append(HistoryFile(folder.histories / f"{name}-{part:06d}.parquet", name, flights, mark, hashes))
+    return files
+
+
+def write_kept_histories(
+    folder: CampaignFolder,
+    campaign: CheckedCampaign,
+    plans: Mapping[str, FlightPlan],
+    all_counts: Mapping[str, FlightCounts],
+    samples: SampleReader,
+    fly: Fly,
+    workers: int,
+    hashes: FileHashes,
+) -> None:
+    """Fly and write the histories that the campaign keeps; files that are there already stay."""
+    from joblib import Parallel, delayed
+
+    keep = campaign.model.keep.histories
+    wanted = list_histories(folder, campaign, all_counts, hashes)
+    missing = [file for file in wanted if not file.whole]
+
+    def fly_again(part: int) -> tuple[int, FlightBlock]:
+        plan = plans[missing[part].controller]
+        every = round(1.0 / (keep.rate * plan.timing.tick))
+        return part, fly(plan, _parameters(samples, missing[part].flights), every)
+
+    pool = Parallel(n_jobs=workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs")
+    backpressure = Backpressure(2 * workers)
+    results = pool(delayed(backpressure.call)(fly_again, part) for part in range(len(missing)))
+    total = sum(len(file.flights) for file in missing)
+    with Progress("histories", total) as progress, closing_quietly(results), contextlib.closing(backpressure):
+        for part, block in results:
+            file = missing[part]
+            lost = block.outcome == Outcome.FAILED_TO_RUN  # it flew the first time
+            for flight in np.array(file.flights)[lost]:
+                print(f"no history of flight {flight} of {file.controller}: run again to try again", file=sys.stderr)
+            metadata = {} if lost.any() else {"kept": file.mark}
+            write_histories(
+                file.path, file.controller, file.flights, block.times, block.history, keep.channels, metadata
+            )
+            backpressure.free()
+            progress.add(len(file.flights))
+    for path in set(folder.histories.glob("*.parquet")) - {file.path for file in wanted}:
+        path.unlink()
+        hashes.forget(path)
+
+
+def _parameters(samples: SampleReader, flights: list[int]) -> NDArray[np.float64]:
+    values = np.concatenate([samples.rows(flight, flight + 1) for flight in flights])
+    return full_rows(samples.names, values)

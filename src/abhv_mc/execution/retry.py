@@ -1,0 +1,86 @@
+"""Retries: a block that is lost is flown again in smaller pieces, down to the single flight that cannot be computed.
+
+That flight has the outcome ``failed_to_run``, which says nothing about the vehicle.
+"""
+
+import math
+import sys
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.execution.every_tick import join_binned
+from abhv_mc.flight.channels import CHANNELS
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.stability.metrics import count_metrics
+
+Floats = NDArray[np.float64]
+Attempt = Callable[[Floats], FlightBlock]
+
+PIECE = 16  # flights of the first smaller pieces, and those that one time limit holds for
+_PIECES = (PIECE, 1, 1)  # a single flight is tried twice: its process may have been killed from outside
+
+
+class FlightLostError(Exception):
+    """Flights that raised, took too long or ended their process; the message says which of these."""
+
+
+class UnusableError(Exception):
+    """This machine computes no flight at all: the campaign stops, and nothing wrong is recorded."""
+
+
+def time_limit(flights: int, one: float) -> float:
+    """Seconds that so many flights may take where one flight, or up to PIECE of them, may take ``one``."""
+    return one * math.ceil(flights / PIECE)
+
+
+def fly_with_retries(attempt: Attempt, plan: FlightPlan, parameters: Floats, every: int | None) -> FlightBlock:
+    """What ``attempt`` makes of the rows, with ``failed_to_run`` for those that are lost alone, too.
+
+    Raises UnusableError where not one of PIECE or more flights could be computed.
+    """
+    reasons: list[str] = []
+    block = _fly(attempt, plan, parameters, every, _PIECES, reasons)
+    if reasons:
+        if len(parameters) >= PIECE and (block.outcome == Outcome.FAILED_TO_RUN).all():
+            raise UnusableError(f"none of {len(parameters)} flights could be computed here: {reasons[-1]}")
+        for reason in reasons:
+            print(f"{plan.controller}: a flight could not be computed: {reason}", file=sys.stderr, flush=True)
+    return block
+
+
+def _fly(
+    attempt: Attempt,
+    plan: FlightPlan,
+    parameters: Floats,
+    every: int | None,
+    sizes: tuple[int, ...],
+    reasons: list[str],
+) -> FlightBlock:
+    try:
+        return attempt(parameters)
+    except FlightLostError as error:
+        if not sizes:
+            reasons.append(str(error))
+            return make_failed(plan, every)
+        pieces = np.split(parameters, range(sizes[0], len(parameters), sizes[0]))
+        return join_blocks([_fly(attempt, plan, piece, every, sizes[1:], reasons) for piece in pieces])
+
+
+def make_failed(plan: FlightPlan, every: int | None) -> FlightBlock:
+    """The row of one flight that could not be computed."""
+    times = np.arange(plan.timing.ticks // every + 1) * every * plan.timing.tick if every else np.empty(0)
+    return FlightBlock(
+        outcome=np.array([Outcome.FAILED_TO_RUN], np.int64),
+        end_time=np.full(1, np.nan),
+        metrics=np.full((1, count_metrics(plan)), np.nan),
+        history=np.full((1, len(times), len(CHANNELS)), np.nan, np.float32),
+        times=times.astype(np.float64),
+    )
+
+
+def join_blocks(blocks: list[FlightBlock]) -> FlightBlock:
+    """Blocks one after another as one; whole states, which a failed flight has none of, are left out."""
+    return join_binned(blocks)

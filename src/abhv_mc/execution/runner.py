@@ -1,0 +1,328 @@
+"""Fly a campaign: what is missing in its folder, in parallel, kept block by block; then envelopes and histories."""
+
+import contextlib
+import json
+import sys
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.sampling.samples import full_rows
+from abhv_mc.execution.blocks import Backpressure, Block, Mask, choose_batch, closing_quietly, cut_blocks, fly_block
+from abhv_mc.execution.cluster import connect_cluster
+from abhv_mc.execution.completion import Completion, find_blocks
+from abhv_mc.execution.engine import Engine, check_source, make_engine
+from abhv_mc.execution.every_tick import BinnedBlock
+from abhv_mc.execution.executor import Executor, open_executor
+from abhv_mc.execution.flight_counts import count_flights, flight_values, judge_requirements
+from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
+from abhv_mc.execution.plans import record_every
+from abhv_mc.execution.progress import Progress
+from abhv_mc.execution.refly import fly_again, refly_blocks
+from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
+from abhv_mc.execution.setup import OpenCampaign, Request, open_campaign
+from abhv_mc.flight.channels import CHANNEL_INDEX
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.folder.digest import Digest
+from abhv_mc.folder.envelope_states import Cells, Collector, make_collector
+from abhv_mc.folder.envelopes import is_whole, write_envelopes
+from abhv_mc.folder.flights import FlightRows, flights_schema, write_block
+from abhv_mc.folder.layout import write_text
+from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
+from abhv_mc.folder.samples import SampleReader
+from abhv_mc.stability.metrics import MARGIN_VALUES
+
+_SAVE_INTERVAL = 5.0  # s between states on disk: what a kill costs the envelopes of a large campaign
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """How a run ended."""
+
+    folder: Path
+    manifest: dict[str, Any]
+
+    @property
+    def complete(self) -> bool:
+        return self.manifest["state"] == COMPLETE
+
+
+def healed_of(manifest: dict[str, Any]) -> Digest:
+    """Digest of the flights that could be computed when they were tried again, and not before."""
+    return Digest(int(manifest.get("healed") or "0", 16))
+
+
+def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
+    """Fly a campaign, or what its folder misses of it.
+
+    Raises InputError before anything is written for a request that is wrong, and StorageFullError when the disk
+    takes no more. An interrupt ends with a result that is not complete; what was flown is kept.
+    """
+    engine = engine or make_engine()
+    with ExitStack() as stack:
+        stack.enter_context(sigterm_as_interrupt())
+        cluster = None
+        if request.scheduler is not None:
+            cluster = stack.enter_context(connect_cluster(request.scheduler, engine))
+        opened = open_campaign(request, engine, stack)
+        execution = opened.campaign.model.execution
+        executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))
+        return _Run(opened, engine, executor).run()
+
+
+class _Run:
+    def __init__(self, opened: OpenCampaign, engine: Engine, executor: Executor) -> None:
+        self.folder, self.campaign, self.plans = opened.folder, opened.campaign, opened.plans
+        self.manifest, self.engine = opened.manifest, engine
+        self.files = opened.files
+        model = self.campaign.model
+        self.completion = Completion(self.campaign, opened.part, opened.asked)
+        self.sharded = "shard" in self.manifest
+        self.fly, self.workers = executor.fly, executor.workers
+        self.batch = model.execution.batch or engine.batch or choose_batch(self.campaign.runs, self.workers)
+        self.samples = SampleReader(self.folder.samples)
+        self.collectors: dict[str, Collector] = {}
+        provenance = {"seed": str(model.seed), "campaign_hash": self.manifest["campaign_hash"]}
+        provenance["version"] = str(self.manifest["versions"].get("abhv_mc"))
+        values = flight_values(self.campaign)
+        self.columns = tuple(signal.name for signal in values)
+        self.schema = flights_schema(self.samples.names, provenance, values)
+        self.margin_plans = opened.margin_plans
+        self.with_margins = model.margins.of(self.campaign.runs) if model.margins else 0
+        self.healed = healed_of(self.manifest)
+        self.start, self.wall_before = time.monotonic(), float(self.manifest.get("wall_time_s", 0.0))
+
+    def run(self) -> RunResult:
+        """Fly and finish."""
+        self._take_stock()
+        self.completion.left = {name: counts.uncomputed.copy() for name, counts in self.completion.all_counts.items()}
+        flown = (
+            self.manifest["state"] == COMPLETE
+            and self.completion.whole()
+            and not any(self.completion.to_retry().values())
+            and (self.sharded or self._has_envelopes())
+        )
+        if self.files.knows(self.folder.margins) and not self.files.holds(self.folder.margins):
+            flown = False
+        if not (flown and (self.sharded or all(file.whole for file in self._list_histories()))):
+            check_source(self.folder, self.manifest, self.engine)
+            try:
+                if not flown:
+                    self._fly()
+                whole = self.completion.whole()
+                if whole:
+                    self._finish()
+                self._write_manifest(COMPLETE if whole else INTERRUPTED)
+            except KeyboardInterrupt:
+                with interrupts_deferred():
+                    self._save()
+                    self._write_manifest(INTERRUPTED)
+            except BaseException:
+                with contextlib.suppress(Exception):  # the error counts, not that the full disk takes no manifest
+                    self._write_manifest(INTERRUPTED)
+                raise
+        elif self.manifest.get("files", self.files.listed()) != self.files.listed():
+            self._write_manifest(COMPLETE)  # what was mended may have other bytes, written by another library
+        return RunResult(self.folder.root, self.manifest)
+
+    def _has_envelopes(self) -> bool:
+        return self.files.holds(self.folder.envelopes) and is_whole(self.folder.envelopes)
+
+    def _take_stock(self) -> None:
+        """Count every block that is there."""
+        names = tuple(self.completion.done)
+        self.completion.count(
+            find_blocks(self.folder, names, self.campaign.runs, self.samples, self.columns, self.files)
+        )
+
+    def _make_cells(self) -> Cells:
+        keep = self.campaign.model.keep.envelopes
+        plan = next(iter(self.plans.values()))
+        every = record_every(self.campaign.document, plan, keep.rate, "envelopes")
+        times = np.arange(plan.timing.ticks // every + 1).astype(np.float64) * (every * plan.timing.tick)
+        return Cells(keep.channels, tuple(CHANNEL_INDEX[name] for name in keep.channels), times, every)
+
+    def _parameters(self, first: int, stop: int) -> NDArray[np.float64]:
+        return full_rows(self.samples.names, self.samples.rows(first, stop))
+
+    def _fly(self) -> None:
+        """Fly what is missing, from look to look where the campaign stops when proven."""
+        self.cells = self._make_cells()
+        for name, plan in self.plans.items():
+
+            def pilot(number: int, plan: Any = plan) -> NDArray[np.float32]:
+                block = self.fly(plan, self._parameters(0, number), self.cells.every)
+                return self.cells.cut(block.history)
+
+            self.collectors[name] = make_collector(
+                self.folder.envelope_states, name, self.campaign.runs, self.cells, pilot
+            )
+        while True:
+            if any((again := self.completion.to_retry()).values()):
+                self._try_again(again)
+            elif missing := self.completion.find_missing(self.collectors):
+                self._fly_missing(missing)
+            else:
+                break
+
+    def _try_again(self, again: dict[str, list[int]]) -> None:
+        """Fly once more what could not be computed; what can be now takes its place in its block."""
+        self._write_manifest(RUNNING)
+        for name, flights in again.items():
+            self.completion.tried[name][flights] = True
+        found = fly_again(self.fly, self._plan_of, again, self._parameters, self._make_values, self.workers)
+        with interrupts_deferred():
+            for name, rows in found.items():
+                self.healed += refly_blocks(self.folder.flights, name, self.samples.names, rows, self.schema)
+            if found:
+                self._take_stock()
+
+    def _plan_of(self, controller: str, flight: int) -> FlightPlan:
+        """The plan of a flight's row: with margins where the flight is to have them."""
+        return (self.margin_plans if flight < self.with_margins else self.plans)[controller]
+
+    def _fly_missing(self, missing: dict[str, tuple[Mask, Mask]]) -> None:
+        from joblib import Parallel, delayed
+
+        total = sum(int((rows | envelope).sum()) for rows, envelope in missing.values())
+        self._write_manifest(RUNNING)
+        pool = Parallel(
+            n_jobs=self.workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs"
+        )
+        backpressure = Backpressure(2 * self.workers)
+        tasks = (
+            delayed(backpressure.call)(
+                fly_block,
+                self.fly,
+                self._plan_of(block.controller, block.first) if block.rows else self.plans[block.controller],
+                block,
+                self._parameters(block.first, block.stop),
+                self.cells.every,
+            )
+            for block in cut_blocks(missing, self.batch, self.with_margins)
+        )
+        saved = time.monotonic()
+        results = pool(tasks)
+        with Progress("flights", total) as progress, closing_quietly(results), contextlib.closing(backpressure):
+            for block, flown in results:
+                with interrupts_deferred():
+                    self._keep(block, flown)
+                backpressure.free()
+                progress.add(block.flights)
+                if time.monotonic() - saved > _SAVE_INTERVAL:
+                    self._save()
+                    self._write_manifest(RUNNING)
+                    saved = time.monotonic()
+
+    def _keep(self, block: Block, flown: FlightBlock) -> None:
+        """Write a finished block and count it."""
+        if block.envelope:
+            collector = self.collectors[block.controller]
+            history = self.cells.cut(flown.history)
+            collector.add(block.first, history, self._extremes(flown, history))
+            collector.covered[block.first : block.stop] &= flown.outcome != Outcome.FAILED_TO_RUN
+        if block.rows:
+            rows = FlightRows(
+                block.controller,
+                block.first,
+                self.samples.names,
+                self.samples.rows(block.first, block.stop),
+                tuple(Outcome(code).code for code in flown.outcome),
+                self._make_values(flown),
+                self.columns,
+                self.plans[block.controller].timing.duration,
+            )
+            digest = write_block(self.folder.flights, rows, self.schema)
+            self.completion.add(rows, digest)
+            for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
+                print(f"flight {flight} of {block.controller} failed to run", file=sys.stderr, flush=True)
+
+    def _extremes(self, flown: FlightBlock, history: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Smallest and largest values ``[side, cell]`` of a block: of every tick, or of the samples from a GPU."""
+        if isinstance(flown, BinnedBlock) and flown.low is not None and flown.high is not None:
+            return self.cells.cut(np.stack([flown.low, flown.high]))
+        return np.stack([np.fmin.reduce(history, axis=0), np.fmax.reduce(history, axis=0)])
+
+    def _make_values(self, flown: FlightBlock) -> NDArray[np.float64]:
+        """Values ``[flight, value]``; margins come last, nan where they were not asked for."""
+        count = len(self.campaign.metrics)
+        metrics, margins = flown.metrics[:, :count], flown.metrics[:, count:]
+        if self.campaign.model.margins is None:
+            return np.column_stack([metrics, flown.end_time])
+        missing = np.full((len(metrics), len(MARGIN_VALUES)), np.nan)
+        return np.column_stack([metrics, flown.end_time, margins if margins.size else missing])
+
+    def _save(self) -> None:
+        for collector in self.collectors.values():
+            collector.save()
+
+    def _finish(self) -> None:
+        """What follows from all flights: envelopes, histories. A shard keeps what they are merged from."""
+        if self.sharded:
+            self._save()
+            return
+        if self.collectors:
+            tables = {name: self.collectors[name].table() for name in self.plans}
+            write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables)
+        flown = replace(self.campaign, runs=self.completion.goal())
+        write_kept_histories(
+            self.folder, flown, self.plans, self.completion.all_counts, self.samples, self.fly, self.workers, self.files
+        )
+        self._write_stability()
+        for name, collector in self.collectors.items():
+            if self.completion.all_counts[name].uncomputed.any():
+                collector.save()  # the next run tries these flights again, and adds them
+            else:
+                collector.finish()
+        if not self.folder.envelope_states.is_dir():
+            self.files.forget(self.folder.envelope_states)
+        self.files.check_presence()
+
+    def _write_stability(self) -> None:
+        """The margins in steady flight, of all controllers of the folder."""
+        if self.engine.find_stability is not None:
+            found = self.engine.find_stability(self.campaign, self.plans)
+            write_text(self.folder.margins, json.dumps(found, indent=1, allow_nan=False) + "\n")
+
+    def _list_histories(self) -> list[HistoryFile]:
+        return list_histories(
+            self.folder, replace(self.campaign, runs=self.completion.goal()), self.completion.all_counts, self.files
+        )
+
+    def _look(self, state: str, gapless: int) -> None:
+        """Write down at how many flights everything planned was there: verdicts are given there, and only there."""
+        looks = list(self.manifest.get("looks") or [])
+        if self.campaign.looks:
+            looks = [look for look in self.campaign.looks if look <= gapless]
+        elif state == COMPLETE and not self.sharded and gapless not in looks:
+            looks.append(gapless)
+        self.manifest["looks"] = looks
+
+    def _write_manifest(self, state: str) -> None:
+        counted, gapless = count_flights(self.completion.all_counts, self.completion.done)
+        self.manifest |= counted | {
+            "state": state,
+            "runs_planned": self.completion.stop - self.completion.first,
+            "wall_time_s": round(self.wall_before + time.monotonic() - self.start, 3),
+        }
+        self.manifest["files"] = self.files.listed()
+        if self.healed.value:
+            self.manifest["healed"] = str(self.healed)
+        self._look(state, gapless)
+        looks = tuple(self.manifest["looks"])
+        if self.sharded:
+            self.manifest["requirements"] = []
+        else:
+            judged = judge_requirements(
+                self.completion.all_counts, self.campaign, gapless, looks, self.completion.untried()
+            )
+            self.manifest["requirements"] = judged
+        if self.campaign.looks:
+            self.manifest["stopped_at"] = gapless if state == COMPLETE else None
+        write_manifest(self.folder.manifest, self.manifest)

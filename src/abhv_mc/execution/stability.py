@@ -1,0 +1,98 @@
+"""Margins of each controller in steady flight at the mission's start: nominal, and at corners of the dispersions."""
+
+from collections.abc import Mapping
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.sampling.samples import full_rows
+from abhv_mc.execution.probe_dispersions import ends_of
+from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.io.input_error import InputError
+from abhv_mc.vehicle.arrays import Floats
+
+_ALL_CORNERS, _SOME = 6, 64  # up to so many parameters all corners, else so many random ones
+_DIGITS = 6
+
+
+def make_corners(campaign: CheckedCampaign) -> Floats:
+    """Parameter rows: the nominal vehicle, then corners of the dispersions' ranges (of their extreme quantiles)."""
+    count = len(campaign.names)
+    ends = np.array([ends_of(campaign, i)[[0, 2]] for i in range(count)]).reshape(count, 2)
+    if count <= _ALL_CORNERS:
+        sides = np.array(list(product((0, 1), repeat=count)), int)
+    else:
+        sides = np.random.default_rng(campaign.model.seed).integers(0, 2, (_SOME, count))
+    values = ends[np.arange(count), sides]
+    nominal = nominal_parameters()
+    return np.vstack([nominal, full_rows(campaign.names, values)]) if count else nominal
+
+
+def describe_stability(campaign: CheckedCampaign, plans: Mapping[str, FlightPlan]) -> dict[str, Any]:
+    """What ``margins.json`` holds: for each controller its nominal rows, and the least over the corners by loop.
+
+    ``plans`` are the controllers', with the code of laws of the user's own. Controllers of which no steady flight was
+    found say why. Empty for vehicles without surfaces or engine.
+    """
+    from abhv_mc.control.controller_file import read_controller
+    from abhv_mc.control.mission import read_mission
+    from abhv_mc.flight.prepare import own_parts_of
+    from abhv_mc.plant.vehicles import load_vehicle
+    from abhv_mc.stability.points import make_steady_plan
+
+    model = campaign.model
+    vehicle, mission = load_vehicle(model.vehicle), read_mission(model.mission)
+    if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
+        return {}
+    rows, found = make_corners(campaign), {}
+    for name, file in model.controllers.items():
+        try:
+            own = own_parts_of(plans[name])
+            steady = make_steady_plan(vehicle, mission, read_controller(file), name, own=own)
+            found[name] = _describe(name, steady, rows)
+        except InputError as error:
+            found[name] = {"fault": error.found}
+    whole = len(rows) == 1 + 2 ** len(campaign.names)
+    return {"corners": len(rows) - 1, "all_corners": whole, "controllers": found}
+
+
+def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
+    from abhv_mc.stability.analysis import NO_SLOPES, analyse
+    from abhv_mc.stability.linearize import linearise
+    from abhv_mc.stability.points import trim_points
+    from abhv_mc.stability.rows import make_rows
+
+    points = trim_points(steady, parameters)
+    if points.faults[0]:
+        return {"fault": points.faults[0]}
+    stability = analyse(linearise(steady, parameters, points.points))
+    if not stability.poles[0].size:
+        return {"fault": NO_SLOPES}
+    table = [make_rows(name, None, stability, i) for i in range(len(parameters))]
+    trimmed = [rows for rows, fault in zip(table[1:], points.faults[1:], strict=True) if not fault]
+    stable = [rows for rows in trimmed if rows[-1]["stable"]]
+    return {
+        "nominal": [_rounded(row) for row in table[0]],
+        "corners_without_trim": len(table) - 1 - len(trimmed),
+        "corners_unstable": len(trimmed) - len(stable),
+        "corners": [_least([rows[i] for rows in stable]) for i in range(len(table[0]))] if stable else [],
+    }
+
+
+def _least(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """The margins of one loop that are least among the corners; None where nothing makes it unstable."""
+    least: dict[str, Any] = {"loop": rows[0]["loop"]}
+    for key in rows[0]:
+        if key.endswith(("_margin_deg", "_margin_ms", "_high_db", "disk_margin", "disk_gain_db", "disk_phase_deg")):
+            least[key] = min((row[key] for row in rows if row[key] is not None), default=None)
+        elif key.endswith("_low_db"):
+            least[key] = max((row[key] for row in rows if row[key] is not None), default=None)
+    return _rounded(least)
+
+
+def _rounded(row: dict[str, Any]) -> dict[str, Any]:
+    """Numbers to the digits that are known of them."""
+    return {k: float(f"{v:.{_DIGITS}g}") if isinstance(v, float) else v for k, v in row.items()}

@@ -1,0 +1,47 @@
+"""What can be said of a campaign's folder without flying."""
+
+import contextlib
+import os
+from pathlib import Path
+from typing import Any
+
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.lock import lock_holder
+from abhv_mc.folder.manifest import INTERRUPTED, RUNNING, read_manifest
+from abhv_mc.io.input_error import InputError
+
+_KEYS = {"name", "state", "runs_planned", "runs_done", "controllers", "requirements", "digest", "started"}
+
+
+def read_status(root: Path) -> dict[str, Any]:
+    """The manifest, who holds the folder, and its size.
+
+    A campaign whose manifest says ``running`` while nobody holds its lock was killed: its state is ``interrupted``.
+    """
+    folder = CampaignFolder(root)
+    manifest = read_manifest(folder.manifest)
+    if not manifest.keys() >= _KEYS:
+        raise InputError(folder.manifest, None, None, "another kind of manifest", "a campaign's")
+    holder = lock_holder(folder.lock)
+    if manifest["state"] == RUNNING and holder is None:
+        manifest["state"] = INTERRUPTED
+    return manifest | {"folder": str(root), "holder": holder, "bytes": _size(root)}
+
+
+def _size(root: Path) -> int:
+    """Bytes of all files; a run that goes on removes some meanwhile."""
+    size = 0
+    for place, _, names in os.walk(root):
+        for name in names:
+            with contextlib.suppress(OSError):
+                size += Path(place, name).lstat().st_size
+    return size
+
+
+def find_campaigns(root: Path) -> list[dict[str, Any]]:
+    """The status of every campaign's folder directly in ``root``, by name."""
+    found = []
+    for path in sorted(root.glob("*/manifest.json")):
+        with contextlib.suppress(InputError):  # somebody else's manifest
+            found.append(read_status(path.parent))
+    return found

@@ -1,0 +1,60 @@
+"""What runs in a worker process: it flies what it is sent, and touches no file."""
+
+import os
+import signal
+import threading
+from multiprocessing import parent_process
+from multiprocessing.connection import Connection, wait
+
+from abhv_mc.execution.blocks import Fly
+from abhv_mc.execution.every_tick import fly_every_tick
+from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+
+Environment = dict[str, str | None]  # variables by name, None where there is none
+
+
+def set_environment(wanted: Environment) -> Environment:
+    """Set variables for processes that are started from now on; what they were before."""
+    before = {name: os.environ.get(name) for name in wanted}
+    os.environ.update({name: value for name, value in wanted.items() if value is not None})
+    for name in [name for name, value in wanted.items() if value is None]:
+        os.environ.pop(name, None)
+    return before
+
+
+def serve(connection: Connection, fly: Fly, environment: Environment) -> None:
+    """Answer jobs (key of the plan, plan when it is new, parameters, every) until the parent hangs up.
+
+    Each is answered twice: None when the flights start, for the parent's clock, then the block or what was raised.
+    ``environment``: variables that the parent has, but not the process that this one was forked from.
+    """
+    set_environment(environment)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches everyone in the terminal; the parent decides
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    plans: dict[int, FlightPlan] = {}
+    while True:
+        try:
+            key, plan, parameters, every = connection.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            if plan is not None:
+                plans[key] = plan
+                fly(plan, nominal_parameters(), None)  # loads or compiles, which is no flight's time
+            connection.send(None)
+            answer: FlightBlock | str = fly_every_tick(fly, plans[key], parameters, every)
+        except BrokenPipeError:
+            return
+        except Exception as error:
+            answer = f"{type(error).__name__}: {error}"
+        connection.send(answer)
+
+
+def _end_with_parent() -> None:
+    """A flight that hangs would outlive a killed parent."""
+    parent = parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)

@@ -1,0 +1,74 @@
+"""A plan's own law and channels as the kernel calls them: their addresses, which hold while it flies."""
+
+import contextlib
+from collections.abc import Iterator
+from typing import Any
+
+from abhv_mc.control.laws.user import MAX_MEMORY, MEMORY
+from abhv_mc.flight.arguments import OwnLaw
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.io.input_error import InputError
+from abhv_mc.plant import state as s
+from abhv_mc.user_code.channels import compile_channels
+from abhv_mc.user_code.compiled import compile_law
+from abhv_mc.user_code.plain import PlainLaw
+from abhv_mc.user_code.source import Law, OwnSource, is_number, load_law
+
+PYTHON = "python"
+
+
+@contextlib.contextmanager
+def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False) -> Iterator[OwnLaw]:
+    """The law and the channels of a plan for ``width`` lanes; nothing for a plan without its own.
+
+    ``memory_in_rows`` keeps the memory of a law in plain Python where a compiled law has it, see
+    :func:`law_memory`. Raises ValueError for a plan whose source is missing: a stored plan has none.
+    """
+    address, onboard, channels = 0, 0, 0
+    made: Any = None  # held while it flies
+    if plan.law == PYTHON:
+        law = load_plan_law(plan)
+        source, gains = law.source, tuple(plan.gain_names.tolist())
+        made = compile_law(source, gains, width) if law.mark.compiled else PlainLaw(law, gains, width, memory_in_rows)
+        address, onboard = int(made.address), int("onboard" in law.arguments)
+    if plan.channels_hash:
+        channels = int(compile_channels(_checked(plan.channels_source, plan.channels_hash), width).address)
+    yield OwnLaw(address, onboard, channels)
+    del made
+
+
+def load_plan_law(plan: FlightPlan) -> Law:
+    """The law of a plan that has its own."""
+    return load_law(_checked(plan.source, plan.source_hash))
+
+
+def _checked(source: OwnSource | None, digest: str) -> OwnSource:
+    if source is None or source.hash != digest:
+        raise ValueError("a plan of the user's own code without its source")
+    return source
+
+
+def law_memory(plan: FlightPlan) -> dict[str, tuple[int, float]]:
+    """Row of the lane memory and value at the start of each number that the plan's own law remembers, by its name.
+
+    The last commands are among them where the law sees them (``onboard``): they start as the nominal flight's
+    actuators do. Raises InputError for a memory in plain Python that is no named tuple of numbers.
+    """
+    law = load_plan_law(plan)
+    names: tuple[str, ...] = ()
+    if "memory" in law.arguments:
+        names = getattr(law.memory, "_fields", ())
+        defaults = getattr(law.memory, "_field_defaults", {})
+        if not names or len(names) > MAX_MEMORY or not all(is_number(defaults.get(name)) for name in names):
+            found = "a law in plain Python whose memory is no NamedTuple of numbers"
+            raise InputError(law.source.file, None, None, found, "such a Memory, of which slopes can be taken")
+    rows = {name: (MEMORY + i, float(law.memory._field_defaults[name])) for i, name in enumerate(names)}
+    if "onboard" in law.arguments:
+        last = {
+            "onboard.last.aileron": (s.CMD_AILERON, s.AILERON),
+            "onboard.last.rudder": (s.CMD_RUDDER, s.RUDDER),
+            "onboard.last.elevator": (s.CMD_ELEVATOR, s.ELEVATOR),
+            "onboard.last.equivalence_ratio": (s.CMD_ETA, s.ETA),
+        }
+        rows |= {name: (row, float(plan.initial_state[state])) for name, (row, state) in last.items()}
+    return rows

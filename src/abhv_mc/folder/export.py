@@ -1,0 +1,48 @@
+"""A campaign's tables as CSV, file by file, so that memory does not grow with the campaign."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.csv as pc
+import pyarrow.parquet as pq
+
+from abhv_mc.folder.database import table_files
+from abhv_mc.folder.hashes import CheckedFolder
+from abhv_mc.folder.layout import write_whole
+from abhv_mc.folder.table_check import refusing
+from abhv_mc.io.input_error import InputError
+
+
+def export_csv(root: Path, out: Path) -> Iterator[Path]:
+    """Write ``<table>.csv`` of every table into ``out`` and yield its path.
+
+    Raises InputError without a campaign, for a table whose files have different columns, and where a run has changed
+    the campaign meanwhile: what is there then belongs together no more.
+    """
+    checked = CheckedFolder(root)
+    for name, files in table_files(checked).items():
+
+        def write(aside: Path, files: list[Path] = files) -> None:
+            schema = pq.read_schema(files[0]).remove_metadata()
+            with pc.CSVWriter(aside, schema) as writer:
+                for batch in _read(files, schema):
+                    writer.write_batch(batch)
+
+        path = out / f"{name}.csv"
+        try:
+            write_whole(path, write)
+        except (InputError, OSError):
+            checked.refuse_changes()  # which tells more
+            raise
+        yield path
+    checked.refuse_changes()
+
+
+def _read(files: list[Path], schema: pa.Schema) -> Iterator[pa.RecordBatch]:
+    for file in files:
+        with refusing(file), pq.ParquetFile(file) as part:
+            if not part.schema_arrow.equals(schema):
+                raise InputError(file, None, None, f"other columns than in {files[0].name}", "the same")
+            for batch in part.iter_batches():
+                yield batch.cast(schema)

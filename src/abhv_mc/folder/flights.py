@@ -1,0 +1,142 @@
+"""Blocks of flown flights as Parquet: one row per flight and controller, whole and checked."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from abhv_mc.flight.channels import METRIC_INDEX, METRICS, Signal
+from abhv_mc.flight.failure_case import failure_cases
+from abhv_mc.flight.outcome import SENTENCES, Outcome
+from abhv_mc.folder.columns import column_values
+from abhv_mc.folder.digest import Digest, digest_rows
+from abhv_mc.folder.layout import write_whole
+from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.vehicle.arrays import Floats
+
+END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
+VALUES = (*METRICS, END_TIME)  # the columns after the samples, and before them a campaign's own metrics
+_VALUE_NAMES = tuple(signal.name for signal in VALUES)
+CASE = "failure.case"
+_DIGEST = b"abhv_mc.digest"
+
+
+class DamagedFileError(Exception):
+    """A block file that is truncated or does not hold what its name says; it is flown again."""
+
+
+@dataclass(frozen=True)
+class FlightRows:
+    """The rows of one block of one controller, ascending by flight without gaps."""
+
+    controller: str
+    first: int
+    names: tuple[str, ...]  # of the sampled parameters
+    samples: Floats  # [flight, parameter]
+    outcome: tuple[str, ...]  # codes
+    values: Floats  # [flight, value]
+    columns: tuple[str, ...] = _VALUE_NAMES  # of the values: the metrics, then the time of the end
+    duration: float = np.inf  # of the mission, s
+
+    @property
+    def stop(self) -> int:
+        return self.first + len(self.outcome)
+
+    @property
+    def flights(self) -> NDArray[np.int64]:
+        return np.arange(self.first, self.stop)
+
+    @property
+    def cases(self) -> list[str]:
+        """What failed in each flight; see :mod:`abhv_mc.flight.failure_case`."""
+        ends = np.full(len(self.outcome), self.duration)
+        return failure_cases(self.names, self.samples, ends, self.values[:, METRIC_INDEX["engine_failed_s"]])
+
+    def digest(self) -> Digest:
+        columns = {name: self.samples[:, i] for i, name in enumerate(self.names)}
+        columns |= {name: self.values[:, i] for i, name in enumerate(self.columns)}
+        return digest_rows(self.controller, self.flights, self.outcome, columns)
+
+
+def make_field(name: str, kind: pa.DataType, unit: str, doc: str) -> pa.Field:
+    """A column with its unit and meaning."""
+    return pa.field(name, kind, nullable=False, metadata={"unit": unit, "doc": doc})
+
+
+def flights_schema(names: Sequence[str], provenance: dict[str, str], values: Sequence[Signal] = VALUES) -> pa.Schema:
+    """Schema of the flights table with the sample columns ``names`` and those of ``values``."""
+    outcomes = "; ".join(f"{outcome.code}: {SENTENCES[outcome]}" for outcome in Outcome)
+    parameters = [PARAMETERS[PARAMETER_INDEX[name]] for name in names]
+    fields = [
+        make_field("flight", pa.int64(), "-", "number of the flight"),
+        make_field("controller", pa.string(), "-", "name of the controller"),
+        make_field("outcome", pa.string(), "-", outcomes),
+        make_field(CASE, pa.string(), "-", "what failed, or was to fail before the mission's end; or 'none'"),
+        *(make_field(p.name, pa.float64(), p.unit, p.doc) for p in parameters),
+        *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in values),
+    ]
+    return pa.schema(fields, metadata={f"abhv_mc.{key}": text for key, text in provenance.items()})
+
+
+def write_parquet(path: Path, table: pa.Table, floats: Sequence[str], words: list[str], **more: Any) -> None:
+    """Floats byte by byte, dictionaries of words only, light compression: half the size of Parquet's defaults."""
+    encoding = dict.fromkeys(floats, "BYTE_STREAM_SPLIT")
+    options = {"compression": "zstd", "compression_level": 1, "write_page_checksum": True, **more}
+    write_whole(
+        path, lambda aside: pq.write_table(table, aside, use_dictionary=words, column_encoding=encoding, **options)
+    )
+
+
+def block_path(folder: Path, controller: str, first: int, stop: int) -> Path:
+    """Name of a block's file: the controller and the flights first .. stop - 1."""
+    return folder / f"{controller}-{first:09d}-{stop:09d}.parquet"
+
+
+def parse_block_name(path: Path) -> tuple[str, int, int]:
+    """Controller, first and stop from a block's file name. Raises DamagedFileError."""
+    controller, _, rest = path.stem.rpartition("-")
+    controller, _, first = controller.rpartition("-")
+    if not (controller and first.isdecimal() and rest.isdecimal() and (first + rest).isascii()):
+        raise DamagedFileError(f"{path.name} is no block's name")
+    return controller, int(first), int(rest)
+
+
+def write_block(folder: Path, rows: FlightRows, schema: pa.Schema) -> Digest:
+    """Write one block's file into ``folder`` and give its digest."""
+    digest = rows.digest()
+    columns: list[Any] = [rows.flights, pa.repeat(rows.controller, len(rows.outcome)), pa.array(rows.outcome)]
+    columns.append(pa.array(rows.cases))
+    columns += [np.ascontiguousarray(column) for column in (*rows.samples.T, *rows.values.T)]
+    schema = schema.with_metadata({**(schema.metadata or {}), _DIGEST: str(digest)})
+    table = pa.Table.from_arrays([pa.array(column) for column in columns], schema=schema)
+    floats = [*rows.names, *rows.columns]
+    path = block_path(folder, rows.controller, rows.first, rows.stop)
+    write_parquet(path, table, floats, ["controller", "outcome", CASE], write_statistics=["flight"])
+    return digest
+
+
+def read_block(path: Path, names: Sequence[str]) -> FlightRows:
+    """Read a block's file and prove it whole. Raises DamagedFileError."""
+    controller, first, stop = parse_block_name(path)
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:  # read_table would import pandas
+            table = file.read()
+        sampled = [column_values(table[name]) for name in names]
+        samples = np.stack(sampled, axis=1) if names else np.empty((stop - first, 0))
+        held = table.column_names
+        columns = tuple(name for name in held[held.index(_VALUE_NAMES[0]) :])
+        values = np.stack([column_values(table[name]) for name in columns], axis=1)
+        outcomes = tuple(table["outcome"].to_pylist())
+        rows = FlightRows(controller, first, tuple(names), samples, outcomes, values, columns)
+        whole = np.array_equal(column_values(table["flight"]), np.arange(first, stop))
+        digest = (table.schema.metadata or {}).get(_DIGEST, b"").decode()
+    except (pa.ArrowException, OSError, KeyError, ValueError) as error:
+        raise DamagedFileError(f"{path.name}: {str(error).splitlines()[0]}") from error
+    if not whole or str(rows.digest()) != digest:
+        raise DamagedFileError(f"{path.name} does not hold what was written")
+    return rows

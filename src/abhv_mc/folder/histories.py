@@ -1,0 +1,82 @@
+"""Histories of flights, the nominal flights and the reference as Parquet."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from abhv_mc.control.design.reference import COLUMN_INDEX
+from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS, REFERENCE_CHANNELS
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.folder.flights import make_field, write_parquet
+from abhv_mc.vehicle.arrays import Floats
+
+_TIME = make_field("time", pa.float64(), "s", "time since the start")
+_CONTROLLER = make_field("controller", pa.string(), "-", "name of the controller")
+_FLIGHT = make_field("flight", pa.int64(), "-", "number of the flight")
+
+
+def write_histories(
+    path: Path,
+    controller: str,
+    flights: Sequence[int],
+    times: Floats,
+    history: NDArray[np.float32],
+    channels: Sequence[str],
+    metadata: dict[str, str] | None = None,
+) -> None:
+    """Write ``history[flight, time, channel]`` (all CHANNELS) as rows of the named channels.
+
+    A flight that ended early has rows up to its end.
+    """
+    rows = ~np.isnan(history[:, :, CHANNEL_INDEX["altitude_m"]])
+    number, time = np.nonzero(rows)
+    fields = [CHANNELS[CHANNEL_INDEX[name]] for name in channels]
+    schema = pa.schema(
+        [_FLIGHT, _CONTROLLER, _TIME, *(make_field(f.name, pa.float32(), f.unit, f.doc) for f in fields)],
+        metadata={f"abhv_mc.{key}": text for key, text in (metadata or {}).items()},
+    )
+    columns = [
+        pa.array(np.asarray(flights, np.int64)[number]),
+        pa.repeat(controller, len(number)),
+        pa.array(times[time]),
+        *(pa.array(history[:, :, CHANNEL_INDEX[name]][rows]) for name in channels),
+    ]
+    write_parquet(path, pa.Table.from_arrays(columns, schema=schema), ["time", *channels], ["flight", "controller"])
+
+
+def history_metadata(path: Path) -> dict[str, str]:
+    """What :func:`write_histories` was given as metadata; empty where the file is missing or damaged."""
+    try:
+        metadata = pq.read_schema(path).metadata or {}
+    except (pa.ArrowException, OSError):
+        return {}
+    prefix = b"abhv_mc."
+    return {k.removeprefix(prefix).decode(): v.decode() for k, v in metadata.items() if k.startswith(prefix)}
+
+
+def write_nominal(path: Path, times: Floats, nominal: dict[str, NDArray[np.float32]]) -> None:
+    """Write each controller's nominal flight ``[time, channel]``."""
+    fields = [_CONTROLLER, _TIME, *(make_field(s.name, pa.float32(), s.unit, s.doc) for s in CHANNELS)]
+    tables = []
+    for controller, history in nominal.items():
+        rows = ~np.isnan(history[:, CHANNEL_INDEX["altitude_m"]])
+        columns = [pa.repeat(controller, int(rows.sum())), pa.array(times[rows])]
+        columns += [pa.array(np.ascontiguousarray(column)) for column in history[rows].T]
+        tables.append(pa.Table.from_arrays(columns, schema=pa.schema(fields)))
+    write_parquet(path, pa.concat_tables(tables), ["time", *CHANNEL_INDEX], ["controller"])
+
+
+def write_reference(path: Path, plan: FlightPlan, stride: int) -> None:
+    """Write the mission's reference at every ``stride``-th tick, in the units of REFERENCE_CHANNELS."""
+    reference = plan.reference[::stride]
+    fields, columns = [_TIME], [pa.array(np.arange(len(reference)) * (stride * plan.timing.tick))]
+    for signal in REFERENCE_CHANNELS:
+        column = reference[:, COLUMN_INDEX[signal.name.partition("_reference")[0]]]
+        columns.append(pa.array(np.degrees(column) if signal.unit == "deg" else np.ascontiguousarray(column)))
+        fields.append(make_field(signal.name, pa.float64(), signal.unit, signal.doc))
+    table = pa.Table.from_arrays(columns, schema=pa.schema(fields))
+    write_parquet(path, table, table.column_names, [])

@@ -1,0 +1,79 @@
+"""The samples of a campaign as Parquet: what is flown is what is stored here."""
+
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from abhv_mc.folder.columns import column_values
+from abhv_mc.folder.flights import make_field
+from abhv_mc.folder.layout import write_whole
+from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.vehicle.arrays import Floats
+
+ROW_GROUP = 65536  # flights drawn, written and read at once
+
+
+def write_samples(
+    path: Path, names: Sequence[str], flights: int, draw: Callable[[int, int], Floats], provenance: dict[str, str]
+) -> None:
+    """Write all samples; ``draw(first, stop)`` gives values ``[flight, parameter]``."""
+    parameters = [PARAMETERS[PARAMETER_INDEX[name]] for name in names]
+    schema = pa.schema(
+        [
+            make_field("flight", pa.int64(), "-", "number of the flight"),
+            *(make_field(p.name, pa.float64(), p.unit, p.doc) for p in parameters),
+        ],
+        metadata={f"abhv_mc.{key}": text for key, text in provenance.items()},
+    )
+
+    def write(aside: Path) -> None:
+        options = {"compression": "zstd", "compression_level": 1, "use_dictionary": False, "write_page_checksum": True}
+        encoding = dict.fromkeys(names, "BYTE_STREAM_SPLIT")
+        with pq.ParquetWriter(aside, schema, column_encoding=encoding, **options) as writer:
+            for first in range(0, flights, ROW_GROUP):
+                stop = min(first + ROW_GROUP, flights)
+                values = draw(first, stop)
+                columns = [np.arange(first, stop), *(np.ascontiguousarray(column) for column in values.T)]
+                writer.write_table(pa.Table.from_arrays([pa.array(c) for c in columns], schema=schema))
+
+    write_whole(path, write)
+
+
+class SampleReader:
+    """Rows of a samples file by flight number; holds two row groups in memory. Threads may share it."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = pq.ParquetFile(path, page_checksum_verification=True)
+        self.names: tuple[str, ...] = tuple(self._file.schema_arrow.names[1:])
+        self.flights: int = self._file.metadata.num_rows
+        self._groups: dict[int, Floats] = {}
+        self._lock = threading.Lock()
+
+    def rows(self, first: int, stop: int) -> Floats:
+        """Values ``[flight, parameter]`` of the flights ``first`` .. ``stop - 1``."""
+        pieces = []
+        while first < stop:
+            group = first // ROW_GROUP
+            end = min(stop, (group + 1) * ROW_GROUP)
+            pieces.append(self._read(group)[first - group * ROW_GROUP : end - group * ROW_GROUP])
+            first = end
+        return np.concatenate(pieces) if pieces else np.empty((0, len(self.names)))
+
+    def verify(self) -> None:
+        """Read everything once. Raises OSError or ValueError where a page does not hold what was written."""
+        for first in range(0, self.flights, ROW_GROUP):
+            self.rows(first, min(first + 1, self.flights))
+
+    def _read(self, group: int) -> Floats:
+        with self._lock:  # blocks take off in one thread and land in another, perhaps a group apart
+            if group not in self._groups:
+                table = self._file.read_row_group(group)
+                columns = [column_values(table[name]) for name in self.names]
+                values = np.stack(columns, axis=1) if columns else np.empty((table.num_rows, 0))
+                self._groups = {number: kept for number, kept in self._groups.items() if number == group - 1}
+                self._groups[group] = values
+            return self._groups[group]

@@ -1,0 +1,1 @@
+"""Every number of a report, as plain data."""

@@ -1,0 +1,87 @@
+"""What a board has to know of each controller's flights beside its errors: saturation, limit cycles, early ends."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.report.numbers.failures import EARLY
+from abhv_mc.report.numbers.flights import ControllerFlights
+from abhv_mc.report.numbers.results import Results
+from abhv_mc.report.numbers.stability import stability_words
+from abhv_mc.report.numbers.words import count_of, joined, percent
+
+_CYCLES = 5.0  # deg: ripple from which a flight is said to cycle
+_SATURATION, _OUTSIDE, _RIPPLE = "surface_saturation_s", "outside_tables_s", "_ripple_deg"
+
+
+def finding_numbers(results: Results) -> dict[str, Any]:
+    """Flights [count] of each controller whose surfaces saturate, that cycle by channel, that leave the tables."""
+    return {name: _of(results.flights[name]) for name in results.controllers}
+
+
+def left_out(results: Results) -> dict[str, int]:
+    """Flights of each controller that a report has nothing of, because the machine computed none of them."""
+    listed = (results.manifest.get("controllers") or {}).items()
+    lost = {name: facts.get("outcomes", {}).get("failed_to_run", 0) for name, facts in listed}
+    return {name: count for name, count in lost.items() if count and name not in results.controllers}
+
+
+def _of(flights: ControllerFlights) -> dict[str, Any]:
+    def above(metric: str, limit: float) -> int | None:
+        return int(np.sum(flights.metrics[metric] > limit)) if metric in flights.metrics else None
+
+    cycling = {metric.removesuffix(_RIPPLE): above(metric, _CYCLES) for metric in flights.metrics if _RIPPLE in metric}
+    return {
+        "flown": int(flights.flight.size),
+        "saturated": above(_SATURATION, 0.0),
+        "outside_tables": above(_OUTSIDE, 0.0),
+        "cycling": cycling,
+        "ripple_deg": _CYCLES,
+    }
+
+
+def finding_sentences(numbers: Mapping[str, Any]) -> Iterator[str]:
+    """One of each controller: flights not computed, its loops, flights that cycle or end early, saturated surfaces,
+    tables left."""
+    for name, count in numbers["left_out"].items():
+        yield f"{name}: the machine could compute none of {count} flights, so it is not in this report; it met nothing."
+    for name, part in numbers["noteworthy"].items():
+        absent = numbers["flights"][name]["not_computed"]
+        known = (
+            _in("the machine could not compute", absent, part["flown"] + absent),
+            stability_words(numbers, name), _cycles(part), _early(numbers, name),
+            _in("surfaces reach a limit of deflection or rate in", part["saturated"], part["flown"]),
+            _in("the vehicle's tables are left in", part["outside_tables"], part["flown"]),
+        )  # fmt: skip
+        words = [text for text in known if text]
+        if words:
+            yield f"{numbers['campaign']['labels'][name]}: {'; '.join(words)}."
+
+
+def _in(words: str, count: int | None, flown: int) -> str:
+    return f"{words} {count_of(count, flown, 'flights')}" if count else ""
+
+
+def _cycles(part: Mapping[str, Any]) -> str:
+    found = [
+        f"in {channel.replace('_', ' ')} in {count_of(count, part['flown'], 'flights')}"
+        for channel, count in part["cycling"].items()
+        if count
+    ]
+    limit = f"{part['ripple_deg']:g} deg"
+    return f"cycles, by swings of more than {limit} about a steady command, {joined(found)}" if found else ""
+
+
+def _early(numbers: Mapping[str, Any], name: str) -> str:
+    """'3 of 40 flights ended early, 70 % of them where lift > +8 % (and 3 % of the others)'."""
+    counts = numbers["flights"][name]
+    if not counts["failed"]:
+        return ""
+    text = f"{count_of(counts['failed'], counts['flown'], 'flights')} ended early"
+    kinds = numbers["drivers"].get("controllers", {}).get(name, {}).get("failures", [])
+    rules: list[Any] = next((kind["rules"] for kind in kinds if kind["kind"] == EARLY), [])
+    if not rules:
+        return text
+    inside, others = (rules[0][f"{kind}_inside"] / rules[0][kind] for kind in ("failures", "others"))
+    return f"{text}, {percent(inside, 2)} of them where {rules[0]['where']} (and {percent(others, 2)} of the others)"

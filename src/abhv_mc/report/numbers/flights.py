@@ -1,0 +1,139 @@
+"""The flights of a campaign by controller, from its blocks."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.folder.flights import END_TIME
+from abhv_mc.io.documents import InputError
+from abhv_mc.report.numbers.columns import SpooledColumns, missing_file, read_table
+from abhv_mc.report.numbers.metrics import words_of
+from abhv_mc.statistics.estimates import severity
+from abhv_mc.vehicle.arrays import Floats
+
+_WANTED = "a block of flights"
+_LARGEST = 1e30  # its square is a number still; a metric of a flight that broke at once may be infinite
+_CODES = {outcome.code: int(outcome) for outcome in Outcome}
+
+
+@dataclass(frozen=True)
+class ControllerFlights:
+    """The flights of one controller, ascending by number; those that a machine could not compute are left out."""
+
+    flight: NDArray[np.int64]  # [flight]
+    outcome: NDArray[np.uint8]  # [flight], of `Outcome`
+    metrics: Mapping[str, Floats]  # name -> [flight], copied anew each time
+    absent: NDArray[np.int64]  # numbers of the flights that could not be computed, ascending
+
+    @property
+    def not_computed(self) -> int:
+        """How many flights could not be computed: they count as failures in verdicts."""
+        return int(self.absent.size)
+
+    @cached_property
+    def failed(self) -> NDArray[np.bool_]:
+        """Which flights [flight] did not end as planned."""
+        return self.outcome != Outcome.OK
+
+    def count_outcomes(self) -> dict[str, int]:
+        """How many flights ended in each way that occurred, by its code."""
+        counts = np.bincount(self.outcome, minlength=max(Outcome) + 1).tolist()
+        return {code: counts[number] for code, number in sorted(_CODES.items()) if counts[number]}
+
+
+def severities(flights: ControllerFlights, metric: str, rows: Any = slice(None)) -> Floats:
+    """A metric [flight] in the sense of `abhv_mc.statistics`: larger is worse, a flight that failed is worst.
+
+    Of all flights, or of those in `rows`.
+    """
+    return severity(flights.metrics[metric][rows], words_of(metric).sense, flights.failed[rows])
+
+
+def common_rows(a: ControllerFlights, b: ControllerFlights) -> tuple[Any, Any]:
+    """Rows of the flights that both flew, so that row i of one is the same flight as row i of the other."""
+    _, rows_a, rows_b = np.intersect1d(a.flight, b.flight, assume_unique=True, return_indices=True)
+    return rows_a, rows_b
+
+
+class _Collected:
+    """What the blocks read so far say of one controller."""
+
+    def __init__(self, metrics: list[str]) -> None:
+        self.flight: list[NDArray[np.int64]] = []
+        self.outcome: list[NDArray[np.uint8]] = []
+        self.metrics = SpooledColumns(metrics)
+        self.absent: list[NDArray[np.int64]] = []
+
+    def add(self, flight: NDArray[np.int64], outcome: NDArray[np.uint8], values: Floats) -> None:
+        """Rows of a block: [flight], [flight] and [metric, flight]."""
+        computed = outcome != Outcome.FAILED_TO_RUN
+        self.absent.append(flight[~computed])
+        self.flight.append(flight[computed])
+        self.outcome.append(outcome[computed])
+        self.metrics.append(values[:, computed])
+
+    def finish(self) -> ControllerFlights:
+        """All of them, ascending by number."""
+        flight, outcome = np.concatenate(self.flight), np.concatenate(self.outcome)
+        if np.any(flight[1:] < flight[:-1]):
+            order = np.argsort(flight, kind="stable")
+            flight, outcome = flight[order], outcome[order]
+            self.metrics.put_in_order(order)
+        return ControllerFlights(flight, outcome, self.metrics, np.sort(np.concatenate(self.absent)))
+
+
+def read_flights(folder: Path, known: Collection[Path] | None = None) -> dict[str, ControllerFlights]:
+    """All blocks of a folder, each read once; controllers without a computed flight are left out.
+
+    With ``known``, only those among them; :func:`abhv_mc.folder.table_check.check_table` has been through them.
+
+    Raises InputError where there is no flight, or where a block is unreadable or not like the others.
+    """
+    files = [path for path in sorted(folder.glob("*.parquet")) if known is None or path in known]
+    if not files:
+        raise missing_file(folder, "at least one flown block (*.parquet)")
+    metrics = _find_metrics(read_table(files[0], _WANTED).schema)
+    collected: dict[str, _Collected] = {}
+    for path in files:
+        table = read_table(path, _WANTED, ["flight", "controller", "outcome", *metrics])
+        try:
+            flight = table["flight"].to_numpy().astype(np.int64)
+            names, owner = _distinct(table, "controller")
+            codes, which = _distinct(table, "outcome")
+            values = np.stack([table[name].to_numpy() for name in metrics])
+        except KeyError as error:
+            raise InputError(path, None, None, str(error.args[0]), f"the columns of {files[0].name}") from None
+        if (np.abs(values[np.isfinite(values)]) > _LARGEST).any():
+            raise InputError(path, None, None, f"a metric beyond {_LARGEST:g}", "numbers that a flight may have")
+        outcome = np.array([_CODES[code] for code in codes], dtype=np.uint8)[which]
+        for k, name in enumerate(names):
+            rows = owner == k
+            collected.setdefault(name, _Collected(metrics)).add(flight[rows], outcome[rows], values[:, rows])
+    flown = {name: found.finish() for name, found in collected.items()}
+    flown = {name: flights for name, flights in flown.items() if flights.flight.size}
+    if not flown:
+        raise missing_file(folder, "a flight that was computed")
+    return flown
+
+
+def _find_metrics(schema: pa.Schema) -> list[str]:
+    """Columns of numbers that are neither samples, whose names have a point, nor the end time."""
+    return [
+        field.name
+        for field in schema
+        if "." not in field.name and field.name != END_TIME.name and pa.types.is_floating(field.type)
+    ]
+
+
+def _distinct(table: pa.Table, name: str) -> tuple[list[str], NDArray[np.intp]]:
+    """The texts of a column, ascending, and which of them each row [row] has."""
+    column = table[name].cast(pa.string()).combine_chunks().dictionary_encode()
+    texts, back = np.unique(np.array(column.dictionary.to_pylist(), dtype=np.str_), return_inverse=True)
+    return texts.tolist(), back[np.asarray(column.indices.to_numpy())]

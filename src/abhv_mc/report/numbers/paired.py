@@ -1,0 +1,138 @@
+"""One controller against another, flight by flight, on the same dispersions."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.report.numbers.failures import requirement_failures
+from abhv_mc.report.numbers.flights import ControllerFlights, common_rows, severities
+from abhv_mc.report.numbers.metrics import FOLLOWING, HEADLINE, HOLDING, USAGE, words_of
+from abhv_mc.report.numbers.plain import interval_in_sense, level_name, plain
+from abhv_mc.report.numbers.results import Requirement, Results
+from abhv_mc.statistics.paired import compare_failures, compare_metric, compare_usage, median_ratio
+from abhv_mc.statistics.winner import decide
+from abhv_mc.vehicle.arrays import Floats
+
+_LISTED = 10  # flights where only one failed
+
+
+def paired_numbers(results: Results) -> dict[str, Any]:
+    """The first controller of a campaign against each other one."""
+    pairs: dict[str, Any] = {}
+    for a, b in results.pairs:
+        found = pair_numbers(
+            results.flights[a],
+            results.flights[b],
+            (a, b),
+            results.metrics,
+            results.campaign.requirements,
+            rivals=len(list(results.pairs)),
+        )
+        if found is not None:
+            pairs[f"{a} - {b}"] = found
+    return pairs
+
+
+def pair_numbers(
+    flights_a: ControllerFlights,
+    flights_b: ControllerFlights,
+    names: tuple[str, str],
+    metrics: Iterable[str],
+    requirements: Sequence[Requirement],
+    rivals: int = 1,
+) -> dict[str, Any] | None:
+    """Every metric, every requirement and the control usage of `a` against `b`; None without a common flight.
+
+    Winners allow for all `rivals` and for all metrics of the first screen.
+    """
+    rows_a, rows_b = common_rows(flights_a, flights_b)
+    if not rows_a.size:
+        return None
+    metrics = list(metrics)
+    compared = rivals * max(1, sum(metric in (*FOLLOWING, *HOLDING) for metric in metrics))
+    lost = flights_a.failed[rows_a], flights_b.failed[rows_b]
+    numbers = flights_a.flight[rows_a]
+    return {
+        "a": names[0],
+        "b": names[1],
+        "pairs": int(rows_a.size),
+        "metrics": {
+            metric: _metric(
+                severities(flights_a, metric, rows_a),
+                severities(flights_b, metric, rows_b),
+                metric,
+                names,
+                lost,
+                compared,
+            )
+            for metric in metrics
+        },
+        "requirements": [
+            _failures(
+                requirement_failures(flights_a, item)[rows_a], requirement_failures(flights_b, item)[rows_b], numbers
+            )
+            for item in requirements
+        ],
+        "ended_early": _failures(flights_a.failed[rows_a], flights_b.failed[rows_b], numbers),
+        "usage": _usage(flights_a, flights_b, rows_a, rows_b),
+        "surfaces": {
+            metric: plain(median_ratio(flights_a.metrics[metric][rows_a], flights_b.metrics[metric][rows_b]))
+            for metric in USAGE
+            if metric in flights_a.metrics and metric in flights_b.metrics
+        },
+    }
+
+
+def _metric(
+    a: Floats,
+    b: Floats,
+    metric: str,
+    names: tuple[str, str],
+    lost: tuple[NDArray[np.bool_], NDArray[np.bool_]],
+    compared: int,
+) -> dict[str, Any]:
+    found, decision = compare_metric(a, b), decide(a, b, *lost, compared)
+    sense = words_of(metric).sense
+    levels = zip(found.levels, found.quantile_differences, strict=True)
+    return {
+        "a_better": found.a_better,
+        "b_better": found.b_better,
+        "ties": found.ties,
+        "winner": {"a": names[0], "b": names[1], "": None}[decision.winner],
+        "closer": {"a": names[0], "b": names[1], "": None}[decision.closer],
+        "mixed": bool(decision.closer) and not decision.winner,
+        "worse_tails": list(decision.worse),
+        "uncompared_tails": list(decision.uncompared),
+        "loses_more": decision.loses_more,
+        "median_difference": interval_in_sense(found.median_difference, sense),
+        "pairing_gain": plain(found.pairing_gain),
+        **{level_name(level): interval_in_sense(interval, sense) for level, interval in levels},
+    }
+
+
+def _failures(a: NDArray[np.bool_], b: NDArray[np.bool_], flight: NDArray[np.int64]) -> dict[str, Any]:
+    found = plain(compare_failures(a, b))
+    found["flights_only_a"] = flight[a & ~b][:_LISTED].tolist()
+    found["flights_only_b"] = flight[b & ~a][:_LISTED].tolist()
+    return dict(found)
+
+
+def total_usage(metrics: Mapping[str, Floats]) -> Floats:
+    """Root of the sum of the squared rms deflections of the three surfaces, deg [flight]."""
+    squares: Floats = np.sum([metrics[name] ** 2 for name in USAGE], axis=0)
+    return np.sqrt(squares)
+
+
+def _usage(
+    a: ControllerFlights, b: ControllerFlights, rows_a: NDArray[np.intp], rows_b: NDArray[np.intp]
+) -> dict[str, Any]:
+    if not {*USAGE, *HEADLINE} <= set(a.metrics) & set(b.metrics):
+        return {}
+    flown = ~(a.failed[rows_a] | b.failed[rows_b])
+    use_a, use_b = total_usage(a.metrics)[rows_a][flown], total_usage(b.metrics)[rows_b][flown]
+    return {
+        metric: plain(compare_usage(a.metrics[metric][rows_a][flown], b.metrics[metric][rows_b][flown], use_a, use_b))
+        for metric in HEADLINE
+    }

@@ -1,0 +1,159 @@
+"""Every number of a report, as plain data: `report.json` holds it, the page prints it, `verify campaign` remakes it.
+
+The same folder gives the same numbers to the last bit: seeds are fixed and nothing depends on time or machine.
+Infinite and missing values are None.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.report.numbers.convergence import convergence_numbers
+from abhv_mc.report.numbers.drivers import driver_numbers
+from abhv_mc.report.numbers.failure_cases import failure_case_numbers
+from abhv_mc.report.numbers.failures import judge_all, requirement_failures, requirement_words
+from abhv_mc.report.numbers.findings import finding_numbers, left_out
+from abhv_mc.report.numbers.metrics import full_labels, words_of
+from abhv_mc.report.numbers.paired import paired_numbers
+from abhv_mc.report.numbers.plain import interval_in_sense, level_name, plain
+from abhv_mc.report.numbers.results import Requirement, Results
+from abhv_mc.report.numbers.sobol import sobol_numbers
+from abhv_mc.report.numbers.stability import stability_numbers
+from abhv_mc.report.numbers.worst import worst_numbers
+from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
+from abhv_mc.statistics.judgement import any_false_pass, count_standing, own_risks
+from abhv_mc.statistics.verdict_words import verdict_words
+from abhv_mc.statistics.verdicts import Verdict, clopper_pearson
+
+FORMAT = 1
+FAMILY_RISK = 0.10  # at which the report asks which PASSes would stand together
+
+
+def _flight_counts(results: Results) -> dict[str, Any]:
+    counts = {}
+    for name in results.controllers:
+        flights = results.flights[name]
+        flown, failed = int(flights.flight.size), int(flights.failed.sum())
+        ends = clopper_pearson(failed, flown) if results.campaign.independent else (np.nan, np.nan)
+        counts[name] = {
+            "flown": flown,
+            "failed": failed,
+            "not_computed": flights.not_computed,
+            "outcomes": flights.count_outcomes(),
+            "failure_share": plain(Interval(failed / flown, *ends)),
+        }
+    return counts
+
+
+def _requirements(results: Results, judged: list[dict[str, Verdict]]) -> list[dict[str, Any]]:
+    return [
+        {
+            **{key: getattr(item, key) for key in ("metric", "below", "limit", "probability", "consumer_risk")},
+            "words": requirement_words(item),
+            "binds": list(item.controllers),
+            "controllers": {name: _verdict(results, item, name, verdict) for name, verdict in verdicts.items()},
+        }
+        for item, verdicts in zip(results.campaign.requirements, judged, strict=True)
+    ]
+
+
+def _verdict(results: Results, item: Requirement, name: str, verdict: Verdict) -> dict[str, Any]:
+    flights = results.flights[name]
+    failures = int(requirement_failures(flights, item).sum()) + flights.not_computed
+    flown = int(flights.flight.size) + flights.not_computed
+    return {
+        **plain(verdict),
+        "campaign_failures": failures,
+        "campaign_flights": flown,
+        "ended_early": int(flights.failed.sum()),
+        "words": verdict_words(verdict, failures, flown),
+    }
+
+
+def _together(results: Results, judged: list[dict[str, Verdict]]) -> dict[str, Any]:
+    """All verdicts as a family: the bound on the chance of any false PASS, how many false PASSes are expected at most,
+    and how many PASSes would stand if that chance were held; None where no verdict is given."""
+    risks = [item.consumer_risk for item in results.campaign.requirements for _ in results.controllers]
+    if not risks or not results.campaign.independent:
+        return dict.fromkeys(("any_false_pass", "expected_false_passes", "held_together"))
+    verdicts = [verdict for row in judged for verdict in row.values()]
+    stand = None if results.rules.plan_looks else count_standing(verdicts, FAMILY_RISK)
+    return {
+        "any_false_pass": any_false_pass(risks, results.rules),
+        "expected_false_passes": float(sum(own_risks(risks, results.rules))),
+        "held_together": {"risk": FAMILY_RISK, "stand": stand},
+    }
+
+
+def _metric_table(results: Results) -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    for metric in results.metrics:
+        words = words_of(metric)
+        entry: dict[str, Any] = {}
+        for name in results.controllers:
+            flights = results.flights[name]
+            measured = flights.metrics[metric]
+            values = severity(measured, words.sense, flights.failed)
+            cell: dict[str, Any] = {
+                level_name(level): interval_in_sense(interval, words.sense)
+                for level, interval in zip(LEVELS, quantiles(values, LEVELS), strict=True)
+            }
+            flown = np.where(flights.failed | np.isnan(measured), -np.inf, values)
+            worst = int(np.argmax(flown))
+            if np.isfinite(flown[worst]):
+                cell["worst"] = float(measured[worst])
+                cell["worst_flight"] = int(flights.flight[worst])
+            else:
+                cell["worst"] = cell["worst_flight"] = None
+            entry[name] = cell
+        table[metric] = {"sense": words.sense, "controllers": entry}
+    return table
+
+
+def _ranges(results: Results) -> dict[str, Any]:
+    """Smallest and largest value of each channel over all flights and times."""
+    ranges: dict[str, Any] = {}
+    for (controller, channel), envelope in results.envelopes.items():
+        if np.isnan(envelope.bands["min"]).all():  # no flight was computed
+            continue
+        low, high = np.nanmin(envelope.bands["min"]), np.nanmax(envelope.bands["max"])
+        ranges.setdefault(controller, {})[channel] = [plain(float(low)), plain(float(high))]
+    return ranges
+
+
+def make_numbers(results: Results) -> dict[str, Any]:
+    """All numbers of the report of a campaign, as JSON holds them."""
+    campaign, manifest = results.campaign, results.manifest
+    verdicts = judge_all(results)
+    return {
+        "format": FORMAT,
+        "campaign": {
+            **{key: getattr(campaign, key) for key in ("name", "question", "runs", "seed", "sampling")},
+            "controllers": list(results.controllers),
+            "labels": full_labels(results.folder, results.controllers),
+            "looks": list(campaign.looks),
+            "independent_flights": campaign.independent,
+            "parameters": list(results.dispersed),
+            "dispersions": plain(campaign.dispersions),
+        },
+        "state": manifest.get("state"),
+        "warnings": list(manifest.get("warnings") or []),
+        "digest": manifest.get("digest"),
+        "digests": plain(manifest.get("digests") or {}),
+        "flights": _flight_counts(results),
+        "looks": list(results.rules.looks),
+        "family_risk": results.campaign.family_risk,
+        **_together(results, verdicts),
+        "requirements": _requirements(results, verdicts),
+        "metrics": _metric_table(results),
+        "paired": paired_numbers(results),
+        "noteworthy": finding_numbers(results),
+        "left_out": left_out(results),
+        "worst": worst_numbers(results),
+        "failure_cases": failure_case_numbers(results),
+        "ranges": _ranges(results),
+        "stability": stability_numbers(results),
+        "drivers": driver_numbers(results),
+        "sobol": sobol_numbers(results),
+        "convergence": convergence_numbers(results),
+    }

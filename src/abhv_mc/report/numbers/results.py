@@ -1,0 +1,252 @@
+"""A campaign's folder as plain arrays: what every table, figure and page of a report is made from."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.sampling.seeds import is_seed
+from abhv_mc.flight.channels import METRICS
+from abhv_mc.folder.envelopes import QUANTILE_COLUMNS
+from abhv_mc.folder.hashes import CheckedFolder, data_files
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.manifest import COMPLETE, read_manifest
+from abhv_mc.folder.margins_check import read_margins
+from abhv_mc.folder.table_check import refusing
+from abhv_mc.io.input_error import InputError
+from abhv_mc.report.numbers.columns import FileColumns, read_table
+from abhv_mc.report.numbers.flights import ControllerFlights, read_flights
+from abhv_mc.stability.metrics import MARGIN_FAULTS, MARGIN_NAMES
+from abhv_mc.statistics.judgement import Rules
+from abhv_mc.vehicle.arrays import Floats
+
+BANDS = ("min", *QUANTILE_COLUMNS, "max")
+INDEPENDENT_DESIGNS = ("random",)
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A metric that must stay below (or above) a limit in a share of the flights."""
+
+    metric: str
+    limit: float
+    below: bool
+    probability: float
+    consumer_risk: float
+    controllers: tuple[str, ...]
+    early_is_failure: bool = True  # what a flight that ended early counts as
+
+
+@dataclass(frozen=True)
+class CampaignFacts:
+    """What the resolved campaign file says, as far as a report repeats it."""
+
+    name: str
+    question: str
+    controllers: tuple[str, ...]
+    runs: int
+    seed: int
+    sampling: str
+    dispersions: dict[str, dict[str, Any]]
+    requirements: tuple[Requirement, ...]
+    margin_flights: int = 0  # of which margins were asked for
+    margin_points: tuple[str | float, ...] = ()  # "trim", or s
+    looks: tuple[int, ...] = ()  # where it stops when proven: after which flights the verdicts are looked at
+    family_risk: float | None = None  # of any false PASS among all verdicts, where the campaign holds it
+
+    @property
+    def independent(self) -> bool:
+        """Whether its flights are independent draws, so that exact binomial statistics hold."""
+        return self.sampling in INDEPENDENT_DESIGNS
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """The bands of one channel of one controller over all flights."""
+
+    time: Floats  # [time] s
+    count: NDArray[np.int64]  # [time] flights still flying
+    bands: dict[str, Floats]  # BANDS -> [time]
+
+
+@dataclass(frozen=True)
+class Results:
+    """Everything a report reads."""
+
+    folder: Path
+    campaign: CampaignFacts
+    manifest: dict[str, Any]
+    samples: Mapping[str, Floats]  # parameter -> [flight], flight k at index k; read anew each time
+    flights: dict[str, ControllerFlights]
+    envelopes: dict[tuple[str, str], Envelope]  # (controller, channel)
+    reference: dict[str, Floats]  # "time" and REFERENCE_CHANNELS -> [time]
+    nominal: dict[str, dict[str, Floats]]  # controller -> "time" and CHANNELS -> [time]
+    stability: dict[str, Any] = field(default_factory=dict)  # margins in steady flight; empty where none were found
+    checked: CheckedFolder | None = None
+
+    def refuse_changes(self) -> None:
+        """For the end of whatever is made of them. Raises InputError where a run has changed the folder meanwhile."""
+        if self.checked is not None:
+            self.checked.refuse_changes()
+
+    @property
+    def controllers(self) -> tuple[str, ...]:
+        """Those that flew, in the campaign's order."""
+        return tuple(name for name in self.campaign.controllers if name in self.flights)
+
+    @property
+    def rules(self) -> Rules:
+        """What the verdicts rest on. A folder from before looks were recorded was looked at when it was complete."""
+        looks = self.manifest.get("looks")
+        if looks is None:
+            complete = self.manifest.get("state") == COMPLETE
+            looks = [self.campaign.runs] if complete and not self.campaign.looks else []
+        campaign = self.campaign
+        return Rules(tuple(looks), campaign.looks, campaign.independent, campaign.family_risk)
+
+    @property
+    def dispersed(self) -> tuple[str, ...]:
+        """The sampled parameters but the seeds of noise, which are no dispersions."""
+        return tuple(name for name in self.samples if not is_seed(name))
+
+    @property
+    def metrics(self) -> tuple[str, ...]:
+        """Metrics that the flights hold, in the order of the signal table, others after them."""
+        held = [name for name in next(iter(self.flights.values())).metrics if name not in self._apart]
+        known = [signal.name for signal in METRICS if signal.name in held]
+        return (*known, *(name for name in held if name not in known))
+
+    @property
+    def _apart(self) -> tuple[str, ...]:
+        """Margins that not every flight has, which only the section on stability shows; and why there are none."""
+        faults = tuple(signal.name for signal in MARGIN_FAULTS)
+        return faults if self.campaign.margin_flights >= self.campaign.runs else (*faults, *MARGIN_NAMES)
+
+    @property
+    def pairs(self) -> Iterator[tuple[str, str]]:
+        """The first controller against each other one."""
+        first, *others = self.controllers
+        return ((first, other) for other in others)
+
+
+def read_facts(path: Path) -> CampaignFacts:
+    """The resolved campaign file of a folder. Raises InputError where it is missing or is not one."""
+    from abhv_mc.campaign.file.resolve import read_own_campaign
+
+    campaign = read_own_campaign(CampaignFolder(path.parent))
+    model, plain = campaign.model, campaign.document.data
+    controllers = tuple(model.controllers)
+    return CampaignFacts(
+        name=model.name,
+        question=model.question,
+        controllers=controllers,
+        runs=campaign.runs,
+        seed=model.seed,
+        sampling=model.sampling.design,
+        looks=campaign.looks,
+        family_risk=model.family.risk if model.family else None,
+        margin_flights=model.margins.of(campaign.runs) if model.margins else 0,
+        margin_points=model.margins.at if model.margins else (),
+        dispersions=dict(plain.get("dispersions") or {}) if isinstance(plain, dict) else {},
+        requirements=tuple(
+            Requirement(
+                metric=item.metric,
+                limit=limit,
+                below=item.below is not None,
+                probability=item.probability,
+                consumer_risk=item.consumer_risk,
+                controllers=item.controllers or controllers[:1],
+                early_is_failure=item.ended_early == "failure",
+            )
+            for item, limit in zip(model.requirements, campaign.limits, strict=True)
+        ),
+    )
+
+
+def _columns(table: pa.Table) -> dict[str, Any]:
+    return {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
+
+
+def _read_envelopes(path: Path) -> dict[tuple[str, str], Envelope]:
+    columns = _columns(read_table(path, "the envelopes of a campaign"))
+    controller, channel = columns["controller"].astype(str), columns["channel"].astype(str)
+    cells: dict[tuple[str, str], Envelope] = {}
+    for key in dict.fromkeys(zip(controller.tolist(), channel.tolist(), strict=True)):
+        rows = np.flatnonzero((controller == key[0]) & (channel == key[1]))
+        rows = rows[np.argsort(columns["time"][rows], kind="stable")]
+        bands = {name: columns[name][rows].astype(np.float64) for name in BANDS}
+        cells[key] = Envelope(columns["time"][rows].astype(np.float64), columns["count"][rows].astype(np.int64), bands)
+    return cells
+
+
+def _read_nominal(path: Path) -> dict[str, dict[str, Floats]]:
+    columns = _columns(read_table(path, "the nominal flight of each controller"))
+    names = columns.pop("controller").astype(str)
+    return {
+        name: {key: value[names == name].astype(np.float64) for key, value in columns.items()}
+        for name in dict.fromkeys(names.tolist())
+    }
+
+
+def read_results(root: Path) -> Results:
+    """Read a campaign's folder. Raises InputError where a file is missing or unreadable."""
+    checked = CheckedFolder(root)
+    folder, manifest = checked.folder, checked.manifest
+    if manifest.get("shard"):
+        found = "shard {}/{} of a campaign".format(*manifest["shard"])
+        raise InputError(root, None, None, found, "all of it: 'abhv-mc merge' joins its shards")
+    samples = FileColumns(folder.samples, "the samples of a campaign", without="flight")
+    campaign, flights = read_facts(folder.campaign), read_flights(folder.flights, data_files(folder, manifest))
+    _check_numbers(folder, samples, campaign, flights)
+    reference = _columns(read_table(folder.reference, "the mission's reference"))
+    return Results(
+        folder=root,
+        campaign=campaign,
+        manifest=manifest,
+        samples=samples,
+        flights=flights,
+        envelopes=_read_envelopes(folder.envelopes),
+        reference={name: value.astype(np.float64) for name, value in reference.items()},
+        nominal=_read_nominal(folder.nominal),
+        stability=read_margins(folder.margins),
+        checked=checked,
+    )
+
+
+def _check_numbers(
+    folder: CampaignFolder, samples: FileColumns, campaign: CampaignFacts, flights: Mapping[str, ControllerFlights]
+) -> None:
+    """Raises InputError where parameters have no samples, or flights other numbers than the samples."""
+    missing = [name for name in campaign.dispersions if name not in samples]
+    if missing:
+        raise InputError(folder.samples, None, None, f"no column '{missing[0]}'", "a column of each dispersion")
+    rows = pq.read_metadata(folder.samples).num_rows
+    for name, flown in flights.items():
+        number = flown.flight
+        if number.min() < 0 or number.max() >= rows or (np.diff(number) <= 0).any():
+            wish = f"numbers from 0 to {rows - 1}, each once"
+            raise InputError(folder.flights, None, None, f"flights of '{name}' with other numbers", wish)
+
+
+def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
+    """The kept histories of one controller: flight -> "time" and channels -> [time]; empty where none are kept."""
+    kept: dict[int, dict[str, Floats]] = {}
+    folder = CampaignFolder(root)
+    for path in data_files(folder, read_manifest(folder.manifest)):
+        if path.parent != folder.histories:
+            continue
+        with refusing(path):
+            table = pq.read_table(path, filters=[("controller", "=", controller)], partitioning=None)
+        if not table.num_rows:
+            continue
+        columns = _columns(table.drop_columns(["controller"]))
+        numbers = columns.pop("flight")
+        for number in np.unique(numbers):
+            rows = np.flatnonzero(numbers == number)
+            kept[int(number)] = {key: value[rows].astype(np.float64) for key, value in columns.items()}
+    return kept

@@ -1,0 +1,271 @@
+"""The campaign's answer in sentences: flights lost, who wins and by how much, verdicts, why."""
+
+from collections.abc import Mapping, Sequence
+from math import hypot
+from typing import Any
+
+from abhv_mc.report.numbers.drivers import otherwise_words
+from abhv_mc.report.numbers.failure_cases import failure_case_sentence
+from abhv_mc.report.numbers.findings import finding_sentences
+from abhv_mc.report.numbers.metrics import FOLLOWING, HOLDING, words_of
+from abhv_mc.report.numbers.parameters import spoken_name
+from abhv_mc.report.numbers.words import count_of, fixed, joined, p_value, percent, significant
+
+_SHORT = {
+    "angle_of_attack_error_rms_deg": "angle of attack",
+    "sideslip_rms_deg": "sideslip",
+    "bank_error_rms_deg": "bank",
+    "altitude_error_max_m": "altitude",
+    "speed_error_max_mps": "speed",
+}
+_NAMED = 2  # drivers of an error
+_MOVED = 2  # controllers whose drivers are told
+_LOST_RISK = 0.05  # of saying that one controller loses more flights where both are as good
+_LEAST_SHARE = 0.05  # of the variance, by the lower end of the total index
+_SURE = 0.5  # of a total index: half an interval up to which it is told
+
+
+def _label(numbers: Mapping[str, Any], name: str) -> str:
+    return str(numbers["campaign"]["labels"][name])
+
+
+def _requirements_sentence(numbers: Mapping[str, Any]) -> str:
+    parts = []
+    for name in numbers["campaign"]["controllers"]:
+        words = [entry["controllers"][name]["status"] for entry in numbers["requirements"]]
+        counts = [f"{words.count(word)} {word}" for word in ("PASS", "FAIL", "NOT SHOWN") if word in words]
+        if "ESTIMATE" in words:
+            kept = sum(entry["controllers"][name]["failures"] == 0 for entry in numbers["requirements"])
+            counts = [f"{count_of(kept, len(words))} kept in every flight"]
+        parts.append(f"{_label(numbers, name)} {joined(counts)}")
+    return f"Requirements: {'; '.join(parts)}."
+
+
+def _standing(pair: Mapping[str, Any], numbers: Mapping[str, Any] | None = None) -> dict[str, list[str]]:
+    """What the first controller of a pair is better in, worse in, mixed, and where no difference is shown.
+
+    With the campaign's numbers, the medians stand beside what one is better in.
+    """
+    found: dict[str, list[str]] = {"better": [], "worse": [], "mixed": [], "open": []}
+    for metric in (*FOLLOWING, *HOLDING):
+        if metric in pair["metrics"]:
+            entry = pair["metrics"][metric]
+            won = {pair["a"]: "better", pair["b"]: "worse"}.get(entry["winner"], "open")
+            words = _SHORT[metric]
+            if entry["mixed"]:
+                won = "mixed"
+                words += f" ({_contradiction(entry, numbers)})" if numbers else ""
+            elif numbers and won != "open":
+                words += _medians(pair, metric, numbers)
+            found[won].append(words)
+    return found
+
+
+def _medians(pair: Mapping[str, Any], metric: str, numbers: Mapping[str, Any]) -> str:
+    """' (0.07 against 0.08 deg)'; '' where one of them lost so many flights that there is no median."""
+    cells = [numbers["metrics"][metric]["controllers"][pair[side]]["q50"] for side in ("a", "b")]
+    if any(cell["value"] is None for cell in cells):
+        return ""
+    for digits in (2, 3, 4):  # as many as tell them apart
+        a, b = (significant(cell["value"], digits) for cell in cells)
+        if a != b:
+            break
+    return f" ({a} against {b} {words_of(metric).unit})"
+
+
+def _contradiction(entry: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
+    """Why the controller that is closer in the median is no winner."""
+    closer = _label(numbers, entry["closer"]) if entry.get("closer") else "one"
+    reasons = [f"larger {100.0 * level:.4g} % quantile" for level in entry.get("worse_tails", [])[:1]]
+    reasons += ["more flights lost"] if entry.get("loses_more") else []
+    return f"{closer} has the smaller median but {joined(reasons)}" if reasons else f"{closer} in the median alone"
+
+
+def _verdict_of(pair: Mapping[str, Any]) -> str:
+    """'better', 'worse', 'mixed' or 'open' over all errors of a pair, lost flights among them."""
+    found, lost = _standing(pair), pair["ended_early"]
+    sides = {side for side in ("better", "worse") if found[side]}
+    if found["mixed"] or len(sides) == 2:
+        return "mixed"
+    if lost["p_value"] <= _LOST_RISK and lost["only_a"] != lost["only_b"]:
+        sides.add("worse" if lost["only_a"] > lost["only_b"] else "better")
+    return "mixed" if len(sides) == 2 else next(iter(sides), "open")
+
+
+def _by_strength(numbers: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The pairs, the rival first against which the first controller stands worst; of equals the one that fails less."""
+    order = {"worse": 0, "mixed": 1, "open": 2, "better": 3}
+
+    def strength(pair: Mapping[str, Any]) -> tuple[int, int, int]:
+        found = _standing(pair)
+        failed = sum(entry["controllers"][pair["b"]]["status"] == "FAIL" for entry in numbers["requirements"])
+        return order[_verdict_of(pair)], len(found["better"]) - len(found["worse"]), failed
+
+    return sorted(numbers["paired"].values(), key=strength)
+
+
+def _pair_sentences(numbers: Mapping[str, Any]) -> list[str]:
+    """Against each rival, the strongest first; the first sentence begins with the answer over all rivals."""
+    pairs = [pair for pair in _by_strength(numbers) if any(_standing(pair).values())]
+    if not pairs:
+        return []
+    verdicts = {_verdict_of(pair) for pair in pairs}
+    name = _label(numbers, pairs[0]["a"])
+    overall = {"better": f"{name} is better: ", "worse": f"{name} is worse: ", "open": "No difference is shown: "}
+    head = overall.get(next(iter(verdicts)), "Mixed: ") if len(verdicts) == 1 else "Mixed: "
+    sentences = [_pair_sentence(pair, numbers) for pair in pairs]
+    return [f"{head}{sentences[0]}", *(f"{text[0].upper()}{text[1:]}" for text in sentences[1:])]
+
+
+def _pair_sentence(pair: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
+    found, first = _standing(pair, numbers), _label(numbers, pair["a"])
+    words = {
+        "better": "it has the smaller errors (medians) in",
+        "worse": "it has the larger errors (medians) in",
+        "mixed": "undecided in",
+        "open": "no difference is shown in",
+    }
+    parts = [f"{words[side]} {joined(found[side])}" for side in words if found[side]]
+    text = "; ".join(parts).replace("it has", f"{first} has", 1) + _tails_words(pair)
+    flights = f"on the same {fixed(pair['pairs'], 0)} flights"
+    return f"against {_label(numbers, pair['b'])}, {flights}, {text}{_usage_words(pair, first)}."
+
+
+def _tails_words(pair: Mapping[str, Any]) -> str:
+    """'; tails not compared ...' where the flights are too few to compare the tails of an error with a winner."""
+    metrics = [m for m in (*FOLLOWING, *HOLDING) if m in pair["metrics"]]
+    entries = [pair["metrics"][m] for m in metrics if pair["metrics"][m]["winner"]]
+    levels = sorted({level for entry in entries for level in entry.get("uncompared_tails", [])})
+    if not levels:
+        return ""
+    shown = joined([f"{100.0 * level:.4g} %" for level in levels])
+    return f"; tails not compared at {shown} (too few flights)"
+
+
+def _usage_words(pair: Mapping[str, Any], first: str) -> str:
+    """'; TLC uses 1.2 times the aileron, as much rudder and 0.3 times the elevator', from the medians of the ratios."""
+    parts = []
+    for metric, ratio in pair["surfaces"].items():
+        if ratio is None:
+            continue
+        surface = metric.split("_", 1)[0]
+        value = ratio["value"]
+        if abs(value - 1.0) < 0.01:
+            parts.append(f"as much {surface}")
+        elif abs(value - 1.0) < 0.2:
+            parts.append(f"{percent(abs(value - 1.0), 2)} {'more' if value > 1.0 else 'less'} {surface}")
+        else:
+            parts.append(f"{significant(value, 2)} times the {surface}")
+    return f"; {first} uses {joined(parts)} (rms, median of the flights' ratios)" if parts else ""
+
+
+def _survival_sentences(numbers: Mapping[str, Any]) -> list[str]:
+    """Which controller of each pair loses fewer flights, as far as the flights show it."""
+    sentences = []
+    for pair in numbers["paired"].values():
+        found, (a, b) = pair["ended_early"], (_label(numbers, pair[side]) for side in ("a", "b"))
+        alone = found["only_a"], found["only_b"]
+        if not any(alone):
+            continue
+        lost = [fixed(found["both"] + count, 0) for count in alone]
+        if found["p_value"] <= _LOST_RISK and alone[0] != alone[1]:
+            head = f"{a} loses {'fewer' if alone[0] < alone[1] else 'more'} flights than {b}"
+        else:
+            head = f"No difference is shown between {a} and {b} in lost flights"
+        sentences.append(
+            f"{head}: {lost[0]} of {fixed(pair['pairs'], 0)} ended early against {lost[1]} ({fixed(alone[0], 0)} under "
+            f"{a} alone, {fixed(alone[1], 0)} under {b} alone; the chance of such a split were both as good: "
+            f"{p_value(found['p_value'])})."
+        )
+    return sentences
+
+
+def _driver_sentence(numbers: Mapping[str, Any], name: str) -> str:
+    """What moves each headline error of a controller most, by Sobol's total index or by rank correlation."""
+    sobol = numbers["sobol"].get("controllers", {}).get(name, {}).get("metrics", {})
+    ranks = numbers["drivers"].get("controllers", {}).get(name, {}).get("metrics", {})
+    parts, widths = [], [0.0]
+    none: list[str] = []
+    unsure: list[str] = []
+    for metric in (*HOLDING, *FOLLOWING):
+        if metric in sobol:
+            top = [e for e in sobol[metric] if e["total"][1] > _LEAST_SHARE][:_NAMED]
+            sure = [e for e in top if _half(e) <= max(_SURE * e["total"][0], _LEAST_SHARE)]
+            unsure += [_SHORT[metric]] if top and not sure else []
+            widths += [_half(e) for e in sure]
+            words = [f"{spoken_name(e['parameter'])} ({_share(e, 'total')}, {_share(e, 'first')} alone)" for e in sure]
+        else:
+            found = [e["parameter"] for e in ranks.get(metric, {}).get("parameters", []) if e["driver"]]
+            words = [spoken_name(parameter) for parameter in dict.fromkeys(found)][:_NAMED]
+            words = words or otherwise_words(ranks.get(metric, {}).get("otherwise", []))[:_NAMED]
+            if not words and metric in ranks:
+                none.append(_SHORT[metric])
+        if words:
+            parts.append(f"{_SHORT[metric]}: {joined(words)}")
+    told = bool(parts)
+    parts += [f"no single parameter moves {joined(none)}"] if none else []
+    parts += [f"too few flights to share out {joined(unsure)}"] if unsure else []
+    if not parts:
+        return ""
+    how = ""
+    if sobol and told:
+        how = f" (share of the variance that involves them, within {percent(round(max(widths), 2), 2)} or closer)"
+    return f"What moves the errors of {_label(numbers, name)} most{how}: {'; '.join(parts)}."
+
+
+def _first_drivers_sentence(numbers: Mapping[str, Any]) -> str:
+    """In which errors the parameter with the largest total index is the same for all controllers, and where not."""
+    found = {n: part["metrics"] for n, part in numbers["sobol"].get("controllers", {}).items() if part["metrics"]}
+    same, apart, untold = [], [], []
+    for metric in (*HOLDING, *FOLLOWING) if len(found) > 1 else ():
+        if any(metric not in part for part in found.values()):
+            continue
+        first = {name: spoken_name(part[metric][0]["parameter"]) for name, part in found.items()}
+        if not all(_leads(part[metric]) for part in found.values()):
+            untold.append(_SHORT[metric])
+        elif len(set(first.values())) == 1:
+            same.append(f"{_SHORT[metric]} ({next(iter(first.values()))})")
+        else:
+            each = [f"{word} for {_label(numbers, name)}" for name, word in first.items()]
+            apart.append(f"{_SHORT[metric]} ({', '.join(each)})")
+    parts = [f"the same in {joined(same)}"] if same else []
+    parts += [f"it differs in {joined(apart)}"] if apart else []
+    if untold:
+        parts.append(f"{'it is ' if parts else ''}open in {joined(untold)} (no parameter leads by more than the noise)")
+    who = joined([_label(numbers, name) for name in found])
+    return f"What spreads an error most is for {who} {'; '.join(parts)}." if parts else ""
+
+
+def _leads(indices: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether the first total index is larger than the second one by more than the noise of both."""
+    return len(indices) < 2 or indices[0]["total"][0] - indices[1]["total"][0] > hypot(*map(_half, indices[:2]))
+
+
+def _half(entry: Mapping[str, Any]) -> float:
+    """Half the width of the wider interval of a parameter's two indices."""
+    return max((entry[kind][2] - entry[kind][1]) / 2.0 for kind in ("first", "total"))
+
+
+def _share(entry: Mapping[str, Any], kind: str) -> str:
+    """A Sobol index in percent; noise may take the estimate past the ends, and what acts alone past the total."""
+    return percent(min(max(round(min(entry[kind][0], entry["total"][0]), 2), 0.0), 1.0), 2)
+
+
+def summary_sentences(numbers: Mapping[str, Any]) -> list[str]:
+    """What a reader with two minutes should know, most important first: lost flights, the answer against the
+    strongest rival, the requirements, what endangers each controller's flights, the other rivals, then why.
+
+    A Saltelli campaign was flown to learn what moves the errors, and says that before who wins.
+    """
+    wins = _pair_sentences(numbers)
+    asked = _requirements_sentence(numbers) if numbers["requirements"] else ""
+    drivers = [_first_drivers_sentence(numbers)]
+    drivers += [_driver_sentence(numbers, name) for name in numbers["campaign"]["controllers"][:_MOVED]]
+    for name, part in numbers["sobol"].get("controllers", {}).items():
+        if part["refused"]:
+            drivers.append(f"{_label(numbers, name)} has no Sobol indices: {part['refused']}.")
+    lost = [failure_case_sentence(numbers["failure_cases"], numbers["campaign"]["labels"])]
+    lost += _survival_sentences(numbers)
+    known = [asked, *finding_sentences(numbers)]
+    sentences = drivers + wins + lost + known if numbers["sobol"] else lost + wins[:1] + known + wins[1:] + drivers
+    return [sentence for sentence in sentences if sentence]

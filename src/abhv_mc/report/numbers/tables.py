@@ -1,0 +1,274 @@
+"""The page's tables as rows of text: numbers to the digits that their Monte Carlo error allows."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+from abhv_mc.report.numbers.drivers import otherwise_words
+from abhv_mc.report.numbers.metrics import FOLLOWING, HOLDING, USAGE, controller_label, words_of
+from abhv_mc.report.numbers.parameters import parameter_doc, shown_value, spoken_name
+from abhv_mc.report.numbers.words import bounds, count_of, estimate, fixed, joined, p_value, percent, significant
+
+GROUPS = {
+    "tracking": "Tracking errors",
+    "usage": "Control usage",
+    "loads": "Loads and validity",
+    "stability": "Stability margins",
+}
+_BOUGHT = ("less_error_less", "less_error_more", "more_error_less", "more_error_more")
+_LEVELS = ("q50", "q95", "q99.73")
+_PARAMETER_WORDS: dict[str, Callable[[str], str]] = {"parameter": str, "spoken": spoken_name, "doc": parameter_doc}
+Row = dict[str, Any]
+
+
+def _cell(interval: Mapping[str, Any] | None) -> dict[str, str]:
+    if interval is None or interval["value"] is None:
+        return {"value": "not reached" if interval else "", "bounds": ""}
+    return {"value": estimate(interval), "bounds": bounds(interval)}
+
+
+def _interval(ends: Sequence[float]) -> dict[str, float]:
+    return dict(zip(("value", "low", "high"), ends, strict=True))
+
+
+def _pair_of(numbers: Mapping[str, Any], first: str, other: str) -> Mapping[str, Any] | None:
+    found: Mapping[str, Any] | None = numbers["paired"].get(f"{first} - {other}")
+    return found
+
+
+def verdict_rows(numbers: Mapping[str, Any]) -> list[Row]:
+    """One row a requirement: its words and every controller's verdict."""
+    rows = []
+    for entry in numbers["requirements"]:
+        cells = [
+            {
+                "controller": controller_label(name),
+                "binds": name in entry["binds"],
+                "status": verdict["status"],
+                "failures": count_of(verdict["failures"], verdict["runs"]),
+                "needed": _needed(verdict),
+                "ended_early": verdict["ended_early"],
+                "not_computed": verdict["uncomputed"],
+                "provisional": verdict["provisional"],
+                "note": verdict["note"],
+                "met": percent(verdict["met"], 3),
+                **{key: percent(verdict[key]) for key in ("lower_bound", "consumer_risk", "producer_risk")},
+            }
+            for name, verdict in entry["controllers"].items()
+        ]
+        share, risk = percent(entry["probability"]), percent(entry["consumer_risk"])
+        rows.append({"words": entry["words"], "share": share, "risk": risk, "cells": cells})
+    return rows
+
+
+def _needed(verdict: Mapping[str, Any]) -> str:
+    if verdict["flights_needed"] is None:
+        return "\N{EM DASH}"
+    return fixed(verdict["flights_needed"], 0) if verdict["flights_needed"] else "not needed"
+
+
+def headline_rows(numbers: Mapping[str, Any]) -> list[Row]:
+    """Medians and paired differences of what the first screen compares: errors first, then usage."""
+    rows = []
+    controllers = numbers["campaign"]["controllers"]
+    for metric in (*FOLLOWING, *HOLDING, *USAGE):
+        if metric not in numbers["metrics"]:
+            continue
+        table = numbers["metrics"][metric]["controllers"]
+        differences = []
+        for other in controllers[1:]:
+            pair = _pair_of(numbers, controllers[0], other)
+            if pair is None:
+                continue
+            found = pair["metrics"][metric]
+            differences.append(
+                {
+                    **_cell(found["median_difference"]),
+                    "winner": _winner(found),
+                    "better": count_of(found["a_better"], pair["pairs"]),
+                }
+            )
+        rows.append(
+            {
+                "label": words_of(metric).label_with_unit,
+                "group": words_of(metric).group,
+                "medians": [_cell(table[name]["q50"]) for name in controllers],
+                "differences": differences,
+            }
+        )
+    return rows
+
+
+def _winner(found: Mapping[str, Any]) -> str:
+    if found["mixed"]:
+        return "mixed"
+    return controller_label(found["winner"]) if found["winner"] else "neither"
+
+
+def metric_groups(numbers: Mapping[str, Any]) -> Iterator[Row]:
+    """Every metric of every controller, by group."""
+    controllers = numbers["campaign"]["controllers"]
+    for group, title in GROUPS.items():
+        entries = []
+        for metric, table in numbers["metrics"].items():
+            if words_of(metric).group != group:
+                continue
+            lines = []
+            for name in controllers:
+                cell = table["controllers"][name]
+                pair = _pair_of(numbers, controllers[0], name)
+                found = pair["metrics"][metric] if pair else None
+                lines.append(
+                    {
+                        "controller": controller_label(name),
+                        "levels": [_cell(cell[level]) for level in _LEVELS],
+                        "worst": significant(cell["worst"], 4),
+                        "flight": cell["worst_flight"],
+                        "difference": _cell(found["median_difference"]) if found else None,
+                        "better": count_of(found["a_better"], pair["pairs"]) if found and pair else "",
+                    }
+                )
+            low = table["sense"] == "low"
+            entries.append(
+                {"label": words_of(metric).label_with_unit, "doc": words_of(metric).doc, "low": low, "lines": lines}
+            )
+        if entries:
+            yield {"title": title, "name": group, "entries": entries}
+
+
+def pair_tables(numbers: Mapping[str, Any]) -> list[Row]:
+    """Quantile differences, failures of only one, error against usage, and what pairing saved."""
+    tables = []
+    for pair in numbers["paired"].values():
+        a, b = controller_label(pair["a"]), controller_label(pair["b"])
+        quantiles = []
+        for metric in (*FOLLOWING, *HOLDING, *USAGE):
+            if metric in pair["metrics"]:
+                found = pair["metrics"][metric]
+                gain = found["pairing_gain"]
+                quantiles.append(
+                    {
+                        "label": words_of(metric).label_with_unit,
+                        "levels": [_cell(found[level]) for level in _LEVELS],
+                        "saved": f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none",
+                    }
+                )
+        failures = [
+            _failure_row(entry["words"], found)
+            for entry, found in zip(numbers["requirements"], pair["requirements"], strict=True)
+        ]
+        failures.append(_failure_row("Reached the end of the mission", pair["ended_early"]))
+        usage = [
+            {
+                "label": words_of(metric).label,
+                "error": _cell(found["error_ratio"]),
+                "usage": _cell(found["usage_ratio"]),
+                "shares": [percent(found[f"{kind}_usage"] / found["pairs"], 2) for kind in _BOUGHT],
+            }
+            for metric, found in pair["usage"].items()
+            if found
+        ]
+        tables.append(
+            {"a": a, "b": b, "pairs": pair["pairs"], "quantiles": quantiles, "failures": failures, "usage": usage}
+        )  # fmt: skip
+    return tables
+
+
+def _failure_row(label: str, found: Mapping[str, Any]) -> Row:
+    def flights(key: str) -> str:
+        listed = found[f"flights_only_{key}"]
+        more = "" if found[f"only_{key}"] == len(listed) else ", \N{HORIZONTAL ELLIPSIS}"
+        return ", ".join(map(str, listed)) + more if listed else "\N{EM DASH}"
+
+    return {
+        "label": label,
+        **{key: found[key] for key in ("both", "only_a", "only_b", "neither")},
+        "p": p_value(found["p_value"]),
+        "flights_a": flights("a"),
+        "flights_b": flights("b"),
+    }
+
+
+def driver_rows(numbers: Mapping[str, Any]) -> list[Row]:
+    """For each controller and headline metric, what drives it."""
+    rows = []
+    for name, part in numbers["drivers"].get("controllers", {}).items():
+        for metric in (*FOLLOWING, *HOLDING):
+            if metric not in part["metrics"]:
+                continue
+            table = part["metrics"][metric]
+            found = [entry for entry in table["parameters"] if entry["driver"]]
+            rows.append(
+                {
+                    "controller": controller_label(name),
+                    "label": words_of(metric).label,
+                    "explained": percent(table["explained"], 2),
+                    "otherwise": _otherwise(table["otherwise"]),
+                    "drivers": [
+                        {
+                            "moves_with": spoken_name(entry["moves_with"]) if entry["moves_with"] else None,
+                            **{key: word(entry["parameter"]) for key, word in _PARAMETER_WORDS.items()},
+                            "either_way": entry["either_way"],
+                            "srrc": _cell(_interval(entry["srrc"])),
+                            "prcc": _cell(_interval(entry["prcc"])),
+                        }
+                        for entry in found[:4]
+                    ],
+                }
+            )
+    return rows
+
+
+def _otherwise(entries: Sequence[Mapping[str, Any]]) -> str:
+    """'lift together with density, not steadily up or down: lift 4 % alone and 62 % in all, ...'."""
+    if not entries:
+        return "no single parameter"
+    shares = [
+        f"{spoken_name(entry['parameter'])} {percent(entry['first'], 2)} alone, {percent(entry['total'], 2)} in all"
+        for entry in entries[:4]
+    ]
+    names = joined(otherwise_words(entries[:4]))
+    return f"{names}, not steadily up or down (of the variance of ranks: {'; '.join(shares)})"
+
+
+def sobol_rows(numbers: Mapping[str, Any]) -> list[Row]:
+    """For each controller and headline metric, its indices, or why there are none."""
+    rows = []
+    for name, part in numbers["sobol"].get("controllers", {}).items():
+        if part["refused"]:
+            rows.append({"controller": controller_label(name), "refused": part["refused"], "label": "", "indices": []})
+        for metric in (*FOLLOWING, *HOLDING):
+            if metric in part["metrics"]:
+                indices = [
+                    {key: word(entry["parameter"]) for key, word in _PARAMETER_WORDS.items()}
+                    | {kind: _cell(_interval(entry[kind])) for kind in ("first", "total")}
+                    for entry in part["metrics"][metric][:4]
+                ]
+                label = words_of(metric).label
+                rows.append({"controller": controller_label(name), "refused": None, "label": label, "indices": indices})
+    return rows
+
+
+def _dispersion_words(entry: Mapping[str, Any]) -> str:
+    """'lift +8.1 % (1.6 sigma)'."""
+    sigma = "" if entry["sigma"] is None else f" ({fixed(entry['sigma'], 1)} sigma)"
+    return f"{spoken_name(entry['parameter'])} {shown_value(entry['parameter'], entry['value'])}{sigma}"
+
+
+def worst_tables(numbers: Mapping[str, Any], folder: str) -> list[Row]:
+    """The worst flights of each controller, each with the command that replays it."""
+    tables = []
+    for name, flights in numbers["worst"].items():
+        rows = [
+            {
+                "flight": entry["flight"],
+                "outcome": entry["outcome"].replace("_", " "),
+                "by": words_of(entry["by"]).label if entry["by"] else "",
+                "share": percent(entry["share"], 2),
+                "values": [significant(entry["metrics"].get(m)) for m in (*FOLLOWING, *HOLDING)],
+                "samples": ", ".join(_dispersion_words(dispersion) for dispersion in entry["largest"]),
+                "command": f"abhv-mc replay {folder} --flight {entry['flight']} --controller {name}",
+            }
+            for entry in flights
+        ]
+        tables.append({"controller": controller_label(name), "rows": rows})
+    return tables

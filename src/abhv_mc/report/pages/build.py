@@ -1,0 +1,134 @@
+"""From a campaign's folder to its report: numbers, figures and a page."""
+
+import gc
+import hashlib
+import json
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from abhv_mc.folder.hashes import data_files
+from abhv_mc.folder.layout import CampaignFolder, hash_file
+from abhv_mc.io.input_error import InputError, describe, one_of
+from abhv_mc.report.numbers.results import read_results
+
+Format = Literal["html", "md"]
+
+
+def hash_files(folder: Path) -> dict[str, str]:
+    """SHA-256 of every file that the report is made from, by its path in the folder."""
+    paths = CampaignFolder(folder)
+    files = (paths.campaign, *data_files(paths, None))
+    return {path.relative_to(paths.root).as_posix(): hash_file(path) for path in files}
+
+
+def write_json(numbers: dict[str, Any]) -> str:
+    """The text of `report.json`."""
+    return json.dumps(numbers, indent=1, allow_nan=False) + "\n"
+
+
+def hash_pages(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
+    """SHA-256 of written pages; None for one that is gone."""
+    return {name: hash_file(folder / name) if (folder / name).is_file() else None for name in names}
+
+
+def _read_pages(path: Path, numbers: dict[str, Any]) -> dict[str, Any]:
+    """The pages that an earlier report with the same numbers names."""
+    try:
+        held = json.loads(path.read_text(encoding="utf-8"))
+        pages: dict[str, Any] = held.pop("pages", {})
+        for name in ("pictures", "key"):
+            held.pop(name, None)
+    except (OSError, ValueError, AttributeError, TypeError, RecursionError):
+        return {}
+    return pages if isinstance(pages, dict) and held == json.loads(json.dumps(numbers)) else {}
+
+
+def make_key(folder: Path) -> str:
+    """What a report follows from: the folder's data and manifest, and the program that makes it."""
+    import abhv_mc
+
+    source = Path(abhv_mc.__file__).parent
+    parts = sorted(path for name in ("report", "statistics") for path in (source / name).rglob("*") if path.is_file())
+    code = {path.relative_to(source).as_posix(): hash_file(path) for path in parts if path.suffix != ".pyc"}
+    manifest = folder / "manifest.json"
+    held = hash_file(manifest) if manifest.is_file() else None
+    text = json.dumps([abhv_mc.__version__, code, hash_files(folder), held], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def is_up_to_date(folder: Path, page: str = "report.html") -> bool:
+    """Whether the page and its figures are there as this program would make them again from the same data."""
+    try:
+        written = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+        pages, pictures = written["pages"], written["pictures"]
+        return bool(
+            written["key"] == make_key(folder)
+            and page in pages
+            and hash_pages(folder, pages) == pages
+            and hash_pages(folder, pictures) == pictures
+        )
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return False
+
+
+@contextmanager
+def _seldom_collecting() -> Iterator[None]:
+    """Figures are made of so many objects that looking for garbage among them takes an eighth of a report's time."""
+    held = gc.get_threshold()
+    gc.set_threshold(100_000, 20, 20)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*held)
+
+
+@_seldom_collecting()
+def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
+    """Write `report.json`, `figures/*.png` and `report.html` (or `report.md`) into a campaign's folder.
+
+    Needs nothing but what the campaign wrote there. Returns the path of the page.
+    Raises InputError where a file is missing or unreadable, and for another format.
+    """
+    if format not in get_args(Format):
+        raise InputError("format", None, None, describe(format), one_of(get_args(Format)))
+    from abhv_mc.folder.layout import write_text
+    from abhv_mc.folder.manifest import read_whole_manifest
+    from abhv_mc.report.figures.style import write_png
+    from abhv_mc.report.numbers.report_numbers import make_numbers
+    from abhv_mc.report.pages.gallery import make_figures
+    from abhv_mc.report.pages.page import PageFigure, make_markdown, make_page
+    from abhv_mc.report.pages.searched import refuse_search
+
+    refuse_search(folder, read_whole_manifest(CampaignFolder(folder).manifest))
+    key = make_key(folder)  # as it is now: a run may go on meanwhile
+    results = read_results(folder)
+    numbers = {**make_numbers(results), "files": hash_files(folder)}
+    figures_folder = folder / "figures"
+    figures_folder.mkdir(exist_ok=True)
+    figures = []
+    for text, figure in make_figures(results, numbers):
+        path = figures_folder / f"{text.name}.png"
+        width, height = write_png(figure, path)
+        figures.append(PageFigure(text, path, width, height))
+    results.refuse_changes()
+    kept = {figure.path for figure in figures}
+    for stale in figures_folder.glob("*.png"):
+        if stale not in kept:
+            stale.unlink(missing_ok=True)  # another report of this folder may do the same
+    page = folder / f"report.{format}"
+    write_text(
+        page, make_page(results, numbers, figures) if format == "html" else make_markdown(results, numbers, figures)
+    )
+    report = folder / "report.json"
+    names = [*_read_pages(report, numbers), page.name]
+    pictures = [path.relative_to(folder).as_posix() for path in sorted(kept)]
+    numbers = {
+        **numbers,
+        "pages": hash_pages(folder, dict.fromkeys(names)),
+        "pictures": hash_pages(folder, pictures),
+        "key": key,
+    }
+    write_text(report, write_json(numbers))
+    return page

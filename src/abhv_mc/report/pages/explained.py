@@ -1,0 +1,74 @@
+"""An explanation of a failing flight as words, JSON and a figure."""
+
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from abhv_mc.analysis.explain import Explanation
+from abhv_mc.flight.channels import CHANNEL_INDEX
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.report.figures.explained import ExplainedPanel, plot_explained
+from abhv_mc.report.numbers.metrics import FLIGHT_PANELS, controller_label
+from abhv_mc.report.numbers.parameters import shown_value
+
+_IN_TITLE = 4
+_TITLE_WIDTH = 100
+_AFTER = 2.0  # how much of the nominal flight is shown, in lengths of flights that ended early
+
+
+def explanation_words(found: Explanation) -> list[str]:
+    """What was found, line by line."""
+    total, kept = len(found.samples), len(found.causes)
+    lines = [f"flight {found.flight} of {found.controller} {found.failure.words}. {found.ended}"]
+    if not kept:
+        return [*lines, "The nominal flight fails, too: no dispersion is needed."]
+    proof = "no smaller set does" if found.smallest else "none of them can be left out"
+    lines.append(f"It fails with {kept} of its {total} dispersions alone ({proof}; {found.tried} flights tried):")
+    lines += [f"  {name:<36} {shown_value(name, found.samples[name]):>12}" for name in found.causes]
+    if found.others:
+        lines.append(f"So do {len(found.others)} other sets of {kept}:")
+        lines += [f"  {' and '.join(names)}" for names in found.others[:10]]
+        lines += ["  ..."] if len(found.others) > 10 else []
+    return lines
+
+
+def explanation_numbers(found: Explanation) -> dict[str, Any]:
+    """The same as JSON holds it, values in SI."""
+    return {
+        "flight": found.flight,
+        "controller": found.controller,
+        "failure": found.failure.words,
+        "causes": {name: found.samples[name] for name in found.causes},
+        "others": [list(names) for names in found.others],
+        "smallest": found.smallest,
+        "flights_tried": found.tried,
+        "dispersions": found.samples,
+    }
+
+
+def make_explained_figure(found: Explanation) -> Figure:
+    """The flight as flown and with its causes alone, beside the nominal flight."""
+    names = [f"{name}\N{NO-BREAK SPACE}{shown_value(name, found.samples[name])}" for name in found.causes[:_IN_TITLE]]
+    more = len(found.causes) - len(names)
+    listed = ", ".join(names) + (f" and {more} more" if more else "") or "nothing dispersed"
+    what = f"Flight {found.flight} of {controller_label(found.controller)} {found.failure.words}"
+    title = f"{what}\n{textwrap.fill(listed, _TITLE_WIDTH, break_long_words=False)}"
+    ends = found.block.end_time[1:]
+    early = bool((found.block.outcome[1:] != Outcome.OK).all())
+    until = _AFTER * float(ends.max()) if early else float(ends.max())
+    panels = [
+        ExplainedPanel(label, list(found.block.history[:, :, CHANNEL_INDEX[name]].astype(np.float64) * scale))
+        for name, label, scale in FLIGHT_PANELS
+    ]
+    kept = f"only {len(found.causes)} of {len(found.samples)} dispersions"
+    return plot_explained(title, found.block.times, until, panels, ("nominal", kept, "as flown"))
+
+
+def write_explained_figure(found: Explanation, path: Path) -> None:
+    """Write it as PNG."""
+    from abhv_mc.report.figures.style import write_png
+
+    write_png(make_explained_figure(found), path)

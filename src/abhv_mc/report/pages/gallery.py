@@ -1,0 +1,270 @@
+"""All figures of a report, in its order, each with its words."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from abhv_mc.report.figures.convergence import ConvergencePanel, plot_convergence
+from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributions, plot_error_against_usage
+from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
+from abhv_mc.report.figures.marks import MarksPanel, plot_marks
+from abhv_mc.report.figures.paper import FigureText, off_reference, paper_figures, shown_bands
+from abhv_mc.report.figures.stability import MarginMarks, plot_margins
+from abhv_mc.report.figures.style import controller_colors
+from abhv_mc.report.numbers.failure_cases import failure_case_figures
+from abhv_mc.report.numbers.failures import failed_anyhow
+from abhv_mc.report.numbers.metrics import FOLLOWING, HEADLINE, HOLDING, USAGE, words_of
+from abhv_mc.report.numbers.paired import total_usage
+from abhv_mc.report.numbers.parameters import spoken_name
+from abhv_mc.report.numbers.results import Results, read_histories
+from abhv_mc.report.numbers.worst import rank_worst, worst_share
+from abhv_mc.stability.metrics import MARGIN_NAMES
+from abhv_mc.vehicle.arrays import Floats
+
+_SHOWN_WORST = 3
+_SHOWN_PARAMETERS = 6
+
+
+def _held(results: Results, wanted: tuple[str, ...]) -> list[str]:
+    return [metric for metric in wanted if metric in results.metrics]
+
+
+def _spread(results: Results, metric: str) -> Spread:
+    flown = {name: results.flights[name] for name in results.controllers}
+    values = {name: np.where(flights.failed, np.inf, flights.metrics[metric]) for name, flights in flown.items()}
+    limits = [item.limit for item in results.campaign.requirements if item.metric == metric]
+    return Spread(words_of(metric).label_with_unit, values, limits)
+
+
+_DISTRIBUTIONS = {
+    FigureText(
+        "distribution_tracking",
+        "Tracking errors over the flights",
+        "Share of flights at or below each tracking error; the further left, the better. "
+        "A curve that ends below 100 % had flights that ended early.",
+    ): (*FOLLOWING, *HOLDING, "cross_track_error_max_m"),
+    FigureText(
+        "distribution_usage",
+        "Control usage over the flights",
+        "Share of flights at or below each amount of control: rms deflection from trim, and the way that each "
+        "surface travelled.",
+    ): (*USAGE, "aileron_travel_deg", "rudder_travel_deg", "elevator_travel_deg"),
+}
+
+
+def _distributions(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
+    for text, metrics in _DISTRIBUTIONS.items():
+        held = _held(results, metrics)
+        if held:
+            yield text, plot_distributions([_spread(results, metric) for metric in held], labels, colors)
+
+
+def _trade(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
+    if len(_held(results, (*USAGE, *FOLLOWING))) < len((*USAGE, *FOLLOWING)):
+        return
+    flights = {name: results.flights[name] for name in results.controllers}
+    flown = {name: ~table.failed for name, table in flights.items()}
+    usage = {name: total_usage(table.metrics)[flown[name]] for name, table in flights.items()}
+    trades = [
+        Trade(words_of(m).label_with_unit, {name: table.metrics[m][flown[name]] for name, table in flights.items()})
+        for m in FOLLOWING
+    ]
+    text = FigureText(
+        "error_against_usage",
+        "Tracking error against control usage",
+        "Each small mark is one flight, each large one a controller's median. Usage is the root of the summed squares "
+        "of the rms deflections of aileron, rudder and elevator from their trim. Lower is better at equal usage.",
+    )
+    yield text, plot_error_against_usage(usage, trades, "surface usage, rms (deg)", labels, colors)
+
+
+_WORST_CHANNELS = (
+    ("altitude_m", "altitude error (m)", "altitude_reference_m"),
+    ("angle_of_attack_deg", "angle of attack (deg)", ""),
+    ("sideslip_deg", "sideslip (deg)", ""),
+    ("bank_deg", "bank (deg)", ""),
+)
+
+
+def _worst(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
+    names = results.controllers
+    kept = {name: read_histories(results.folder, name) for name in names}
+    listed = {}
+    for name in names:
+        flights = results.flights[name]
+        ranked = flights.flight[rank_worst(flights, results.campaign.requirements)]
+        listed[name] = ranked[np.isin(ranked, list(kept[name]))][:_SHOWN_WORST].tolist()
+    if not any(listed.values()):
+        return
+    rows = []
+    clock = results.reference["time"]
+    for channel, label, given in _WORST_CHANNELS:
+        panels, less = [], results.reference[given] if given else None
+        for name in names:
+            envelope = results.envelopes.get((name, channel))
+            if envelope is None or (listed[name] and channel not in kept[name][listed[name][0]]):
+                break
+            curves: list[tuple[Floats, Floats]] = [
+                (kept[name][k]["time"], off_reference(kept[name][k]["time"], kept[name][k][channel], clock, less))
+                for k in listed[name]
+            ]
+            bands = {
+                key: off_reference(envelope.time, band, clock, less)
+                for key, band in shown_bands(envelope.bands, less).items()
+            }
+            panels.append(EnvelopePanel(envelope.time, bands, flights=curves))
+        if len(panels) == len(names):
+            rows.append(EnvelopeRow(label, panels))
+    if rows:
+        flown = "; ".join(f"{labels[name]}: {', '.join(map(str, listed[name]))}" for name in names if listed[name])
+        text = FigureText(
+            "worst_flights",
+            "The worst flights",
+            f"The worst flights whose histories were kept, over the bands of all flights. Flights of {flown}.",
+        )
+        yield text, plot_envelopes(rows, list(labels.values()), list(colors.values()))
+
+
+def _marks_panel(
+    metric: str, ranked: list[Any], names: list[str], tables: Mapping[str, Mapping[Any, Any]], kinds: Mapping[str, Any]
+) -> MarksPanel:
+    """Marks of the ranked parameters; ``kinds`` says for each kind of number which entries are filled."""
+    missing = {"driver": False} | dict.fromkeys(kinds, (np.nan,) * 3)
+    entries = {name: [table.get(key, missing) for key in ranked] for name, table in tables.items()}
+    marks = {
+        name: [
+            (np.array([e[kind] for e in listed], float), np.array([filled(e) for e in listed], bool))
+            for kind, filled in kinds.items()
+        ]
+        for name, listed in entries.items()
+    }
+    return MarksPanel(words_of(metric).label, names, marks)
+
+
+def _drivers(
+    results: Results, numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]
+) -> Iterator[Any]:
+    found = {name: part["metrics"] for name, part in numbers["drivers"].get("controllers", {}).items()}
+    panels = []
+    for metric in HEADLINE:
+        tables = {
+            name: {(e["parameter"], e["either_way"]): e for e in part[metric]["parameters"]}
+            for name, part in found.items()
+            if metric in part
+        }
+        if not tables:
+            continue
+        ranked = sorted(
+            {parameter for table in tables.values() for parameter in table},
+            key=lambda p: -max(abs(table[p]["srrc"][0]) if p in table else 0.0 for table in tables.values()),
+        )[:_SHOWN_PARAMETERS]
+        names = [spoken_name(name) + (", high or low" if either else "") for name, either in ranked]
+        panels.append(_marks_panel(metric, ranked, names, tables, {"srrc": lambda e: e["driver"]}))
+    if panels:
+        text = FigureText(
+            "drivers",
+            "What drives the errors",
+            "How far an error moves, in its own spread, when a parameter moves by its spread (standardized rank "
+            "regression coefficients with 95 % intervals): right of zero the error grows with the parameter, left of "
+            'it the error shrinks; "high or low" is the parameter\'s distance from its median, either side. Filled '
+            "marks drive the error: beyond 0.2, beyond chance, and in a regression that explains more than half.",
+        )
+        meanings = ("drives the error", "does not, or not shown")
+        label = "smaller \N{LEFTWARDS ARROW} error \N{RIGHTWARDS ARROW} larger"
+        yield text, plot_marks(panels, labels, colors, label, (-1.05, 1.05), meanings)
+
+
+def _sobol(
+    results: Results, numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]
+) -> Iterator[Any]:
+    found = {n: part["metrics"] for n, part in numbers["sobol"].get("controllers", {}).items() if part["metrics"]}
+    kinds = {"total": lambda _: False, "first": lambda _: True}
+    panels = []
+    for metric in HEADLINE:
+        tables = {name: {e["parameter"]: e for e in part[metric]} for name, part in found.items() if metric in part}
+        if not tables:
+            continue
+        ranked = sorted(results.dispersed, key=lambda p: -max(table[p]["total"][0] for table in tables.values()))
+        ranked = ranked[:_SHOWN_PARAMETERS]
+        panels.append(_marks_panel(metric, ranked, [spoken_name(p) for p in ranked], tables, kinds))
+    if panels:
+        text = FigureText(
+            "sobol",
+            "Sobol indices of the errors",
+            "Share of each error's variance that a parameter causes alone (first order, filled) and together with all "
+            "others (total, hollow), with 95 % intervals. Where the two differ, the parameter acts through others.",
+        )
+        meanings = ("alone (first order)", "with others (total)")
+        yield text, plot_marks(panels, labels, colors, "share of the variance", (-0.1, 1.05), meanings)
+
+
+def _convergence(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
+    traces = numbers["convergence"]
+    panels = []
+    for metric in HEADLINE:
+        if any(metric not in part["metrics"] for part in traces.values()):
+            continue
+        tables = {name: part["metrics"][metric] for name, part in traces.items()}
+        reached = all(table["q95"]["value"][-1] is not None for table in tables.values())
+        level, words = ("q95", "95 % quantile") if reached else ("q50", "median")
+        series = {
+            name: np.array([table[level][end] for end in ("value", "low", "high")], dtype=float).T
+            for name, table in tables.items()
+        }
+        if all(np.isnan(table[:, 0]).all() for table in series.values()):
+            continue
+        flights = {name: np.array(part["flights"], float) for name, part in traces.items()}
+        panels.append(ConvergencePanel(f"{words_of(metric).label_with_unit}\n{words}", flights, series))
+    if panels and any(table.shape[0] > 1 for panel in panels for table in panel.series.values()):
+        text = FigureText(
+            "convergence",
+            "How the numbers settled",
+            "The 95 % quantile of each error (the median where more than 5 % of a controller's flights ended early) "
+            "after so many flights, in flight order, with its exact 95 % interval where the flights bound it on both "
+            "sides.",
+        )
+        yield text, plot_convergence(panels, labels, colors)
+
+
+def _margins(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
+    """Each flight's severity over its margins, where flights have them."""
+    marks = {}
+    for name in results.controllers:
+        flights = results.flights[name]
+        if MARGIN_NAMES[0] not in flights.metrics:
+            return
+        rows = np.flatnonzero(np.isfinite(flights.metrics[MARGIN_NAMES[0]]))
+        share = worst_share(flights, results.campaign.requirements)[rows]
+        gain, phase = (flights.metrics[metric][rows] for metric in MARGIN_NAMES[:2])
+        marks[name] = MarginMarks(gain, phase, share, failed_anyhow(flights, results.campaign.requirements)[rows])
+    if not any(each.gain_db.size for each in marks.values()):
+        return
+    required = bool(results.campaign.requirements)
+    words = "limit of any requirement" if required else "median of any headline error"
+    text = FigureText(
+        "margins",
+        "Margins against failure",
+        f"Each mark is one flight: its largest share of the {words} over its least gain and phase margin. "
+        + ("Filled marks failed; marks at the upper end ended early." if required else "Filled marks ended early."),
+    )
+    yield (
+        text,
+        plot_margins(marks, "largest share of a limit" if required else "largest share of a median", labels, colors),
+    )
+
+
+def make_figures(results: Results, numbers: Mapping[str, Any]) -> Iterator[tuple[FigureText, Figure]]:
+    """Every figure that the campaign's folder has the data for."""
+    labels = numbers["campaign"]["labels"]
+    colors = controller_colors(results.controllers)
+    yield from paper_figures(results, list(labels.values()))
+    yield from _distributions(results, labels, colors)
+    yield from _trade(results, labels, colors)
+    yield from failure_case_figures(results, labels, colors)
+    yield from _worst(results, labels, colors)
+    yield from _margins(results, labels, colors)
+    yield from _drivers(results, numbers, labels, colors)
+    yield from _sobol(results, numbers, labels, colors)
+    yield from _convergence(numbers, labels, colors)

@@ -1,0 +1,40 @@
+"""Nominal flights in a folder: their history as Parquet, and a figure of each of the paper's."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.flight.channels import CHANNEL_INDEX
+from abhv_mc.flight.plan import FlightPlan
+
+
+def write_nominal_report(
+    folder: Path, plans: Mapping[str, FlightPlan], histories: Mapping[str, NDArray[np.float32]]
+) -> Iterator[Path]:
+    """Write ``nominal.parquet``, ``reference.parquet`` and ``figures/*.png``; name what was written.
+
+    ``histories`` holds each controller's flight ``[tick, channel]``, recorded at every tick.
+    """
+    import pyarrow.parquet as pq
+
+    from abhv_mc.folder.histories import write_nominal, write_reference
+    from abhv_mc.report.figures.flown import plot_flown
+    from abhv_mc.report.figures.style import write_png
+
+    plan = next(iter(plans.values()))
+    times = np.arange(plan.timing.ticks + 1).astype(np.float64) * plan.timing.tick
+    write_nominal(folder / "nominal.parquet", times, dict(histories))
+    yield folder / "nominal.parquet"
+    write_reference(folder / "reference.parquet", plan, 1)
+    yield folder / "reference.parquet"
+    flights = {
+        name: {"time": times} | {channel: history[:, i].astype(np.float64) for channel, i in CHANNEL_INDEX.items()}
+        for name, history in histories.items()
+    }
+    table = pq.read_table((folder / "reference.parquet").absolute())
+    reference = {name: table[name].to_numpy() for name in table.column_names}
+    for name, figure in plot_flown(flights, reference):
+        write_png(figure, folder / "figures" / f"{name}.png")
+        yield folder / "figures" / f"{name}.png"

@@ -1,0 +1,235 @@
+"""The report as one HTML file that opens offline, or as Markdown: templates filled with words and numbers."""
+
+import base64
+import gzip
+import hashlib
+import json
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from markupsafe import Markup
+
+from abhv_mc.report.figures.paper import FigureText
+from abhv_mc.report.figures.style import controller_colors
+from abhv_mc.report.numbers import tables
+from abhv_mc.report.numbers.confidence import sureness_sentence
+from abhv_mc.report.numbers.failure_cases import failure_case_rows, failure_case_sentence
+from abhv_mc.report.numbers.metrics import FOLLOWING, HOLDING, controller_label, words_of
+from abhv_mc.report.numbers.parameters import parameter_doc
+from abhv_mc.report.numbers.results import Results
+from abhv_mc.report.numbers.stability import stability_context
+from abhv_mc.report.numbers.summary import summary_sentences
+from abhv_mc.report.numbers.words import fixed, joined, percent, significant
+from abhv_mc.report.pages.interactive import envelope_data
+
+
+@dataclass(frozen=True)
+class PageFigure:
+    """A figure written to disk, with its words."""
+
+    text: FigureText
+    path: Path
+    width: int  # px
+    height: int
+
+
+def _embedded(figure: PageFigure, numbers: Mapping[str, Any]) -> dict[str, Any]:
+    image = base64.b64encode(figure.path.read_bytes()).decode("ascii")
+    here = _ranges_in_words(figure.text, numbers)
+    paper = f" The paper's single flight: {figure.text.paper}." if figure.text.paper else ""
+    return {
+        "name": figure.text.name,
+        "file": f"figures/{figure.path.name}",
+        "title": figure.text.title,
+        "caption": f"{figure.text.caption}{paper}{' Here: ' + here + '.' if here else ''}",
+        "alt": f"{figure.text.title}. {here + '.' if here else 'The caption and the tables say what it shows.'}",
+        "source": Markup(f"data:image/png;base64,{image}"),  # noqa: S704  letters of base64 only
+        "width": figure.width,
+        "height": figure.height,
+    }
+
+
+def _ranges_in_words(text: FigureText, numbers: Mapping[str, Any]) -> str:
+    if not text.channel:
+        return ""
+    parts = []
+    for name, ranges in numbers["ranges"].items():
+        low, high = ranges.get(text.channel, (None, None))
+        if low is not None:
+            parts.append(f"{numbers['campaign']['labels'][name]} {_ends(low, high, text.unit)}")
+    return "; ".join(parts)
+
+
+def _ends(low: float, high: float, unit: str) -> str:
+    """Both ends of a range, to a thousandth of the range but no finer than four digits of the larger."""
+    spread = high - low
+    places = 2 if spread <= 0.0 else max(0, 2 - len(str(int(spread)))) if spread >= 1.0 else 3
+    return f"{fixed(low, places)} to {fixed(high, places)}{' ' + unit if unit else ''}"
+
+
+def _script_json(data: Any) -> Markup:
+    """JSON that cannot end the script element which holds it."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return Markup(text.replace("<", "\\u003c"))  # noqa: S704  no markup is left
+
+
+def _script_hashes(*scripts: str) -> Markup:
+    """The sources of a content security policy that lets these scripts run and no other."""
+    hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii") for script in scripts)
+    return Markup(" ".join(f"'sha256-{value}'" for value in hashes))  # noqa: S704  letters of base64 only
+
+
+def _packed(library: str) -> Markup:
+    """A library, compressed to a third; the page's script unpacks it."""
+    packed = gzip.compress(library.encode(), compresslevel=6, mtime=0)
+    return Markup(base64.b64encode(packed).decode("ascii"))  # noqa: S704  letters of base64 only
+
+
+def _dispersions(numbers: Mapping[str, Any]) -> list[dict[str, str]]:
+    rows = []
+    for name, entry in numbers["campaign"]["dispersions"].items():
+        widths = {k: v.replace(" ", "\N{NO-BREAK SPACE}") if isinstance(v, str) else v for k, v in entry.items()}
+        settings = ", ".join(f"{k.replace('_', ' ')} {v}" for k, v in widths.items() if k != "distribution")
+        law = str(entry.get("distribution", "")).replace("_", " ")
+        rows.append({"name": name, "doc": parameter_doc(name), "law": law, "settings": settings})
+    return rows
+
+
+def _provenance(results: Results) -> list[tuple[str, str]]:
+    """What the manifest says, flat, as pairs of words."""
+    rows = []
+    for key, value in results.manifest.items():
+        if key in ("controllers", "requirements", "files"):  # in tables of their own, or too many
+            continue
+        label = key.replace("_", " ")
+        if isinstance(value, dict):
+            rows += [(f"{label}: {inner.replace('_', ' ')}", _plain_words(item)) for inner, item in value.items()]
+        else:
+            rows.append((label, _plain_words(value)))
+    return rows
+
+
+def _plain_words(value: Any) -> str:
+    if isinstance(value, float):
+        return significant(value, 4)
+    if isinstance(value, list | tuple):
+        return " ".join(map(str, value))
+    return "\N{EM DASH}" if value is None else str(value)
+
+
+def _sample_step(results: Results) -> str:
+    """Seconds between the samples of the envelopes, as text; empty where there are none."""
+    times = next((envelope.time for envelope in results.envelopes.values() if envelope.time.size > 1), None)
+    return "" if times is None else f"{times[1] - times[0]:.4g}"
+
+
+def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
+    campaign = numbers["campaign"]
+    folder = shlex.quote(results.folder.as_posix())
+    return {
+        "campaign": campaign,
+        "numbers": numbers,
+        "labels": list(campaign["labels"].values()),
+        "rivals": list(campaign["labels"].values())[1:],
+        "title": campaign["name"].replace("_", " "),
+        "question": campaign["question"] or f"What does the campaign {campaign['name']} show?",
+        "answers": summary_sentences(numbers),
+        "sureness": sureness_sentence(numbers),
+        "verdicts": tables.verdict_rows(numbers),
+        "headline": tables.headline_rows(numbers),
+        "groups": list(tables.metric_groups(numbers)),
+        "pairs": tables.pair_tables(numbers),
+        "drivers": tables.driver_rows(numbers),
+        "sobol": tables.sobol_rows(numbers),
+        "failure_rules": {
+            controller_label(name): part["failures"]
+            for name, part in numbers["drivers"].get("controllers", {}).items()
+            if part["failures"]
+        },
+        "failure_cases": failure_case_rows(numbers["failure_cases"]),
+        "failure_sentence": failure_case_sentence(numbers["failure_cases"], campaign["labels"]),
+        "rates": {
+            "drivers": percent(numbers["drivers"].get("false_discovery_rate"), 1),
+            "rules": percent(numbers["drivers"].get("rules_false_discovery_rate"), 1),
+        },
+        "stability": stability_context(numbers, folder),
+        "worst": tables.worst_tables(numbers, folder),
+        "worst_heads": [words_of(m).label_with_unit for m in (*FOLLOWING, *HOLDING)],
+        "dispersions": _dispersions(numbers),
+        "outcomes": [
+            {
+                **counts,
+                "label": controller_label(name),
+                "outcomes": joined([f"{count} {code.replace('_', ' ')}" for code, count in counts["outcomes"].items()]),
+            }
+            for name, counts in numbers["flights"].items()
+        ],
+        "step": _sample_step(results),
+        "state": numbers["state"],
+        "provenance": _provenance(results),
+        "folder": folder,
+    }
+
+
+def _environment(html: bool) -> Environment:
+    environment = Environment(
+        loader=PackageLoader("abhv_mc.report.pages", "template"),
+        autoescape=select_autoescape(["html", "j2"]) if html else False,  # noqa: S701  finalize escapes Markdown
+        finalize=None if html else _escape_markdown,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["group"] = lambda value: fixed(float(value), 0)
+    environment.filters["code"] = _code
+    return environment
+
+
+def _escape_markdown(value: Any) -> str:
+    """A value as text that no Markdown reader takes for markup: of tables, links, code or HTML."""
+    if isinstance(value, Markup):
+        return value
+    text = re.sub(r"([\\`*\[\]|])", r"\\\1", str(value))
+    return re.sub(r"\s*[\r\n]+\s*", " ", text.replace("<", "&lt;"))
+
+
+def _code(text: str) -> Markup:
+    """A command as code, whatever is in it."""
+    line = " ".join(text.split("\n"))
+    fence = "`" * (1 + max((len(run) for run in re.findall("`+", line)), default=0))
+    pad = " " if len(fence) > 1 else ""
+    return Markup(f"{fence}{pad}{line}{pad}{fence}")  # noqa: S704  nothing in code is markup
+
+
+def make_page(results: Results, numbers: Mapping[str, Any], figures: Sequence[PageFigure]) -> str:
+    """The whole report as one HTML file: no request leaves it, and no script runs in it but its own."""
+    from plotly.offline import get_plotlyjs
+
+    environment = _environment(html=True)
+    labels = numbers["campaign"]["labels"]
+    colors = controller_colors(results.controllers)
+    template = files("abhv_mc.report.pages") / "template"
+    embedded = [_embedded(figure, numbers) for figure in figures]
+    script, library = (template / "page.js").read_text("utf-8"), get_plotlyjs()
+    return environment.get_template("page.html.j2").render(
+        **_context(results, numbers),
+        figures=embedded,
+        figure_of={figure["name"]: figure for figure in embedded},
+        style=Markup((template / "style.css").read_text("utf-8")),  # noqa: S704  our own files
+        script=Markup(script),  # noqa: S704
+        script_hashes=_script_hashes(script, library),
+        plotly=_packed(library),
+        envelopes=_script_json(envelope_data(results, labels, colors)),
+    )
+
+
+def make_markdown(results: Results, numbers: Mapping[str, Any], figures: Sequence[PageFigure]) -> str:
+    """The report's words, tables and links to its figures as Markdown."""
+    template = _environment(html=False).get_template("page.md.j2")
+    return template.render(**_context(results, numbers), figures=[_embedded(figure, numbers) for figure in figures])

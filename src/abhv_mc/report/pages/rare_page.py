@@ -1,0 +1,101 @@
+"""The page of a rare failure's probability: the estimate or its refusal, levels, chains, and where failures live."""
+
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.report.figures.searches import plot_failures, plot_levels, plot_mixing
+from abhv_mc.report.numbers.metrics import controller_label, words_of
+from abhv_mc.report.pages.searched_flights import drawn_figure, flights_table, lower_label, with_unit
+from abhv_mc.report.pages.summary_page import Shown, write_answer_page
+from abhv_mc.search.methods.subset import ACCEPTANCE
+from abhv_mc.search.rare import RareFound
+from abhv_mc.search.severity import ENDED_EARLY
+
+
+def write_rare_page(found: RareFound, path: Path) -> Path:
+    """Write the page of an estimate of a rare failure and its figures beside it."""
+    metric, failures = found.settings.requirement, found.estimate.failures
+    asked = f"{lower_label(metric)} {_side(found)} {with_unit(found.limit, metric)}"
+    shown = [_levels(found), _mixing(found)]
+    if len(failures):
+        caption = (
+            "Each parameter as the standard normal number behind it, among failures, beside all flights of a campaign. "
+            "A parameter whose failures look like all flights does not matter by itself. The numbers are those before "
+            "correlations are applied."
+        )
+        shown.append(Shown("failures", "Where failures live", caption, plot_failures(found.names, failures)))
+    shown.append(drawn_figure(found.drawn))
+    return write_answer_page(
+        path,
+        f"Probability that {controller_label(found.controller)} breaks: {asked}",
+        "Rare event",
+        _answers(found, asked),
+        shown,
+        [flights_table(found.flights, found.severities, len(found.names), metric, found.controller, path.parent)],
+    )
+
+
+def _side(found: RareFound) -> str:
+    return "below" if found.requirement.below is not None else "above"
+
+
+def _answers(found: RareFound, asked: str) -> list[str]:
+    estimate = found.estimate
+    if estimate.refusal is None:
+        answers = [
+            f"P({controller_label(found.controller)} breaks '{asked}') is about {estimate.probability:.1e}, "
+            f"95 % interval {estimate.low:.1e} .. {estimate.high:.1e}, from {estimate.flights} flights in "
+            f"{len(estimate.repetitions)} independent repetitions.",
+            f"As narrow an interval from plain sampling takes about {_plain_flights(found):,} flights.",
+        ]
+    else:
+        answers = [f"There is no trustworthy estimate: {estimate.refusal}."]
+    check = estimate.check
+    if check is not None and check.usable:
+        answers.append(
+            f"Importance sampling about the failures found gives {check.probability:.1e} "
+            f"(coefficient of variation {100 * check.cov:.0f} %)."
+        )
+    answers.append(
+        "An estimate is no verdict: verdicts come from random campaigns alone. A failure that lies apart from where "
+        "flights grow worse, and that no flight came near, stays unseen."
+    )
+    if found.failed_to_run:
+        answers.append(f"{found.failed_to_run} flights could not be computed and count as failures.")
+    return answers
+
+
+def _levels(found: RareFound) -> Shown:
+    sign = 1.0 if found.requirement.below is not None else -1.0
+    ways = []
+    for one in found.estimate.repetitions:
+        limits = np.array([level.threshold for level in one.levels])
+        limits = np.where(limits < ENDED_EARLY, found.limit + sign * limits, np.nan)
+        ways.append((limits, np.cumprod([level.probability for level in one.levels], dtype=np.float64)))
+    caption = (
+        "Each repetition's thresholds, and the estimated probability of a flight beyond them. Lines that lie apart are "
+        "repetitions that contradict each other."
+    )
+    if any(np.isnan(limits).any() for limits, _ in ways):
+        caption += " A line ends where the next threshold is an early end, which has no value of the metric."
+    label = words_of(found.settings.requirement).label_with_unit
+    return Shown("levels", "Levels", caption, plot_levels(label, found.limit, ways))
+
+
+def _mixing(found: RareFound) -> Shown:
+    later = [one.levels[1:] for one in found.estimate.repetitions]
+    caption = (
+        f"Share of accepted moves ({ACCEPTANCE:g} is aimed at, dashed) and size of the moves at each level, a line for "
+        "each repetition as above. Chains that accept next to nothing, or move by little, explore little."
+    )
+    rates, sizes = (
+        [np.array([getattr(level, key) for level in levels]) for levels in later] for key in ("acceptance", "spread")
+    )
+    return Shown("mixing", "How the chains mix", caption, plot_mixing(rates, sizes, ACCEPTANCE))
+
+
+def _plain_flights(found: RareFound) -> int:
+    """Flights of plain sampling with an interval of the logarithm as narrow as this one, to two digits."""
+    p, half = found.estimate.probability, 0.5 * np.log(found.estimate.high / found.estimate.low)
+    return int(float(f"{(1.0 - p) / (p * (half / 1.96) ** 2):.1e}"))

@@ -1,0 +1,70 @@
+"""What the pages of searches show of flights: their channels over time, and how each is flown again."""
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.flight.channels import CHANNEL_INDEX, METRIC_INDEX
+from abhv_mc.folder.flights import FlightRows
+from abhv_mc.report.figures.searches import plot_flights
+from abhv_mc.report.numbers.metrics import FLIGHT_PANELS, words_of
+from abhv_mc.report.numbers.parameters import shown_value
+from abhv_mc.report.pages.summary_page import CODE, LONG, SHORT, Shown, Table
+from abhv_mc.search.methods.evaluation import Floats
+from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights
+from abhv_mc.search.severity import rank_distinct
+
+_LISTED = 10
+_ELSEWHERE = (
+    f"the worst flight, and the worst of those that lie elsewhere: at least {100 * DRAWN_APART:g} % of the range flown "
+    "(rms over the parameters) from every worse one"
+)
+
+
+def lower_label(metric: str) -> str:
+    """A metric's words inside a sentence."""
+    label = words_of(metric).label
+    return label[:1].lower() + label[1:]
+
+
+def with_unit(value: float, metric: str) -> str:
+    """A value to five digits with its unit."""
+    return f"{value:.5g} {words_of(metric).unit}".rstrip()
+
+
+def drawn_figure(drawn: DrawnFlights) -> Shown:
+    """The drawn flights beside the nominal one."""
+    panels = {
+        label: drawn.history[:, :, CHANNEL_INDEX[name]].astype(np.float64) * scale
+        for name, label, scale in FLIGHT_PANELS[:6]
+    }
+    labels = ["nominal", *(f"flight {number}" for number in drawn.numbers)]
+    caption = f"{_ELSEWHERE[:1].upper()}{_ELSEWHERE[1:]}; beside the nominal one. A line ends where its flight ended."
+    return Shown("flights", "The worst flights", caption, plot_flights(drawn.times, panels, labels))
+
+
+def flights_table(
+    flights: FlightRows, severities: Floats, dimensions: int, metric: str, controller: str, folder: Path
+) -> Table:
+    """The worst flights, and how each is flown again."""
+    numbers: Sequence[int] = rank_distinct(
+        severities, flights.samples[: len(severities), :dimensions], _LISTED, DRAWN_APART
+    )
+    rows = [
+        [
+            str(k),
+            f"{flights.values[k, METRIC_INDEX[metric]]:.5g}",
+            f"{flights.outcome[k]}, {flights.values[k, -1]:.4g} s",
+            ", ".join(
+                f"{name} {shown_value(name, x)}"
+                for name, x in zip(flights.names[:dimensions], flights.samples[k].tolist(), strict=False)
+            ),
+            shlex.join(["abhv-mc", "replay", str(folder), "--flight", str(k), "--controller", controller]),
+        ]
+        for k in numbers
+    ]
+    heads = ("flight", words_of(metric).label_with_unit, "ended", "parameters", "flown again, bit for bit, by")
+    caption = f"{_ELSEWHERE[:1].upper()}{_ELSEWHERE[1:]}."
+    return Table("Worst flights", caption, heads, rows, (SHORT, SHORT, SHORT, LONG, CODE))

@@ -1,0 +1,108 @@
+"""The page of a tuned controller: what it gains on fresh flights, what it is traded against, where its numbers lie."""
+
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.report.figures.searches import plot_front, plot_gains
+from abhv_mc.report.numbers.metrics import controller_label, words_of
+from abhv_mc.report.pages.searched_flights import lower_label
+from abhv_mc.report.pages.summary_page import LONG, SHORT, Shown, Table, write_answer_page
+from abhv_mc.search.tune import TuneFound
+
+
+def write_tune_page(found: TuneFound, path: Path) -> Path:
+    """Write the page; its figures go into the folder of the candidates' flights."""
+    scores, block = found.tuning.scores, found.block
+    aim, usage = (
+        f"{words_of(entry.metric).label_with_unit}, {100 * entry.quantile:g} %"
+        for entry in (block.minimise, block.usage)
+    )
+    shown = [
+        Shown(
+            "front",
+            "Error against usage",
+            "Every candidate on the common flights. The Pareto front joins those within all limits that no other such "
+            "candidate beats in both. Candidates far outside are not drawn.",
+            plot_front(
+                (usage, aim), (scores.usage, scores.objective, scores.allowed), found.tuning.front, found.tuning.best
+            ),
+        ),
+        Shown(
+            "gains",
+            "How the search went",
+            "The error of each candidate on the common flights, the start first. The search fits itself to these "
+            "flights: what it gains is judged on the fresh ones above.",
+            plot_gains(aim, scores.objective, scores.allowed),
+        ),
+    ]
+    title = f"{controller_label(found.controller)} tuned for {lower_label(block.minimise.metric)}"
+    folder = path.with_suffix(".tuning") / "figures"
+    return write_answer_page(path, title, "Tuning", _answers(found), shown, [_sides(found), _numbers(found)], folder)
+
+
+def _answers(found: TuneFound) -> list[str]:
+    gain, block, aim = found.validation.difference, found.block, found.sides[0]
+    interval = f"difference {gain.value:.4g}, 95 % interval {gain.low:.4g} .. {gain.high:.4g}"
+    quantile = f"{100 * block.minimise.quantile:g} % quantile of {lower_label(aim.metric)}"
+    fresh = f"On {block.validation} fresh flights the {quantile}"
+    broken = [side.words for side in found.sides if not side.keeps]
+    unit = f" {words_of(aim.metric).unit}".rstrip()
+    change = f"{fresh} is {aim.best:.4g} instead of {aim.start:.4g}{unit} ({interval})."
+    if found.shown:
+        answers = [change]
+    elif found.tuning.best == 0:
+        answers = ["No file is written: no candidate was better than the start on the common flights."]
+    elif not found.tuning.scores.allowed.any():
+        answers = [
+            "No file is written: no candidate kept every limit. The nearest to it is shown, which breaks: "
+            f"{'; '.join(broken)}.",
+            change,
+        ]
+    else:
+        why = (
+            f"beyond its limits on fresh flights: {'; '.join(broken)}"
+            if broken
+            else "the interval is not all below zero"
+        )
+        answers = [f"No file is written: {why}.", change]
+    ends = found.numbers.at_ends(found.tuning.place)
+    if ends:
+        answers.append(
+            f"At an end of their range: {', '.join(ends)}. Better numbers may lie beyond: give these a larger factor, "
+            "unless the limit of the range is meant."
+        )
+    if found.shown:
+        answers.append(
+            "It is shown for this campaign's dispersions, mission and vehicle, and within the limits asked for; not "
+            "that nothing is better, nor that it holds elsewhere."
+        )
+    return answers
+
+
+def _sides(found: TuneFound) -> Table:
+    rows = []
+    for side in found.sides:
+        sign = "" if side.limit is None else "above" if side.floor else "below"
+        limit = "" if side.limit is None else f"{sign} {side.limit:.4g}"
+        kept = "" if side.limit is None else "yes" if side.keeps else "no"
+        rows.append([side.words, f"{side.start:.5g}", f"{side.best:.5g}", limit, kept])
+    caption = (
+        "Metrics on the fresh flights, the same for both; flights that ended early count as the worst. Stability "
+        "margins are the least over all loops and points."
+    )
+    heads = ("what", "start", "result", "limit", "kept")
+    return Table("Start and result", caption, heads, rows, (LONG, SHORT, SHORT, SHORT, SHORT))
+
+
+def _numbers(found: TuneFound) -> Table:
+    numbers, place = found.numbers, found.tuning.place
+    columns = [numbers.values(point) for point in (0.0 * place, np.full_like(place, -1.0), place, np.ones_like(place))]
+    ends = numbers.at_ends(place)
+    caption = "Each was varied by its factor either way, on a logarithmic scale."
+    heads = ("number", "start", "low end", "result", "high end", "")
+    rows = [
+        [key, *(str(column[key]) for column in columns), "at the end of its range" if key in ends else ""]
+        for key in columns[0]
+    ]
+    return Table("Free numbers", caption, heads, rows, (SHORT,) * 6)

@@ -1,0 +1,134 @@
+"""The page of a worst-case search: how bad it gets, where, how the search came there, and how it is flown again."""
+
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.report.figures.searches import plot_convergence, plot_place
+from abhv_mc.report.numbers.metrics import controller_label, words_of
+from abhv_mc.report.numbers.parameters import shown_value
+from abhv_mc.report.numbers.words import percent
+from abhv_mc.report.pages.searched_flights import drawn_figure, flights_table, lower_label, with_unit
+from abhv_mc.report.pages.summary_page import SHORT, Shown, Table, write_answer_page
+from abhv_mc.search.methods.evaluation import Floats
+from abhv_mc.search.severity import ENDED_EARLY
+from abhv_mc.search.worst import WorstFound
+
+
+def write_worst_page(found: WorstFound, path: Path) -> Path:
+    """Write the page of a worst-case search and its figures beside it."""
+    metric = found.settings.metric
+    searched = found.severities[: found.searched]
+    table = flights_table(found.flights, searched, len(found.names), metric, found.controller, path.parent)
+    return write_answer_page(
+        path,
+        f"Worst case of {controller_label(found.controller)}: {lower_label(metric)}",
+        "Worst-case search",
+        _answers(found),
+        [_convergence(found), _place(found), drawn_figure(found.drawn)],
+        [table, _range_table(found)],
+    )
+
+
+def _answers(found: WorstFound) -> list[str]:
+    metric = found.settings.metric
+    worst, random = (_words(found, flight) for flight in (found.worst, found.random_worst))
+    side = "largest" if found.settings.largest else "smallest"
+    counted = f"{found.searched} flights of the search"
+    if _ended_early(found, found.worst):
+        first = f"The worst of {counted} {worst}: worse than any value of {lower_label(metric)}, the earlier the worse."
+    else:
+        first = f"The {side} value of {lower_label(metric)} in {counted} is {worst}."
+    how_many = "As many" if found.flights.stop == 2 * found.searched else f"{found.flights.stop - found.searched}"
+    answers = [
+        first,
+        f"{how_many} random flights of the same box, drawn from the campaign's laws: the worst "
+        f"{random if _ended_early(found, found.random_worst) else f'has {random}'}.",
+        f"At an end of their range: {', '.join(found.at_bounds) or 'none of the parameters'}."
+        + (" A wider box would most likely be worse." if found.at_bounds else ""),
+        "A search shows what can happen in the box, not how often: the box counts its corners as much as its middle, "
+        "correlations are left out, and a worse place that no flight came near stays unseen.",
+    ]
+    if found.probabilities:
+        often = ", ".join(f"{name} ({percent(share, 3)})" for name, share in found.probabilities.items())
+        answers.append(
+            f"In every flight of the search, but in a campaign and in the random flights with a probability: {often}. "
+            "How bad it gets without is not searched."
+        )
+    if found.flights.names != found.names:
+        answers.append("All flights met the same turbulence and noise, so that they differ by their parameters alone.")
+    if found.failed_to_run:
+        answers.append(f"{found.failed_to_run} flights could not be computed and count as none.")
+    return answers
+
+
+def _ended_early(found: WorstFound, flight: int) -> bool:
+    return bool(found.severities[flight] >= ENDED_EARLY)
+
+
+def _words(found: WorstFound, flight: int) -> str:
+    """'20.25 m', or 'ended early, at 31.2 s (sideslip_limit)'."""
+    if _ended_early(found, flight):
+        return f"ended early, at {found.flights.values[flight, -1]:.4g} s ({found.flights.outcome[flight]})"
+    return with_unit(found.metric(flight), found.settings.metric)
+
+
+def _convergence(found: WorstFound) -> Shown:
+    stages: list[tuple[int, str]] = []
+    last = 0
+    for step in found.case.history:
+        if not stages or stages[-1][1] != step.stage:
+            stages.append((last, step.stage))
+        last = step.evaluations
+    parts = np.split(found.severities, [found.searched])
+    sign = 1.0 if found.settings.largest else -1.0
+    curves = {words_of(found.settings.metric).label_with_unit: [_so_far(part, sign) for part in parts]}
+    caption = "The worst value so far over the flights of the search and over the random flights of the same box."
+    if _ended_early(found, found.worst) or _ended_early(found, found.random_worst):
+        parts = np.split(found.severities - ENDED_EARLY, [found.searched])
+        curves["earliest end (s)"] = [found.duration - _left(part) for part in parts]
+        caption += " A line ends with the first flight that ended early, which is worse; below, the earliest such end."
+    return Shown("convergence", "Convergence", caption, plot_convergence(curves, stages))
+
+
+def _so_far(severities: Floats, sign: float) -> Floats:
+    """The worst metric so far; nan once a flight has ended early."""
+    highest = np.maximum.accumulate(severities)
+    return np.where(np.isfinite(highest) & (highest < ENDED_EARLY), sign * highest, np.nan)
+
+
+def _left(seconds: Floats) -> Floats:
+    """The most seconds left at an early end so far; nan before the first."""
+    most = np.maximum.accumulate(seconds)
+    return np.where(most >= 0.0, most, np.nan)
+
+
+def _place(found: WorstFound) -> Shown:
+    change = np.where(np.abs(found.case.sensitivity) < 0.5 * ENDED_EARLY, found.case.sensitivity, np.nan)
+    if _ended_early(found, found.worst):
+        what, change, gap = "time of the end (s)", -change, "the flight does not end early"
+    else:
+        what, gap = words_of(found.settings.metric).label_with_unit, "the flight ended early"
+        change = change if found.settings.largest else -change
+    return Shown(
+        "place",
+        "Where it is, and what matters there",
+        "Left: each parameter at the worst flight within its range. Right: by how much the value changes when one "
+        f"parameter is moved by a twentieth of its range and the others stay; no bar where a bound is in the way or "
+        f"{gap}.",
+        plot_place(found.names, found.case.place, change, what),
+    )
+
+
+def _range_table(found: WorstFound) -> Table:
+    rows = [
+        [
+            name,
+            shown_value(name, low),
+            shown_value(name, found.flights.samples[found.worst, i]),
+            shown_value(name, high),
+        ]
+        for i, (name, (low, high)) in enumerate(zip(found.names, found.bounds.tolist(), strict=True))
+    ]
+    caption = f"Bounded laws span their range, unbounded ones {found.settings.box:g} standard deviations either way."
+    return Table("The box", caption, ("parameter", "low end", "worst", "high end"), rows, (SHORT,) * 4)

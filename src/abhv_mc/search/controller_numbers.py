@@ -1,0 +1,102 @@
+"""Free numbers of a controller's file: found by their keys, varied by factors, written back with their units."""
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.campaign.file.tuning import Free
+from abhv_mc.control.controller_file import read_controller
+from abhv_mc.io.documents import Document, InputError, one_of, read_document, write_document
+from abhv_mc.search.methods.evaluation import Floats
+
+_NUMBER = re.compile(r"\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*$")
+
+
+@dataclass(frozen=True)
+class ControllerNumbers:
+    """A controller's file with some of its numbers free. A point of the box -1 .. 1 holds logarithms of factors."""
+
+    document: Document
+    free: tuple[Free, ...]
+
+    def factors(self, point: Floats) -> Floats:
+        """Factors ``[free]`` that a point stands for."""
+        return np.array([entry.factor for entry in self.free]) ** point
+
+    def values(self, point: Floats) -> dict[str, str | float]:
+        """The free entries as the file writes them."""
+        factors = self.factors(point).tolist()
+        return {e.key: _scaled(self._entry(e.key), factor) for e, factor in zip(self.free, factors, strict=True)}
+
+    def at_ends(self, point: Floats) -> list[str]:
+        """Keys of the free numbers that a point puts on an end of their range."""
+        return [entry.key for entry, x in zip(self.free, point.tolist(), strict=True) if abs(x) >= 1.0 - 1e-9]
+
+    def write(self, path: Path, point: Floats, comment: str = "") -> None:
+        """Write the file with the free numbers of a point; a law of one's own that it names stays the same file."""
+        data: Any = self.document.data
+        if "file" in data:
+            law = (Path(self.document.path).parent / data["file"]).resolve()
+            data = {**data, "file": os.path.relpath(law, path.parent.resolve())}
+        for key, value in self.values(point).items():
+            data = _replaced(data, key.split("."), value)
+        write_document(path, data, comment)
+
+    def _entry(self, key: str) -> Any:
+        value: Any = self.document.data
+        for part in key.split("."):
+            value = value[part]
+        return value
+
+
+def read_controller_numbers(
+    path: Path, free: Sequence[Free], block: Document, where: tuple[str | int, ...]
+) -> ControllerNumbers:
+    """Find the free numbers. Raises InputError, at its place in the ``tune`` block, for what the file does not have."""
+    read_controller(path)
+    document = read_document(path)
+    numbers = dict(_numbers(document.data))
+    for i, entry in enumerate(free):
+        if entry.key not in numbers:
+            wanted = one_of(numbers, entry.key)
+            found = f"'{entry.key}', which is no number above zero of {path.name}"
+            raise block.error((*where, "free", i), found, wanted)
+    return ControllerNumbers(document, tuple(free))
+
+
+def _numbers(data: Any, prefix: str = "") -> Any:
+    """Keys and entries of all numbers above zero."""
+    if isinstance(data, dict):
+        for key, value in data.items():
+            yield from _numbers(value, f"{prefix}.{key}" if prefix else str(key))
+    elif prefix and not isinstance(data, bool):
+        match = _NUMBER.match(str(data)) if isinstance(data, (int, float, str)) else None
+        if match and _is_positive(match[1]):
+            yield prefix, data
+
+
+def _is_positive(text: str) -> bool:
+    try:
+        return float(text) > 0.0
+    except ValueError:
+        return False
+
+
+def _scaled(entry: Any, factor: float) -> str | float:
+    """The entry times a factor, to six digits, with its unit."""
+    match = _NUMBER.match(str(entry))
+    if match is None:
+        raise InputError("tune", None, None, str(entry), "a number")
+    value = f"{float(match[1]) * factor:.6g}"
+    return f"{value} {match[2]}" if match[2] else float(value)
+
+
+def _replaced(data: Any, keys: list[str], value: str | float) -> Any:
+    if not keys:
+        return value
+    return {key: _replaced(inner, keys[1:], value) if key == keys[0] else inner for key, inner in data.items()}

@@ -1,0 +1,112 @@
+"""Where a search of a box starts: its middle, one dimension at a time, its corners, and points that fill it evenly."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from abhv_mc.search.methods.evaluation import LANES, Floats
+from abhv_mc.search.methods.record import Record
+
+_MOST_CORNERS = 512  # up to so many corners are all evaluated
+_CLIMB_SHARE, _CLIMB_LEAST = 0.2, 256  # of the evaluations, for a climb over corners
+
+
+def sobol_points(dimension: int, number: int, seed: int) -> Floats:
+    """The first points of a scrambled Sobol sequence in the box -1 .. 1."""
+    from scipy.stats.qmc import Sobol
+
+    sequence = Sobol(dimension, rng=np.random.default_rng(seed))
+    drawn = sequence.random_base2(max(0, int(number - 1).bit_length()))
+    return 2.0 * drawn[:number] - 1.0
+
+
+def explore(record: Record, dimension: int, seed: int, batch: int) -> None:
+    """Evaluate first points of the box, whole batches: about a quarter of what the record may."""
+    share = record.limit // 4
+    star: Floats = np.concatenate([np.zeros((1, dimension)), np.eye(dimension), -np.eye(dimension)])
+    even = sobol_points(dimension, record.limit, seed)
+    taken = 0
+
+    def fill(points: Floats) -> Floats:
+        """The points, and as many even ones as fill their last batch."""
+        nonlocal taken
+        missing = -len(points) % batch
+        taken += missing
+        return np.concatenate([points, even[taken - missing : taken]])
+
+    values = record.call(fill(star), "one at a time")[: len(star)]
+    if 2**dimension <= min(_MOST_CORNERS, max(share, LANES)):
+        bits = np.arange(2**dimension)[:, None] >> np.arange(dimension) & 1
+        corners = fill(np.where(bits, 1.0, -1.0))
+        for start in range(0, len(corners), batch):
+            record.call(corners[start : start + batch], "corners")
+    else:
+        _climb_corners(record, values, batch, fill)
+    while record.used < share:
+        record.call(fill(even[taken : (taken := taken + batch)]), "Sobol points")
+
+
+def _climb_corners(record: Record, star: Floats, batch: int, fill: Callable[[Floats], Floats]) -> None:
+    """Uphill from the corner that the slopes point to: all neighbours, then all signs at once that gained alone.
+
+    Where that leads no further, the climb begins again at the opposite corner.
+    """
+    dimension = len(star) // 2
+    slopes = star[1 : dimension + 1] - star[dimension + 1 :]
+    slopes = np.where(np.isfinite(slopes), slopes, 0.0)
+    order = np.argsort(np.abs(slopes), kind="stable")  # least certain first
+    corner, best, tried = np.where(slopes >= 0.0, 1.0, -1.0), -np.inf, set[bytes]()
+    opposite = [-corner]
+    # Batches come in pairs: neighbours, and what they suggest.
+    share = record.used + max(_CLIMB_LEAST, int(_CLIMB_SHARE * record.limit))
+
+    def call(wanted: list[Floats]) -> tuple[list[Floats], Floats]:
+        """Those of the corners that were not tried, as many as fit, and their values; the best of all moves along."""
+        nonlocal corner, best
+        candidates = [c for c in wanted if c.tobytes() not in tried][:batch]
+        if not candidates:
+            return [], np.empty(0)
+        tried.update(c.tobytes() for c in candidates)
+        values = record.call(fill(np.array(candidates)), "corners")[: len(candidates)]
+        if values.max() > best:
+            best, corner = float(values.max()), candidates[int(np.argmax(values))]
+        return candidates, values
+
+    while record.used < share and record.left >= 2 * batch:
+        middle, before = corner, best
+        candidates, values = call(_neighbours(middle, order))
+        if not candidates or best <= before:
+            if not opposite:
+                return
+            corner, best = opposite.pop(), -np.inf
+            continue
+        # Signs by what their change alone gained; the middle itself is among the first candidates, or was the best.
+        at_middle = before if np.isfinite(before) else values[0]
+        alone = {
+            int(np.flatnonzero(c != middle)[0]): float(v - at_middle)
+            for c, v in zip(candidates, values, strict=True)
+            if np.count_nonzero(c != middle) == 1 and v > at_middle
+        }
+        gained = sorted(alone, key=lambda i: -alone[i])
+        together = []
+        for count in range(len(gained), 1, -1):
+            changed = middle.copy()
+            changed[gained[:count]] *= -1.0
+            together.append(changed)
+        if len(together) > 1 and record.used < share:
+            call([*together, *_neighbours(together[0], order)])
+
+
+def _neighbours(corner: Floats, order: np.ndarray) -> list[Floats]:
+    """A corner, those with one sign changed, then those with two changed; dimensions in the given order."""
+    found = [corner]
+    for i in order:
+        one = corner.copy()
+        one[i] = -one[i]
+        found.append(one)
+    for k, i in enumerate(order):
+        for j in order[:k]:
+            two = corner.copy()
+            two[[i, j]] = -two[[i, j]]
+            found.append(two)
+    return found

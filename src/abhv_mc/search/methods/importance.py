@@ -1,0 +1,129 @@
+"""A second opinion on a rare event: importance sampling from a mixture of normals fitted by cross-entropy.
+
+The density of a family that is nearest in cross-entropy to the failures' own is the one that fits a sample of failures
+with the greatest likelihood: R.Y. Rubinstein, D.P. Kroese, "The Cross-Entropy Method" (2004); mixtures of normals for
+failures in several places: N. Kurtz, J. Song, "Cross-entropy-based adaptive importance sampling using Gaussian
+mixture", Structural Safety 42 (2013). The failures come from subset simulation; the points drawn here are new.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from abhv_mc.search.methods.evaluation import Evaluate, Floats, make_generator
+
+MOST_DIMENSIONS = 20  # beyond, the weights of a fitted covariance degenerate
+_INFLATION = 1.3  # of the fitted covariances: a proposal with thinner tails than the failures has no finite variance
+_MOST_POINTS = 1000  # that a mixture is fitted to
+_SETTLED = 1e-3  # gain of the mean logarithm of the likelihood that ends a fit
+_WANTED = 100.0  # effective failures for an estimate worth comparing with
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """A mixture of normal densities."""
+
+    weights: Floats  # [component]
+    means: Floats  # [component, dimension]
+    factors: Floats  # [component, dimension, dimension]: lower Cholesky factors of the covariances
+
+    def draw(self, number: int, generator: np.random.Generator) -> Floats:
+        """Points ``[point, dimension]``."""
+        component = generator.choice(len(self.weights), number, p=self.weights)
+        noise = generator.standard_normal((number, self.means.shape[1]))
+        return self.means[component] + np.einsum("pij,pj->pi", self.factors[component], noise)
+
+    def log_parts(self, points: Floats) -> Floats:
+        """Logarithms ``[point, component]`` of each component's part of the density."""
+        parts = np.empty((len(points), len(self.weights)))
+        for k, (weight, mean, factor) in enumerate(zip(self.weights, self.means, self.factors, strict=True)):
+            standard = np.linalg.solve(factor, (points - mean).T)
+            parts[:, k] = np.log(weight) - np.log(np.diag(factor)).sum() - 0.5 * (standard**2).sum(axis=0)
+        return parts - 0.5 * points.shape[1] * np.log(2.0 * np.pi)
+
+
+@dataclass(frozen=True)
+class ImportanceEstimate:
+    """What importance sampling says."""
+
+    probability: float
+    cov: float
+    effective: float  # failures it is worth; below ``_WANTED`` it says nothing
+    flights: int
+
+    @property
+    def usable(self) -> bool:
+        """Whether the estimate may contradict another one."""
+        return self.effective >= _WANTED
+
+
+def fit_mixture(points: Floats, components: int, generator: np.random.Generator, steps: int = 30) -> Mixture:
+    """A mixture of ``components`` normals fitted to the points by expectation and maximisation."""
+    number = len(points)
+    means = points[[generator.integers(number)]]
+    while len(means) < components:  # starts far apart, as k-means++ chooses them
+        distance = ((points[:, None, :] - means) ** 2).sum(axis=2).min(axis=1)
+        means = np.vstack([means, points[generator.choice(number, p=distance / distance.sum())]])
+    nearest = ((points[:, None, :] - means) ** 2).sum(axis=2).argmin(axis=1)
+    shares = np.eye(components)[nearest]
+    mixture, before = _maximise(points, shares), -np.inf
+    for _ in range(steps if components > 1 else 0):
+        parts = mixture.log_parts(points)
+        density = np.logaddexp.reduce(parts, axis=1)
+        mixture = _maximise(points, np.exp(parts - density[:, None]))
+        likelihood = float(density.sum())
+        if likelihood - before < _SETTLED * number:
+            break
+        before = likelihood
+    return mixture
+
+
+def _maximise(points: Floats, shares: Floats) -> Mixture:
+    """The normals that fit best points which belong to them by these shares ``[point, component]``."""
+    dimension = points.shape[1]
+    totals = shares.sum(axis=0) + 1e-9
+    means = (shares.T @ points) / totals[:, None]
+    factors = []
+    for k, mean in enumerate(means):
+        apart = points - mean
+        covariance = (shares[:, k, None] * apart).T @ apart
+        # As if `dimension` more points had the covariance of the standard normal law that failures are cut from.
+        covariance = (covariance + dimension * np.eye(dimension)) / (totals[k] + dimension)
+        factors.append(np.linalg.cholesky(covariance))
+    return Mixture(totals / totals.sum(), means, np.array(factors))
+
+
+def choose_mixture(points: Floats, seed: int, most: int = 6) -> Mixture:
+    """The mixture of 1 .. ``most`` components that Schwarz's criterion (1978) prefers, its covariances widened."""
+    distinct = np.unique(points, axis=0)
+    if len(distinct) > _MOST_POINTS:
+        distinct = distinct[make_generator(seed, 0, 1).permutation(len(distinct))[:_MOST_POINTS]]
+    number, dimension = distinct.shape
+    best = fit_mixture(distinct, 1, make_generator(seed, 1))
+    least = np.inf
+    for components in range(1, most + 1):
+        free = components * (1 + dimension + dimension * (dimension + 1) / 2)
+        if components > 1 and free > number:
+            break
+        mixture = fit_mixture(distinct, components, make_generator(seed, components))
+        criterion = free * np.log(number) - 2.0 * np.logaddexp.reduce(mixture.log_parts(distinct), axis=1).sum()
+        if criterion >= least:
+            break
+        best, least = mixture, criterion
+    return Mixture(best.weights, best.means, best.factors * np.sqrt(_INFLATION))
+
+
+def sample_importance(
+    evaluate: Evaluate, threshold: float, failures: Floats, flights: int, seed: int
+) -> ImportanceEstimate:
+    """P(severity > ``threshold``) by ``flights`` new points about known ``failures`` [point, dimension]."""
+    mixture = choose_mixture(failures, seed)
+    points = mixture.draw(flights, make_generator(seed, 0))
+    failed = evaluate(points) > threshold
+    log_normal = -0.5 * (points**2).sum(axis=1) - 0.5 * points.shape[1] * np.log(2.0 * np.pi)
+    ratios = np.where(failed, np.exp(log_normal - np.logaddexp.reduce(mixture.log_parts(points), axis=1)), 0.0)
+    mean, squares = float(ratios.mean()), float((ratios**2).sum())
+    if mean == 0.0:
+        return ImportanceEstimate(0.0, np.inf, 0.0, flights)
+    cov = float(ratios.std(ddof=1) / (mean * np.sqrt(flights)))
+    return ImportanceEstimate(mean, cov, float(ratios.sum() ** 2 / squares), flights)

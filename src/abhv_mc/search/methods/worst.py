@@ -1,0 +1,126 @@
+"""The largest value in a box: corners, one dimension at a time and even points, then CMA-ES, then a local polish.
+
+CMA-ES: N. Hansen, A. Ostermeier, "Completely derandomized self-adaptation in evolution strategies", Evolutionary
+Computation 9 (2001), as in the package cmaes. Several of them run side by side from different starts; one that has
+converged is replaced by another from the best place that is still far from those tried.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from abhv_mc.search.methods.evaluation import LANES, Evaluate, Floats, make_generator, round_up
+from abhv_mc.search.methods.first_points import explore
+from abhv_mc.search.methods.polish import polish
+from abhv_mc.search.methods.record import Progress, Record
+
+_BATCHES = 15  # at least: a search learns from batch to batch, and workers want many flights at once
+_MOST_IN_BATCH = 512
+_POLISH_SHARE = 0.25  # of the evaluations, for the last climb
+_STEP = 0.3  # first standard deviation of a CMA-ES, half widths of the box
+_APART = 0.2  # rms distance of the starts from one another
+_STALE = 10  # generations without a better value, after which one starts elsewhere
+_PROBE = 0.1  # step of the sensitivity about the worst, half widths of the box
+AT_BOUND = 1.0 - 1e-9
+
+
+@dataclass(frozen=True)
+class WorstCase:
+    """The largest value found in the box -1 .. 1."""
+
+    value: float
+    place: Floats  # [dimension]
+    history: tuple[Progress, ...]
+    sensitivity: Floats  # [dimension, 2]: change of the value a tenth of the half width below and above; nan outside
+    points: Floats  # [evaluation, dimension]
+    values: Floats  # [evaluation]
+
+    @property
+    def at_bounds(self) -> np.ndarray:
+        """Which dimensions ``[dimension]`` sit on a bound."""
+        return np.abs(self.place) >= AT_BOUND
+
+
+def choose_batch(evaluations: int) -> int:
+    """Points of a batch: the more, the more evaluations there are, so that many workers have their share."""
+    return int(np.clip(evaluations // _BATCHES // (2 * LANES), 1, _MOST_IN_BATCH // (2 * LANES))) * 2 * LANES
+
+
+def least_evaluations(dimension: int, batch: int) -> int:
+    """The fewest evaluations that :func:`search_worst` takes with such batches."""
+    return 2 * round_up(2 * dimension + 1, batch) + round_up(2 * dimension)
+
+
+def search_worst(
+    evaluate: Evaluate, dimension: int, evaluations: int = 2000, seed: int = 0, batch: int | None = None
+) -> WorstCase:
+    """Search the box -1 .. 1 for the largest value with about so many evaluations, never more.
+
+    Batches hold ``batch`` points, a multiple of 32; see :func:`choose_batch`. Raises ValueError where the evaluations
+    do not suffice for the first batches.
+    """
+    batch = batch or choose_batch(evaluations)
+    least = least_evaluations(dimension, batch)
+    if evaluations < least:
+        raise ValueError(f"{evaluations} flights; a search of {dimension} parameters needs at least {least}")
+    reserve = round_up(2 * dimension)
+    record = Record(evaluate, evaluations)
+    explore(record, dimension, seed, batch)
+    step = _evolve(record, dimension, seed, batch, max(int(_POLISH_SHARE * evaluations), reserve + 2 * batch))
+    polish(record, step, seed, batch, reserve)
+    sensitivity = _probe(record, dimension, reserve)
+    return WorstCase(
+        record.best,
+        record.place,
+        tuple(record.history),
+        sensitivity,
+        np.concatenate(record.points),
+        np.concatenate(record.values),
+    )
+
+
+def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int) -> float:
+    """CMA-ES from the best places until ``reserve`` evaluations are left; a first step for the polish."""
+    from cmaes import CMA
+
+    if dimension == 1:  # CMA-ES wants two; even points and the polish find a maximum on a line
+        return 4.0 / record.used
+    side_by_side = batch // LANES
+    bounds = np.tile([-1.0, 1.0], (dimension, 1))
+    starts = list(record.best_places(64, _APART))
+    running: list[tuple[CMA, float, int]] = []  # optimiser, its best value, generations since then
+    begun, last = 0, _STEP
+    while record.left - reserve >= batch:
+        while len(running) < side_by_side:
+            start = starts[begun % len(starts)]
+            number = int(make_generator(seed, 0, begun).integers(2**32))
+            # What lies outside is drawn once more, then moved to the bound: many worst cases lie there.
+            cma = CMA(start, _STEP, bounds, n_max_resampling=1, seed=number, population_size=LANES)
+            running.append((cma, -np.inf, 0))
+            begun += 1
+        asked = [np.array([cma.ask() for _ in range(LANES)]) for cma, _, _ in running]
+        values = record.call(np.concatenate(asked), "CMA-ES").reshape(side_by_side, LANES)
+        going = []
+        for (cma, before, age), points, found in zip(running, asked, values, strict=True):
+            # An infinite value would spoil the ranks' weights: it is the worst of the others.
+            finite = found[np.isfinite(found)]
+            losses = -np.where(np.isfinite(found), found, finite.min() if finite.size else 0.0)
+            cma.tell(list(zip(points, losses.tolist(), strict=True)))
+            stale = 0 if found.max() > before else age + 1
+            if found.max() >= record.best:
+                last = float(np.clip(points.std(axis=0).max(), 0.01, _STEP))
+            if not cma.should_stop() and stale < _STALE:
+                going.append((cma, max(before, float(found.max())), stale))
+        running = going
+    return last
+
+
+def _probe(record: Record, dimension: int, reserve: int) -> Floats:
+    """How the value changes about the best place; the place may move where a probe is better."""
+    place, best = record.place, record.best
+    probes = np.concatenate([place - _PROBE * np.eye(dimension), place + _PROBE * np.eye(dimension)])
+    outside = np.abs(probes).max(axis=1) > 1.0 + 1e-12
+    filled = np.concatenate([np.clip(probes, -1.0, 1.0), np.tile(place, (reserve - 2 * dimension, 1))])
+    values = record.call(filled, "sensitivity")[: 2 * dimension]
+    change = np.where(outside, np.nan, values - best)
+    return np.column_stack([change[:dimension], change[dimension:]])

@@ -1,0 +1,133 @@
+"""A campaign's dispersions as the points that searches know: standard normal numbers, or a box -1 .. 1."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.sampling.correlation import Copula
+from abhv_mc.campaign.sampling.marginals import DiscreteMarginal, Marginal, SometimesMarginal
+from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
+from abhv_mc.io.documents import InputError
+from abhv_mc.search.methods.evaluation import Floats
+
+_SMALLEST = 2.0**-53
+_TRIED, _FEWEST_INSIDE = 65536, 10  # random flights
+_SEEDS = {"wind.turbulence_seed": "wind.turbulence", "sensor.noise_seed": "_noise"}  # and how what it seeds ends
+
+
+@dataclass(frozen=True)
+class Space:
+    """The dispersed parameters but for seeds, which belong to no dimension: they are drawn for each flight."""
+
+    names: tuple[str, ...]  # of the dimensions
+    seeds: tuple[str, ...]  # seed-like parameters, columns after the dimensions
+    marginals: tuple[Marginal, ...]
+    copula: Copula
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of :meth:`complete`."""
+        return (*self.names, *self.seeds)
+
+    @property
+    def probabilities(self) -> dict[str, float]:
+        """Of what does not come in every flight, such as a failure: how often it does."""
+        laws = zip(self.names, self.marginals, strict=True)
+        return {name: law.probability for name, law in laws if isinstance(law, SometimesMarginal)}
+
+    def from_normal(self, points: Floats) -> Floats:
+        """Values ``[flight, dimension]`` in SI of standard normal points: through the copula and the laws."""
+        from scipy.special import ndtr
+
+        return self._through_marginals(self.copula.apply(np.clip(ndtr(points), _SMALLEST, 1.0 - _SMALLEST)))
+
+    def _through_marginals(self, probabilities: Floats) -> Floats:
+        return np.column_stack([marginal.ppf(probabilities[:, i]) for i, marginal in enumerate(self.marginals)])
+
+    def bounds(self, box: float) -> Floats:
+        """Low and high ends ``[dimension, 2]``: of bounded laws their range, of others +-``box`` sigma.
+
+        Of what comes with a probability, such as a failure, they are those of the values that it has when it comes.
+        """
+        from scipy.special import ndtr
+
+        found = []
+        for marginal in self.marginals:
+            law = _when_it_comes(marginal)
+            ends = law.at_fraction(np.array([0.0, 1.0]))
+            tails = np.array([ndtr(-box), ndtr(box)])
+            probable = law.ppf(tails)
+            bounded = law.cdf(ends) - np.array([0.0, 1.0])
+            found.append(np.where(np.abs(bounded) < 1e-12, ends, probable))
+        return np.array(found)
+
+    def from_box(self, points: Floats, bounds: Floats) -> Floats:
+        """Values ``[flight, dimension]`` in SI of points of the box -1 .. 1; a discrete law takes its nearest value."""
+        values = bounds[:, 0] + 0.5 * (points + 1.0) * (bounds[:, 1] - bounds[:, 0])
+        values = np.where(points == 1.0, bounds[:, 1], values)
+        for i, marginal in enumerate(self.marginals):
+            law = _when_it_comes(marginal)
+            if isinstance(law, DiscreteMarginal):
+                values[:, i] = law.at_fraction(0.5 * (points[:, i] + 1.0))
+        return values
+
+    def draw_in_box(self, bounds: Floats, seed: int, number: int) -> Floats:
+        """Random values ``[flight, dimension]`` as a campaign draws them, those outside of the box drawn anew.
+
+        What does not come, a failure or another thing with a probability, is outside of no box.
+        """
+        generator = np.random.Generator(np.random.Philox(np.random.SeedSequence(stream_key(seed, "box", "search"))))
+        kept: list[Floats] = []
+        while sum(map(len, kept)) < number:
+            drawn = self.from_normal(generator.standard_normal((2 * number, len(self.names))))
+            kept.append(drawn[self._inside(drawn, bounds)])
+        return np.concatenate(kept)[:number]
+
+    def refuse_small(self, bounds: Floats, box: float) -> None:
+        """Raise InputError for a box in which hardly a random flight lies: :meth:`draw_in_box` would not end."""
+        generator = np.random.Generator(np.random.Philox(0))
+        drawn = self.from_normal(generator.standard_normal((_TRIED, len(self.names))))
+        found = int(self._inside(drawn, bounds).sum())
+        if found < _FEWEST_INSIDE:
+            words = f"{box:g}: {found} of {_TRIED} random flights lie inside, with {len(self.names)} dispersions"
+            raise InputError("--box", None, None, words, "a larger one")
+
+    def _inside(self, drawn: Floats, bounds: Floats) -> NDArray[np.bool_]:
+        absent = np.array([m.nominal if isinstance(m, SometimesMarginal) else np.nan for m in self.marginals])
+        return np.all((drawn >= bounds[:, 0]) & (drawn <= bounds[:, 1]) | (drawn == absent), axis=1)
+
+    def complete(self, values: Floats, seed: int, first: int | None) -> Floats:
+        """Values with the seeds' columns: of the flights from ``first`` on, or one for all where it is None."""
+        columns = []
+        for name in self.seeds:
+            key = stream_key(seed, name)
+            columns.append(
+                np.resize(draw_uniforms(key, first or 0, len(values) if first is not None else 1), len(values))
+            )
+        return np.column_stack([values, *columns])
+
+
+def _when_it_comes(marginal: Marginal) -> Marginal:
+    """The law of the drawn values."""
+    return marginal.drawn if isinstance(marginal, SometimesMarginal) else marginal
+
+
+def make_space(campaign: CheckedCampaign) -> Space:
+    """The space of a campaign's dispersions. Raises InputError where there is nothing to search."""
+    document = campaign.document
+    if campaign.sample_file is not None:
+        raise document.error(("sampling",), "samples from a file", "dispersions with laws, which a search needs")
+    names = tuple(name for name in campaign.names if name not in _SEEDS)
+    if not names:
+        raise document.error((), "no dispersions", "something to vary")
+    seeds = tuple(
+        seed for seed, cause in _SEEDS.items() if seed in campaign.names or any(n.endswith(cause) for n in names)
+    )
+    place = {campaign.names[column]: row for row, column in enumerate(campaign.copula.columns)}
+    chosen = [name for name in names if name in place]
+    if len(chosen) < len(place):
+        raise document.error(("correlations",), "a seed that is correlated", "seeds that belong to themselves")
+    copula = Copula(tuple(names.index(name) for name in chosen), campaign.copula.factor)
+    return Space(names, seeds, tuple(campaign.marginals[name] for name in names), copula)

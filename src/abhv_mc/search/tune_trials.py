@@ -1,0 +1,160 @@
+"""What tuning learns of each candidate: its flights and its stability margins, kept in files as they are found."""
+
+import functools
+import hashlib
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.resolve import ResolvedCampaign, refuse_changes
+from abhv_mc.campaign.file.tuning import Tune
+from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
+from abhv_mc.campaign.sampling.samples import DrawnSamples, full_rows
+from abhv_mc.control.controller_file import Controller, read_controller
+from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.execution.engine import Engine
+from abhv_mc.execution.executor import Executor
+from abhv_mc.flight.channels import METRIC_INDEX
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.prepare import own_parts_of
+from abhv_mc.folder.arrays import read_array, write_array
+from abhv_mc.io.documents import InputError
+from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.search.controller_numbers import ControllerNumbers
+from abhv_mc.search.methods.evaluation import Floats
+from abhv_mc.search.space import Space
+from abhv_mc.stability.analysis import Time, margins_of_flights
+from abhv_mc.stability.metrics import MARGIN_NAMES
+from abhv_mc.stability.points import make_steady_plan
+from abhv_mc.vehicle.model import Vehicle
+
+MOST_CORNERED = 7  # dispersions whose corners' margins are found: 128 vehicles
+_BLOCK = 128  # flights of one call
+_BOX = 3.0  # standard deviations at which laws without ends have their corners
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One candidate's flights and margins."""
+
+    metrics: Floats  # [flight, metric]; not-a-number in the rows of flights that are lost
+    margins: Floats  # [vehicle, margin], the nominal one first; no rows where no limit asks for them
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A controller with its numbers, and the plan of its flights."""
+
+    controller: Controller
+    plan: FlightPlan
+
+
+def cornered_vehicles(space: Space, block: Tune) -> Floats:
+    """Parameter rows ``[vehicle, parameter]`` whose margins the limits ask for: nominal, then corners."""
+    asked = [limit.vehicles or "nominal" for limit in block.limits if limit.is_margin]
+    names, bounds = space.names, space.bounds(_BOX)
+    nominal = full_rows((), np.empty((1 if asked else 0, 0)))
+    if "corners" not in asked:
+        return nominal
+    corners = np.array(list(product(*bounds.tolist())))
+    return np.concatenate([nominal, full_rows(names, corners)])
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Flies candidates of one campaign and controller."""
+
+    campaign: CheckedCampaign
+    resolved: ResolvedCampaign  # its files as they were at the start
+    name: str  # of the controller
+    space: Space
+    numbers: ControllerNumbers
+    kept: Path  # folder
+    identity: str  # of all that the flights depend on besides point and parameters
+    engine: Engine
+    executor: Executor
+    vehicles: Floats  # [vehicle, parameter] whose margins are found
+    margins_at: tuple[Time, ...]
+
+    def draw(self, seed: int, flights: int) -> Floats:
+        """Parameter rows ``[flight, parameter]`` that all candidates fly."""
+        design = Design(INDEPENDENT, seed, self.space.names, flights, 2)
+        values = DrawnSamples(design, self.space.marginals, self.space.copula).draw(0, flights)
+        return full_rows(self.space.columns, self.space.complete(values, seed, 0))
+
+    def measure(self, points: Floats, parameters: Floats) -> list[Trial]:
+        """The trial of each candidate ``[candidate, dimension]``."""
+        different, places = np.unique(points, axis=0, return_inverse=True)
+        with ThreadPoolExecutor(self.executor.workers) as threads:
+            found = list(threads.map(lambda point: self._one(point, parameters), different))
+        return [found[place] for place in places.reshape(-1).tolist()]
+
+    def _one(self, point: Floats, parameters: Floats) -> Trial:
+        candidate = self._plan(point)
+        metrics = self._remember(point, parameters, len(METRIC_INDEX), lambda: self._fly(candidate(), parameters))
+        if not len(self.vehicles):
+            return Trial(metrics, np.empty((0, len(MARGIN_NAMES))))
+        found = self._remember(point, self.vehicles, len(MARGIN_NAMES), lambda: self.margins_of(candidate()))
+        return Trial(metrics, found)
+
+    def _remember(self, point: Floats, parameters: Floats, columns: int, make: Callable[[], Floats]) -> Floats:
+        key = hashlib.sha256(point.tobytes() + parameters.tobytes() + self.identity.encode()).hexdigest()[:32]
+        path = self.kept / f"{key}.npy"
+        kept = read_array(path)
+        if kept is not None and kept.shape == (len(parameters), columns) and kept.dtype == np.float64:
+            return np.array(kept)
+        values = make()
+        refuse_changes(self.campaign, self.resolved)  # before the flights of another vehicle are kept as this one's
+        write_array(path, values)
+        return values
+
+    def _fly(self, candidate: Candidate | None, parameters: Floats) -> Floats:
+        if candidate is None:
+            return np.full((len(parameters), len(METRIC_INDEX)), np.nan)
+        starts = range(0, len(parameters), _BLOCK)
+        pieces = [self.executor.fly(candidate.plan, parameters[start : start + _BLOCK], None) for start in starts]
+        metrics = np.concatenate([piece.metrics for piece in pieces])
+        lost = np.concatenate([piece.outcome for piece in pieces]) != Outcome.OK
+        return np.where(lost[:, None], np.nan, metrics)
+
+    def margins_of(self, candidate: Candidate | None) -> Floats:
+        """Least margins ``[vehicle, margin]``; zero where there is no controller, or none in steady flight."""
+        none = np.zeros((len(self.vehicles), len(MARGIN_NAMES)))
+        if candidate is None:
+            return none
+        try:
+            parts = own_parts_of(candidate.plan)
+            steady = make_steady_plan(*self._vehicle_and_mission, candidate.controller, self.name, own=parts)
+        except (InputError, np.linalg.LinAlgError):
+            return none
+        return margins_of_flights(candidate.plan, steady, self.vehicles, self.margins_at).table
+
+    @functools.cached_property
+    def _vehicle_and_mission(self) -> tuple[Vehicle, Mission]:
+        return load_vehicle(self.campaign.model.vehicle), read_mission(self.campaign.model.mission)
+
+    def _plan(self, point: Floats) -> Callable[[], Candidate | None]:
+        """Makes the candidate's plan once, when it is first asked for; None where its numbers make no controller."""
+        file = self.kept / f"{hashlib.sha256(point.tobytes()).hexdigest()[:32]}.yaml"
+        model = self.campaign.model
+
+        @functools.cache
+        def make() -> Candidate | None:
+            try:
+                self.numbers.write(file, point)
+                plan = self.engine.prepare(model.vehicle, model.mission, file, self.name)
+                return Candidate(read_controller(file), plan)
+            except InputError:
+                if not np.any(point):
+                    raise
+                return None
+            finally:
+                file.unlink(missing_ok=True)
+
+        return make

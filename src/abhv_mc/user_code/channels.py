@@ -1,0 +1,81 @@
+"""Channels of the user's own, compiled as a law is: one number a control tick from named tuples wired by name."""
+
+import ast
+import functools
+import inspect
+from typing import Any
+
+from abhv_mc.control.columns import REFERENCE
+from abhv_mc.control.laws.user import CHANNEL, MAX_CHANNELS
+from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.plant import state as s
+from abhv_mc.plant.state import X, variable_row
+from abhv_mc.user_code.check import check_functions, find_function
+from abhv_mc.user_code.compiled import COMMAND_ROWS, build, compiled_names
+from abhv_mc.user_code.law_interface import Command, Measured, Reference
+from abhv_mc.user_code.source import CHANNEL as MARK
+from abhv_mc.user_code.source import OwnSource, refuse_in_words, run_module
+
+# Rows of the true values, in the order of Measured.
+_ACTUAL = (
+    X + s.ALTITUDE,
+    s.SPEED,
+    s.GAMMA,
+    s.CHI,
+    variable_row("angle_of_attack"),
+    variable_row("sideslip"),
+    s.BANK,
+    X + s.ROLL_RATE,
+    X + s.PITCH_RATE,
+    X + s.YAW_RATE,
+)
+_GIVEN = {"actual": Measured, "measured": Measured, "reference": Reference, "command": Command}
+_ARGUMENTS = (*_GIVEN, "time", "dt")
+
+
+@functools.lru_cache(maxsize=16)
+def compile_channels(source: OwnSource, width: int) -> Any:
+    """The compiled loop over ``width`` lanes, with its ``address``. Raises InputError."""
+    module = run_module(source)
+    with refuse_in_words(source, "channels", "plain functions"):
+        functions = module.marked(MARK)
+        if not 1 <= len(functions) <= MAX_CHANNELS:
+            raise InputError(source.file, None, None, f"{len(functions)} channels", f"1 to {MAX_CHANNELS}")
+        tree = ast.parse(source.text)
+        nodes = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
+        for function in functions.values():
+            node = find_function(source.file, nodes, function)
+            check_functions(source.file, node, nodes, module.names)
+            for argument in inspect.signature(function).parameters:
+                if argument not in _ARGUMENTS:
+                    wanted = one_of(_ARGUMENTS, argument)
+                    raise InputError(source.file, node.lineno, None, f"the argument '{argument}'", wanted)
+        names = compiled_names(module)
+        for name in functions:
+            names[f"_channel_{name}"] = names[name]
+        names |= {"_Measured": Measured, "_Reference": Reference, "_Command": Command}
+        signatures = {name: tuple(inspect.signature(function).parameters) for name, function in functions.items()}
+        return build(module, _make_loop(signatures, width), names)
+
+
+def _make_loop(signatures: dict[str, tuple[str, ...]], width: int) -> str:
+    def tuple_of(kind: str, rows: Any) -> str:
+        return f"_{kind}({', '.join(f'Z[{row * width} + lane]' for row in rows)})"
+
+    wanted = {argument for arguments in signatures.values() for argument in arguments}
+    once, inside = [], []
+    if "reference" in wanted:
+        once.append(f"r = tick * {len(REFERENCE)}")
+        once.append(f"reference = _Reference({', '.join(f'row[r + {i}]' for i in range(len(REFERENCE)))})")
+    if "time" in wanted:
+        once.append("time = tick * dt")
+    if "actual" in wanted:
+        inside.append(f"actual = {tuple_of('Measured', _ACTUAL)}")
+    if "measured" in wanted:
+        inside.append(f"measured = {tuple_of('Measured', range(s.MEASURED, s.MEASURED + s.N_MEASURED))}")
+    if "command" in wanted:
+        inside.append(f"command = {tuple_of('Command', COMMAND_ROWS)}")
+    for i, (name, arguments) in enumerate(signatures.items()):
+        inside.append(f"Z[{(CHANNEL + i) * width} + lane] = _channel_{name}({', '.join(arguments)})")
+    lines = [f"    {line}" for line in once] + [f"    for lane in range({width}):"] + [f"        {x}" for x in inside]
+    return "\n".join(["def loop(Z, row, column, given, tick, dt):", *lines, ""])

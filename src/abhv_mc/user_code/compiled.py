@@ -1,0 +1,202 @@
+"""A law compiled apart from the flight: a loop over the lanes, kept on disk under a hash of its text."""
+
+import functools
+import hashlib
+import re
+import sys
+import types
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from abhv_mc.cache import one_compiles
+from abhv_mc.compiler_target import code_folder
+from abhv_mc.control.columns import REFERENCE
+from abhv_mc.control.laws.user import MEMORY, ONBOARD
+from abhv_mc.io.atomic_write import atomic_write
+from abhv_mc.io.input_error import InputError
+from abhv_mc.jit import compiler, scalar
+from abhv_mc.jit_pointer import Uncompilable, compile_pointer
+from abhv_mc.plant import state as s
+from abhv_mc.user_code.law_interface import Command, LastCommand, Measured, Onboard, Reference
+from abhv_mc.user_code.source import Law, Module, OwnSource, load_law, refuse_in_words
+from abhv_mc.user_code.table import Table
+
+COMMAND_ROWS = (
+    s.CMD_AILERON,
+    s.CMD_RUDDER,
+    s.CMD_ELEVATOR,
+    s.CMD_ETA,
+    s.GAMMA_CMD,
+    s.ALPHA_CMD,
+    s.BANK_CMD,
+)  # of a Command
+WANTED = "floats, named tuples and functions of them, or @controller(compiled=False)"
+_NOISE = re.compile(r"(Failed in nopython mode|During: |File \"|- Resolution failure|\^|\[1\] |<source|def |return |$)")
+
+
+@functools.lru_cache(maxsize=64)
+def compile_law(source: OwnSource, gains: tuple[str, ...], width: int) -> Any:
+    """The compiled loop over ``width`` lanes, with its ``address``. ``gains`` are the names of their columns.
+
+    Raises InputError for what does not compile, with the user's line.
+    """
+    law = load_law(source)
+    with refuse_in_words(source, "a law", WANTED):
+        names = compiled_names(law.module)
+        names |= {"_Measured": Measured, "_Reference": Reference, "_Onboard": Onboard}
+        for hint in Onboard.__annotations__.values():
+            if hasattr(hint, "_fields"):
+                names[f"_{hint.__name__}"] = hint
+        if gains:
+            names["_Gains"] = make_gains_class(gains)
+        if law.settings is not None:
+            names["_Settings"] = law.settings
+        if "memory" in law.arguments:
+            names["_Memory"] = law.memory
+        names["_law"] = names[law.function.__name__]
+        text = _make_loop(law, gains, width)
+        return build(law.module, text, names, f"{gains}")
+
+
+def make_gains_class(names: Iterable[str]) -> Any:
+    """The named tuple that a law is given as ``gains``."""
+    return _gains_class(tuple(names))
+
+
+@functools.cache
+def _gains_class(names: tuple[str, ...]) -> Any:
+    from collections import namedtuple
+
+    return namedtuple("Gains", names)
+
+
+def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> Any:
+    """Compile the function ``loop`` of a generated text with these names. Raises InputError."""
+    source = module.source
+    key = hashlib.sha256(f"{source.hash} {salt} {text} {_own_hash()}".encode()).hexdigest()[:24]
+    path = code_folder(compiler()) / "laws" / f"law_{key}.py"
+    if not path.exists():
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with atomic_write(path) as aside:
+            aside.write_text(text, encoding="utf-8")
+    home = types.ModuleType(f"abhv_mc_loop_{key}")  # numba finds what it kept under a module's name
+    sys.modules[home.__name__] = home
+    home.__dict__.update(names, __name__=home.__name__, __file__=str(path))
+    exec(compile(text, str(path), "exec", dont_inherit=True), home.__dict__)  # our text, with the user's functions
+    try:
+        with one_compiles(path.parent.parent, f"{path.stem}.loop"):
+            return compile_pointer(home.__dict__["loop"])
+    except Uncompilable as error:
+        raise _explain(module, error) from None
+
+
+@functools.cache
+def _own_hash() -> str:
+    """Hash of what a user's code is made of besides its text and the layers of the compiled flight."""
+    here = Path(__file__).parent
+    files = [*sorted(here.glob("*.py")), here.parent / "extend.py"]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+
+
+def compiled_names(module: Module) -> dict[str, Any]:
+    """A file's names with its functions to be compiled, its tables as look-ups, its classes as makers of floats."""
+    home = types.ModuleType(module.names["__name__"])  # numba finds what it kept of a function under its module's name
+    sys.modules[home.__name__] = home
+    names = home.__dict__
+    names.update(module.names)
+    for name, value in module.names.items():  # by type: isinstance() would ask the objects themselves
+        if type(value) is types.FunctionType and value.__globals__ is module.names:
+            copy = types.FunctionType(value.__code__, names, name, value.__defaults__, value.__closure__)
+            copy.__kwdefaults__ = value.__kwdefaults__
+            names[name] = scalar(copy)
+        elif issubclass(type(value), Table):
+            names[name] = value.make_compiled()
+        elif issubclass(type(value), type) and hasattr(value, "_fields") and (value is Command or name == "Memory"):
+            names[name] = _make_maker(value, home.__name__)
+    return dict(names)
+
+
+def _make_maker(kind: Any, home: str) -> Any:
+    """A compiled function that makes a named tuple of floats, whatever numbers it is given."""
+    defaults = kind._field_defaults
+    parameters = [f"{name}=_{name}" if name in defaults else name for name in kind._fields]
+    floats = ", ".join(f"float({name})" for name in kind._fields)
+    names: dict[str, Any] = {f"_{name}": float(value) for name, value in defaults.items()} | {
+        "_kind": kind,
+        "__name__": home,
+    }
+    exec(f"def make({', '.join(parameters)}):\n    return _kind({floats})\n", names)
+    return scalar(names["make"])
+
+
+def _make_loop(law: Law, gains: tuple[str, ...], width: int) -> str:
+    """The text of the loop over lanes; the number of lanes is a constant of it, so that it becomes vector code."""
+
+    def lane(row: int) -> str:
+        return f"Z[{row * width} + lane]"
+
+    onboard = _make_nested(Onboard, ONBOARD, lane)
+    once, inside, arguments = [], [], []
+    for name in law.arguments:
+        if name == "reference":
+            once.append(f"r = tick * {len(REFERENCE)}")
+            once.append(f"reference = _Reference({', '.join(f'row[r + {i}]' for i in range(len(REFERENCE)))})")
+        elif name == "gains":
+            once.append(f"k = tick * {len(gains)}")
+            once.append(f"gains = _Gains({', '.join(f'column[k + {i}]' for i in range(len(gains)))})")
+        elif name == "settings":
+            once.append(f"settings = _Settings({', '.join(f'given[{i}]' for i in range(len(law.settings._fields)))})")
+        elif name == "time":
+            once.append("time = tick * dt")
+        elif name == "measured":
+            inside.append(f"measured = _Measured({', '.join(lane(s.MEASURED + i) for i in range(s.N_MEASURED))})")
+        elif name == "memory":
+            kept = [lane(MEMORY + i) for i in range(len(law.memory._fields))]
+            starts = [repr(float(law.memory._field_defaults[field])) for field in law.memory._fields]
+            values = [f"{start} if tick == 0 else {held}" for start, held in zip(starts, kept, strict=True)]
+            inside.append(f"memory = _Memory({', '.join(values)})")
+        elif name == "onboard":
+            inside.append(f"onboard = {onboard}")
+        arguments.append(name)
+    call = f"_law({', '.join(arguments)})"
+    if "memory" in law.arguments:
+        inside.append(f"command, after = {call}")
+        for i, field in enumerate(law.memory._fields):
+            inside.append(f"{lane(MEMORY + i)} = after.{field}")
+    else:
+        inside.append(f"command = {call}")
+    for field, row in zip(Command._fields, COMMAND_ROWS, strict=True):
+        inside.append(f"{lane(row)} = command.{field}")
+    lines = [f"    {line}" for line in once] + [f"    for lane in range({width}):"] + [f"        {x}" for x in inside]
+    return "\n".join(["def loop(Z, row, column, given, tick, dt):", *lines, ""])
+
+
+def _make_nested(kind: Any, first: int, lane: Any) -> str:
+    """The expression that makes a named tuple of rows, however deep."""
+    parts, row = [], first
+    for hint in kind.__annotations__.values():
+        if hasattr(hint, "_fields"):
+            parts.append(_make_nested(hint, s.CMD if hint is LastCommand else row, lane))
+            row += len(hint._fields)
+        else:
+            parts.append(lane(row))
+            row += 1
+    return f"_{kind.__name__}({', '.join(parts)})"
+
+
+def _explain(module: Module, error: Uncompilable) -> InputError:
+    """What numba says, as far as a user needs it, at the user's line."""
+    source = module.source
+    line: int | None = error.line if error.file == source.file else None
+    for found in re.finditer(re.escape(f'File "{source.file}", line ') + r"(\d+)", error.words):
+        line = line or int(found.group(1))
+    for found in re.finditer(re.escape(source.file) + r" \((\d+)\)", error.words):
+        line = int(found.group(1))
+    words = [text.strip() for text in error.words.splitlines()]
+    useful = [text for text in words if text and not _NOISE.match(text)]
+    said = next((text for text in useful if "Unknown attribute 'aileron'" in text), None)
+    if said is not None:
+        return InputError(source.file, line, None, "a law that returns something else", "return Command(...)")
+    found_words = "; ".join(useful[:3]) or "code that does not compile"
+    return InputError(source.file, line, None, f"what does not compile ({found_words:.300})", WANTED)

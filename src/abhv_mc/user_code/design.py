@@ -1,0 +1,151 @@
+"""What the ``design`` of a user's own law is given, and the gains that it returns."""
+
+import functools
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from abhv_mc.control.columns import REFERENCE
+from abhv_mc.control.design.design_model import attitude_rates, body_rate_rates, wrench_at
+from abhv_mc.control.design.design_tables import Numbers, slope
+from abhv_mc.control.design.lqr_design import Nominal, make_nominal
+from abhv_mc.control.mission import Mission
+from abhv_mc.io.input_error import InputError
+from abhv_mc.user_code.compiled import make_gains_class
+from abhv_mc.user_code.law_interface import Reference
+from abhv_mc.user_code.source import Law, refuse_in_words
+from abhv_mc.vehicle.arrays import Floats, Tables
+from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.world.earth import Earth
+
+STATES = ("altitude", "speed", "flight_path_angle", "heading", "angle_of_attack", "sideslip", "bank", "roll_rate",
+          "pitch_rate", "yaw_rate")  # fmt: skip
+INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
+
+
+class LinearPlant(NamedTuple):
+    """``x' = A x + B u`` of deviations from the nominal, SI and radians."""
+
+    A: Floats  # [state, state]
+    B: Floats  # [state, input]
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+
+    def take(self, states: tuple[str, ...], inputs: tuple[str, ...]) -> tuple[Floats, Floats]:
+        """A and B of some of the states and inputs, in the order given."""
+        rows = [self.states.index(name) for name in states]
+        columns = [self.inputs.index(name) for name in inputs]
+        return self.A[np.ix_(rows, rows)], self.B[np.ix_(rows, columns)]
+
+
+class Trim(NamedTuple):
+    """The nominal controls of the reference at a time, SI and radians."""
+
+    angle_of_attack: float
+    bank: float
+    equivalence_ratio: float
+    elevator: float
+
+
+class DesignModel:
+    """The nominal vehicle along the mission, for a design before the flight."""
+
+    def __init__(self, vehicle: Vehicle, mission: Mission, reference: Floats, trim_tables: Tables) -> None:
+        self.vehicle, self.mission, self.trim_tables = vehicle, mission, trim_tables
+        self.table = reference  # [tick, column] in the order of abhv_mc.control.columns.REFERENCE
+
+    @property
+    def earth(self) -> Earth:
+        """Shape, gravity and rotation of the Earth."""
+        return self.mission.make_earth()
+
+    @functools.cached_property
+    def reference(self) -> Any:
+        """The reference along the mission: each quantity an array [tick]."""
+        return Reference(*self.table.T)
+
+    @property
+    def time(self) -> Floats:
+        """Time of each control tick, s."""
+        return self.table[:, REFERENCE.index("time")]
+
+    def trim(self, time: float) -> Trim:
+        """The nominal controls at the control tick nearest to a time."""
+        row = self.table[self._tick(time)]
+        return Trim(*(float(row[REFERENCE.index(name)]) for name in Trim._fields))
+
+    def linearise(self, time: float) -> LinearPlant:
+        """The nominal vehicle linearised at the control tick nearest to a time.
+
+        On a sphere that does not rotate, in the coordinated turn of the reference, without actuators.
+        """
+        nominal = make_nominal(self.mission, self.table[self._tick(time)])
+        at = [
+            nominal.around.altitude,
+            nominal.speed,
+            nominal.flight_path_angle,
+            nominal.heading,
+            nominal.angle_of_attack,
+            0.0,
+            nominal.bank,
+            *nominal.turn_rates(),
+            0.0,
+            0.0,
+            nominal.elevator,
+            nominal.equivalence_ratio,
+        ]
+        J = slope(lambda x: _rates(self.vehicle, nominal, x), at)
+        return LinearPlant(J[:, : len(STATES)], J[:, len(STATES) :], STATES, INPUTS)
+
+    def _tick(self, time: float) -> int:
+        return int(np.argmin(np.abs(self.time - time)))
+
+
+def _rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
+    """Rates of STATES for these and INPUTS: equations (1), (13) and (3) with the full tables."""
+    altitude, speed, gamma, chi, alpha, beta, bank = x[:7]
+    around, mass = nominal.around, nominal.mass
+    rise = altitude - around.altitude
+    gravity = around.gravity + around.gravity_slope * rise
+    here = around._replace(
+        density=around.density + around.density_slope * rise,
+        sound_speed=around.sound_speed + around.sound_speed_slope * rise,
+    )
+    wrench = wrench_at(vehicle, here, mass, speed, alpha, beta, x[7:10], x[10:13], x[13])
+    F = wrench.force
+    sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
+    along = F[0] * ca * cb + F[1] * sb + F[2] * sa * cb
+    side = F[1] * cb - (F[0] * ca + F[2] * sa) * sb
+    normal = F[0] * sa - F[2] * ca
+    momentum, radius = mass * speed, around.radius + rise
+    sg, cg, ss, cs = np.sin(gamma), np.cos(gamma), np.sin(bank), np.cos(bank)
+    path = (normal * cs - side * ss) / momentum + (speed / radius - gravity / speed) * cg
+    turn = (normal * ss + side * cs) / (momentum * cg) + speed / radius * cg * np.sin(chi) * np.tan(around.latitude)
+    angles = attitude_rates(F, mass, speed, gravity, gamma, x[4:7], x[7:10])
+    rates = body_rate_rates(wrench.inertia, wrench.moment, x[7:10])
+    return np.concatenate([np.stack([speed * sg, along / mass - gravity * sg, path, turn]), angles, rates])
+
+
+def design_gains(law: Law, model: DesignModel, settings: Floats) -> tuple[tuple[str, ...], Floats]:
+    """Names and columns [tick, gain] of what the law's ``design`` returns. Raises InputError."""
+    ticks = len(model.table)
+    if law.design is None:
+        return (), np.empty((ticks, 0))
+    file = law.source.file
+    with refuse_in_words(law.source, "a design", "a named tuple of arrays [tick]"):
+        given = law.settings(*settings.tolist()) if law.settings is not None else None
+        made = law.design(model, given)
+        line = law.design.__code__.co_firstlineno
+        if not (isinstance(made, tuple) and hasattr(made, "_fields")):
+            wanted = f"a named tuple of numbers or arrays [{ticks}]"
+            raise InputError(file, line, None, f"a design that returns {type(made).__name__}", wanted)
+        columns = np.empty((ticks, len(made)))
+        for i, (name, value) in enumerate(zip(made._fields, made, strict=True)):
+            try:
+                columns[:, i] = np.asarray(value, dtype=np.float64)
+            except (TypeError, ValueError):
+                found = f"the gain '{name}' of the shape {np.shape(value)}"
+                raise InputError(file, line, None, found, f"a number, or an array [{ticks}]") from None
+            if not np.isfinite(columns[:, i]).all():
+                raise InputError(file, line, None, f"the gain '{name}' with what is not a number", "finite numbers")
+        return make_gains_class(made._fields)._fields, columns

@@ -1,0 +1,116 @@
+"""A law in plain Python called like a compiled one: for prototypes, with any library and any object as its memory."""
+
+import ctypes
+import sys
+import traceback
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.control.columns import REFERENCE
+from abhv_mc.control.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
+from abhv_mc.plant import state as s
+from abhv_mc.user_code.compiled import COMMAND_ROWS, make_gains_class
+from abhv_mc.user_code.law_interface import Command, Measured, Onboard, Reference
+from abhv_mc.user_code.source import Law
+from abhv_mc.vehicle.arrays import Floats
+
+LAW_FAILED = 50.0  # abhv_mc.flight.outcome.Outcome.LAW_FAILED, which is a layer above
+
+_SOCKET = ctypes.CFUNCTYPE(None, *4 * [ctypes.POINTER(ctypes.c_double)], ctypes.c_int64, ctypes.c_double)
+_told: set[str] = set()  # laws whose traceback was printed
+
+
+class PlainLaw:
+    """Calls a law for one flight after another; the ``address`` holds as long as this object lives.
+
+    Its memory is any object, kept here; with ``memory_in_rows`` a named tuple of numbers, kept in the lanes' rows.
+    """
+
+    def __init__(self, law: Law, gains: tuple[str, ...], width: int, memory_in_rows: bool = False) -> None:
+        self._in_rows, self._remembers = memory_in_rows, "memory" in law.arguments
+        self._law, self._gains, self._width = law, make_gains_class(gains) if gains else None, width
+        self._memories: dict[int, Any] = {}  # by a number that the flight's lane holds
+        self._callback = _SOCKET(self._call)
+
+    @property
+    def address(self) -> int:
+        """Where compiled code finds it."""
+        return int(ctypes.cast(self._callback, ctypes.c_void_p).value or 0)
+
+    def _call(self, Z: Any, reference: Any, gains: Any, settings: Any, tick: int, dt: float) -> None:
+        block = np.ctypeslib.as_array(Z, (ONBOARD + N_ONBOARD, self._width))
+        law = self._law
+        given: dict[str, Any] = {"time": tick * dt, "dt": dt}
+        given["reference"] = Reference(*_row(reference, tick, len(REFERENCE)))
+        if self._gains is not None:
+            given["gains"] = self._gains(*_row(gains, tick, len(self._gains._fields)))
+        if law.settings is not None:
+            given["settings"] = settings[: len(law.settings._fields)]
+        first_of: dict[int, int] = {}
+        for lane in range(self._width):
+            if block[FAULT, lane] > 0.0:
+                continue
+            if self._in_rows:
+                held = self._memory_rows(block, lane) if self._remembers and tick > 0 else None
+                self._try_lane(block, lane, held, given)
+                continue
+            if tick == 0:
+                block[MEMORY, lane] = len(self._memories)
+                self._memories[len(self._memories)] = None
+            number = int(block[MEMORY, lane])
+            if number in first_of:  # a spare lane that repeats a flight
+                block[list(COMMAND_ROWS), lane] = block[list(COMMAND_ROWS), first_of[number]]
+                block[FAULT, lane] = block[FAULT, first_of[number]]
+                continue
+            first_of[number] = lane
+            self._memories[number] = self._try_lane(block, lane, self._memories[number], given)
+
+    def _memory_rows(self, block: Floats, lane: int) -> Any:
+        return self._law.memory(*block[MEMORY : MEMORY + len(self._law.memory._fields), lane].tolist())
+
+    def _try_lane(self, block: Floats, lane: int, memory: Any, given: dict[str, Any]) -> Any:
+        """One tick of a flight; its memory after it. An exception is told once and ends the flight."""
+        try:
+            if given["time"] == 0.0 and self._remembers:
+                memory = self._law.memory()
+            return self._fly_lane(block, lane, memory, given)
+        except BaseException:  # SystemExit, too: compiled code is above, which would fly on with the last command
+            block[FAULT, lane] = LAW_FAILED
+            block[list(COMMAND_ROWS), lane] = 0.0
+            if self._law.source.hash not in _told:
+                _told.add(self._law.source.hash)
+                traceback.print_exc(file=sys.stderr)
+            return memory
+
+    def _fly_lane(self, block: Floats, lane: int, memory: Any, given: dict[str, Any]) -> Any:
+        law = self._law
+        values = {**given, "memory": memory}
+        if "settings" in law.arguments:
+            values["settings"] = law.settings(*given["settings"])
+        if "measured" in law.arguments:
+            values["measured"] = Measured(*block[s.MEASURED : s.MEASURED + s.N_MEASURED, lane].tolist())
+        if "onboard" in law.arguments:
+            numbers = block[ONBOARD : ONBOARD + N_ONBOARD, lane].tolist() + block[s.CMD : s.CMD + 4, lane].tolist()
+            values["onboard"] = _nest(Onboard, iter(numbers))
+        returned = law.function(*(values[name] for name in law.arguments))
+        if self._remembers:
+            command, memory = returned
+        else:
+            command = returned
+        if not isinstance(command, Command):
+            raise TypeError(f"the law returns {type(command).__name__}; wanted Command(...)")
+        block[list(COMMAND_ROWS), lane] = command
+        if self._in_rows and self._remembers:
+            block[MEMORY : MEMORY + len(memory), lane] = memory
+        return memory
+
+
+def _row(pointer: Any, tick: int, columns: int) -> list[float]:
+    return pointer[tick * columns : (tick + 1) * columns]
+
+
+def _nest(kind: Any, numbers: Any) -> Any:
+    """A named tuple from its numbers, however deep."""
+    hints = kind.__annotations__.values()
+    return kind(*(_nest(hint, numbers) if hasattr(hint, "_fields") else next(numbers) for hint in hints))

@@ -1,0 +1,65 @@
+"""Which code of others may run: the user's own list of the laws that he has flown, by hash.
+
+A file in a campaign's folder is nobody's own: it may come from anywhere.
+"""
+
+from pathlib import Path
+
+from abhv_mc.cache import own_folder
+from abhv_mc.io.input_error import InputError
+from abhv_mc.user_code.source import OwnSource, read_source
+
+_SIGNS = ("manifest.json", "campaign.yaml")  # a campaign's folder holds both
+_trusted_now: set[str] = set()  # hashes of what the user of this process says that he trusts
+
+
+def list_file() -> Path | None:
+    """The list, in the user's own configuration; None for a user without a home."""
+    folder = own_folder("XDG_CONFIG_HOME", ".config")
+    return folder and folder / "flown_laws"
+
+
+def is_trusted(source: OwnSource) -> bool:
+    """Whether this user has flown exactly this text."""
+    file = list_file()
+    try:
+        return file is not None and source.hash in file.read_text(encoding="utf-8").split()
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def trust(source: OwnSource) -> None:
+    """Remember that this user has flown it: for this process alone where his configuration cannot be written."""
+    if is_trusted(source):
+        return
+    try:
+        if (file := list_file()) is None:
+            raise OSError("no home")
+        file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with file.open("a", encoding="utf-8") as lines:
+            lines.write(f"{source.hash}\n")
+    except OSError:
+        _trusted_now.add(source.hash)
+
+
+def check_trusted(source: OwnSource, trusted: bool = False) -> None:
+    """Raise InputError for code that this user has not flown, unless he says that he trusts it."""
+    if trusted:
+        _trusted_now.add(source.hash)
+    if source.hash not in _trusted_now and not is_trusted(source):
+        found = "Python code that you have not flown from a file of your own: it would run with your rights"
+        raise InputError(source.file, None, None, found, "a look at it, then --trust-code")
+
+
+def is_in_a_folder(file: Path) -> bool:
+    """Whether a file is in a campaign's folder, or is named from within one: by a link, or by a path that leads out."""
+    parents = {parent for place in (file.absolute(), file.resolve()) for parent in place.parents}
+    return any(all((parent / name).exists() for name in _SIGNS) for parent in parents)
+
+
+def read_trusted(file: Path) -> OwnSource:
+    """The text of a user's file that is to be run. Raises InputError for a folder's, unless he has flown it."""
+    source = read_source(file)
+    if is_in_a_folder(file):
+        check_trusted(source)
+    return source

@@ -1,0 +1,97 @@
+"""What cannot come out is refused at validate, with its place; run says it and flies."""
+
+import pytest
+from fake_flight import ENGINE, write_campaign
+
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.file.feasibility import find_impossible
+from abhv_mc.campaign.file.inputs import check_inputs
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.io.documents import InputErrors
+from abhv_mc.plant.vehicles import load_vehicle
+
+RARE = "[{metric: altitude_error_max_m, below: 50, probability: 0.9999}]"
+
+
+def ask(metric, side, limit):
+    return dict(requirements=f"[{{metric: {metric}, {side}: {limit}, probability: 0.9}}]")
+
+
+def disperse(law, name="atmosphere.density"):
+    return dict(dispersions=f"{{{name}: {{distribution: {law}}}}}")
+
+
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        (dict(runs="400", requirements=RARE), "0.9999 that no outcome of 400 flights shows|at least 23025 flights"),
+        (dict(runs="400", requirements=RARE, stop="when proven"), "that no outcome of 400 flights shows"),
+        (
+            dict(requirements="[{metric: altitude_error_max_m, below: 50, probability: 0.99}]", family="{risk: 0.001}"),
+            "for the family's risk",
+        ),
+        (ask("altitude_error_max_m", "below", "-50"), "below -50, which no flight meets"),
+        (ask("altitude_error_max_m", "above", "-50"), "above -50, which every flight meets"),
+        (ask("sideslip_rms_deg", "below", "0"), "which no flight meets"),
+        (disperse("uniform, half_width: 120 %"), "'atmosphere.density' down to -0.2"),
+        (disperse("uniform, low: 0, high: 2"), "down to 0"),
+        (disperse("normal, sigma: 40 %"), "at or below zero with a probability of 0.0062"),
+        (disperse("discrete, values: [0, 1]"), "down to 0"),
+    ],
+)
+def test_what_cannot_come_out_is_found(tmp_path, entries, words):
+    """Each of these was valid, and flew for nothing."""
+    (problem,) = find_impossible(read_campaign(write_campaign(tmp_path, **entries)))
+    assert any(part in str(problem) for part in words.split("|")) and problem.line
+
+
+@pytest.mark.parametrize(
+    "entries",
+    [
+        {},
+        dict(runs="2303", requirements="[{metric: altitude_error_max_m, below: 50, probability: 0.999}]"),
+        ask("cross_track_error_final_m", "below", "-50"),
+        ask("angle_of_attack_min_deg", "above", "-5"),
+        disperse("normal, sigma: 20 %"),
+        disperse("lognormal, sigma: 50 %"),
+        disperse("truncated_normal, sigma: 40 %, half_width: 90 %"),
+        disperse("uniform, half_width: 120 %", "aero.rolling_moment.yaw_rate"),
+        dict(sampling="sobol", requirements=RARE),  # estimates only
+    ],
+)
+def test_what_can_is_not(tmp_path, entries):
+    assert find_impossible(read_campaign(write_campaign(tmp_path, **entries))) == []
+
+
+def test_a_dispersion_that_the_vehicle_lacks_is_refused_without_a_flight(repository, tmp_path):
+    lacking = "{aero.rolling_moment.pitch_rate: {distribution: uniform, half_width: 10 %}, \
+aero.rolling_moment.roll_rate: {distribution: uniform, half_width: 10 %}}"
+    campaign = read_campaign(write_campaign(tmp_path, dispersions=lacking))
+    (problem,) = find_impossible(campaign, load_vehicle(repository / "configs/vehicle/ghame_x.yaml"))
+    assert "'aero.rolling_moment.pitch_rate' of a vehicle that has no such part" in str(problem) and problem.line
+
+
+def test_validate_refuses_a_dispersion_that_the_vehicle_lacks(repository, tmp_path):
+    """It said 'valid', and run refused."""
+    text = (repository / "campaigns/s_manoeuvre.yaml").read_text().replace("../", f"{repository}/")
+    law = "{distribution: uniform, half_width: 10 %}"
+    (tmp_path / "c.yaml").write_text(text.replace(f"aero.lift: {law}", f"aero.drag.elevator: {law}"))
+    with pytest.raises(InputErrors, match=r"'aero\.drag\.elevator' of a vehicle that has no such part"):
+        check_inputs(tmp_path / "c.yaml")
+
+
+@pytest.mark.parametrize("name", ["s_manoeuvre", "wide", "sobol", "wind_and_sensors", "paper", "winged_cone"])
+def test_every_shipped_campaign_is_possible(repository, name):
+    assert check_inputs(repository / f"campaigns/{name}.yaml")
+
+
+def test_validate_refuses_and_run_warns_flies_and_shows_nothing(repository, tmp_path, capfd):
+    text = (repository / "campaigns/s_manoeuvre.yaml").read_text().replace("../", f"{repository}/")
+    (tmp_path / "c.yaml").write_text(text.replace("runs: 1000", "runs: 400"))
+    with pytest.raises(InputErrors, match="no outcome of 400 flights"):
+        check_inputs(tmp_path / "c.yaml")
+    fake = write_campaign(tmp_path / "f", requirements=RARE)
+    manifest = run_campaign(Request(fake, tmp_path / "out"), ENGINE).manifest
+    assert manifest["warnings"][0].startswith("the campaign asks for a probability of 0.9999 that no outcome of 300 fl")
+    assert manifest["requirements"][0]["verdict"] in ("NOT SHOWN", "FAIL")

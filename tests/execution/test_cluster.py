@@ -1,0 +1,320 @@
+"""A scheduler and workers as processes of their own, started as Dask's documentation says: the same digest."""
+
+import contextlib
+import json
+import logging
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from fake_flight import DENSITY, ENGINE, fly, make_plan, write_campaign
+from search import tuned_flight
+from search.line_flight import LINE, METRIC, write_line
+
+from abhv_mc.cli.errors import ExitCode, exit_code_of
+from abhv_mc.execution.cluster import connect_cluster
+from abhv_mc.execution.engine import make_engine
+from abhv_mc.execution.retry import UnusableError
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.io.input_error import InputError
+from abhv_mc.search.rare import RareSettings, find_rare
+from abhv_mc.search.search_flights import SearchRequest
+from abhv_mc.search.tune import tune_controller
+from abhv_mc.search.worst import WorstSettings, find_worst
+from abhv_mc.shipped import shipped_campaigns
+from abhv_mc.stability.metrics import fly_with_margins
+
+pytest.importorskip("distributed")
+
+
+def fly_slowly(plan, parameters, every=None):
+    time.sleep(0.1)
+    return fly(plan, parameters, every)
+
+
+def fly_compiled_slowly(plan, parameters, every=None):
+    time.sleep(0.3)
+    return fly_with_margins(plan, parameters, every)
+
+
+def fly_hanging(plan, parameters, every=None):
+    density = parameters[:, DENSITY]
+    if ((density > 1.0) & (density < 1.01)).any():
+        time.sleep(3600.0)
+    return fly(plan, parameters, every)
+
+
+def fly_when_let(plan, parameters, every=None):
+    while Path(os.environ["HELD"]).exists():
+        time.sleep(0.02)
+    return fly(plan, parameters, every)
+
+
+class Dask:
+    """A cluster on this machine."""
+
+    def __init__(self, folder: Path) -> None:
+        self._file, self.processes = folder / "scheduler.json", []
+        # One worker that dies is enough to fly a block in parts: the tests need not wait for four.
+        self.held = folder / "held"
+        failures = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
+        self._environment = os.environ | failures | {"HELD": str(self.held)}
+        self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+        while not self._file.exists():
+            time.sleep(0.05)
+
+    def start(self, *words):
+        command = [sys.executable, "-m", "dask", *words, "--scheduler-file", str(self._file)]
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
+        self.processes.append(subprocess.Popen(command, env=self._environment, **quiet))
+        return self.processes[-1]
+
+    def start_worker(self):
+        return self.start("worker", "--nthreads", "1", "--host", "127.0.0.1", "--no-dashboard")
+
+    @property
+    def address(self):
+        return json.loads(self._file.read_text())["address"]
+
+    def kill(self, process):
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+    def close(self):
+        for process in self.processes:
+            if process.poll() is None:
+                self.kill(process)
+
+
+@pytest.fixture
+def dask(tmp_path):
+    cluster = Dask(tmp_path)
+    yield cluster
+    cluster.close()
+
+
+@pytest.fixture(autouse=True)
+def quiet(capfd):
+    """Progress goes to standard error."""
+
+
+def wait_for_flights(out, number):
+    while sum(1 for _ in (out / "flights").glob("*.parquet")) < number:
+        time.sleep(0.02)
+
+
+REAL = shipped_campaigns() / "s_manoeuvre.yaml"
+RUNS = 192
+
+
+@pytest.fixture(scope="module")
+def local(tmp_path_factory):
+    """Compiled flights on this machine: the digest that every cluster has to give."""
+    request = Request(REAL, tmp_path_factory.mktemp("local") / "out", RUNS, controllers=("tlc",), workers=2)
+    return run_campaign(request, make_engine()).manifest["digest"]
+
+
+@pytest.fixture(scope="module")
+def two_workers(tmp_path_factory):
+    cluster = Dask(tmp_path_factory.mktemp("dask"))
+    cluster.start_worker()
+    cluster.start_worker()
+    yield cluster
+    cluster.close()
+
+
+def with_blocks(folder, size):
+    """The shipped campaign, flown in blocks of so many flights."""
+    configs = str(REAL.parents[1] / "configs")
+    text = REAL.read_text(encoding="utf-8").replace("../configs", configs).replace("batch: auto", f"batch: {size}")
+    assert f"batch: {size}" in text
+    path = folder / "campaign.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("size", ["auto", 64, 7, 1])
+def test_compiled_flights_have_the_same_digest_in_blocks_of_any_size(local, two_workers, tmp_path, size):
+    request = Request(
+        with_blocks(tmp_path, size), tmp_path / "out", RUNS, controllers=("tlc",), scheduler=two_workers.address
+    )
+    flown = run_campaign(request, make_engine()).manifest
+    assert (flown["state"], flown["runs_failed"], flown["digest"]) == ("complete", 0, local)
+
+
+def test_compiled_flights_stand_a_killed_worker_and_a_late_one(local, dask, tmp_path):
+    first = [dask.start_worker(), dask.start_worker()]
+    seen = []
+
+    def meddle():
+        wait_for_flights(tmp_path / "out", 3)
+        dask.kill(first[0])
+        dask.start_worker()
+        seen.append(sum(1 for _ in (tmp_path / "out/flights").glob("*.parquet")))
+
+    meddler = threading.Thread(target=meddle)
+    meddler.start()
+    request = Request(with_blocks(tmp_path, 16), tmp_path / "out", RUNS, controllers=("tlc",), scheduler=dask.address)
+    flown = run_campaign(request, replace(make_engine(), fly=fly_compiled_slowly)).manifest
+    meddler.join()
+    assert 3 <= seen[0] < RUNS // 16
+    assert (flown["state"], flown["runs_failed"], flown["digest"]) == ("complete", 0, local)
+
+
+def test_one_worker_killed_and_one_late_give_the_same_digest(dask, tmp_path):
+    campaign = write_campaign(tmp_path / "f", execution="{batch: 8}")
+    whole = run_campaign(Request(campaign, tmp_path / "a"), ENGINE).manifest
+    first = [dask.start_worker(), dask.start_worker()]
+    seen = []
+
+    def meddle():
+        wait_for_flights(tmp_path / "b", 10)
+        dask.kill(first[0])
+        dask.start_worker()
+        seen.append(sum(1 for _ in (tmp_path / "b/flights").glob("*.parquet")))
+
+    meddler = threading.Thread(target=meddle)
+    meddler.start()
+    request = Request(campaign, tmp_path / "b", scheduler=dask.address)
+    flown = run_campaign(request, replace(ENGINE, fly=fly_slowly)).manifest
+    meddler.join()
+    assert 10 <= seen[0] < 60  # in the middle: 76 blocks in all
+    assert flown["state"] == "complete" and flown["digest"] == whole["digest"] and flown["runs_failed"] == 0
+    for name in ("envelopes.parquet", "histories/two-000000.parquet"):
+        assert pq.read_table(tmp_path / "a" / name).equals(pq.read_table(tmp_path / "b" / name))
+
+
+def test_a_plan_that_waits_on_a_killed_worker_is_held_anew(dask):
+    """Dask gave up the plan for ever, and every later flight of it was recorded as one that cannot be computed."""
+    dask.held.touch()
+    worker, rows = dask.start_worker(), np.repeat(nominal_parameters(), 8, axis=0)
+    flown = {}
+    with connect_cluster(dask.address, replace(ENGINE, fly=fly_when_let)) as cluster:
+        cluster.limit = 60.0
+
+        def start(name):
+            work = threading.Thread(target=lambda: flown.update({name: cluster.fly(make_plan(name), rows)}))
+            work.start()
+            return work
+
+        busy = start("one")  # takes the only thread
+        while not any(cluster._client.processing().values()):
+            time.sleep(0.02)
+        waiting = start("two")  # its plan is the worker's, too, which has not begun with it
+        while sum(len(tasks) for tasks in cluster._client.processing().values()) < 2:
+            time.sleep(0.02)
+        dask.kill(worker)
+        dask.held.unlink()
+        dask.start_worker()
+        busy.join()
+        waiting.join()
+    expected = fly(make_plan("two"), rows)
+    for block in flown.values():
+        assert np.array_equal(block.outcome, expected.outcome) and np.array_equal(block.metrics, expected.metrics)
+
+
+def test_a_scheduler_that_dies_ends_the_campaign_in_words_and_the_same_command_goes_on(dask, tmp_path, monkeypatch):
+    logged = []  # Dask's client would write a traceback
+    monkeypatch.setattr(logging.getLogger("distributed.client"), "handle", logged.append)
+    dask.start_worker()
+    campaign, out = write_campaign(tmp_path / "f", execution="{batch: 8}"), tmp_path / "out"
+
+    def kill_it():
+        wait_for_flights(out, 5)
+        for process in dask.processes:
+            dask.kill(process)
+
+    killer = threading.Thread(target=kill_it)
+    killer.start()
+    with pytest.raises(BaseException) as ended:  # noqa: PT011  # of many kinds
+        run_campaign(Request(campaign, out, scheduler=dask.address), replace(ENGINE, fly=fly_slowly))
+    killer.join()
+    assert not logged
+    assert isinstance(ended.value, UnusableError) or exit_code_of(ended.value) == ExitCode.INCOMPLETE
+    kept = sum(1 for _ in (out / "flights").glob("*.parquet"))
+    assert 5 <= kept < 76 and json.loads((out / "manifest.json").read_text())["state"] == "interrupted"
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    assert run_campaign(Request(campaign, out), ENGINE).manifest["digest"] == whole["digest"]
+
+
+def test_a_flight_that_hangs_costs_its_row_there_too(dask, tmp_path):
+    dask.start_worker()
+    execution = "{batch: 16, flight_time_limit: 0.5 s}"
+    campaign = write_campaign(tmp_path / "f", execution=execution, runs="16", controllers="{one: one.yaml}")
+    request = Request(campaign, tmp_path / "out", workers=1, scheduler=dask.address)
+    manifest = run_campaign(request, replace(ENGINE, fly=fly_hanging)).manifest
+    density = pq.read_table(tmp_path / "out/samples.parquet")["atmosphere.density"].to_numpy()
+    assert (
+        manifest["controllers"]["one"]["failed_to_run"] == np.flatnonzero((density > 1.0) & (density < 1.01)).tolist()
+    )
+    assert (manifest["runs_done"], manifest["runs_failed"]) == (15, 1)
+
+
+def test_workers_with_other_code_stop_the_campaign(dask, tmp_path):
+    dask.start_worker()
+    request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=dask.address)
+    with pytest.raises(UnusableError, match="another version of the program"):
+        run_campaign(request, replace(ENGINE, checked=True))
+
+
+@pytest.mark.parametrize("answer", [None, b"HTTP/1.0 400 Bad Request\r\n\r\n", bytes(65536), b"\xff" * 65536])
+def test_what_is_no_scheduler_may_answer_anything(tmp_path, monkeypatch, answer):
+    """Silence made the client wait for ever; zeros and web servers ended in its tracebacks."""
+    monkeypatch.setattr("abhv_mc.execution.cluster._CONNECT", 0.5)
+    request = Request(write_campaign(tmp_path / "f"), tmp_path / "out")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            with contextlib.ExitStack() as connections, contextlib.suppress(OSError):  # shut down at the end
+                while True:
+                    connection = connections.enter_context(server.accept()[0])
+                    if answer is not None:
+                        connection.sendall(answer)
+
+        serving = threading.Thread(target=serve)
+        serving.start()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        with pytest.raises(InputError, match="no scheduler"):
+            run_campaign(replace(request, scheduler=address), ENGINE)
+        server.shutdown(socket.SHUT_RDWR)
+        serving.join()
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "address", ["tcp://127.0.0.1:9", "nowhere", "carrier-pigeon://here:1", "tls://127.0.0.1:9", "tcp://a\nb:1"]
+)
+def test_no_scheduler_is_bad_input(tmp_path, monkeypatch, address):
+    monkeypatch.setattr("abhv_mc.execution.cluster._CONNECT", 0.5)
+    request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=address)
+    with pytest.raises(InputError, match="no scheduler"):
+        run_campaign(request, ENGINE)
+    assert not (tmp_path / "out").exists()
+
+
+def test_searches_find_the_same_on_a_cluster(tmp_path, two_workers):
+    line, address = write_line(tmp_path / "files"), two_workers.address
+    for find, settings in (
+        (find_rare, RareSettings(METRIC, flights=2000, target_cov=0.5)),
+        (find_worst, WorstSettings(METRIC, flights=200)),
+    ):
+        here, there = (
+            find(SearchRequest(line, tmp_path / f"{find.__name__}{i}", scheduler=where), settings, LINE).numbers()
+            for i, where in enumerate((None, address))
+        )
+        assert here == there
+    request = tuned_flight.write_tuned(tmp_path)
+    here = tune_controller(request, tuned_flight.ENGINE).as_json()
+    elsewhere = replace(request, out=tmp_path / "there.yaml", scheduler=address)
+    assert tune_controller(elsewhere, tuned_flight.ENGINE).as_json() == here

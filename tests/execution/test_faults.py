@@ -1,0 +1,177 @@
+"""A flight that raises, hangs or kills its process costs its row; a killed worker costs nothing."""
+
+import ctypes
+import functools
+import json
+import multiprocessing
+import os
+import random
+import signal
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import psutil
+import pyarrow.parquet as pq
+import pytest
+from fake_flight import DENSITY, ENGINE, fly, write_campaign
+
+from abhv_mc.campaign.file.config import PROCESSES
+from abhv_mc.execution.retry import UnusableError
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder import envelope_states as collector
+from abhv_mc.folder.digest import digest_rows
+
+KEEP = "{histories: {flights: [worst 5, every 10], rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
+
+
+def is_bad(density):
+    """Where the fault is planted: some three of 300 flights."""
+    return np.abs(density - 1.0) < 1e-3
+
+
+def _plant(fault, plan, parameters, every):
+    if (is_bad(parameters[:, DENSITY]) & (parameters[:, DENSITY] != 1.0)).any():  # the nominal flight stands at 1
+        fault()
+    return fly(plan, parameters, every)
+
+
+def fly_raising(plan, parameters, every=None):
+    return _plant(lambda: 1 // 0, plan, parameters, every)
+
+
+def fly_hanging(plan, parameters, every=None):
+    return _plant(lambda: time.sleep(3600.0), plan, parameters, every)
+
+
+def fly_segfaulting(plan, parameters, every=None):
+    return _plant(lambda: ctypes.string_at(0), plan, parameters, every)
+
+
+def fly_exiting(plan, parameters, every=None):
+    return _plant(lambda: os._exit(3), plan, parameters, every)
+
+
+def fly_nowhere(plan, parameters, every=None):
+    if multiprocessing.parent_process() is not None and (parameters[:, DENSITY] != 1.0).any():
+        os._exit(3)
+    return fly(plan, parameters, every)
+
+
+def fly_slowly(plan, parameters, every=None):
+    time.sleep(0.03)
+    return fly(plan, parameters, every)
+
+
+def fly_after_killed_starts(folder, plan, parameters, every=None):
+    """The first ten processes are killed at the start, as by a machine short of memory for a while."""
+    started = folder / f"{os.getpid()}"
+    if multiprocessing.parent_process() is not None and not started.exists():
+        started.touch()
+        if len(list(folder.iterdir())) <= 10:
+            os.kill(os.getpid(), signal.SIGKILL)
+    return fly(plan, parameters, every)
+
+
+def engine_of(function):
+    return replace(ENGINE, fly=function, isolation=PROCESSES)
+
+
+def digest_without(rows, bad):
+    """Digest of the rows of both controllers but the bad ones."""
+    total = 0
+    for name in ("one", "two"):
+        table = rows.filter(np.array([c == name for c in rows["controller"].to_pylist()]) & ~np.tile(bad, 2))
+        columns = {n: table[n].to_numpy() for n in table.column_names[3:]}
+        outcome = table["outcome"].to_pylist()
+        total += digest_rows(name, table["flight"].to_numpy(), outcome, columns).value
+    return f"{total % (1 << 256):064x}"
+
+
+@pytest.mark.parametrize(
+    ("function", "isolation", "reason"),
+    [
+        (fly_raising, "threads", "ZeroDivisionError"),
+        (fly_raising, "processes", "ZeroDivisionError"),
+        (fly_segfaulting, "processes", "killed by SIGSEGV"),
+        (fly_exiting, "processes", "exit code 3"),
+        (fly_hanging, "processes", "not done in 0.3 s"),
+    ],
+)
+def test_a_bad_flight_costs_its_row(tmp_path, function, isolation, reason, capfd):
+    # Blocks of 150 need ten time limits, so a hanging flight is found after 3 s, then after 0.3 s, twice.
+    execution = f"{{workers: 2, batch: 150, isolation: {isolation}, flight_time_limit: 0.3 s}}"
+    campaign = write_campaign(tmp_path / "f", execution=execution, keep=KEEP, controllers="{one: one.yaml}")
+    whole = run_campaign(Request(campaign, tmp_path / "a"), ENGINE)
+    flawed = run_campaign(Request(campaign, tmp_path / "b"), engine_of(function))
+    rows = [pq.read_table(tmp_path / out / "flights").sort_by("flight") for out in ("a", "b")]
+    bad = is_bad(rows[0]["atmosphere.density"].to_numpy())
+    assert 1 <= bad.sum() <= 5
+    assert flawed.complete and reason in capfd.readouterr().err
+    assert np.array_equal(np.array(rows[1]["outcome"].to_pylist()) == "failed_to_run", bad)
+    assert rows[1].filter(~bad).equals(rows[0].filter(~bad))
+    manifest = json.loads((tmp_path / "b/manifest.json").read_text())
+    assert manifest["runs_failed"] == bad.sum() and manifest["runs_done"] == 300 - bad.sum()
+    assert manifest["controllers"]["one"]["failed_to_run"] == np.flatnonzero(bad).tolist()
+    assert manifest["digest"] != whole.manifest["digest"]
+    counts = pq.read_table(tmp_path / "b/envelopes.parquet")["count"].to_pylist()
+    assert max(counts) == 300 - bad.sum()
+    again = run_campaign(Request(campaign, tmp_path / "b"), engine_of(function)).manifest
+    assert again["controllers"] == manifest["controllers"] and again["digest"] == manifest["digest"]
+
+
+def test_the_digest_leaves_out_what_failed_to_run(tmp_path, capfd):
+    campaign = write_campaign(tmp_path / "f")
+    run_campaign(Request(campaign, tmp_path / "a"), ENGINE)
+    flawed = run_campaign(Request(campaign, tmp_path / "b"), engine_of(fly_segfaulting)).manifest
+    rows = pq.read_table(tmp_path / "a/flights").sort_by([("controller", "ascending"), ("flight", "ascending")])
+    rows = rows.drop_columns(["failure.case"])  # which follows from the samples
+    bad = is_bad(rows["atmosphere.density"].to_numpy()[:300])
+    assert flawed["digest"] == digest_without(rows, bad)
+
+
+def test_a_machine_that_flies_nothing_stops_the_campaign(tmp_path, capfd):
+    campaign = write_campaign(tmp_path / "f", runs="32", execution="{workers: 2, batch: 16}")
+    with pytest.raises(UnusableError, match="exit code 3"):
+        run_campaign(Request(campaign, tmp_path / "out"), engine_of(fly_nowhere))
+    assert not list((tmp_path / "out/flights").glob("*.parquet"))
+    assert run_campaign(Request(campaign, tmp_path / "out"), ENGINE).complete
+
+
+def test_starts_that_are_killed_are_tried_again_and_cost_no_flight(tmp_path, capfd):
+    campaign = write_campaign(tmp_path / "f", execution="{workers: 2, batch: 100}")
+    whole = run_campaign(Request(campaign, tmp_path / "a"), ENGINE).manifest
+    (tmp_path / "started").mkdir()
+    fly_late = functools.partial(fly_after_killed_starts, tmp_path / "started")
+    flown = run_campaign(Request(campaign, tmp_path / "b"), engine_of(fly_late)).manifest
+    assert len(list((tmp_path / "started").iterdir())) > 10
+    assert flown["digest"] == whole["digest"] and flown["runs_failed"] == 0
+
+
+@pytest.mark.parametrize("exact", [4096, 0])
+def test_killed_workers_lose_nothing(tmp_path, exact, monkeypatch, capfd):
+    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
+    campaign = write_campaign(tmp_path / "f", execution="{workers: 2, batch: 4}")
+    whole = run_campaign(Request(campaign, tmp_path / "a"), ENGINE).manifest
+    moments, kills, ended = random.Random(exact), [], threading.Event()
+
+    def kill_workers():
+        while not ended.wait(moments.uniform(0.1, 0.4)):
+            workers = [c for p in psutil.Process().children() for c in p.children()]  # of the server they fork from
+            if workers and len(kills) < 10:
+                kills.append(moments.choice(workers).pid)
+                os.kill(kills[-1], signal.SIGKILL)
+
+    killer = threading.Thread(target=kill_workers)
+    killer.start()
+    try:
+        flown = run_campaign(Request(campaign, tmp_path / "b"), engine_of(fly_slowly)).manifest
+    finally:
+        ended.set()
+        killer.join()
+    assert len(kills) >= 5
+    assert flown["digest"] == whole["digest"] and flown["runs_failed"] == 0
+    for name in ("envelopes.parquet", "histories/one-000000.parquet"):
+        assert pq.read_table(tmp_path / "a" / name).equals(pq.read_table(tmp_path / "b" / name))

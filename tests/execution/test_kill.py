@@ -1,0 +1,175 @@
+"""SIGKILL to any process at any moment: the same command completes the campaign, to the same digest."""
+
+import contextlib
+import multiprocessing
+import os
+import random
+import resource
+import signal
+import sys
+import time
+from dataclasses import replace
+
+import psutil
+import pyarrow.parquet as pq
+import pytest
+from fake_flight import ENGINE, SLOW_ENGINE, write_campaign
+
+from abhv_mc.campaign.file.config import PROCESSES, THREADS
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder import envelope_states as collector
+from abhv_mc.folder.layout import StorageFullError
+
+ROUNDS = 10  # kills of one test: 60 in all
+OTHERS = 0.75  # share of the kills that hit another process than the parent, where there are others
+SERVER = multiprocessing.get_context("forkserver")
+
+
+def fly_in_child(campaign, out, exact, isolation=THREADS):
+    os.setsid()  # its workers are found by it
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    collector.EXACT_FLIGHTS = exact
+    run_campaign(Request(campaign, out, workers=2), replace(SLOW_ENGINE, isolation=isolation))
+
+
+def count_blocks(out):
+    return len(list((out / "flights").glob("*.parquet")))
+
+
+def wait_for_nobody(session):
+    """Workers end with their parent, whatever they do. Fails where one of them lives on."""
+    deadline = time.monotonic() + 60.0
+    while left := [process for process in psutil.process_iter() if in_session(process, session)]:
+        assert time.monotonic() < deadline, left
+        time.sleep(0.02)
+
+
+def in_session(process, session):
+    try:
+        return os.getsid(process.pid) == session and process.status() != psutil.STATUS_ZOMBIE
+    except (ProcessLookupError, psutil.Error):
+        return False
+
+
+def describe(process, parent):
+    if process == parent:
+        return "parent"
+    if psutil.Process(process).ppid() != parent:
+        return "worker"
+    return "tracker" if "resource_tracker" in " ".join(psutil.Process(process).cmdline()) else "server"
+
+
+class Campaign:
+    """A campaign that is killed and started again until it ends by itself, in folder after folder."""
+
+    def __init__(self, folder, exact, isolation, seed):
+        self.file = write_campaign(folder / "files", execution="{batch: 16}")
+        self.folder, self.exact, self.isolation = folder, exact, isolation
+        self.moments, self.kills = random.Random(seed), []
+
+    def live(self, out):
+        """Start it, kill what chance names; how it ended, None where it was killed itself."""
+        child = SERVER.Process(target=fly_in_child, args=(self.file, out, self.exact, self.isolation))
+        child.start()
+        if self.isolation == PROCESSES and self.moments.random() < 0.8:  # in the air: processes take time to start
+            held = count_blocks(out)
+            while child.exitcode is None and count_blocks(out) == held:
+                child.join(0.02)
+        while len(self.kills) < ROUNDS:
+            child.join(self.moments.uniform(0.0, 0.4))
+            others = [process for process in psutil.process_iter() if in_session(process, child.pid)]
+            others = sorted({process.pid for process in others} - {child.pid})
+            if child.exitcode is not None:
+                return child.exitcode
+            victim = self.moments.choice(others) if others and self.moments.random() < OTHERS else child.pid
+            with contextlib.suppress(ProcessLookupError, psutil.NoSuchProcess):
+                kind = describe(victim, child.pid)
+                os.kill(victim, signal.SIGKILL)
+                self.kills.append(kind)
+            if victim == child.pid:
+                child.join()
+                wait_for_nobody(child.pid)
+                return None
+        child.join()
+        return child.exitcode
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_kills_lose_nothing(tmp_path, seed, monkeypatch, capfd):
+    """Threads: the parent. Processes: the parent, workers, the server that they are forked from, and its helper."""
+    exact, isolation = (0, 4096)[seed % 2], THREADS if seed < 2 else PROCESSES
+    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
+    campaign = Campaign(tmp_path, exact, isolation, seed)
+    whole = run_campaign(Request(campaign.file, tmp_path / "whole"), ENGINE).manifest
+    folders = 0
+    while len(campaign.kills) < ROUNDS:
+        out, folders = tmp_path / f"out{folders}", folders + 1
+        while (code := campaign.live(out)) is None:
+            pass
+        said = f"seed {seed}, kills: {campaign.kills}"
+        assert code == 0, said
+        done = run_campaign(Request(campaign.file, out), ENGINE)  # complete: reads and proves every block
+        assert done.complete and done.manifest["runs_failed"] == 0, said
+        assert done.manifest["digest"] == whole["digest"], said
+        for name in ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet"):
+            assert pq.read_table(out / name).equals(pq.read_table(tmp_path / "whole" / name)), said
+        assert not list(out.rglob("*.aside")), said
+    print(f"seed {seed}, {folders} folders, kills: {campaign.kills}")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_polite_signal_ends_with_a_manifest_that_says_so(tmp_path, number, capfd):
+    campaign = write_campaign(tmp_path / "files", execution="{batch: 16}")
+    child = SERVER.Process(target=fly_in_child, args=(campaign, tmp_path / "out", 4096))
+    child.start()
+    while not list((tmp_path / "out/flights").glob("*.parquet")):
+        time.sleep(0.01)
+    os.kill(child.pid, number)
+    child.join()
+    assert child.exitcode == 0
+    result = run_campaign(Request(campaign, tmp_path / "out", runs=None), ENGINE)
+    assert result.complete
+
+
+def test_runs_that_start_in_one_new_folder_at_the_same_moment(tmp_path, capfd):
+    """One of them flies; the others are told so, or go on with what it has begun, and nothing is lost."""
+    campaign = write_campaign(tmp_path / "files", execution="{batch: 64}")
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    for k in range(4):
+        out = tmp_path / f"out{k}"
+        children = [SERVER.Process(target=fly_in_child, args=(campaign, out, 4096)) for _ in range(3)]
+        for child in children:
+            child.start()
+        for child in children:
+            child.join()
+        assert 0 in [child.exitcode for child in children]
+        done = run_campaign(Request(campaign, out), ENGINE)
+        assert done.complete and done.manifest["digest"] == whole["digest"]
+        assert sorted(done.manifest["files"]) == sorted(whole["files"])
+
+
+def fly_within(campaign, out, size):
+    """Exit code 3 where a file may not grow to what it should be: all that a full disk does, and no root needed."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+    try:
+        fly_in_child(campaign, out, 4096)
+    except StorageFullError:
+        sys.exit(3)
+
+
+def test_a_disk_that_fills_up_anywhere_loses_nothing(tmp_path, capfd):
+    """Plans, samples, states of envelopes, blocks, histories: each file is once the one that does not fit."""
+    campaign = write_campaign(tmp_path / "files", execution="{batch: 100}")
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    sizes = {path.stat().st_size for path in (tmp_path / "whole").rglob("*") if path.is_file()}
+    codes = []
+    for size in sorted(sizes):
+        child = SERVER.Process(target=fly_within, args=(campaign, tmp_path / "out", size))
+        child.start()
+        child.join()
+        codes.append(child.exitcode)
+        assert not list((tmp_path / "out").rglob("*.aside"))
+    assert codes.count(3) > 5 and set(codes) <= {0, 3}
+    done = run_campaign(Request(campaign, tmp_path / "out"), ENGINE)
+    assert done.complete and done.manifest["digest"] == whole["digest"]

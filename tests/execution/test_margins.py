@@ -1,0 +1,143 @@
+"""Margins of a campaign's flights: columns that depend on nothing but the flight, and what is refused."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from abhv_mc.analysis.explain import explain_flight
+from abhv_mc.analysis.replay import replay_flight
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.execution.engine import make_engine
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.io.input_error import InputError
+from abhv_mc.shipped import shipped_configs
+from abhv_mc.stability.metrics import MARGIN_NAMES, fly_with_margins
+
+CAMPAIGN = """\
+name: margins
+vehicle: {configs}/vehicle/ghame_x.yaml
+mission: {configs}/mission/s_manoeuvre.yaml
+controllers: {{tlc: {configs}/control/tlc.yaml, lqr: {configs}/control/lqr.yaml}}
+runs: 40
+seed: 5
+sampling: random
+dispersions:
+  control.rudder_effectiveness: {{distribution: uniform, half_width: 20 %}}
+requirements: {requirements}
+margins: {margins}
+execution: {{batch: {batch}, isolation: threads}}
+"""
+REQUIRED = "[{metric: gain_margin_min_db, above: 0.1, probability: 0.5, consumer_risk: 0.10}]"
+
+
+@pytest.fixture(scope="module")
+def engine():
+    compiled = make_engine()
+    return replace(compiled, prepare=cache(compiled.prepare))
+
+
+def _write(path, margins, requirements="[]", batch="auto"):
+    text = CAMPAIGN.format(configs=shipped_configs(), margins=margins, requirements=requirements, batch=batch)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def _table(folder, controller):
+    files = sorted((folder / "flights").glob(f"{controller}-*.parquet"))
+    return {
+        name: np.concatenate([pq.read_table(file)[name].to_numpy() for file in files])
+        for name in (*MARGIN_NAMES, "margin_points_unstable", "control.rudder_effectiveness")
+    }
+
+
+def test_the_first_flights_have_them_whatever_flies_the_blocks(engine, tmp_path):
+    """TLC is unstable above 1.10 times the rudder, LQR everywhere; no bit depends on blocks or on what was resumed."""
+    margins = "{at: [trim, 30 s], flights: 24}"
+    first = run_campaign(Request(_write(tmp_path / "a.yaml", margins), tmp_path / "a", workers=2), engine)
+    count = iter(range(100))
+
+    def stop(plan, parameters, every=None):
+        if next(count) > 3:
+            raise KeyboardInterrupt
+        return fly_with_margins(plan, parameters, every)
+
+    other = _write(tmp_path / "b.yaml", margins, batch="7")
+    cut = run_campaign(Request(other, tmp_path / "b", workers=1), replace(engine, fly=stop))
+    assert not cut.complete
+    second = run_campaign(Request(other, tmp_path / "b", workers=1), engine)
+    assert second.manifest["digest"] == first.manifest["digest"]
+    tlc, lqr = _table(first.folder, "tlc"), _table(first.folder, "lqr")
+    assert np.isnan(tlc["gain_margin_min_db"][24:]).all() and np.isfinite(tlc["disk_margin_min"][:24]).all()
+    rudder = tlc["control.rudder_effectiveness"][:24]
+    unstable = tlc["margin_points_unstable"][:24] > 0
+    assert (unstable == (rudder > 1.098)).all() and 0 < unstable.sum() < 24
+    assert (tlc["gain_margin_min_db"][:24][unstable] == 0.0).all()
+    weak = (rudder > 1.0) & ~unstable
+    assert np.allclose(tlc["gain_margin_min_db"][:24][weak], 20 * np.log10(1.0984 / rudder[weak]), atol=0.1)
+    assert (lqr["margin_points_unstable"][:24] == 2).all() and (lqr["phase_margin_min_deg"][:24] == 0.0).all()
+    replay = replay_flight(first.folder, "tlc", 3, engine.fly)
+    assert replay.differences == ()
+
+
+def test_flights_that_are_tried_again_have_their_margins(engine, tmp_path):
+    """The campaign could never go on: it ended in an error of numpy's."""
+    path = _write(tmp_path / "a.yaml", "{at: [trim], flights: 20}", batch="8")
+    whole = run_campaign(Request(path, tmp_path / "a", workers=1), engine)
+
+    def fail(plan, parameters, every=None):
+        block = engine.fly(plan, parameters, every)
+        if len(parameters) > 1:  # no trial
+            block.outcome[2] = Outcome.FAILED_TO_RUN
+        return block
+
+    run_campaign(Request(path, tmp_path / "b", workers=1), replace(engine, fly=fail))
+    lost = read_manifest(tmp_path / "b/manifest.json")["controllers"]["tlc"]["failed_to_run"]
+    assert min(lost) < 20 < max(lost), "with margins and without"
+    again = run_campaign(Request(path, tmp_path / "b", workers=1), engine)
+    assert again.manifest["digest"] == whole.manifest["digest"]
+
+
+def test_they_can_be_required_of_all_flights(engine, tmp_path):
+    path = _write(tmp_path / "c.yaml", "{at: [trim], flights: all}", REQUIRED)
+    flown = run_campaign(Request(path, tmp_path / "c", runs=16, workers=1), engine)
+    (judged,) = flown.manifest["requirements"]
+    values = _table(flown.folder, "tlc")["gain_margin_min_db"]
+    assert judged["failures"] == int((values <= 0.1).sum()) and judged["flights"] == 16
+
+
+@pytest.mark.parametrize(
+    ("margins", "requirements", "words"),
+    [
+        ("{at: [trim, 61 s]}", "[]", ("61 s", "0 to 60 s")),
+        ("{at: []}", "[]", ("no point", "trim")),
+        ("{at: [trim], flights: 0}", "[]", ("0", "'all'")),
+        ("{at: [trim], flights: 10}", REQUIRED, ("margins of 10 of 40 flights", "flights: all")),
+        ("null", REQUIRED, ("without 'margins'", "flights: all")),
+        (
+            "{at: [trim], flights: all}",
+            REQUIRED.replace("above: 0.1", "above: 6 deg"),
+            ("6 deg", "plain number, in dB"),
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused(margins, requirements, words, tmp_path):
+    path = _write(tmp_path / "bad.yaml", margins, requirements)
+    with pytest.raises(InputError) as refused:
+        read_campaign(path)
+    assert all(each in str(refused.value) for each in words), str(refused.value)
+
+
+def test_explain_takes_the_end_time_from_its_column(engine, tmp_path):
+    """Margins come after it; a requirement on them is none that a flight can be flown again for."""
+    path = _write(tmp_path / "d.yaml", "{at: [trim], flights: all}", REQUIRED)
+    flown = run_campaign(Request(path, tmp_path / "d", runs=4, workers=1), engine)
+    with pytest.raises(InputError, match="no requirement on 'gain_margin_min_db'"):
+        explain_flight(flown.folder, "tlc", 0, engine.fly, "gain_margin_min_db")
+    with pytest.raises(InputError, match="did not fail"):
+        explain_flight(flown.folder, "tlc", 0, engine.fly)

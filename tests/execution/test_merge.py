@@ -1,0 +1,239 @@
+"""Shards flown apart and merged are the campaign flown whole; what does not fit is refused."""
+
+import contextlib
+import errno
+import json
+import random
+import re
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from fake_flight import ENGINE, write_campaign
+
+from abhv_mc.execution.merge import merge_campaign
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.folder import envelope_states as collector
+from abhv_mc.folder.layout import StorageFullError
+from abhv_mc.folder.manifest import write_manifest
+from abhv_mc.folder.plans import read_plan, write_plan
+from abhv_mc.io.input_error import InputError
+from abhv_mc.notebook import open_results
+
+FILES = ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet", "histories/two-000000.parquet")
+
+
+@pytest.fixture(autouse=True)
+def quiet(capfd):
+    """Progress goes to standard error."""
+
+
+def fly_shards(tmp_path, number=3, **entries):
+    campaign = write_campaign(tmp_path / "f", **entries)
+    parts = [tmp_path / f"part{i}" for i in range(1, number + 1)]
+    for i, part in enumerate(parts, 1):
+        assert run_campaign(Request(campaign, part, shard=(i, number)), ENGINE).complete
+    return campaign, parts
+
+
+@pytest.mark.parametrize("exact", [4096, 0])
+@pytest.mark.parametrize("sampling", ["random", "lhs"])
+def test_merged_shards_are_the_whole_campaign(tmp_path, exact, sampling, monkeypatch):
+    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
+    campaign, parts = fly_shards(tmp_path, sampling=sampling, execution="{batch: 33}")
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    merged = merge_campaign([parts[2], parts[0], parts[1]], tmp_path / "merged", ENGINE)
+    assert merged.complete and merged.manifest["digest"] == whole["digest"]
+    assert merged.manifest["runs_done"] == 300 and merged.manifest["requirements"] == whole["requirements"]
+    assert merged.manifest["campaign_hash"] == whole["campaign_hash"]
+    for name in FILES:
+        assert pq.read_table(tmp_path / "whole" / name).equals(pq.read_table(tmp_path / "merged" / name))
+
+
+def test_a_shard_holds_its_flights_only_and_resumes(tmp_path):
+    campaign, parts = fly_shards(tmp_path)
+    assert sorted(set(pq.read_table(parts[1] / "flights")["flight"].to_pylist())) == list(range(100, 200))
+    next((parts[1] / "flights").glob("one-*")).unlink()
+    assert run_campaign(Request(campaign, parts[1], shard=(2, 3)), ENGINE).complete
+    for shard in (None, (1, 3)):
+        with pytest.raises(InputError, match="shard 2/3"):
+            run_campaign(Request(campaign, parts[1], shard=shard), ENGINE)
+
+
+def spoil(parts, manifest):
+    path = parts[1] / "manifest.json"
+    write_manifest(path, json.loads(path.read_text()) | manifest)
+
+
+def change_plan(parts):
+    plan = read_plan(parts[1] / "plans/two.npz")
+    plan.gains[3, 1] = np.nextafter(plan.gains[3, 1], 9.0)
+    write_plan(parts[1] / "plans/two.npz", plan)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda parts: parts.pop(), "no shard 3 of 3"),
+        (lambda parts: parts.append(parts[0]), "shard 1/3 a second time"),
+        (lambda parts: spoil(parts, {"state": "interrupted"}), "a shard that is interrupted"),
+        (lambda parts: spoil(parts, {"campaign_hash": "0"}), "another campaign hash"),
+        (lambda parts: spoil(parts, {"source_hash": "0"}), "another source hash"),
+        (lambda parts: spoil(parts, {"shard": None}), "no shard of a campaign"),
+        (lambda parts: shutil.copy(parts[0].parent / "other/samples.parquet", parts[1]), "other samples"),
+        (change_plan, "another plan of 'two'"),
+    ],
+)
+def test_what_does_not_fit_is_refused(tmp_path, change, words):
+    _, parts = fly_shards(tmp_path)
+    run_campaign(Request(write_campaign(tmp_path / "g", seed="6"), tmp_path / "other"), ENGINE)
+    change(parts)
+    with pytest.raises(InputError, match=words):
+        merge_campaign(parts, tmp_path / "merged", ENGINE)
+    assert not (tmp_path / "merged").exists()
+
+
+def test_a_lost_block_shows_in_the_digest_or_is_flown_again(tmp_path):
+    """What a part lost after it was complete does not go unnoticed: the sum of the digests is that of all its rows."""
+    campaign, parts = fly_shards(tmp_path)
+    next((parts[1] / "flights").glob("one-*")).unlink()
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    assert merge_campaign(parts, tmp_path / "merged", ENGINE).manifest["digest"] == whole["digest"]
+
+
+@pytest.mark.parametrize("exact", [4096, 0])
+def test_a_flipped_bit_in_a_part_is_told_or_mended(tmp_path, exact, monkeypatch):
+    """Margins of the campaign among the files: the parts have none, the merged campaign has its own."""
+    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
+    engine = replace(ENGINE, find_stability=lambda campaign, plans: {"runs": campaign.runs})
+    keep = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: [altitude_m]}}"
+    campaign, parts = fly_shards(tmp_path, 2, runs="60", keep=keep, execution="{batch: 15}")
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), engine).manifest
+    files = [path for part in parts for path in sorted(part.rglob("*")) if path.is_file() and path.name != ".lock"]
+    chance, mended = random.Random(7), []
+    for file in files:
+        content = file.read_bytes()
+        place = chance.randrange(len(content))
+        file.write_bytes(content[:place] + bytes([content[place] ^ 16]) + content[place + 1 :])
+        out = tmp_path / "merged"
+        try:
+            merged = merge_campaign(parts, out, engine)
+        except InputError as error:
+            assert str(file) in str(error), (file, place)  # noqa: PT017  # others may be mended
+        else:
+            mended.append(file.parent.name)
+            assert merged.complete and merged.manifest["digest"] == whole["digest"], (file, place)
+            for name in (*FILES[:3], "margins.json"):
+                assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), (file, place, name)
+            assert open_results(out).complete
+        file.write_bytes(content)
+        shutil.rmtree(out, ignore_errors=True)
+    assert set(mended) == {"flights", "blocks" if exact else "envelope_states"}
+
+
+@pytest.mark.parametrize("key", ["campaign_hash", "source_hash", "shard", "digest"])
+def test_an_altered_manifest_of_a_part_is_named(tmp_path, key):
+    """The other part was blamed, or told to be flown by other code."""
+    _, parts = fly_shards(tmp_path, 2)
+    file = parts[0] / "manifest.json"
+    text = file.read_text()
+    place = re.search(rf'"{key}": \W*', text).end()
+    file.write_text(text[:place] + ("7" if text[place] != "7" else "6") + text[place + 1 :])
+    with pytest.raises(InputError, match=f"{re.escape(str(file))}: found a damaged manifest"):
+        merge_campaign(parts, tmp_path / "merged", ENGINE)
+    assert not (tmp_path / "merged").exists()
+
+
+def test_flights_that_only_the_merge_could_compute_accuse_nobody(tmp_path):
+    """'Parts that nobody has changed', it said of honest ones."""
+
+    def fail(plan, parameters, every=None):
+        block = ENGINE.fly(plan, parameters, every)
+        if len(parameters) > 1:  # no trial
+            block.outcome[1] = Outcome.FAILED_TO_RUN
+        return block
+
+    campaign = write_campaign(tmp_path / "f", runs="60", execution="{batch: 15}")
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    parts = [tmp_path / "part1", tmp_path / "part2"]
+    for i, part in enumerate(parts, 1):
+        run_campaign(Request(campaign, part, shard=(i, 2)), replace(ENGINE, fly=fail))
+    merged = merge_campaign(parts, tmp_path / "merged", ENGINE)
+    assert merged.complete and merged.manifest["digest"] == whole["digest"] and "healed" in merged.manifest
+    again = merge_campaign(parts, tmp_path / "merged", ENGINE)
+    assert again.manifest["digest"] == whole["digest"]
+
+
+@pytest.mark.parametrize("fault", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left on device")])
+def test_a_merge_that_was_interrupted_goes_on(tmp_path, monkeypatch, fault):
+    """'The same command goes on', it said, and then refused: the folder was not empty, or a campaign's."""
+    campaign, parts = fly_shards(tmp_path, 2, runs="60", execution="{batch: 15}")
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    out = tmp_path / "merged"
+    left, copy = 0, shutil.copyfile
+
+    def copy_until(source, target):
+        nonlocal left
+        left -= 1
+        if left == 0:
+            raise fault
+        copy(source, target)
+
+    def fail(*_):
+        raise fault
+
+    monkeypatch.setattr(shutil, "copyfile", copy_until)
+    for left in (1, 2, 5, 9, 14):  # noqa: B007
+        with pytest.raises((KeyboardInterrupt, StorageFullError)):
+            merge_campaign(parts, out, ENGINE)
+        assert open_results(out).manifest["state"] == "interrupted"
+    with contextlib.suppress(KeyboardInterrupt, StorageFullError, OSError):
+        assert not merge_campaign(parts, out, replace(ENGINE, find_stability=fail)).complete
+    merged = merge_campaign(parts, out, ENGINE)
+    assert merged.complete and merged.manifest["digest"] == whole["digest"] and "copying" not in merged.manifest
+    for name in FILES[:2]:
+        assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    with pytest.raises(InputError, match="not empty"):
+        merge_campaign(parts, tmp_path / "whole", ENGINE)
+
+
+def test_parts_of_another_version_are_refused_before_anything_is_written(tmp_path):
+    _, parts = fly_shards(tmp_path, 2)
+    with pytest.raises(InputError, match="source"):
+        merge_campaign(parts, tmp_path / "merged", replace(ENGINE, source="another"))
+    assert not (tmp_path / "merged").exists()
+
+
+def test_parts_with_another_controller_first_are_refused(tmp_path):
+    """The lowest part decided which controller requirements bind."""
+    campaign = write_campaign(tmp_path / "f", runs="60")
+    turned = write_campaign(tmp_path / "g", runs="60", controllers="{two: two.yaml, one: one.yaml}")
+    parts = [tmp_path / "part1", tmp_path / "part2"]
+    for i, (file, part) in enumerate(zip((campaign, turned), parts, strict=True), 1):
+        run_campaign(Request(file, part, shard=(i, 2)), ENGINE)
+    with pytest.raises(InputError, match="controllers in another order"):
+        merge_campaign(parts, tmp_path / "merged", ENGINE)
+
+
+def test_plans_travel_from_folder_to_folder(tmp_path):
+    campaign, parts = fly_shards(tmp_path, 1)
+
+    def never(*_):
+        raise AssertionError("prepared anew")
+
+    request = Request(campaign, tmp_path / "b", shard=(1, 2), plans_from=parts[0])
+    assert run_campaign(request, replace(ENGINE, prepare=never)).complete
+    (campaign.parent / "one.yaml").write_text("gain: 3.0\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"another inputs/controllers/one/one\.yaml"):
+        run_campaign(Request(campaign, tmp_path / "c", plans_from=parts[0]), ENGINE)
+
+
+@pytest.mark.parametrize("shard", [(0, 3), (4, 3), (1, 301)])
+def test_shards_that_cannot_be(tmp_path, shard):
+    with pytest.raises(InputError, match="--shard"):
+        run_campaign(Request(write_campaign(tmp_path / "f"), tmp_path / "out", shard=shard), ENGINE)
+    assert not (tmp_path / "out").exists()

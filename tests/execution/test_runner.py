@@ -1,0 +1,461 @@
+"""A campaign is the same however it is flown, and nothing that was flown is lost."""
+
+import errno
+import json
+import os
+import signal
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from fake_flight import ENGINE, fly, write_campaign
+
+from abhv_mc.execution import runner
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.flight.channels import CHANNEL_INDEX, METRIC_INDEX
+from abhv_mc.folder import envelope_states as collector
+from abhv_mc.folder.hashes import find_damage
+from abhv_mc.folder.layout import CampaignFolder, StorageFullError
+from abhv_mc.folder.lock import hold_lock
+from abhv_mc.folder.manifest import read_whole_manifest
+from abhv_mc.io.input_error import InputError
+
+GRID = "{design: grid, levels: 3}"
+
+
+@pytest.fixture(autouse=True)
+def quiet(capfd):
+    """Progress goes to standard error."""
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    return write_campaign(tmp_path / "files")
+
+
+def run(campaign, out, engine=ENGINE, **options):
+    return run_campaign(Request(campaign, out, **options), engine)
+
+
+def flights(folder):
+    table = pq.read_table(folder / "flights")
+    return table.sort_by([("controller", "ascending"), ("flight", "ascending")])
+
+
+def interrupted_after(blocks, error=KeyboardInterrupt):
+    """An engine that flies its trials and so many blocks, then raises."""
+    count = iter(range(10_000))
+
+    def some(plan, parameters, every=None):
+        if next(count) >= blocks + 2:  # the trials of two controllers
+            raise error
+        return fly(plan, parameters, every)
+
+    return replace(ENGINE, fly=some)
+
+
+def test_what_a_folder_holds(campaign, tmp_path):
+    result = run(campaign, tmp_path / "out")
+    assert result.complete and result.manifest["runs_done"] == 300
+    table = flights(tmp_path / "out")
+    assert table.num_rows == 600
+    leading = ["flight", "controller", "outcome", "failure.case", "atmosphere.density", "aero.lift"]
+    assert table.column_names[:6] == leading
+    samples = pq.read_table(tmp_path / "out/samples.parquet")
+    for name in ("atmosphere.density", "aero.lift"):
+        np.testing.assert_array_equal(table[name].to_numpy()[:300], samples[name].to_numpy())
+    assert table.schema.field("speed_error_max_mps").metadata[b"unit"] == b"m/s"
+    outcomes = result.manifest["controllers"]["one"]["outcomes"]
+    lost = int((samples["atmosphere.density"].to_numpy() < 0.91).sum())
+    assert outcomes == {"ok": 300 - lost, "sideslip_limit": lost}
+    requirement = result.manifest["requirements"][0]
+    assert (requirement["failures"], requirement["failures_ended_early"], requirement["failures_measured"]) == (
+        lost,
+        lost,
+        0,
+    )
+
+
+@pytest.mark.parametrize("options", [{"workers": 1}, {"workers": 3}, {"controllers": ("two",)}])
+def test_digest_does_not_depend_on_how_it_is_flown(campaign, tmp_path, options):
+    whole = run(campaign, tmp_path / "a").manifest
+    other = run(campaign, tmp_path / "b", **options).manifest
+    assert other["digests"]["two"] == whole["digests"]["two"]
+    if "controllers" not in options:
+        assert other["digest"] == whole["digest"]
+
+
+@pytest.mark.parametrize("batch", [16, 100, 1000])
+@pytest.mark.parametrize("exact", [4096, 0])
+def test_block_size_changes_neither_digest_nor_envelopes(tmp_path, batch, exact, monkeypatch):
+    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
+    one = run(write_campaign(tmp_path / "f1"), tmp_path / "a")
+    two = run(write_campaign(tmp_path / "f2", execution=f"{{batch: {batch}}}"), tmp_path / "b")
+    assert one.manifest["digest"] == two.manifest["digest"]
+    tables = [pq.read_table(r.folder / "envelopes.parquet") for r in (one, two)]
+    assert tables[0].equals(tables[1])
+
+
+@pytest.mark.parametrize("exact", [4096, 0])
+def test_interrupt_keeps_what_landed_and_resume_completes_it(campaign, tmp_path, exact, monkeypatch):
+    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
+    whole = run(campaign, tmp_path / "a")
+    pilots = 0 if exact else 2
+    first = run(campaign, tmp_path / "b", interrupted_after(4 + pilots), workers=1)
+    assert first.manifest["state"] == "interrupted"
+    kept = sum(facts["flights_done"] for facts in first.manifest["controllers"].values())
+    assert 128 <= kept < 600
+    before = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "b/flights").iterdir()}
+    second = run(campaign, tmp_path / "b")
+    assert second.complete and second.manifest["digest"] == whole.manifest["digest"]
+    after = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "b/flights").iterdir()}
+    assert before.items() <= after.items()  # nothing was flown twice
+    names = ["envelopes.parquet", *(f"histories/{name}-000000.parquet" for name in ("one", "two"))]
+    for name in names:
+        assert pq.read_table(tmp_path / "a" / name).equals(pq.read_table(tmp_path / "b" / name))
+
+
+def test_a_complete_campaign_flies_nothing(campaign, tmp_path):
+    run(campaign, tmp_path / "out")
+
+    def never(*_):
+        raise AssertionError("flown again")
+
+    assert run(campaign, tmp_path / "out", replace(ENGINE, fly=never)).complete
+
+
+def test_extending_keeps_flights_bit_for_bit(campaign, tmp_path):
+    run(campaign, tmp_path / "out", runs=100)
+    before = flights(tmp_path / "out")
+    result = run(campaign, tmp_path / "out", runs=300)
+    after = flights(tmp_path / "out")
+    mask = np.tile(np.arange(300) < 100, 2)
+    assert after.filter(mask).equals(before)
+    whole = run(campaign, tmp_path / "other", runs=300)
+    assert result.manifest["digest"] == whole.manifest["digest"]
+    assert pq.read_table(tmp_path / "out/envelopes.parquet").equals(pq.read_table(tmp_path / "other/envelopes.parquet"))
+
+
+def test_fewer_flights_and_stratified_extensions_are_refused(tmp_path):
+    campaign = write_campaign(tmp_path / "files", sampling="lhs")
+    run(campaign, tmp_path / "out", runs=100)
+    for runs in (50, 200):
+        with pytest.raises(InputError, match=f"runs: 100 -> {runs}"):
+            run(campaign, tmp_path / "out", runs=runs)
+
+
+def test_controllers_can_be_added(campaign, tmp_path):
+    whole = run(campaign, tmp_path / "a").manifest
+    assert run(campaign, tmp_path / "b", controllers=("two",)).complete
+    assert run(campaign, tmp_path / "b", controllers=("one",)).manifest["digest"] == whole["digest"]
+    assert (
+        pq.read_table(tmp_path / "a/envelopes.parquet").num_rows
+        == pq.read_table(tmp_path / "b/envelopes.parquet").num_rows
+    )
+
+
+def test_requirements_of_controllers_that_are_flown_one_after_the_other(tmp_path):
+    """They stood in the folder twice: verdicts of twice as many pairs, and the same command was refused."""
+    limits = "probability: 0.9, consumer_risk: 0.1"
+    requirements = (
+        f"[{{metric: altitude_error_max_m, below: 1.6, {limits}, controllers: [one, two]}},"
+        f" {{metric: altitude_error_max_m, below: 1.7, {limits}, controllers: [two]}},"
+        f" {{metric: altitude_error_max_m, below: 1.8, {limits}, controllers: [one]}},"
+        f" {{metric: altitude_error_max_m, below: 1.9, {limits}}}]"
+    )
+    campaign = write_campaign(tmp_path / "f", runs="60", requirements=requirements, family="{method: holm, risk: 0.10}")
+    whole = run(campaign, tmp_path / "whole").manifest
+
+    def pairs(manifest):
+        return sorted(json.dumps(entry, sort_keys=True) for entry in manifest["requirements"])
+
+    orders = ([("one",), None], [("two",), None], [("one",), ("two",), ("one",), None], [("two",), ("one",), ("two",)])
+    for i, order in enumerate(orders):
+        out = tmp_path / f"{i}"
+        for names in (*order, order[-1], None):
+            flown = run(campaign, out, controllers=names)
+            assert flown.complete
+        assert pairs(flown.manifest) == pairs(whole), order
+    assert run(campaign, tmp_path / "0", runs=90).complete
+
+
+def test_requirements_without_controllers_follow_the_first_of_the_file(campaign, tmp_path):
+    """A folder begun with the second controller, or by a file in another order, went on judging the other one."""
+
+    def judged(file, out, **options):
+        result = run(file, tmp_path / out, **options)
+        assert result.complete
+        return [entry["controller"] for entry in result.manifest["requirements"]]
+
+    turned = write_campaign(tmp_path / "turned", controllers="{two: two.yaml, one: one.yaml}")
+    assert judged(campaign, "a") == ["one"]
+    assert judged(turned, "a") == ["two"]
+    assert json.loads((tmp_path / "a/manifest.json").read_text())["requirements"][0]["controller"] == "two"
+    assert judged(turned, "a", controllers=("one",)) == ["two"]  # asked for again; the campaign is the same
+    assert judged(campaign, "b", controllers=("one",)) == ["one"]
+    assert judged(campaign, "b", controllers=("two",)) == ["one"]
+    assert judged(turned, "b") == ["two"]
+    assert list(find_damage(CampaignFolder(tmp_path / "a"), read_whole_manifest(tmp_path / "a/manifest.json"))) == []
+
+
+def test_a_controller_added_under_a_name_that_differs_in_case_alone_is_refused(campaign, tmp_path):
+    """Where a file system takes 'one' and 'ONE' for the same file, the one's plan becomes the other's."""
+    run(campaign, tmp_path / "out", controllers=("one",))
+    before = (tmp_path / "out/campaign.yaml").read_bytes()
+    other = write_campaign(tmp_path / "other", controllers="{ONE: two.yaml}")
+    with pytest.raises(InputError, match="differ in case alone"):
+        run(other, tmp_path / "out")
+    assert (tmp_path / "out/campaign.yaml").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (dict(seed="6"), "seed: 5 -> 6"),
+        (dict(dispersions="{aero.lift: {distribution: normal, sigma: 6 %}}"), 'sigma: "5 %" -> "6 %"'),
+        (dict(sampling="sobol"), 'sampling: "random" -> "sobol"'),
+    ],
+)
+def test_a_changed_campaign_does_not_resume(tmp_path, change, words):
+    run(write_campaign(tmp_path / "files"), tmp_path / "out")
+    held = {p: p.read_bytes() for p in (tmp_path / "out").rglob("*") if p.is_file() and p.name != ".lock"}
+    with pytest.raises(InputError) as caught:
+        run(write_campaign(tmp_path / "files", **change), tmp_path / "out")
+    assert words in str(caught.value)
+    assert held == {p: p.read_bytes() for p in (tmp_path / "out").rglob("*") if p.is_file() and p.name != ".lock"}
+
+
+def test_a_changed_input_file_does_not_resume(campaign, tmp_path):
+    run(campaign, tmp_path / "out")
+    (campaign.parent / "tables/cl.csv").write_text("mach,value\n1,3\n")
+    with pytest.raises(InputError, match=r"inputs/vehicle/tables/cl.csv: other content"):
+        run(campaign, tmp_path / "out")
+    assert run(campaign, tmp_path / "out", fresh=True).complete
+
+
+def test_other_code_does_not_continue(campaign, tmp_path):
+    run(campaign, tmp_path / "out", interrupted_after(3))
+    with pytest.raises(InputError, match="another version of the program"):
+        run(campaign, tmp_path / "out", replace(ENGINE, source="other"))
+
+
+@pytest.mark.parametrize("name", ["nominal.parquet", "reference.parquet"])
+def test_other_code_does_not_mend_what_was_flown(campaign, tmp_path, name):
+    run(campaign, tmp_path / "out")
+    (tmp_path / "out" / name).write_bytes(b"damaged")
+    with pytest.raises(InputError, match="another version of the program"):
+        run(campaign, tmp_path / "out", replace(ENGINE, source="other"))
+    assert (tmp_path / "out" / name).read_bytes() == b"damaged"
+
+
+def test_the_resolved_campaign_flies_the_same(campaign, tmp_path):
+    first = run(campaign, tmp_path / "a").manifest
+    for path in campaign.parent.rglob("*"):
+        if path.is_file():
+            path.unlink()
+    second = run(tmp_path / "a/campaign.yaml", tmp_path / "b").manifest
+    assert second["digest"] == first["digest"] and second["campaign_hash"] == first["campaign_hash"]
+
+
+@pytest.mark.parametrize("damage", ["truncate", "flip", "empty"])
+def test_a_damaged_block_is_flown_again(campaign, tmp_path, damage):
+    digest = run(campaign, tmp_path / "out").manifest["digest"]
+    path = next((tmp_path / "out/flights").glob("one-*"))
+    content = bytearray(path.read_bytes())
+    if damage == "flip":
+        content[200] ^= 0xFF
+    path.write_bytes({"truncate": content[:-30], "flip": content, "empty": b""}[damage])
+    again = run(campaign, tmp_path / "out")
+    assert again.complete and again.manifest["digest"] == digest
+    assert flights(tmp_path / "out").num_rows == 600
+
+
+def test_a_damaged_samples_file_is_drawn_again(campaign, tmp_path):
+    digest = run(campaign, tmp_path / "out", interrupted_after(3)).folder
+    (digest / "samples.parquet").write_bytes(b"PAR1")
+    assert run(campaign, tmp_path / "out").manifest["digest"] == run(campaign, tmp_path / "b").manifest["digest"]
+
+
+def test_two_processes_do_not_share_a_folder(campaign, tmp_path):
+    run(campaign, tmp_path / "out", interrupted_after(3))
+    with hold_lock(tmp_path / "out/.lock"), pytest.raises(InputError, match=f"process {os.getpid()}"):
+        run(campaign, tmp_path / "out")
+
+
+def test_a_full_disk_keeps_what_was_flown(campaign, tmp_path, monkeypatch):
+    digest = run(campaign, tmp_path / "a").manifest["digest"]
+    write, count = runner.write_block, iter(range(1000))
+
+    def full(*arguments):
+        if next(count) > 2:
+            monkeypatch.setattr(pq, "write_table", raise_full)
+        return write(*arguments)
+
+    def raise_full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(runner, "write_block", full)
+        with pytest.raises(StorageFullError, match="make room and run the same command again"):
+            run(campaign, tmp_path / "b")
+        assert json.loads((tmp_path / "b/manifest.json").read_text())["state"] == "interrupted"
+        assert not list((tmp_path / "b").rglob("*.aside"))
+    monkeypatch.undo()
+    assert run(campaign, tmp_path / "b").manifest["digest"] == digest
+
+
+@pytest.mark.parametrize("code", [errno.EROFS, errno.EACCES])
+def test_a_closed_folder_is_bad_input(campaign, tmp_path, monkeypatch, code):
+    def closed(*_, **__):
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(Path, "mkdir", closed)
+    with pytest.raises(InputError, match="cannot be written"):
+        run(campaign, tmp_path / "out")
+
+
+def test_a_folder_of_somebody_else_is_left_alone(campaign, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/thesis.tex").write_text("mine")
+    for fresh in (False, True):
+        with pytest.raises(InputError, match=r"thesis\.tex"):
+            run(campaign, tmp_path / "out", fresh=fresh)
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["thesis.tex"]
+
+
+def test_flights_without_a_manifest_are_not_deleted_unasked(campaign, tmp_path):
+    run(campaign, tmp_path / "out")
+    (tmp_path / "out/manifest.json").unlink()
+    with pytest.raises(InputError, match="--fresh"):
+        run(campaign, tmp_path / "out")
+    assert run(campaign, tmp_path / "out", fresh=True).complete
+
+
+def test_kept_histories_are_the_worst_and_the_chosen(campaign, tmp_path):
+    run(campaign, tmp_path / "out")
+    rows = flights(tmp_path / "out").slice(0, 300)  # controller one
+    early = np.array(rows["outcome"].to_pylist()) != "ok"
+    metric = rows["altitude_error_max_m"].to_numpy()
+    worst = np.lexsort([np.arange(300), -metric, ~early])[:5]
+    table = pq.read_table(tmp_path / "out/histories/one-000000.parquet")
+    assert sorted(set(table["flight"].to_pylist())) == sorted({7, *worst.tolist()})
+    assert str(table.schema.field("altitude_m").type) == "float"
+    for flight in set(table["flight"].to_pylist()):
+        times = table.filter(np.array(table["flight"]) == flight)["time"].to_numpy()
+        assert times[-1] == pytest.approx(rows["end_time_s"].to_numpy()[flight])
+
+
+def test_a_dispersion_that_changes_nothing_is_refused(tmp_path):
+    entry = "{aero.lift: {distribution: normal, sigma: 5 %}, mass.total: {distribution: uniform, half_width: 5 %}}"
+    with pytest.raises(InputError, match=r"'mass\.total' from 0\.95 to 1\.05, which changes no controller's flight"):
+        run(write_campaign(tmp_path / "files", dispersions=entry), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "sampling", ["sobol", "halton", "lhs", "corners", "{design: grid, levels: 3}", "one_at_a_time"]
+)
+def test_every_design_flies(tmp_path, sampling):
+    factorial = "corners" in sampling or "levels" in sampling or "time" in sampling
+    extra = {"runs": "null"} if factorial else {"runs": "64"}
+    keep = "{histories: {flights: every 3}}"
+    manifest = run(write_campaign(tmp_path / "files", sampling=sampling, keep=keep, **extra), tmp_path / "out").manifest
+    expected = {"corners": 4, GRID: 9, "one_at_a_time": 5}.get(sampling, 64)
+    assert manifest["runs_done"] == manifest["runs_planned"] == expected
+    assert manifest["requirements"][0]["verdict"] == "ESTIMATE"
+
+
+def test_samples_from_a_file_fly_as_they_are(tmp_path):
+    entries = {"sampling": "{design: file, path: given.csv}", "dispersions": "{}", "runs": "3"}
+    campaign = write_campaign(tmp_path / "files", keep="{histories: {flights: all}}", **entries)
+    (campaign.parent / "given.csv").write_text("flight,aero.drag\n0,0.9\n1,1.1\n2,1.2\n")
+    run(campaign, tmp_path / "out")
+    table = flights(tmp_path / "out")
+    assert table["aero.drag"].to_pylist() == [0.9, 1.1, 1.2] * 2
+    expected = fly_rows([0.9, 1.1, 1.2])
+    assert table["altitude_error_max_m"].to_pylist()[:3] == expected
+
+
+def fly_rows(drag):
+    from fake_flight import make_plan
+
+    from abhv_mc.campaign.sampling.samples import full_rows
+
+    block = fly(make_plan("one"), full_rows(("aero.drag",), np.array(drag)[:, None]))
+    return block.metrics[:, METRIC_INDEX["altitude_error_max_m"]].tolist()
+
+
+def test_envelopes_are_numpys_over_all_flights(tmp_path):
+    keep = "{histories: {flights: all, rate: 5 Hz}, envelopes: {rate: 5 Hz, channels: [bank_deg, altitude_m]}}"
+    run(write_campaign(tmp_path / "files", keep=keep), tmp_path / "out")
+    files = sorted((tmp_path / "out/histories").glob("two-*"))
+    tables = [pq.read_table(path).to_pandas() for path in files]
+    envelope = pq.read_table(tmp_path / "out/envelopes.parquet").to_pandas()
+    for channel in ("bank_deg", "altitude_m"):
+        rows = envelope[(envelope.controller == "two") & (envelope.channel == channel)]
+        for _, row in rows.iterrows():
+            values = np.concatenate([t[np.isclose(t.time, row.time)][channel].to_numpy() for t in tables])
+            assert row["count"] == len(values)
+            wanted = np.quantile(values.astype(float), [0, 0.00135, 0.05, 0.5, 0.95, 0.99865, 1])
+            found = row[["min", "q0.135", "q5", "q50", "q95", "q99.865", "max"]].to_numpy(float)
+            np.testing.assert_allclose(found[1:-1], wanted[1:-1], rtol=1e-12)
+            assert found[0] <= wanted[0] and found[-1] >= wanted[-1]  # of every tick, see test_every_tick
+    assert list(CHANNEL_INDEX) and (envelope["quantile_error"] == 0).all()
+
+
+def test_fresh_from_the_folders_own_campaign_file(campaign, tmp_path):
+    """Its inputs are deleted with the folder's content; they must have been read before."""
+    first = run(campaign, tmp_path / "out").manifest
+    again = run(tmp_path / "out/campaign.yaml", tmp_path / "out", fresh=True)
+    assert again.complete and again.manifest["digest"] == first["digest"]
+    assert (tmp_path / "out/inputs/vehicle/tables/cl.csv").exists()
+
+
+def test_memory_does_not_fill_when_the_disk_is_slower_than_the_flights(campaign, tmp_path, monkeypatch):
+    """Blocks between take-off and disk are bounded by the workers, not by the campaign."""
+    flying, most = [0], [0]
+
+    def count(plan, parameters, every=None):
+        flying[0] += 1
+        most[0] = max(most[0], flying[0])
+        return fly(plan, parameters, every)
+
+    write = runner.write_block
+
+    def slow(*arguments):
+        time.sleep(0.01)
+        flying[0] -= 1
+        return write(*arguments)
+
+    monkeypatch.setattr(runner, "write_block", slow)
+    monkeypatch.setattr(runner, "write_kept_histories", lambda *_: None)
+    campaign = write_campaign(tmp_path / "files", execution="{batch: 16}")
+    trials = 2
+    run(campaign, tmp_path / "out", replace(ENGINE, fly=count), workers=2)
+    assert most[0] - trials <= 2 * 2 + 2
+
+
+def fly_never(plan, parameters, every=None):
+    time.sleep(3600.0)
+
+
+def test_first_flights_that_never_end_are_told_and_heed_an_interrupt(tmp_path, monkeypatch):
+    campaign, engine = write_campaign(tmp_path / "f"), replace(ENGINE, fly=fly_never)
+    timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    timer.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run_campaign(Request(campaign, tmp_path / "out"), engine)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    monkeypatch.setattr("abhv_mc.execution.probe_dispersions._COMPILING", 0.0)
+    campaign = write_campaign(tmp_path / "f", execution="{flight_time_limit: 0.1 s}")
+    with pytest.raises(InputError, match=r"first flights of 'one' that are not done in 0\.1 s"):
+        run_campaign(Request(campaign, tmp_path / "out"), engine)
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,148 @@
+"""A campaign that stops when proven: the same flights and verdicts however it is flown."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from fake_flight import DENSITY, ENGINE, fly, write_campaign
+
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.io.documents import InputError, read_document
+from abhv_mc.report.numbers.report_numbers import make_numbers
+from abhv_mc.report.numbers.results import read_results
+
+# About 4 % of the fake flights end early: proven at 90 %, disproven at 99 %.
+PROVEN = "[{metric: altitude_error_max_m, below: 50, probability: 0.9}]"
+BOTH = "[{metric: altitude_error_max_m, below: 50, probability: 0.9}, \
+{metric: speed_error_max_mps, below: 50, probability: 0.99, controllers: [two]}]"
+FILES = ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet", "histories/two-000000.parquet")
+
+
+@pytest.fixture(autouse=True)
+def quiet(capfd):
+    """Progress goes to standard error."""
+
+
+def make(folder, **entries):
+    return write_campaign(folder, **{"stop": "when proven", "runs": "2000", "requirements": BOTH, **entries})
+
+
+def run(campaign, out, engine=ENGINE, **options):
+    return run_campaign(Request(campaign, out, **options), engine)
+
+
+def test_it_stops_at_a_look_that_the_resolved_campaign_names(tmp_path):
+    manifest = run(make(tmp_path / "f"), tmp_path / "out").manifest
+    stop = manifest["stopped_at"]
+    looks = read_document(tmp_path / "out/campaign.yaml").data["stop"]["looks"]
+    assert manifest["state"] == "complete" and stop in looks and stop < 2000 and looks[-1] == 2000
+    assert manifest["runs_done"] == stop
+    assert [entry["verdict"] for entry in manifest["requirements"]] == ["PASS", "FAIL"]
+    flights = pq.read_table(tmp_path / "out/flights")
+    assert sorted(flights["flight"].to_pylist()) == sorted([*range(stop), *range(stop)])
+    assert max(pq.read_table(tmp_path / "out/envelopes.parquet")["count"].to_pylist()) == stop
+
+
+@pytest.mark.parametrize("options", [{"workers": 1}, {"workers": 3, "batch": 16}, {"workers": 2, "batch": 333}])
+def test_the_result_does_not_depend_on_how_it_is_flown(tmp_path, options):
+    whole = run(make(tmp_path / "f"), tmp_path / "a").manifest
+    execution = f"{{workers: {options['workers']}, batch: {options.get('batch', 'auto')}}}"
+    other = run(make(tmp_path / "g", execution=execution), tmp_path / "b").manifest
+    assert other["digest"] == whole["digest"] and other["stopped_at"] == whole["stopped_at"]
+    for name in FILES:
+        assert pq.read_table(tmp_path / "a" / name).equals(pq.read_table(tmp_path / "b" / name))
+
+
+def test_what_lies_beyond_the_look_at_which_it_stops_is_tried_again_too(tmp_path):
+    """'The same command tries again', it said, and tried nothing: exit code 3 for ever."""
+
+    def fail(plan, parameters, every=None):
+        block = fly(plan, parameters, every)
+        off = np.abs(parameters[:, DENSITY] - 1.0)
+        block.outcome[(off > 0.0) & (off < 0.01)] = Outcome.FAILED_TO_RUN  # the trials stand at 1
+        return block
+
+    campaign = make(tmp_path / "f", requirements=PROVEN)
+    whole = run(make(tmp_path / "g", requirements=PROVEN), tmp_path / "whole").manifest
+    weak = run(campaign, tmp_path / "out", replace(ENGINE, fly=fail)).manifest
+    assert weak["runs_failed"] and weak["runs_done"] + weak["runs_failed"] > whole["stopped_at"]
+    again = run(campaign, tmp_path / "out").manifest
+    assert again["runs_failed"] == 0
+    assert [entry["verdict"] for entry in again["requirements"]] == ["PASS"]
+
+
+@pytest.mark.parametrize("blocks", [1, 3, 6])
+def test_nor_on_interruptions(tmp_path, blocks):
+    count = iter(range(10_000))
+
+    def some(plan, parameters, every=None):
+        if next(count) >= blocks + 2:
+            raise KeyboardInterrupt
+        return fly(plan, parameters, every)
+
+    campaign = make(tmp_path / "f", execution="{workers: 2, batch: 16}")
+    whole = run(campaign, tmp_path / "a").manifest
+    assert not run(campaign, tmp_path / "b", replace(ENGINE, fly=some)).complete
+    second = run(campaign, tmp_path / "b").manifest
+    assert second["digest"] == whole["digest"] and second["requirements"] == whole["requirements"]
+
+
+def test_a_proven_campaign_flies_nothing_more_and_cannot_grow(tmp_path):
+    campaign = make(tmp_path / "f")
+    run(campaign, tmp_path / "out")
+
+    def never(*_):
+        raise AssertionError("flown again")
+
+    assert run(campaign, tmp_path / "out", replace(ENGINE, fly=never)).complete
+    with pytest.raises(InputError, match=r"stop\.looks"):
+        run(campaign, tmp_path / "out", runs=4000)
+    again = run(tmp_path / "out/campaign.yaml", tmp_path / "again").manifest
+    assert again["campaign_hash"] == json.loads((tmp_path / "out/manifest.json").read_text())["campaign_hash"]
+
+
+def test_what_is_not_settled_flies_to_the_end(tmp_path):
+    close = "[{metric: altitude_error_max_m, below: 50, probability: 0.97}]"
+    manifest = run(make(tmp_path / "f", runs="60", requirements=close), tmp_path / "out").manifest
+    assert (manifest["stopped_at"], manifest["requirements"][0]["verdict"]) == (60, "NOT SHOWN")
+
+
+def test_looks_of_ones_own(tmp_path):
+    campaign = make(tmp_path / "f", requirements=PROVEN, stop="{when: proven, looks: [300, 600, 2000]}")
+    assert run(campaign, tmp_path / "out").manifest["stopped_at"] == 300
+
+
+def test_the_report_gives_the_sequential_verdict(tmp_path):
+    out = tmp_path / "out"
+    manifest = run(make(tmp_path / "f"), out).manifest
+    numbers = make_numbers(read_results(out))
+    first, second = (entry["controllers"] for entry in numbers["requirements"])
+    assert first["one"]["status"] == "PASS" and second["two"]["status"] == "FAIL"
+    assert first["one"]["runs"] <= manifest["stopped_at"] and second["two"]["runs"] == manifest["stopped_at"]
+    assert first["one"]["lower_bound"] >= 0.9 > second["two"]["lower_bound"] - 0.1
+    assert first["one"]["consumer_risk"] <= 0.1 and second["two"]["producer_risk"] <= 0.1
+    assert numbers["flights"]["one"]["flown"] == manifest["stopped_at"]
+
+
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        (dict(sampling="lhs"), "whose flights are not independent; wanted sampling: random"),
+        (dict(sampling="sobol"), "not independent"),
+        (dict(sampling="{design: grid, levels: 3}", runs="9"), "not independent"),
+        (dict(requirements="[]"), "'stop' without requirements"),
+        (dict(stop="when bored"), "'when bored'; wanted 'when proven'"),
+        (dict(stop="{when: proven, looks: [20, 20, 2000]}"), "20 after 20"),
+        (dict(stop="{when: proven, looks: [20, 40]}"), "a last look after 40 flights"),
+    ],
+)
+def test_what_cannot_be_proven_by_looking_is_refused(tmp_path, entries, words):
+    path = make(tmp_path / "f", **entries)
+    with pytest.raises(InputError) as caught:
+        read_campaign(path)
+    assert words in str(caught.value) and caught.value.line

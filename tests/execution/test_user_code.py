@@ -1,0 +1,370 @@
+"""A campaign with code of its own: the same digest however it is flown, and nobody's code runs unasked."""
+
+import dataclasses
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+from execution.test_cluster import Dask
+from report.few_figures import build_with
+
+from abhv_mc.analysis.replay import replay_flight
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.cli import linearize, margins
+from abhv_mc.execution.engine import make_engine
+from abhv_mc.execution.estimate import estimate_campaign
+from abhv_mc.execution.merge import merge_campaign
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.flight.fly import fly
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.io.documents import InputError, InputErrors
+from abhv_mc.report.numbers.results import read_results
+from abhv_mc.search.search_flights import SearchRequest
+from abhv_mc.search.tune import TuneRequest, tune_controller
+from abhv_mc.search.worst import WorstSettings, find_worst
+from abhv_mc.user_code.channels import compile_channels
+from abhv_mc.user_code.compiled import compile_law
+from abhv_mc.user_code.source import load_law, read_source, run_module
+
+CAMPAIGN = """\
+name: own
+vehicle: {configs}/vehicle/ghame_x.yaml
+mission: mission.yaml
+controllers: {{mine: law.yaml, lqr: {configs}/control/lqr.yaml}}
+runs: {runs}
+seed: 3
+dispersions:
+  atmosphere.density: {{distribution: uniform, half_width: 10 %}}
+  aero.lift: {{distribution: uniform, half_width: 10 %}}
+channels: channels.py
+metrics:
+  late_bank_swing_deg: {{of: bank_error_deg, statistic: peak_to_peak, from: 1 s}}
+  twist_max: {{of: twist, statistic: max_abs}}
+  ran: {{of: "1 + 0 * mach", statistic: max}}
+requirements:
+  - {{metric: late_bank_swing_deg, below: 30 deg, probability: 0.9}}
+keep: {{histories: {{flights: worst 3, by: twist_max}}}}
+execution: {{workers: 2, batch: 16}}
+"""
+CHANNELS = """\
+from abhv_mc.extend import channel
+{line}
+@channel(unit="deg/s")
+def twist(actual, command):
+    return (actual.bank - command.bank) * actual.roll_rate
+"""
+
+
+@pytest.fixture
+def study(repository, tmp_path, monkeypatch):
+    """A user's folder; ``write(runs)`` makes the campaign."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    configs = repository / "configs"
+    mission = (configs / "mission" / "s_manoeuvre.yaml").read_text()
+    lines = ["duration: 2 s" if line.startswith("duration") else line for line in mission.splitlines()]
+    (tmp_path / "mission.yaml").write_text("\n".join(lines) + "\n")
+    shutil.copy(configs / "control" / "cascade.py", tmp_path / "law.py")
+    text = (configs / "control" / "cascade.yaml").read_text().replace("cascade.py", "law.py")
+    (tmp_path / "law.yaml").write_text(text)
+    (tmp_path / "channels.py").write_text(CHANNELS.format(line=""))
+
+    def write(runs=40):
+        (tmp_path / "campaign.yaml").write_text(CAMPAIGN.format(configs=configs, runs=runs))
+        return tmp_path / "campaign.yaml"
+
+    write()
+    return write
+
+
+def threads():
+    return dataclasses.replace(make_engine(), isolation="threads")
+
+
+def test_workers_resume_and_replay_give_the_same_digest(study, tmp_path):
+    one = run_campaign(Request(study(), tmp_path / "one", workers=1), threads()).manifest
+    two = run_campaign(Request(study(24), tmp_path / "two"), make_engine()).manifest  # processes
+    assert two["digest"] != one["digest"]
+    two = run_campaign(Request(study(40), tmp_path / "two"), make_engine()).manifest
+    assert two["digest"] == one["digest"]
+    assert {"inputs/controllers/mine/law.py", "inputs/channels/channels.py"} <= set(two["inputs"])
+    assert replay_flight(tmp_path / "two", "mine", 7, fly).differences == ()
+    results = read_results(tmp_path / "two")
+    assert {"late_bank_swing_deg", "twist_max"} <= set(results.metrics)
+    assert results.flights["mine"].metrics["twist_max"].min() > 0.0
+    entry = read_manifest(tmp_path / "two" / "manifest.json")["requirements"][0]
+    assert (entry["metric"], entry["verdict"]) == ("late_bank_swing_deg", "PASS")
+    assert "Late bank swing" in build_with(tmp_path / "two").read_text()
+
+
+def test_shards_and_a_cluster_give_the_same_digest(study, tmp_path, capfd):
+    """With margins, whose steady flight needs the law, too; the merging user must have flown it, or trust it."""
+    pytest.importorskip("distributed")
+    file = study(32)
+    file.write_text(file.read_text() + "margins: {at: [trim, 1 s], flights: 20}\n")
+    whole = run_campaign(Request(file, tmp_path / "whole", workers=1), threads()).manifest
+    parts = [tmp_path / "part1", tmp_path / "part2"]
+    for i, part in enumerate(parts, 1):
+        run_campaign(Request(file, part, shard=(i, 2), workers=1), threads())
+    merged = merge_campaign(parts, tmp_path / "merged", threads())
+    assert merged.manifest["digest"] == whole["digest"]
+    stability = [json.loads((tmp_path / name / "margins.json").read_text()) for name in ("whole", "merged")]
+    assert stability[0] == stability[1] and set(stability[0]["controllers"]) == {"mine", "lqr"}
+    assert stability[0]["controllers"]["mine"]["nominal"][0]["stable"]
+    cluster = Dask(tmp_path)
+    try:
+        cluster.start_worker()
+        flown = run_campaign(Request(file, tmp_path / "cluster", scheduler=cluster.address), make_engine()).manifest
+    finally:
+        cluster.close()
+    assert flown["digest"] == whole["digest"]
+
+
+@pytest.mark.parametrize("other", ["statistic: peak_to_peak, from: 0.5 s", None])
+def test_plans_of_a_campaign_with_other_metrics_fly_the_metrics_that_are_asked_for(study, tmp_path, other):
+    """They flew the other's: bank angles under the name of sideslips, judged, merged and reported."""
+    file = study(8)
+    asked = file.read_text()
+    if other:
+        file.write_text(asked.replace("statistic: peak_to_peak, from: 1 s", other))
+    else:
+        before, rest = asked.split("metrics:\n")
+        file.write_text(before + rest[rest.index("execution:") :])
+    run_campaign(Request(file, tmp_path / "other", workers=1), threads())
+    file.write_text(asked)
+    alone = run_campaign(Request(file, tmp_path / "alone", workers=1), threads()).manifest
+    request = Request(file, tmp_path / "taken", workers=1, plans_from=tmp_path / "other")
+    assert run_campaign(request, threads()).manifest["digest"] == alone["digest"]
+
+
+def test_another_text_is_another_campaign(study, tmp_path):
+    run_campaign(Request(study(), tmp_path / "out", runs=4), threads())
+    law = tmp_path / "law.py"
+    law.write_text(law.read_text() + "\n# changed\n")
+    with pytest.raises(InputError, match=r"inputs/controllers/mine/law.py: other content"):
+        run_campaign(Request(study(), tmp_path / "out", runs=4), threads())
+
+
+def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):
+    """A folder from elsewhere: reading it runs nothing; flying it again is refused until its user trusts it."""
+    ran = tmp_path / "ran"
+    line = f"open({str(ran)!r}, 'w').close()"
+    (tmp_path / "channels.py").write_text(CHANNELS.format(line=line))
+    law = tmp_path / "law.py"
+    law.write_text(law.read_text() + f"\n{line}\n")
+    out = tmp_path / "out"
+    run_campaign(Request(study(), out, runs=24), threads())
+    assert ran.exists()
+    ran.unlink()
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "somebody_else"))
+    from abhv_mc.campaign.file.inputs import check_inputs
+
+    for kept in (run_module, load_law, compile_law, compile_channels):
+        kept.cache_clear()
+    read_campaign(out / "campaign.yaml")
+    read_results(out)
+    build_with(out)
+    checked = check_inputs(out / "campaign.yaml")
+    assert any("was not run" in warning for found in checked for warning in found.warnings)
+    with pytest.raises(InputError, match="--trust-code"):
+        replay_flight(out, "mine", 1, fly)
+    with pytest.raises(InputError, match="--trust-code"):
+        run_campaign(Request(out / "campaign.yaml", tmp_path / "again", runs=4), threads())
+    options = {"vehicle": None, "controller": "mine", "bank": "0"}
+    with pytest.raises(InputError, match="--trust-code"):
+        margins.command(str(out / "campaign.yaml"), at="trim", json=None, out=None, **options)
+    controller = str(out / "inputs" / "controllers" / "mine" / "law.yaml")
+    with pytest.raises(InputError, match="--trust-code"):
+        linearize.command("level", tmp_path / "model.npz", "ghame_x", controller)
+    assert not ran.exists()
+    assert not (tmp_path / "again").exists()
+    linearize.command("level", tmp_path / "model.npz", "ghame_x", controller, trust_code=True)
+    assert ran.exists()
+    assert replay_flight(out, "mine", 1, fly, trust_code=True).differences == ()
+
+
+def folder_named(place, law, text):
+    """A folder made by hand, as an attacker may: ``place`` is what its controller file names."""
+    root = law.parent / "handed" / "out"
+    (root / "inputs/controllers/mine/a/b/c/d").mkdir(parents=True)
+    (root / "manifest.json").write_text("{}")
+    (root / "inputs/controllers/mine/law.yaml").write_text(text.replace("law.py", place))
+    beside = root.parent / "code.py"
+    beside.write_text(law.read_text())
+    (root / "inputs/controllers/mine/a/b/c/d/deep.py").write_text(law.read_text())
+    (root / "inputs/controllers/mine/link.py").symlink_to(beside)
+    return root
+
+
+PLACES = ["a/b/c/d/deep.py", "link.py", "../../../../code.py", "{beside}"]
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_no_command_runs_code_that_a_folder_names(study, tmp_path, monkeypatch, place):
+    """Not from deep in it, not through a link, not out of it; whatever else may be wrong with such a folder."""
+    ran = tmp_path / "ran"
+    law = tmp_path / "law.py"
+    law.write_text(law.read_text() + f"\nopen({str(ran)!r}, 'w').close()\n")
+    root = folder_named(place.format(beside=tmp_path / "handed/code.py"), law, (tmp_path / "law.yaml").read_text())
+    text = study(4).read_text().replace("law.yaml", "inputs/controllers/mine/law.yaml")
+    entry = "{of: bank_error_deg, statistic: max}"
+    text = text.replace("mission: mission", f"mission: {tmp_path}/mission").replace("channels: channels.py\n", "")
+    text = text.replace("twist_max: {of: twist, statistic: max_abs}", f"twist_max: {entry}")
+    (root / "campaign.yaml").write_text(text)
+    campaign = root / "campaign.yaml"
+    with pytest.raises(InputError, match="--trust-code"):
+        run_campaign(Request(campaign, tmp_path / "again", runs=4), threads())
+    search = SearchRequest(campaign, tmp_path / "search")
+    with pytest.raises(InputError, match="--trust-code"):
+        find_worst(search, WorstSettings("bank_error_settled_max_deg", flights=64), threads())
+    with pytest.raises(InputError, match="--trust-code"):
+        tune_controller(TuneRequest(campaign, tmp_path / "new.yaml"), threads())
+    with pytest.raises(InputError, match="--trust-code"):
+        estimate_campaign(read_campaign(campaign), threads())
+    if "{" not in place:  # which is a path of the user's own as well as of anybody's
+        with pytest.raises(InputError, match="--trust-code"):
+            prepare(*vehicle_and_mission(tmp_path, text), root / "inputs/controllers/mine/law.yaml", "mine")
+    assert not ran.exists() and not (tmp_path / "again").exists()
+
+
+def vehicle_and_mission(folder, text):
+    line = next(line for line in text.splitlines() if line.startswith("vehicle: "))
+    return Path(line.removeprefix("vehicle: ")), folder / "mission.yaml"
+
+
+def test_line_ends_of_another_system_change_nothing(study, tmp_path):
+    law = tmp_path / "law.py"
+    law.write_bytes(law.read_bytes().replace(b"\n", b"\r\n"))
+    first = run_campaign(Request(study(4), tmp_path / "out"), threads()).manifest
+    longer = run_campaign(Request(study(8), tmp_path / "out"), threads()).manifest  # with the folder's copy
+    assert first["state"] == longer["state"] == "complete"
+
+
+LAW = """\
+from typing import NamedTuple
+from abhv_mc.extend import Command, controller
+@controller{}
+def law():
+    return Command(0.0, 0.0, 0.0, 1.0)
+"""
+PLAIN_LAW = LAW.format("")
+MODULES = {
+    "import sys; sys.exit(0)": "SystemExit",
+    "raise KeyError('x')": "KeyError",
+    "import asyncio; raise asyncio.CancelledError": "CancelledError",
+    "x = " + "(" * 300 + ")" * 300: "Python",
+    "x = " + "-" * 100_000 + "1": "",
+    "from abhv_mc.extend import controller\nlaw = controller(lambda actual: 1)": "",
+    "from abhv_mc.extend import controller\nif True:\n    @controller\n    def law(actual):\n        return 1": "",
+    "from abhv_mc.extend import controller\n@controller\nclass Law:\n    pass": "",
+    "from abhv_mc.extend import controller\n@controller\nasync def law(actual):\n    return 1": "",
+    "class Mute(Exception):\n    def __str__(self):\n        raise SystemExit(0)\nraise Mute": "raises Mute",
+    "raise ValueError('x' * 100_000)": "raises ValueError: xxx",
+    PLAIN_LAW + "law.__signature__ = 3": "__signature__",
+    PLAIN_LAW + "law._abhv_mc_controller = 3": "",
+    LAW.format("(units={'x': 3})") + "class Settings(NamedTuple):\n    x: float = 1.0": "the unit 3 of 'x'",
+    PLAIN_LAW + "class Settings:\n    pass": "Settings that is no NamedTuple",
+    PLAIN_LAW + "class Settings(NamedTuple):\n    x: float = 10**400": "for 'x'",
+    PLAIN_LAW.replace("()", "(memory)") + "class Memory(NamedTuple):\n    x: float = 10**400": "for 'x'",
+    "\x00": "",
+    "#" * 3_000_000: "more than",
+}
+
+
+@pytest.mark.parametrize("text", MODULES, ids=lambda text: repr(text[:40]))
+def test_odd_laws_are_refused_in_words(tmp_path, text):
+    file = tmp_path / "law.py"
+    file.write_text(text)
+    with pytest.raises(InputError) as refused:
+        load_law(read_source(file))
+    assert MODULES[text] in str(refused.value) and len(str(refused.value)) < 2000
+
+
+@pytest.mark.parametrize("raised", ["SystemExit(0)", "ValueError(name)"])
+@pytest.mark.parametrize("asked", ["__getattr__", "__getattribute__"])
+@pytest.mark.parametrize("code", ["controller", "channels"])
+def test_what_else_a_file_holds_is_not_touched(tmp_path, raised, asked, code):
+    """The program ended as if it had flown, or in a traceback."""
+    beside = f"class Odd:\n    def {asked}(self, name):\n        raise {raised}\nodd = Odd()\n"
+    file = tmp_path / "code.py"
+    if code == "controller":
+        file.write_text(PLAIN_LAW + beside)
+        assert compile_law(read_source(file), (), 1).address
+    else:
+        file.write_text(CHANNELS.format(line=beside))
+        assert compile_channels(read_source(file), 1).address
+
+
+@pytest.mark.parametrize("raised", ["SystemExit(0)", "ValueError(name)"])
+def test_what_a_law_uses_may_raise_anything(tmp_path, raised):
+    beside = f"class Odd:\n    def __getattribute__(self, name):\n        raise {raised}\nodd = Odd()\n"
+    file = tmp_path / "code.py"
+    file.write_text(PLAIN_LAW.replace("0.0, 1.0)", "0.0, odd)") + beside)
+    with pytest.raises(InputError, match=raised.partition("(")[0]) as refused:
+        compile_law(read_source(file), (), 1)
+    assert refused.value.file == str(file) and refused.value.line == 8
+
+
+@pytest.mark.parametrize("text", ["x = " + "-" * 50_000 + "1", "x = (", "\0", "#" * 2_000_001, "x = 1"])
+def test_odd_files_of_channels_are_refused_in_words(study, tmp_path, text):
+    """Deep nesting was told as too little memory."""
+    file = study()
+    (tmp_path / "channels.py").write_text(text)
+    with pytest.raises(InputError, match=r"channels\.py"):
+        read_campaign(file)
+
+
+def test_a_law_leaves_the_working_folder_and_the_depth_of_calls_as_they_were(tmp_path):
+    """The campaign was flown into another folder, and its page ended in a traceback."""
+    file = tmp_path / "law.py"
+    file.write_text(f"import os, sys\nos.chdir({str(tmp_path)!r})\nsys.setrecursionlimit(200)\n")
+    before = Path.cwd(), sys.getrecursionlimit()
+    run_module(read_source(file))
+    assert (Path.cwd(), sys.getrecursionlimit()) == before != (tmp_path, 200)
+
+
+def test_a_law_that_is_no_plain_file(tmp_path):
+    for place in (tmp_path, Path("/dev/zero"), tmp_path / "nowhere"):
+        with pytest.raises(InputError):
+            read_source(place)
+
+
+BAD = [
+    ("bank_error_deg", "{of: bank_eror_deg, statistic: min}", "channel 'bank_eror_deg'"),
+    ("x", "{of: '__import__(\"os\")', statistic: min}", "wanted channels, numbers"),
+    ("x", "{of: 'bank_deg.real', statistic: min}", "wanted channels, numbers"),
+    ("x", "{of: 'bank_deg +', statistic: min}", "found 'bank_deg +'"),
+    ("x", "{of: sin(bank_deg), statistic: min}", "which is in degrees"),
+    ("x", "{of: bank_deg, statistic: median}", "found 'median'"),
+    ("x", "{of: bank_deg, statistic: time_outside}", "'time_outside' without 'limit'"),
+    ("x", "{of: bank_deg, statistic: min, from: 3 m}", "'3 m', a length"),
+    ("sideslip_max_deg", "{of: bank_deg, statistic: min}", "'sideslip_max_deg', a metric of the program"),
+]
+
+
+@pytest.mark.parametrize(("name", "entry", "words"), BAD, ids=[entry[2] for entry in BAD])
+def test_a_wrong_metric_is_refused_in_place(study, name, entry, words):
+    file: Path = study()
+    file.write_text(file.read_text().replace("  twist_max: {of: twist, statistic: max_abs}", f"  {name}: {entry}"))
+    file.write_text(file.read_text().replace(", by: twist_max", ""))
+    with pytest.raises(InputErrors) as caught:
+        read_campaign(file)
+    assert words in str(caught.value)
+    assert f"{file}:13:" in str(caught.value)
+
+
+def test_metrics_from_a_file_of_their_own(study, tmp_path):
+    file: Path = study()
+    head, rest = file.read_text().split("metrics:\n")
+    entries, tail = rest.split("requirements:\n")
+    (tmp_path / "metrics.yaml").write_text("\n".join(line.strip() for line in entries.splitlines()) + "\n")
+    inline = read_campaign(file).declared
+    file.write_text(f"{head}metrics: metrics.yaml\nrequirements:\n{tail}")
+    read = read_campaign(file).declared
+    assert read.names.tolist() == inline.names.tolist()
+    assert read.units.tolist() == ["deg", "-", "-"] or read.units.tolist()[0] == "deg"
+    out = run_campaign(Request(file, tmp_path / "out", runs=3), threads()).folder
+    assert read_campaign(out / "campaign.yaml").declared.names.tolist() == inline.names.tolist()

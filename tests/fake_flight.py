@@ -1,0 +1,149 @@
+"""A cheap flight in the place of the compiled one: the campaign engine is under test, not the vehicle.
+
+Every number is a plain function of the flight's parameters, element by element, so that the bits depend on nothing
+else. Density below ``LOST_BELOW`` ends a flight early.
+"""
+
+import time
+import typing
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.control.columns import REFERENCE, TLC_GAINS, TLC_SETTINGS
+from abhv_mc.execution.engine import Engine
+from abhv_mc.flight.channels import CHANNELS, METRICS, Statistic
+from abhv_mc.flight.declared import NO_METRICS
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock, FlightPlan, Limits, Timing
+from abhv_mc.io.input_error import InputError
+from abhv_mc.plant.air_profile import no_profile
+from abhv_mc.plant.effectiveness import make_effectiveness
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.plant.state import N_STATES
+from abhv_mc.vehicle.arrays import BuildUp
+from abhv_mc.vehicle.pack import Axis, Table, pack_tables
+
+DENSITY, LIFT, DRAG = (PARAMETER_INDEX[name] for name in ("atmosphere.density", "aero.lift", "aero.drag"))
+LOST_BELOW = 0.91
+TICKS = 20  # of 0.1 s
+_SOURCES = [channel.source for channel in CHANNELS]
+_EXTREMES = {
+    Statistic.MAX_ABS: lambda values: np.fmax.reduce(np.abs(values), axis=1),
+    Statistic.MIN: lambda values: np.fmin.reduce(values, axis=1),
+    Statistic.MAX: lambda values: np.fmax.reduce(values, axis=1),
+}
+
+
+def make_plan(name: str, gain: float = 1.0) -> FlightPlan:
+    """A plan whose arrays are small and whose first gain the fake flight reads."""
+    plan = _fill(FlightPlan)
+    axes = tuple(Axis(variable, np.array([0.0, 1.0])) for variable in range(1, 4))
+    tables, _ = pack_tables([Table(axes, np.zeros((2, 2, 2)))], {})
+    vehicle = plan.vehicle._replace(
+        tables=tables, build_up=BuildUp(*(np.zeros(0, np.int64) for _ in range(4))), effector_mix=np.zeros((4, 3))
+    )
+    parts = {field: getattr(plan, field) for field in typing.get_type_hints(FlightPlan)}
+    parts |= {
+        "controller": name,
+        "law": "tlc",
+        "timing": Timing(0.05, 2, TICKS),
+        "limits": Limits(0.0, 1e5, -1.0, 1.0, 1.0),
+        "vehicle": vehicle,
+        "trim_tables": tables,
+        "effectiveness": make_effectiveness(vehicle),
+        "initial_state": np.zeros(N_STATES),
+        "reference": np.zeros((TICKS + 1, len(REFERENCE))),
+        "gains": np.full((TICKS + 1, len(TLC_GAINS)), gain),
+        "settings": np.zeros(len(TLC_SETTINGS)),
+        "warnings": np.empty(0, dtype=np.str_),
+        "gain_names": np.empty(0, dtype=np.str_),
+        "profile": no_profile(),
+        "declared": NO_METRICS,
+        **{"source_hash": "", "channels_hash": "", "source": None, "channels_source": None},
+    }
+    return FlightPlan(**parts)
+
+
+def _fill(kind):
+    """A nested record with something of the right type in every place."""
+    if hasattr(kind, "_fields") or hasattr(kind, "__dataclass_fields__"):
+        hints = typing.get_type_hints(kind)
+        return kind(**{name: _fill(hint) for name, hint in hints.items()})
+    if kind in (int, float, str):
+        return kind(3)
+    return np.arange(4.0) / 3.0
+
+
+def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:
+    """The gain is what the controller's file holds."""
+    text = controller.read_text(encoding="utf-8")
+    if "gain:" not in text:
+        raise InputError(controller, 1, 1, "no gain", "gain: 1.0")
+    return make_plan(name, float(text.partition("gain:")[2]))
+
+
+def fly(plan: FlightPlan, parameters: np.ndarray, record_every: int | None = None) -> FlightBlock:
+    """Fly rows of parameters."""
+    density, lift, drag = parameters[:, DENSITY], parameters[:, LIFT], parameters[:, DRAG]
+    error = np.sin(40.0 * density) + np.cos(9.0 * lift) * drag
+    lost = density < LOST_BELOW
+    metrics = error[:, None] * plan.gains[0, 0] + np.arange(len(METRICS)) + np.abs(error[:, None])
+    every = record_every or TICKS + 1
+    ticks = np.arange(TICKS + 1) * plan.timing.tick
+    end = np.where(lost, 1.0, TICKS * plan.timing.tick)
+    shape = 1.0 + 0.01 * np.arange(len(CHANNELS))
+    history = (error[:, None, None] * plan.gains[0, 0] * np.cos(ticks)[None, :, None] * shape).astype(np.float32)
+    history[ticks[None, :] > end[:, None] + 1e-9] = np.nan
+    last = history[np.arange(len(end)), np.rint(end / plan.timing.tick).astype(int)]
+    for row, metric in enumerate(METRICS):  # extremes and ends are those of the history, as a flight's are
+        if metric.source in _SOURCES:
+            column = _SOURCES.index(metric.source)
+            if metric.statistic in _EXTREMES:
+                values = _EXTREMES[metric.statistic](history[:, :, column])
+                metrics[:, row] = np.maximum(values, -np.inf if metric.initial is None else metric.initial)
+            elif metric.statistic == Statistic.FINAL:
+                metrics[:, row] = last[:, column]
+    times = ticks[::every] if record_every else np.empty(0)
+    history = history[:, ::every] if record_every else history[:, :0]
+    outcome = np.where(lost, Outcome.SIDESLIP_LIMIT, Outcome.OK).astype(np.int64)
+    return FlightBlock(outcome, end, metrics, history, times)
+
+
+def fly_slowly(plan: FlightPlan, parameters: np.ndarray, record_every: int | None = None) -> FlightBlock:
+    """The same, slow enough to be interrupted."""
+    time.sleep(0.02)
+    return fly(plan, parameters, record_every)
+
+
+ENGINE = Engine(prepare, fly, "fake")
+SLOW_ENGINE = Engine(prepare, fly_slowly, "fake")
+
+
+def write_campaign(folder: Path, **entries: str) -> Path:
+    """A campaign file with its inputs; ``entries`` replace or add top-level entries, as YAML text."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "tables").mkdir(exist_ok=True)
+    (folder / "tables/cl.csv").write_text("mach,value\n1,2\n", encoding="utf-8")
+    (folder / "vehicle.yaml").write_text("file: tables/cl.csv\n", encoding="utf-8")
+    (folder / "mission.yaml").write_text("kind: level\n", encoding="utf-8")
+    (folder / "one.yaml").write_text("gain: 1.0\n", encoding="utf-8")
+    (folder / "two.yaml").write_text("gain: 2.0\n", encoding="utf-8")
+    lines = {
+        "name": "fake",
+        "vehicle": "vehicle.yaml",
+        "mission": "mission.yaml",
+        "controllers": "{one: one.yaml, two: two.yaml}",
+        "runs": "300",
+        "seed": "5",
+        "sampling": "random",
+        "dispersions": "{atmosphere.density: {distribution: uniform, half_width: 10 %},"
+        " aero.lift: {distribution: normal, sigma: 5 %}}",
+        "requirements": "[{metric: altitude_error_max_m, below: 50, probability: 0.9}]",
+        "keep": "{histories: {flights: [worst 5, 7], rate: 10 Hz}, envelopes: {rate: 5 Hz}}",
+        "execution": "{workers: 2, batch: 64}",
+        **entries,
+    }
+    path = folder / "campaign.yaml"
+    path.write_text("".join(f"{key}: {value}\n" for key, value in lines.items()), encoding="utf-8")
+    return path

@@ -1,0 +1,43 @@
+"""The tables of channels, metrics and limits: every entry has a source that the kernel knows."""
+
+import pytest
+
+from abhv_mc.flight import derived, observe
+from abhv_mc.flight.channels import CHANNELS, METRICS, REFERENCE_CHANNELS, Statistic
+from abhv_mc.flight.memory import Z_ROWS
+from abhv_mc.flight.outcome import LIMITS, SENTENCES, Outcome
+from abhv_mc.plant import state as s
+
+
+def test_names_are_unique():
+    for table in (CHANNELS, METRICS, REFERENCE_CHANNELS):
+        assert len({signal.name for signal in table}) == len(table)
+
+
+@pytest.mark.parametrize("entry", [*CHANNELS, *METRICS, *LIMITS], ids=lambda entry: getattr(entry, "name", "limit"))
+def test_every_source_has_a_row(entry):
+    row = observe.find_row(entry.source)
+    assert s.X <= row < Z_ROWS
+    derived_row = row >= derived.FIRST_DERIVED
+    assert derived_row == (entry.source in observe.DERIVED) == hasattr(derived, entry.source)
+
+
+def test_an_unknown_source_is_refused():
+    with pytest.raises(ValueError, match="'flow_separation' is no row of the lane memory and no function"):
+        observe.find_row("flow_separation")
+
+
+def test_rows_in_radians_become_degrees_and_derived_ones_stay():
+    assert observe.find_factor("sideslip", "deg") == pytest.approx(57.29578)
+    assert observe.find_factor("roll_rate", "deg/s") == pytest.approx(57.29578)
+    assert observe.find_factor("bank_error_deg", "deg") == observe.find_factor("altitude", "m") == 1.0
+
+
+def test_every_outcome_has_a_sentence_and_every_limit_an_outcome():
+    assert set(SENTENCES) == set(Outcome)
+    ends = {limit.outcome for limit in LIMITS}  # OK: the mission's own end by condition
+    assert ends == set(Outcome) - {Outcome.NOT_FINITE, Outcome.FAILED_TO_RUN, Outcome.LAW_FAILED}
+
+
+def test_every_statistic_is_used():
+    assert {metric.statistic for metric in METRICS} == set(Statistic)

@@ -1,0 +1,144 @@
+"""What is read of a folder is of one campaign, however long its reader takes."""
+
+import errno
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from fake_flight import ENGINE, write_campaign
+from report.few_figures import build_with
+
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder.database import open_database
+from abhv_mc.folder.export import export_csv
+from abhv_mc.io.input_error import InputError
+from abhv_mc.notebook import open_results
+from abhv_mc.report.numbers.compare import compare_folders
+from abhv_mc.report.numbers.results import read_results
+from abhv_mc.report.pages import gallery
+from abhv_mc.report.pages.build import is_up_to_date
+
+CHANGED = "a run has written here meanwhile"
+
+
+@pytest.fixture
+def request_(tmp_path):
+    keep = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
+    campaign = write_campaign(tmp_path / "f", runs="60", keep=keep, execution="{batch: 15}")
+    request = Request(campaign, tmp_path / "out")
+    run_campaign(request, ENGINE)
+    return request
+
+
+RUNS = {"another campaign": {"seed": 99, "fresh": True}, "more flights": {"runs": 90}}
+
+
+@pytest.fixture(params=RUNS)
+def fly_meanwhile(request_, request):
+    """Runs that take the place of what a reader has begun to read."""
+    return lambda *_: run_campaign(replace(request_, **RUNS[request.param]), ENGINE)
+
+
+def test_an_export(request_, fly_meanwhile, tmp_path):
+    tables = export_csv(request_.out, tmp_path / "csv")
+    next(tables)
+    fly_meanwhile()
+    with pytest.raises(InputError, match=CHANGED):
+        list(tables)
+
+
+def test_a_query(request_, fly_meanwhile):
+    def ask():
+        with open_database(request_.out) as database:
+            fly_meanwhile()
+            return database.sql("select count(*) from samples, flights").fetchall()
+
+    with pytest.raises(InputError, match=CHANGED):
+        ask()
+
+
+ASKED = {
+    **{name: lambda results, name=name: getattr(results, name) for name in ("samples", "histories", "envelopes")},
+    **{name: lambda results, name=name: getattr(results, name) for name in ("numbers", "verdicts", "figure_names")},
+    "query": lambda results: results.query("select count(*) from flights"),
+    "replay": lambda results: results.replay(3),
+    "explain": lambda results: results.explain(3),
+    "whatif": lambda results: results.whatif({"aero.lift.sigma": "4 %"}),
+    "make_report": lambda results: results.make_report(),
+}
+
+
+@pytest.mark.parametrize("asked", ASKED)
+def test_a_notebook(request_, fly_meanwhile, monkeypatch, asked):
+    """Flights of one campaign stood beside samples of the other, which drivers then came from."""
+    monkeypatch.setattr("abhv_mc.execution.engine.make_engine", lambda: ENGINE)
+    results = open_results(request_.out)
+    before = results.flights
+    assert results.controllers == ("one", "two")
+    fly_meanwhile()
+    with pytest.raises(InputError, match=CHANGED):
+        ASKED[asked](results)
+    pd.testing.assert_frame_equal(results.flights, before)
+
+
+def test_a_report(request_, fly_meanwhile, monkeypatch):
+    """It was 'up to date' ever after, with numbers of the campaign before."""
+    build_with(request_.out)
+    make_figures = gallery.make_figures
+    monkeypatch.setattr(gallery, "make_figures", lambda *a: (fly_meanwhile(), make_figures(*a))[1])
+    with pytest.raises(InputError, match=CHANGED):
+        build_with(request_.out)
+    monkeypatch.undo()
+    assert not is_up_to_date(request_.out)
+    build_with(request_.out)
+    assert is_up_to_date(request_.out)
+
+
+def test_a_comparison(request_, fly_meanwhile, tmp_path, monkeypatch):
+    run_campaign(replace(request_, out=tmp_path / "other"), ENGINE)
+
+    def read(folder):
+        results = read_results(folder)
+        if folder != request_.out:
+            fly_meanwhile()
+        return results
+
+    monkeypatch.setattr("abhv_mc.report.numbers.compare.read_results", read)
+    with pytest.raises(InputError, match=f"{CHANGED}|atmosphere.density = "):  # of another campaign
+        compare_folders(request_.out, tmp_path / "other")
+
+
+def test_a_run_that_finds_nothing_to_do_disturbs_nobody(request_):
+    results = open_results(request_.out)
+    run_campaign(request_, ENGINE)
+    assert len(results.samples) == 60
+
+
+def test_a_folder_whose_files_nobody_here_may_list_is_not_taken_for_an_empty_one(request_, monkeypatch):
+    scandir = os.scandir
+
+    def refuse(path="."):
+        if str(path).endswith("histories"):
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", refuse)
+    with pytest.raises(InputError, match="histories: found a folder that may not be read"):
+        read_results(request_.out)
+
+
+def test_two_reports_of_one_folder_at_the_same_moment(request_, monkeypatch):
+    figures = request_.out / "figures"
+    figures.mkdir()
+    (figures / "of_before.png").touch()
+    unlink = Path.unlink
+
+    def unlink_second(path, missing_ok=False):
+        unlink(path)  # as the other one does
+        unlink(path, missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", unlink_second)
+    assert build_with(request_.out).exists() and not list(figures.iterdir())

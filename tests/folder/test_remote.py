@@ -1,0 +1,202 @@
+"""A campaign on a local S3 server: flown, interrupted, resumed, reported and queried as in a folder."""
+
+import json
+import sys
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from fake_flight import ENGINE, fly, write_campaign
+from pyarrow import fs
+
+from abhv_mc.cli.app import main
+from abhv_mc.folder import remote
+from abhv_mc.folder.layout import StorageFullError
+from abhv_mc.folder.remote import fetched, local_path, mirrored, parse_address
+from abhv_mc.io.input_error import InputError
+
+server = pytest.importorskip("moto.server")
+
+
+@pytest.fixture
+def bucket(monkeypatch):
+    """Address of an empty bucket."""
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+        monkeypatch.setenv(name, "testing")
+    monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
+    monkeypatch.setattr(remote, "_SETTLE", 0.0)
+    monkeypatch.setattr(remote, "PUSH_INTERVAL", 0.05)
+    running = server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    running.start()
+    _, port = running.get_host_and_port()
+    store = fs.S3FileSystem(endpoint_override=f"127.0.0.1:{port}", scheme="http", allow_bucket_creation=True)
+    store.create_dir(f"campaigns-{port}")
+    yield (
+        store,
+        f"s3://campaigns-{port}/first?endpoint_override=127.0.0.1:{port}&scheme=http",
+        f"campaigns-{port}/first",
+    )
+    running.stop()
+
+
+@pytest.fixture
+def abhv_mc(monkeypatch, capfd, tmp_path):
+    """Run the program; gives exit code, standard output and standard error."""
+    engines = [ENGINE]
+    monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: engines[-1])
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words, engine=ENGINE):
+        engines.append(engine)
+        monkeypatch.setattr(sys, "argv", ["abhv-mc", *map(str, words)])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        out, err = capfd.readouterr()
+        return caught.value.code or 0, out, err
+
+    return call
+
+
+def names(store, base):
+    found = store.get_file_info(fs.FileSelector(base, recursive=True, allow_not_found=True))
+    return {info.path[len(base) + 1 :] for info in found if info.type == fs.FileType.File}
+
+
+def manifest_of(store, base):
+    with store.open_input_stream(f"{base}/manifest.json") as stream:
+        return json.loads(stream.read())
+
+
+def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path):
+    store, address, base = bucket
+    campaign = write_campaign(tmp_path / "f")
+    assert abhv_mc("run", campaign, "-o", tmp_path / "whole", "--no-report")[0] == 0
+    count = iter(range(1000))
+
+    def some(plan, parameters, every=None):
+        if next(count) > 5:
+            raise KeyboardInterrupt
+        return fly(plan, parameters, every)
+
+    assert abhv_mc("run", campaign, "-o", address, engine=replace(ENGINE, fly=some))[0] == 3
+    kept = {name for name in names(store, base) if name.startswith("flights/")}
+    assert kept and manifest_of(store, base)["state"] == "interrupted"
+    code, out, _ = abhv_mc("run", campaign, "-o", address)
+    assert code == 0 and f"folder    {address}" in out
+    held = names(store, base)
+    assert kept < held and {"report.html", "envelopes.parquet", "samples.parquet"} < held
+    assert not any(name.startswith("envelope_states") or name.endswith((".aside", ".lock")) for name in held)
+    whole = json.loads((tmp_path / "whole/manifest.json").read_text())
+    assert manifest_of(store, base)["digest"] == whole["digest"]
+    code, out, _ = abhv_mc("query", address, "select count(*) as n from flights", "--json")
+    assert (code, json.loads(out)) == (0, [{"n": 600}])
+    code, out, _ = abhv_mc("report", address, "-o", tmp_path / "here")
+    assert code == 0 and (tmp_path / "here/report.html").is_file() and list((tmp_path / "here/figures").iterdir())
+
+
+@pytest.mark.parametrize("name", ["../../planted", "flights/../../planted", "/planted"])
+def test_an_object_whose_name_leads_out_of_the_folder_is_refused(tmp_path, name):
+    """In an object store a name is any text: one with '..' would be written anywhere on this machine."""
+
+    class Store:
+        type_name = "s3"
+
+        def get_file_info(self, selector):
+            return [fs.FileInfo(f"{selector.base_dir}/{name}", fs.FileType.File)]
+
+        def open_input_stream(self, path):
+            raise AssertionError("read")
+
+    (tmp_path / "a/b").mkdir(parents=True)
+    with pytest.raises(InputError, match="leads out"):
+        remote.Remote("s3://bucket/first", Store(), "bucket/first", tmp_path / "a/b").pull()
+    assert [path.name for path in tmp_path.rglob("*")] == ["a", "b"]
+
+
+def test_what_was_flown_is_there_while_it_flies(bucket, tmp_path):
+    """The loss of this machine costs what came since the last copy, not the campaign."""
+    store, address, base = bucket
+    with mirrored(Path(address)) as folder:
+        (folder / "flights").mkdir()
+        (folder / "flights/one.parquet").write_bytes(b"rows")
+        (folder / "manifest.json").write_text("{}")
+        landed = threading.Event()
+        for _ in range(200):
+            if {"flights/one.parquet", "manifest.json"} <= names(store, base):
+                landed.set()
+                break
+            landed.wait(0.05)
+        assert landed.is_set()
+        (folder / "flights/one.parquet").unlink()
+    assert names(store, base) == {"manifest.json"} and not folder.exists()
+
+
+def test_two_processes_do_not_share_an_address(bucket, tmp_path, monkeypatch):
+    _, address, _ = bucket
+    with mirrored(Path(address)):
+        with pytest.raises(InputError, match="is flying"), mirrored(Path(address)):
+            pass
+        monkeypatch.setattr(remote, "LEASE", -1.0)  # as if its holder had been dead for a minute
+        with mirrored(Path(address)):
+            pass
+
+
+def test_an_address_that_takes_nothing_keeps_the_folder(bucket, monkeypatch):
+    _, address, _ = bucket
+
+    def refuse(*_):
+        raise OSError("the bucket is gone")
+
+    flying = mirrored(Path(address))
+    folder = flying.__enter__()
+    (folder / "manifest.json").write_text("{}")
+    monkeypatch.setattr(remote.Remote, "_write", refuse)
+    with pytest.raises(StorageFullError, match="kept in") as caught:
+        flying.__exit__(None, None, None)
+    assert str(folder) in str(caught.value) and (folder / "manifest.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("path", "address"),
+    [
+        (Path("s3://bucket/a/b"), "s3://bucket/a/b"),
+        (Path("file:///a/b"), "file:///a/b"),
+        (Path("reports/a"), None),
+        (Path("/reports/a:b/c"), None),
+    ],
+)
+def test_addresses_survive_being_paths(path, address):
+    assert parse_address(path) == address
+
+
+def test_files_are_local(tmp_path):
+    assert local_path(Path(f"file://{tmp_path}")) == tmp_path
+    with fetched(tmp_path) as folder:
+        assert folder == tmp_path
+
+
+def test_an_unknown_scheme_is_bad_input():
+    with pytest.raises(InputError, match="address"), mirrored(Path("ftp://host/a")):
+        pass
+
+
+@pytest.mark.parametrize("wrong_by", [-7200.0, 7200.0])
+def test_the_hosts_clocks_do_not_matter(bucket, tmp_path, monkeypatch, wrong_by):
+    _, address, _ = bucket
+    clock = remote.time.time
+    with mirrored(Path(address)):
+        monkeypatch.setattr(remote.time, "time", lambda: clock() + wrong_by)
+        with pytest.raises(InputError, match="is flying"), mirrored(Path(address)):
+            pass
+
+
+def test_an_abandoned_address_is_taken_over_by_the_stores_clock(bucket, monkeypatch):
+    store, address, base = bucket
+    with store.open_output_stream(f"{base}/.lock") as stream:
+        stream.write(json.dumps({"pid": 1, "host": "gone", "token": "other"}).encode())
+    with pytest.raises(InputError, match="process 1 on gone"), mirrored(Path(address)):
+        pass
+    monkeypatch.setattr(remote, "LEASE", -1.0)
+    with mirrored(Path(address)):
+        pass

@@ -1,0 +1,77 @@
+import sys
+
+import pytest
+from report.synthetic import write_campaign
+
+from abhv_mc.cli.app import main
+from abhv_mc.io.documents import InputError
+from abhv_mc.report.numbers.compare import compare_folders, parse_margins
+
+
+def test_a_campaign_against_itself_is_a_draw(failing_folder):
+    found = compare_folders(failing_folder, failing_folder)
+    assert len(found["paired"]) == 3
+    for pair in found["paired"]:
+        assert all(entry["ties"] == 100 for entry in pair["metrics"].values())
+        assert pair["ended_early"]["only_a"] == 0
+
+
+def test_controllers_can_be_crossed(failing_folder, failing_numbers):
+    (pair,) = compare_folders(failing_folder, failing_folder, ("tlc", "lqr"))["paired"]
+    inside = failing_numbers["paired"]["tlc - lqr"]
+    assert pair["requirements"] == inside["requirements"]
+    metric = "bank_error_rms_deg"
+    assert pair["metrics"][metric]["q95"] == inside["metrics"][metric]["q95"]
+
+
+def test_other_samples_are_refused_at_the_first_that_differs(failing_folder, tmp_path):
+    other = write_campaign(tmp_path / "other", runs=10, seed=8)
+    with pytest.raises(InputError, match=r"atmosphere\.density = .* in flight 0"):
+        compare_folders(failing_folder, other)
+
+
+def test_an_unknown_controller_is_refused(failing_folder):
+    with pytest.raises(InputError, match="pid"):
+        compare_folders(failing_folder, failing_folder, ("tlc", "pid"))
+    with pytest.raises(InputError, match="two"):
+        compare_folders(failing_folder, failing_folder, ("tlc",))
+
+
+def test_a_controller_may_be_so_much_worse_and_no_more(failing_folder):
+    def gate(margin):
+        margins = parse_margins([f"bank_error_rms_deg={margin}"])
+        (pair,) = compare_folders(failing_folder, failing_folder, ("lqr_retuned", "lqr"), margins)["paired"]
+        return pair["not_worse"]["bank_error_rms_deg"]["shown"]
+
+    assert gate("500%") and not gate("5%")
+
+
+def test_a_controller_that_loses_more_flights_fails_whatever_its_metric(failing_folder):
+    margins = parse_margins(["speed_error_max_mps=900 %"])
+    (pair,) = compare_folders(failing_folder, failing_folder, ("tlc", "lqr"), margins)["paired"]
+    gate = pair["not_worse"]["speed_error_max_mps"]
+    assert gate["loses_more"] and not gate["shown"]
+
+
+@pytest.mark.parametrize(
+    "text", ["speed=5%", "speed_error_max_mps", "speed_error_max_mps=-1%", "speed_error_max_mps=x"]
+)
+def test_margins_that_are_none_are_refused(text):
+    with pytest.raises(InputError, match="--fail-if-worse"):
+        parse_margins([text])
+
+
+def test_a_metric_with_two_margins_is_refused():
+    """The last one held: a gate of 1 % was passed by way of a second one of 100 %."""
+    with pytest.raises(InputError, match="'bank_error_rms_deg' a second time"):
+        parse_margins(["bank_error_rms_deg=1%", "bank_error_rms_deg = 100 %"])
+
+
+@pytest.mark.parametrize(("margin", "code"), [("500%", 0), ("5%", 1)])
+def test_the_gate_is_the_exit_code(failing_folder, monkeypatch, margin, code):
+    """There was no such gate: continuous integration could not ask whether a change made a metric worse."""
+    crossed = ["--controllers", "lqr_retuned,lqr", "--fail-if-worse", f"bank_error_rms_deg={margin}"]
+    monkeypatch.setattr(sys, "argv", ["abhv-mc", "compare", str(failing_folder), str(failing_folder), *crossed])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert (ended.value.code or 0) == code

@@ -1,0 +1,60 @@
+"""What drives an error in a report, beyond what moves it steadily up or down."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from report.synthetic import write_campaign
+
+from abhv_mc.report.numbers.drivers import driver_numbers, otherwise_words
+from abhv_mc.report.numbers.results import read_results
+
+METRIC = "altitude_error_max_m"
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    return read_results(write_campaign(tmp_path_factory.mktemp("drivers") / "c", runs=600))
+
+
+def told_of(results, error):
+    """What the report tells of an altitude error of these samples."""
+    values = {name: (column - 1.0) / 0.1 for name, column in results.samples.items()}
+    flights = results.flights["tlc"]
+    metrics = {name: flights.metrics[name] for name in results.metrics} | {METRIC: error(values)}
+    changed = replace(results, flights={**results.flights, "tlc": replace(flights, metrics=metrics)})
+    entry = driver_numbers(changed)["controllers"]["tlc"]["metrics"][METRIC]
+    return [e["parameter"] for e in entry["parameters"] if e["driver"]], otherwise_words(entry["otherwise"])
+
+
+def test_a_wave_and_a_product_are_told(results):
+    """sin(6x) and x0 x2 were 'no single parameter': no rank correlation sees them."""
+    assert told_of(results, lambda x: 2.0 + np.sin(6.0 * x["aero.lift"])) == ([], ["lift"])
+    found, words = told_of(results, lambda x: 2.0 + x["atmosphere.density"] * x["aero.drag"])
+    assert found == [] and words in (["density together with drag"], ["drag together with density"])
+
+
+def test_what_the_regression_tells_is_not_told_twice(results):
+    assert told_of(results, lambda x: np.exp(x["aero.lift"])) == (["aero.lift"], [])
+
+
+def test_chance_is_not_told(results):
+    noise = np.random.default_rng(7).normal(size=600)
+    assert told_of(results, lambda _: 9.0 + noise) == ([], [])
+
+
+def test_designs_that_are_no_random_draws_have_no_such_indices(results):
+    facts = replace(results.campaign, sampling="corners")
+    assert told_of(replace(results, campaign=facts), lambda x: 2.0 + np.sin(6.0 * x["aero.lift"])) == ([], [])
+
+
+def test_each_parameter_is_named_once():
+    def entry(name, partner, first):
+        return {"parameter": name, "partner": partner, "first": first, "total": 0.6}
+
+    density, lift, drag = "atmosphere.density", "aero.lift", "aero.drag"
+    assert otherwise_words([entry(density, lift, 0.1), entry(lift, density, 0.1), entry(drag, density, 0.0)]) == [
+        "density together with lift",
+        "drag",
+    ]
+    assert otherwise_words([entry(density, lift, 0.5), entry(lift, density, 0.1)]) == ["density", "lift"]

@@ -1,0 +1,76 @@
+import json
+
+import numpy as np
+import pytest
+from report.synthetic import write_campaign
+
+from abhv_mc.report.numbers.report_numbers import make_numbers
+from abhv_mc.report.numbers.results import read_results
+from abhv_mc.statistics import judge
+
+
+def test_the_same_folder_gives_the_same_numbers(failing_folder, failing_numbers):
+    again = json.dumps(make_numbers(read_results(failing_folder)), allow_nan=False)
+    assert again == json.dumps(failing_numbers, allow_nan=False)
+
+
+def test_a_flight_that_ended_early_misses_every_requirement(failing_numbers):
+    altitude = failing_numbers["requirements"][0]["controllers"]
+    assert altitude["lqr"]["failures"] == altitude["lqr"]["ended_early"] == 12
+    assert altitude["lqr"]["status"] == judge(12, 100, 0.9973).status == "FAIL"
+    assert altitude["tlc"]["status"] == "NOT SHOWN"
+
+
+def test_quantiles_count_failed_flights_as_worst(failing, failing_numbers):
+    found = failing_numbers["metrics"]["altitude_error_max_m"]["controllers"]
+    values = failing.flights["tlc"].metrics["altitude_error_max_m"]
+    assert found["tlc"]["q95"]["value"] == pytest.approx(np.quantile(values, 0.95))
+    assert found["lqr"]["q95"]["value"] is None  # 12 of 100 failed
+    assert found["lqr"]["q50"]["value"] is not None
+
+
+def test_small_is_bad_for_the_least_angle_of_attack(failing, failing_numbers):
+    values = failing.flights["tlc"].metrics["angle_of_attack_min_deg"]
+    found = failing_numbers["metrics"]["angle_of_attack_min_deg"]["controllers"]["tlc"]
+    assert found["q95"]["value"] == pytest.approx(np.quantile(values, 0.05))
+    assert found["worst"] == values.min()
+    assert found["q95"]["low"] <= found["q95"]["value"] <= found["q95"]["high"]
+
+
+def test_duel_counts_every_pair(failing_numbers):
+    pair = failing_numbers["paired"]["tlc - lqr"]
+    assert pair["pairs"] == 100
+    assert pair["ended_early"]["only_b"] == 12
+    attack = pair["metrics"]["angle_of_attack_error_rms_deg"]
+    assert (attack["a_better"], attack["winner"]) == (100, "tlc")
+
+
+def test_worst_flights_begin_with_those_that_ended_early(failing_numbers):
+    worst = failing_numbers["worst"]["lqr"]
+    assert len(worst) == 10
+    assert {entry["outcome"] for entry in worst} == {"sideslip_limit"}
+    shares = [entry["share"] for entry in failing_numbers["worst"]["tlc"]]
+    assert shares == sorted(shares, reverse=True)
+
+
+def test_the_planted_driver_and_rule_are_found(failing_numbers):
+    part = failing_numbers["drivers"]["controllers"]["lqr"]
+    early = next(kind for kind in part["failures"] if kind["kind"] == "ended early")
+    assert early["rules"][0]["conditions"][0]["parameter"] == "atmosphere.density"
+    assert early["rules"][0]["rule"].startswith("density > +")
+    speed = part["metrics"]["angle_of_attack_error_rms_deg"]["parameters"]
+    assert {entry["parameter"] for entry in speed if entry["driver"]} >= {"atmosphere.density", "aero.lift"}
+
+
+def test_dependent_designs_get_estimates(tmp_path):
+    numbers = make_numbers(read_results(write_campaign(tmp_path / "c", runs=16, sampling="lhs")))
+    statuses = {verdict["status"] for entry in numbers["requirements"] for verdict in entry["controllers"].values()}
+    assert statuses == {"ESTIMATE"}
+    assert numbers["flights"]["tlc"]["failure_share"] == {"value": 0.0, "low": None, "high": None}
+
+
+def test_convergence_ends_with_the_table(failing_numbers):
+    trace = failing_numbers["convergence"]["tlc"]
+    assert trace["flights"][-1] == 100
+    last = trace["metrics"]["speed_error_max_mps"]["q95"]["value"][-1]
+    assert last == failing_numbers["metrics"]["speed_error_max_mps"]["controllers"]["tlc"]["q95"]["value"]

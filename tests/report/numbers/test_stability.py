@@ -1,0 +1,77 @@
+"""The section on stability: what the first screen says of unstable and weak loops, and the margins of flights."""
+
+import json
+
+import pytest
+from report.few_figures import build_with
+from report.synthetic import write_campaign
+
+from abhv_mc.report.numbers.stability import stability_words
+from abhv_mc.report.pages.verify import verify_campaign
+
+LOOPS = ("aileron", "rudder", "elevator", "equivalence_ratio")
+
+
+def _row(loop, low, high, phase, delay, stable=True):
+    return {
+        "loop": loop,
+        "stable": stable,
+        "gain_margin_low_db": low,
+        "gain_margin_high_db": high,
+        "phase_margin_deg": phase,
+        "delay_margin_ms": delay,
+    }
+
+
+def _all(stable=True, **more):
+    row = {"loop": "all", "stable": stable, "disk_margin": 0.5, "disk_gain_db": 4.4, "disk_phase_deg": 28.0}
+    return row | {"delay_margin_ms": 40.0} | more
+
+
+def _steady():
+    """TLC weak in its rudder loop, LQR unstable, the third sound."""
+    weak = [_row(loop, -20.0, 0.82 if loop == "rudder" else 12.0, 40.0, 50.0) for loop in LOOPS]
+    sound = [_row(loop, None, 12.0, 50.0, 60.0) for loop in LOOPS]
+    lost = [_row(loop, None, None, None, None, stable=False) for loop in LOOPS]
+    corners = [_row(loop, -9.0, 0.7, 33.0, 44.0) for loop in LOOPS]
+    entry = {"corners_without_trim": 0, "corners_unstable": 0, "corners": [*corners, _all()]}
+    poles = [[0.12, 2.78], [0.0, 0.0]]
+    return {
+        "corners": 8,
+        "all_corners": True,
+        "controllers": {
+            "tlc": {"nominal": [*weak, _all()], **entry},
+            "lqr": {"nominal": [*lost, _all(stable=False, poles=poles)], **entry, "corners": [], "corners_unstable": 8},
+            "lqr_retuned": {"nominal": [*sound, _all()], **entry},
+        },
+    }
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = write_campaign(tmp_path_factory.mktemp("stability") / "campaign", runs=40)
+    (made / "margins.json").write_text(json.dumps(_steady()), encoding="utf-8")
+    build_with(made)
+    return made
+
+
+def test_the_answer_names_the_unstable_controller_with_its_poles_and_the_weak_one(folder):
+    numbers = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    tlc, lqr, retuned = (stability_words(numbers, name) for name in ("tlc", "lqr", "lqr_retuned"))
+    assert tlc.startswith("little margin in steady, level flight: 0.8 dB (rudder)")
+    assert lqr == "unstable in steady, level flight (poles at +0.120 \N{PLUS-MINUS SIGN} 2.78j per second)"
+    assert retuned.startswith("least margins in steady, level flight 12.0 dB")
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert page.index("unstable in steady, level flight") < page.index('id="campaign"')
+
+
+def test_the_section_has_each_loop_and_the_report_follows_from_the_data(folder):
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    section = page[page.index('id="stability"') : page.index('id="envelopes"')]
+    assert section.count("throttle") == 2  # of the two stable controllers
+    assert "all 8 corners" in section and "\N{MINUS SIGN}9.0 / 0.7" in section
+    assert list(verify_campaign(folder)) == []
+
+
+def test_without_margins_there_is_no_section(report_page):
+    assert 'id="stability"' not in report_page

@@ -1,0 +1,128 @@
+import copy
+
+from abhv_mc.report.numbers.confidence import sureness_sentence
+from abhv_mc.report.numbers.summary import summary_sentences
+from abhv_mc.report.numbers.words import joined
+
+
+def test_the_first_sentence_says_who_wins_and_at_what_usage(report_json):
+    numbers = copy.deepcopy(report_json)
+    for entry in numbers["requirements"]:
+        entry["controllers"]["lqr"]["status"] = "NOT SHOWN"  # as its rival's: the campaign's order holds
+    first = summary_sentences(numbers)[0]
+    assert first.startswith("TLC is better: against LQR, on the same")
+    medians = {
+        name: cell["q50"]["value"]
+        for name, cell in report_json["metrics"]["speed_error_max_mps"]["controllers"].items()
+    }
+    assert "TLC has the smaller errors (medians) in angle of attack (" in first
+    assert f"and speed ({medians['tlc']:.1f} against {medians['lqr']:.1f} m/s)" in first
+    assert "no difference is shown in altitude" in first
+    usage = "TLC uses 10\u202f% more aileron, 10\u202f% more rudder and 10\u202f% more elevator"
+    assert f"{usage} (rms, median of the flights' ratios)" in first
+
+
+def test_early_ends_are_told(failing_numbers):
+    sentences = summary_sentences(failing_numbers)
+    assert sentences[0].startswith(
+        "TLC loses fewer flights than LQR: 0 of 100 ended early against 12 (0 under TLC alone"
+    )
+    (lqr,) = (text for text in sentences if text.startswith("LQR: "))
+    assert "12 of 100 flights ended early, 100\u202f% of them where density > +" in lqr
+
+
+def test_tails_and_lost_flights_that_contradict_the_median_make_no_winner(report_json):
+    numbers = copy.deepcopy(report_json)
+    for pair in numbers["paired"].values():
+        pair["metrics"]["sideslip_rms_deg"] |= {"winner": None, "mixed": True, "closer": "tlc", "loses_more": True}
+    first = summary_sentences(numbers)[0]
+    assert first.startswith("Mixed: ")
+    assert "undecided in sideslip (TLC has the smaller median but more flights lost)" in first
+    assert "no difference is shown in altitude" in first
+
+
+def test_the_risk_is_of_the_rule_not_of_the_result(report_json):
+    text = sureness_sentence(report_json)
+    assert "A system that just misses the requirement would PASS with a probability of at most 10 %." in text
+    assert "wrong" not in text
+
+
+def test_an_unfinished_campaign_is_preliminary(report_json):
+    assert "preliminary" not in sureness_sentence(report_json)
+    assert "preliminary" in sureness_sentence({**report_json, "state": "interrupted"})
+
+
+def test_dependent_flights_are_told(report_json):
+    campaign = {**report_json["campaign"], "independent_flights": False, "sampling": "sobol"}
+    assert "no verdict" in sureness_sentence({**report_json, "campaign": campaign})
+
+
+def test_lists_read_as_english():
+    assert joined([]) == ""
+    assert joined(["a", "b", "c"]) == "a, b and c"
+
+
+def test_the_strongest_rival_comes_first(report_json):
+    """The page began with the weakest rival: 'TLC is better', where a tuned LQR beats it in some errors."""
+    numbers = copy.deepcopy(report_json)
+    pair = numbers["paired"]["tlc - lqr_retuned"]
+    for metric in ("sideslip_rms_deg", "speed_error_max_mps"):
+        pair["metrics"][metric] |= {"winner": "lqr_retuned", "mixed": False}
+    sentences = summary_sentences(numbers)
+    assert sentences[0].startswith("Mixed: against LQR retuned") and "the larger errors (medians) in" in sentences[0]
+    assert any(text.startswith("Against LQR, on the same") for text in sentences[1:])
+
+
+def test_of_rivals_that_stand_alike_the_one_that_fails_less_comes_first(report_json):
+    """The default campaign began with an unstable LQR where a sound one stood as well against TLC."""
+    numbers = copy.deepcopy(report_json)
+    for pair in numbers["paired"].values():
+        for metric, entry in pair["metrics"].items():
+            entry |= {"winner": "tlc" if metric == "sideslip_rms_deg" else None, "mixed": False}
+    for entry in numbers["requirements"]:
+        entry["controllers"]["lqr"]["status"] = "FAIL"
+        entry["controllers"]["lqr_retuned"]["status"] = "NOT SHOWN"
+    assert summary_sentences(numbers)[0].startswith("TLC is better: against LQR retuned")
+
+
+def test_errors_that_no_single_parameter_moves_are_told_together(report_json):
+    numbers = copy.deepcopy(report_json)
+    for entry in numbers["drivers"]["controllers"]["tlc"]["metrics"].values():
+        for parameter in entry["parameters"]:
+            parameter["driver"] = False
+    (text,) = [text for text in summary_sentences(numbers) if text.startswith("What moves the errors of TLC")]
+    assert text.count("no single parameter") == 1
+    assert "no single parameter moves altitude, speed, angle of attack, sideslip and bank." in text
+
+
+def test_flights_that_were_not_computed_are_told(report_json):
+    numbers = copy.deepcopy(report_json)
+    numbers["flights"]["lqr"]["not_computed"] = 20
+    assert any(
+        text.startswith("LQR: the machine could not compute 20 of 100 fl") for text in summary_sentences(numbers)
+    )
+
+
+def test_saturation_and_cycles_are_told(report_json):
+    """Of 1000 TLC flights all saturate their surfaces, and no sentence said so."""
+    numbers = copy.deepcopy(report_json)
+    numbers["noteworthy"]["tlc"] |= {"saturated": 80}
+    numbers["noteworthy"]["lqr"] |= {"cycling": {"angle_of_attack": 7, "bank": 0}}
+    text = " ".join(summary_sentences(numbers))
+    assert "TLC: surfaces reach a limit of deflection or rate in 80 of 80 flights." in text
+    assert "LQR: cycles, by swings of more than 5 deg about a steady command, in angle of attack in 7 of 80 fl" in text
+    assert "in bank in" not in text
+
+
+def test_all_verdicts_together_have_a_bound_that_says_something(report_json):
+    assert "Among all 9 verdicts the chance of any false PASS is at most 90" in sureness_sentence(report_json)
+    ten = {**report_json, "any_false_pass": 1.0, "expected_false_passes": sum([0.1] * 10)}  # a last bit below 1
+    assert "of the 9 verdicts by itself: were every" in sureness_sentence(ten)
+    numbers = copy.deepcopy(report_json)
+    numbers["requirements"] += numbers["requirements"][:2]
+    numbers |= {"any_false_pass": 1.0, "expected_false_passes": 1.5, "held_together": {"risk": 0.1, "stand": 0}}
+    for cell in numbers["requirements"][0]["controllers"].values():
+        cell["status"] = "PASS"
+    text = sureness_sentence(numbers)
+    assert "100\u202f%" not in text and "up to 1.5 of them would PASS on average" in text
+    assert "none of the 6 PASS would stand" in text

@@ -1,0 +1,164 @@
+"""Flights re-weighted to other dispersions say what a fresh campaign on those dispersions finds."""
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from fake_flight import ENGINE, write_campaign
+from scipy import stats
+from typer.testing import CliRunner
+
+from abhv_mc.analysis.reweight import make_change, parse_settings, weigh_flights
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.cli.app import app
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.io.documents import InputError
+from abhv_mc.report.numbers.report_numbers import make_numbers
+from abhv_mc.report.numbers.results import read_results
+from abhv_mc.report.numbers.whatif import make_whatif
+from abhv_mc.statistics.verdicts import clopper_pearson
+
+RUNS = "1500"
+REQUIREMENT = "[{metric: altitude_error_max_m, below: 1.85, probability: 0.9}]"
+LAWS = "{atmosphere.density: {distribution: uniform, half_width: %s}, aero.lift: {distribution: normal, sigma: %s}}"
+TIED = "[{between: [atmosphere.density, aero.lift], rank: 0.6}]"
+
+
+def fly(folder, density="10 %", lift="5 %", seed="5", **entries):
+    files = write_campaign(
+        folder / "f",
+        runs=RUNS,
+        seed=seed,
+        requirements=REQUIREMENT,
+        keep="{histories: {flights: none}, envelopes: {channels: [altitude_m], rate: 5 Hz}}",
+        dispersions=LAWS % (density, lift),
+        **entries,
+    )
+    return run_campaign(Request(files, folder / "out"), ENGINE).folder
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    return fly(tmp_path_factory.mktemp("whatif"))
+
+
+def agree(found, fresh, metrics=("altitude_error_max_m", "speed_error_max_mps", "fuel_used_kg")):
+    """Every interval of the fresh campaign overlaps the one from the re-weighted flights."""
+    numbers = make_numbers(read_results(fresh))
+    for name, part in found["controllers"].items():
+        for metric in metrics:
+            for level in ("q50", "q95"):
+                after, there = part["metrics"][metric][level]["after"], numbers["metrics"][metric]["controllers"][name]
+                assert after["low"] <= there[level]["high"] and there[level]["low"] <= after["high"], (metric, level)
+            assert after != part["metrics"][metric]["q95"]["before"]
+        share, verdict = part["requirements"][0]["failure_share"], numbers["requirements"][0]["controllers"][name]
+        low, high = clopper_pearson(verdict["failures"], verdict["runs"])
+        assert share["after"]["low"] <= high and low <= share["after"]["high"]
+
+
+def test_it_agrees_with_a_fresh_campaign(flown, tmp_path):
+    found = make_whatif(flown, parse_settings(["atmosphere.density.half_width=6%", "aero.lift.sigma=4 %"]))
+    agree(found, fly(tmp_path, "6 %", "4 %", seed="77"))
+    part = found["controllers"]["one"]
+    assert 0.5 * 1500 < part["effective_flights"] < 0.65 * 1500 and part["unseen"] < 1e-3
+    assert found["after"]["atmosphere.density"] == {"distribution": "uniform", "half_width": "6%"}
+
+
+def test_correlated_dispersions_keep_their_copula(tmp_path):
+    before = fly(tmp_path / "a", "9.5 %", correlations=TIED)
+    found = make_whatif(before, parse_settings(["aero.lift.sigma=4%", "aero.lift.mean=1.01"]))
+    law = "{atmosphere.density: {distribution: uniform, half_width: 9.5 %}," \
+        " aero.lift: {distribution: normal, sigma: 4 %, mean: 1.01}}"  # fmt: skip
+    files = write_campaign(
+        tmp_path / "b", runs=RUNS, seed="78", requirements=REQUIREMENT, dispersions=law, correlations=TIED
+    )
+    agree(found, run_campaign(Request(files, tmp_path / "b/out"), ENGINE).folder)
+
+
+def test_weights_are_the_ratio_of_the_joint_densities(tmp_path):
+    """Against the bivariate normal density: both laws normal, so that the copula makes them jointly so."""
+    path = write_campaign(
+        tmp_path,
+        dispersions="{aero.lift: {distribution: normal, sigma: 0.05}, aero.drag: {distribution: normal, sigma: 0.1}}",
+        correlations="[{between: [aero.drag, aero.lift], normal: 0.5}]",
+    )
+    campaign = read_campaign(path)
+    change = make_change(campaign, {"aero.lift": {"sigma": 0.04, "mean": 1.01}})
+    samples = campaign.make_samples().draw(0, 4000)
+
+    def joint(mean, sigma):
+        covariance = [[sigma**2, 0.5 * sigma * 0.1], [0.5 * sigma * 0.1, 0.1**2]]
+        return stats.multivariate_normal([mean, 1.0], covariance).pdf(samples)
+
+    weights = weigh_flights(campaign, change, samples)
+    np.testing.assert_allclose(weights, joint(1.01, 0.04) / joint(1.0, 0.05), rtol=1e-9)
+    assert weights.mean() == pytest.approx(1.0, abs=4.0 * weights.std() / np.sqrt(4000))
+
+
+def test_the_same_laws_change_nothing(flown):
+    part = make_whatif(flown, parse_settings(["aero.lift.sigma=5 %"]))["controllers"]["two"]
+    assert part["effective_flights"] == pytest.approx(1500)
+    for level in ("q50", "q95"):
+        pair = part["metrics"]["fuel_used_kg"][level]
+        assert pair["after"]["value"] == pytest.approx(pair["before"]["value"], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (
+            ["atmosphere.density.half_width=12%"],
+            "from 0.88 to 1.12, beyond what was flown; wanted a distribution within 0.9",
+        ),
+        (["atmosphere.density.half_width=0.4%"], "an effective number of at least 100"),
+        (["aero.lift.sigma=9%"], "beyond all 1500 flights; wanted at most 1 %"),
+        (["aero.lift.sigma=-1"], "a sigma above zero"),
+        (["aero.lift.half_width=5%"], "unknown key 'half_width'"),
+        (["aero.drag.sigma=5%"], "'aero.drag', which the campaign did not disperse"),
+        (["aero.lift"], "PARAMETER.KEY=VALUE"),
+        (["aero.lift.sigma=4%", "aero.lift.sigma = 3%"], "'aero.lift.sigma' a second time"),
+        (["aero.lift.distribution=discrete", "aero.lift.values=[0.9, 1.1]"], "a distribution of the same kind"),
+    ],
+)
+def test_what_the_flights_do_not_say_is_refused(flown, settings, words):
+    with pytest.raises(InputError) as caught:
+        make_whatif(flown, parse_settings(settings))
+    assert words in str(caught.value)
+
+
+def test_designs_without_independent_flights_are_refused(tmp_path):
+    with pytest.raises(InputError, match="not independent draws"):
+        make_whatif(fly(tmp_path, sampling="lhs"), parse_settings(["aero.lift.sigma=4%"]))
+
+
+def test_discrete_choices_are_weighed_by_their_probabilities(tmp_path):
+    laws = "{aero.lift: {distribution: discrete, values: [0.9, 1.0, 1.1]}}"
+    files = write_campaign(tmp_path / "f", runs=RUNS, requirements=REQUIREMENT, dispersions=laws)
+    folder = run_campaign(Request(files, tmp_path / "out"), ENGINE).folder
+    found = make_whatif(folder, parse_settings(["aero.lift.values=[0.9, 1.1]", "aero.lift.weights=[3, 1]"]))
+    lift = pq.read_table(folder / "samples.parquet")["aero.lift"].to_numpy()
+    counts = {value: np.sum(lift == value) for value in (0.9, 1.1)}
+    weights = np.array([0.75, 0.25])
+    expected = sum(weights * list(counts.values())) ** 2 / sum(weights**2 * list(counts.values()))
+    assert found["controllers"]["one"]["effective_flights"] == pytest.approx(expected)
+
+
+def test_a_discrete_value_that_no_flight_had_is_refused(tmp_path):
+    """Was answered as 'worth 300 flights' where 30 % of the new flights fail."""
+    laws = "{aero.lift: {distribution: discrete, values: [0.9, 1.0, 1.1], weights: [1, 1, 0.00001]}}"
+    files = write_campaign(tmp_path / "f", runs="300", requirements=REQUIREMENT, dispersions=laws)
+    folder = run_campaign(Request(files, tmp_path / "out"), ENGINE).folder
+    assert pq.read_table(folder / "samples.parquet")["aero.lift"].to_numpy().max() == 1.0
+    with pytest.raises(InputError, match=r"beyond all 300 flights|wanted at most 1 %"):
+        make_whatif(folder, parse_settings(["aero.lift.weights=[0.35, 0.35, 0.3]"]))
+    assert make_whatif(folder, parse_settings(["aero.lift.weights=[0.4, 0.595, 0.005]"]))["controllers"]
+
+
+def test_the_command(flown):
+    words = ["whatif", str(flown), "--set", "aero.lift.sigma=4%"]
+    shown = CliRunner().invoke(app, words)
+    assert shown.exit_code == 0 and "Altitude error, max < 1.85" in shown.stdout
+    assert "sigma 5 %  ->  distribution normal, sigma 4%" in shown.stdout
+    assert json.loads(CliRunner().invoke(app, [*words, "--json"]).stdout)["controllers"].keys() == {"one", "two"}

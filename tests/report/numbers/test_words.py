@@ -1,0 +1,73 @@
+import pytest
+
+from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.report.numbers.metrics import _METRIC_WORDS
+from abhv_mc.report.numbers.parameters import shown_value, spoken_name
+from abhv_mc.report.numbers.words import bounds, estimate, fixed, p_value, percent, significant
+
+
+def test_every_parameter_has_its_own_name():
+    assert spoken_name("aero.yawing_moment.sideslip") == "yawing moment due to sideslip"
+    assert spoken_name("mass.center_of_gravity_x") == "centre of gravity x"
+    assert len({spoken_name(parameter.name) for parameter in PARAMETERS}) == len(PARAMETERS)
+
+
+def interval(value, low, high):
+    return {"value": value, "low": low, "high": high}
+
+
+@pytest.mark.parametrize(
+    ("found", "value", "ends"),
+    [
+        (interval(24.123, 23.5, 24.8), "24.1", "23.5 to 24.8"),
+        (interval(0.00712, 0.0070, 0.0072), "0.00712", "0.00700 to 0.00720"),
+        (interval(12345.0, 12000.0, 12700.0), "12\u202f300", "12\u202f000 to 12\u202f700"),
+        (interval(-1.93, -1.951, -1.92), "−1.930", "−1.951 to −1.920"),
+        (interval(45.31, 44.12, None), "45.3", "at least 44.1"),
+        (interval(0.71, None, 0.74), "0.71", "at most 0.74"),
+        (interval(3.0, -5.0, 11.0), "3", "−5 to 11"),
+        (interval(1.57209706, 1.57209700, 1.57209718), "1.572", "1.572 to 1.572"),
+        (interval(None, 3.0, None), "—", ""),
+        (interval(0.0, 0.0, 0.0), "0", "0 to 0"),
+    ],
+)
+def test_digits_are_those_that_the_error_allows(found, value, ends):
+    assert estimate(found) == value
+    assert bounds(found) == ends
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [
+        (0.9973, "99.73"),
+        (0.99865, "99.865"),
+        (1.0, "100"),
+        (0.0, "0"),
+        (0.1, "10"),
+        (0.06696, "6.7"),
+        (1e-9, "< 0.0001"),
+        (1.0 - 1e-9, "> 99.9999"),
+    ],
+)
+def test_shares_keep_their_nines(share, text):
+    assert percent(share) == f"{text}\u202f%"
+
+
+def test_plain_numbers():
+    assert significant(87012.3) == "87\u202f000"
+    assert significant(float("nan")) == "—"
+    assert fixed(-0.0001, 2) == "0.00"
+    assert p_value(1e-9) == "< 0.0001"
+
+
+def test_parameters_are_shown_as_deviations():
+    assert shown_value("aero.lift", 1.081) == "+8.1\u00a0%"
+    assert shown_value("aero.lift", 0.95) == "−5.0\u00a0%"
+    assert shown_value("initial.heading", 0.0087266) == "0.500\u00a0deg"
+
+
+def test_every_metric_has_words():
+    labels = [words.label_with_unit for words in _METRIC_WORDS.values()]
+    assert len(set(labels)) == len(labels)
+    assert _METRIC_WORDS["cross_track_error_final_m"].label_with_unit == "Cross-track error at the end (m)"
+    assert _METRIC_WORDS["angle_of_attack_min_deg"].sense == "low"

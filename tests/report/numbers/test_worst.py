@@ -1,0 +1,34 @@
+"""The worst flights: what is told of each."""
+
+import pytest
+from report.synthetic import write_campaign
+
+from abhv_mc.report.numbers.report_numbers import make_numbers
+from abhv_mc.report.numbers.results import read_results
+from abhv_mc.report.numbers.tables import worst_tables
+from abhv_mc.report.numbers.worst import _largest
+
+
+def test_worst_flights_have_their_three_largest_dispersions_in_sigma(tmp_path):
+    """All of them stood in one narrow cell: 24 in a campaign with so many."""
+    numbers = make_numbers(read_results(write_campaign(tmp_path / "c", runs=30)))
+    widths = {"atmosphere.density": 0.1, "aero.lift": 0.1, "aero.drag": 0.15}
+    samples = read_results(tmp_path / "c").samples
+    for entry in (entry for flights in numbers["worst"].values() for entry in flights):
+        told = entry["largest"]
+        assert len(told) <= 3 and [abs(e["sigma"]) for e in told] == sorted(
+            (abs(e["sigma"]) for e in told), reverse=True
+        )
+        for each in told:
+            column = samples[each["parameter"]]
+            assert each["sigma"] == pytest.approx((each["value"] - column.mean()) / column.std())
+            assert abs(each["value"] - 1.0) <= widths[each["parameter"]]
+    (row, *_) = worst_tables(numbers, "x")[0]["rows"]
+    assert row["samples"].count(" sigma)") == 3
+
+
+def test_of_many_dispersions_only_the_largest_three_are_told():
+    sampled = {f"aero.lift.{k}": 1.0 + 0.01 * k for k in range(24)}
+    found = _largest(sampled, dict.fromkeys(sampled, (1.0, 0.05)))
+    assert [entry["parameter"] for entry in found] == ["aero.lift.23", "aero.lift.22", "aero.lift.21"]
+    assert found[0]["sigma"] == pytest.approx(4.6)

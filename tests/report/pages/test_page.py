@@ -1,0 +1,208 @@
+"""The page as text: structure, accessibility, escaping. What a browser makes of it is in test_browser."""
+
+import base64
+import dataclasses
+import gzip
+import hashlib
+import itertools
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from report.synthetic import CAMPAIGN, write_campaign
+
+from abhv_mc.report.numbers.report_numbers import make_numbers
+from abhv_mc.report.numbers.results import read_results
+from abhv_mc.report.pages.page import make_markdown, make_page
+
+VOID = {"area", "base", "br", "col", "embed", "hr", "img", "input", "link", "meta", "source", "track", "wbr"}
+
+
+class Outline(HTMLParser):
+    """Elements in order, and whether each that opens closes."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.elements, self.errors = [], [], []
+
+    def handle_starttag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes), tuple(self.open)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.errors.append((tag, self.getpos()))
+
+    def all(self, tag):
+        return [attributes for name, attributes, _ in self.elements if name == tag]
+
+
+@pytest.fixture(scope="module")
+def outline(report_page):
+    parser = Outline()
+    parser.feed(report_page)
+    parser.close()
+    return parser
+
+
+def test_every_element_closes(outline):
+    assert outline.errors == []
+    assert outline.open == []
+
+
+def test_ids_are_unique_and_links_lead_somewhere(outline):
+    ids = [attributes["id"] for _, attributes, _ in outline.elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    inside = [attributes["href"][1:] for attributes in outline.all("a") if attributes["href"].startswith("#")]
+    assert set(inside) <= set(ids)
+    assert "main" in inside  # the skip link
+    labelled = [a["aria-labelledby"] for _, a, _ in outline.elements if "aria-labelledby" in a]
+    assert set(labelled) <= set(ids)
+
+
+def test_headings_skip_no_level(outline):
+    levels = [int(tag[1]) for tag, _, _ in outline.elements if re.fullmatch("h[1-6]", tag)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(b - a <= 1 for a, b in itertools.pairwise(levels))
+
+
+def test_figures_have_words_and_sizes(outline):
+    images = outline.all("img")
+    assert len(images) == 16
+    assert all(len(image["alt"]) > 20 and image["src"].startswith("data:image/png;base64,") for image in images)
+    assert all(int(image["width"]) > 0 and int(image["height"]) > 0 for image in images)
+    assert sum(tag == "figcaption" for tag, _, _ in outline.elements) == 16
+
+
+def test_tables_have_captions_and_scopes(outline):
+    tables = outline.all("table")
+    assert len(outline.all("caption")) == len(tables)
+    assert all("scope" in attributes for attributes in outline.all("th"))
+    regions = [a for a in outline.all("div") if a.get("class") == "scroll"]
+    assert len(regions) == len(tables)
+    assert all(a["tabindex"] == "0" and a["aria-label"] for a in regions)
+
+
+def test_nothing_is_loaded_from_elsewhere(outline, report_page):
+    for _, attributes, _ in outline.elements:
+        for name in ("src", "href", "action", "data", "poster"):
+            assert not re.match(r"(?!data:|#)", attributes.get(name) or "#")
+    assert "default-src 'none'" in report_page
+    assert len(report_page.encode()) < 10_000_000
+    (packed,) = re.findall(r'<script type="text/plain" id="plotly-packed">([A-Za-z0-9+/=]+)</script>', report_page)
+    assert len(re.findall(b"plotly.js v", gzip.decompress(base64.b64decode(packed)))) == 1
+
+
+def test_how_far_apart_the_samples_of_the_bands_lie_is_told(report_page):
+    assert "are of samples 0.1 s apart" in " ".join(report_page.split())  # synthetic.TICK
+
+
+def test_every_command_is_there(report_page):
+    assert report_page.count("abhv-mc replay ") == 30
+    assert re.search(r"abhv-mc replay &#39;[^&]*a campaign&#39; --flight \d+ --controller lqr_retuned", report_page)
+    assert "abhv-mc verify campaign" in report_page
+
+
+def test_what_a_campaign_says_is_text_only(tmp_path):
+    folder = write_campaign(tmp_path / "c", runs=12)
+    path = folder / "campaign.yaml"
+    evil = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
+    path.write_text(
+        path.read_text(encoding="utf-8").replace("Does TLC hold", f"{evil} Does TLC hold"), encoding="utf-8"
+    )
+    results = read_results(folder)
+    numbers = {**make_numbers(results), "files": {}}
+    page = make_page(results, numbers, [])
+    assert evil not in page
+    assert "&lt;img src=x onerror=alert(1)&gt;" in page
+
+
+def test_the_embedded_data_are_the_envelopes(report_page, report_folder):
+    text = re.search(r'<script type="application/json" id="envelope-data">(.*?)</script>', report_page).group(1)
+    data = json.loads(text)
+    bank = next(c for c in data["channels"] if c["name"] == "bank_deg")
+    assert bank["command"] == "bank_command_deg"
+    assert bank["reference"] == "bank_reference_deg"
+    envelope = read_results(report_folder).envelopes["lqr", "bank_deg"]
+    lqr = next(c for c in data["controllers"] if c["name"] == "lqr")
+    assert len(lqr["time"]) == len(lqr["curves"]["bank_deg"]["q5"]) == 301
+    assert lqr["curves"]["bank_deg"]["q5"] == pytest.approx(envelope.bands["q5"][::2], abs=1e-3)
+
+
+def test_the_interactive_band_of_all_flights_holds_the_samples_that_it_leaves_out(report_page, report_folder):
+    """It was drawn from every other sample, and flights left it in between."""
+    text = re.search(r'<script type="application/json" id="envelope-data">(.*?)</script>', report_page).group(1)
+    for controller in json.loads(text)["controllers"]:
+        for channel in ("bank_deg", "aileron_deg", "sideslip_deg"):
+            envelope = read_results(report_folder).envelopes[controller["name"], channel]
+            drawn = {end: np.interp(envelope.time, controller["time"], controller["curves"][channel][end])
+                     for end in ("min", "max")}  # fmt: skip
+            assert np.all(drawn["min"] <= envelope.bands["min"] + 1e-4)
+            assert np.all(drawn["max"] >= envelope.bands["max"] - 1e-4)
+            assert min(controller["curves"][channel]["min"]) == pytest.approx(envelope.bands["min"].min(), abs=1e-4)
+
+
+def test_bands_are_said_to_be_pointwise_and_of_the_flights_that_still_fly(report_page):
+    """On the page, below the interactive plot and in the captions of the figures."""
+    words = " ".join(report_page.split())
+    section = words[words.index('id="envelopes"') :]
+    assert "hold at each moment by itself, over the flights that still fly then" in section
+    script = words[words.rindex("<script>") :]
+    assert "Bands hold at each moment by itself, over the flights that still fly then." in script
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", words)
+    told = [
+        caption for caption in captions if "Bands hold at each moment by itself, over the flights that still" in caption
+    ]
+    assert len(told) == 10  # Figures 2 to 11
+
+
+def test_what_few_read_is_folded_and_the_page_has_a_dark_mode(report_page, outline):
+    """The tables of all metrics, the provenance and the files made half of 21 pages."""
+    folded = [inside for tag, attributes, inside in outline.elements if tag == "table" and "details" in inside]
+    metrics = [inside for tag, a, inside in outline.elements if tag == "table" and "metrics" in a.get("class", "")]
+    assert metrics and all("details" in inside for inside in metrics)
+    assert len(folded) >= len(metrics) + 2
+    assert not any("open" in attributes for attributes in outline.all("details"))
+    dark = re.search(r"prefers-color-scheme: dark\) \{(.*?)\n\}", report_page, re.S)[1]
+    assert "--paper:" in dark and "--ink:" in dark
+
+
+def test_markdown_says_the_same_and_needs_no_question(tmp_path):
+    folder = write_campaign(tmp_path / "c", runs=8)
+    text = CAMPAIGN.format(runs=8, sampling="random")
+    lines = [line for line in text.splitlines() if not line.startswith("question")]
+    (folder / "campaign.yaml").write_text("\n".join(lines), encoding="utf-8")
+    results = read_results(folder)
+    markdown = make_markdown(results, {**make_numbers(results), "files": {}}, [])
+    assert markdown.startswith("# What does the campaign synthetic_s show?")
+    assert "## Requirements" in markdown
+    assert "| **NOT SHOWN** | 0 of 8 |" in markdown
+
+
+def test_only_the_pages_own_scripts_may_run(report_page):
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', report_page)[1]
+    scripts = re.search(r"script-src ([^;]*);", policy)[1]
+    assert "unsafe" not in scripts
+    digest = base64.b64encode(
+        hashlib.sha256(re.search(r"<script>(.*?)</script>", report_page, re.S)[1].encode()).digest()
+    )
+    assert f"'sha256-{digest.decode()}'" in scripts and scripts.count("sha256-") == 2
+
+
+HOSTILE = "a|b <script>alert(1)</script> `c` [x](javascript:1) *d*\nnext"
+
+
+def test_markdown_shows_any_text_as_text(tmp_path):
+    folder = write_campaign(tmp_path / "c", runs=8)
+    results = read_results(folder)
+    facts = dataclasses.replace(results.campaign, question=HOSTILE)
+    results = dataclasses.replace(results, campaign=facts, manifest=results.manifest | {"commit": HOSTILE})
+    markdown = make_markdown(results, make_numbers(results), [])
+    shown = r"a\|b &lt;script>alert(1)&lt;/script> \`c\` \[x\](javascript:1) \*d\* next"
+    assert markdown.startswith(f"# {shown}\n")
+    assert f"| commit | {shown} |" in markdown
+    assert "<script" not in markdown

@@ -1,0 +1,35 @@
+"""A flight whose metrics are the lift's normal number, and a campaign of it: every probability and optimum is known."""
+
+import numpy as np
+from fake_flight import DENSITY, LIFT, prepare, write_campaign
+
+from abhv_mc.execution.engine import Engine
+from abhv_mc.flight.channels import CHANNELS, METRICS
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock
+
+METRIC = "altitude_error_max_m"
+
+
+def fly_line(plan, parameters, record_every=None):
+    """A metric that is the lift's normal number: the probability of each limit is known."""
+    lift = (parameters[:, LIFT] - 1.0) / 0.05
+    metrics = np.tile(lift[:, None], (1, len(METRICS)))
+    metrics[:, -1] = parameters[:, DENSITY]  # so that the trials see it matter
+    ticks = plan.timing.ticks // record_every + 1 if record_every else 0
+    history = (
+        np.zeros((len(lift), ticks, len(CHANNELS)), np.float32) + parameters[:, [DENSITY]].astype(np.float32)[:, None]
+    )
+    times = np.arange(ticks) * 0.1
+    return FlightBlock(np.full(len(lift), int(Outcome.OK)), np.full(len(lift), 2.0), metrics, history, times)
+
+
+LINE = Engine(prepare, fly_line, "line")
+LIMIT = "[{metric: altitude_error_max_m, below: 4.0, probability: 0.9}]"
+
+
+def write_line(folder, **entries):
+    dispersions = (
+        "{aero.lift: {distribution: normal, sigma: 5 %}, atmosphere.density: {distribution: uniform, half_width: 2 %}}"
+    )
+    return write_campaign(folder, **{"requirements": LIMIT, "dispersions": dispersions, **entries})

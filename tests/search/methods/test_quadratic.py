@@ -1,0 +1,40 @@
+import numpy as np
+import pytest
+
+from abhv_mc.search.methods.quadratic import find_top
+
+
+def ridge(dimension):
+    """A concave quadratic whose axes lie across the dimensions', and its top."""
+    draw = np.random.default_rng(dimension)
+    turn, _ = np.linalg.qr(draw.standard_normal((dimension, dimension)))
+    top = draw.uniform(-0.4, 0.4, dimension)
+    stretch = np.geomspace(1.0, 100.0, dimension)
+    return lambda x: 7.0 - ((x - top) @ turn) ** 2 @ stretch, top
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 6])
+def test_finds_the_top_of_a_quadratic_from_afar(dimension):
+    value, top = ridge(dimension)
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (200, dimension))
+    np.testing.assert_allclose(find_top(points, value(points), np.full(dimension, 0.8), 2.0), top, atol=0.01)
+
+
+def test_stays_within_the_radius_and_the_box():
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (100, 2))
+    place = np.array([0.9, 0.0])
+    found = find_top(points, points @ np.array([1.0, -2.0]), place, 0.3)
+    np.testing.assert_allclose(found, [1.0, -0.3])
+
+
+def test_fewer_points_than_coefficients_give_a_place_all_the_same():
+    value, _ = ridge(8)
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (10, 8))
+    found = find_top(points, value(points), points[0], 0.1)
+    assert np.all(np.abs(found - points[0]) <= 0.1 + 1e-12)
+
+
+def test_a_single_known_point_stays():
+    np.testing.assert_array_equal(
+        find_top(np.array([[0.2, 0.3]]), np.array([1.0]), np.array([0.2, 0.3]), 0.5), [0.2, 0.3]
+    )

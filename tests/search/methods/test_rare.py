@@ -1,0 +1,137 @@
+import numpy as np
+import openturns as ot
+import pytest
+from search.methods import known_probabilities as known
+
+from abhv_mc.search.methods.importance import choose_mixture, sample_importance
+from abhv_mc.search.methods.rare import choose_chains, estimate_rare
+from abhv_mc.search.methods.subset import SubsetPlan
+
+SEEDS = 3
+
+
+def estimate(case, seed, **options):
+    return estimate_rare(case.severity, SubsetPlan(case.dimension, case.threshold, seed), **options)
+
+
+def test_right_within_its_interval():
+    """A small sample of benchmarks/rare_coverage.py, which has 200 seeds for each case, held-out ones among them."""
+    right = refused = count = 0
+    for case in (
+        known.linear(50, 5.1993),
+        known.ball(50, 1e-4),
+        known.four_branch(4.0),
+        known.onion(2, 4.9),
+        known.series(50, 50, 5.0),
+        known.parallel(24, 3, 2.0),
+        *known.held_out_cases(),
+    ):
+        for seed in range(SEEDS):
+            found = estimate(case, 1000 + seed)
+            count += 1
+            refused += found.refusal is not None
+            right += found.refusal is None and found.low <= case.probability <= found.high
+            assert found.flights <= 20_000
+    assert right >= 0.9 * count
+    assert refused <= 0.1 * count
+
+
+def test_at_1e_5_ten_times_fewer_flights_than_plain_sampling():
+    case = known.series(50, 50, 5.0)
+    found = [estimate(case, seed) for seed in range(12)]
+    spread = np.std([one.probability for one in found]) / case.probability
+    plain = (1.0 - case.probability) / (case.probability * spread**2)
+    assert plain > 10.0 * np.mean([one.flights for one in found])
+
+
+def test_openturns_says_the_same():
+    case = known.parallel(4, 2, 2.7)
+    ot.RandomGenerator.SetSeed(3)
+    function = ot.PythonFunction(4, 1, func_sample=lambda u: case.severity(np.asarray(u))[:, None])
+    event = ot.ThresholdEvent(
+        ot.CompositeRandomVector(function, ot.RandomVector(ot.Normal(4))), ot.Greater(), case.threshold
+    )
+    algorithm = ot.SubsetSampling(event)
+    algorithm.setMaximumOuterSampling(10_000)
+    algorithm.setBlockSize(1)
+    algorithm.run()
+    theirs = algorithm.getResult()
+    ours = estimate_rare(case.severity, SubsetPlan(4, case.threshold, 5, chains=256), 0.1, 100_000)
+    assert ours.refusal is None
+    apart = abs(np.log(ours.probability / theirs.getProbabilityEstimate()))
+    assert apart < 3.0 * np.hypot(ours.cov, theirs.getCoefficientOfVariation())
+
+
+def test_the_same_seed_gives_the_same_estimate_and_another_another():
+    case = known.linear(30, 4.0)
+    one, two, other = (estimate(case, seed) for seed in (1, 1, 2))
+    assert (one.probability, one.low, one.high) == (two.probability, two.low, two.high)
+    assert one.probability != other.probability
+
+
+def test_severities_may_have_random_numbers_of_their_own():
+    draw = np.random.default_rng(4)
+
+    def noisy(points):
+        return (points[:, 0] + draw.standard_normal(len(points))) / np.sqrt(2.0)
+
+    found = estimate_rare(noisy, SubsetPlan(1, 3.7190, 6), flights=40_000)  # 1e-4
+    assert found.refusal is None
+    assert found.low <= 1e-4 <= found.high
+
+
+def test_refused_where_the_event_is_never_met():
+    found = estimate_rare(lambda u: np.minimum(u[:, 0], 0.0), SubsetPlan(25, 1.0, 0))
+    assert found.refusal is not None and "no repetition" in found.refusal
+    assert (found.low, found.high) == (0.0, 1.0)
+
+
+def test_refused_where_only_some_repetitions_meet_it():
+    """Uphill leads to a plateau on one side; the event lies on the other, which is less severe until shortly before."""
+
+    def severity(u):
+        right = np.where(u[:, 0] < 1.7, 2.0 * u[:, 0], 3.4 + 0.01 * u[:, 0])
+        return np.maximum(right, -u[:, 0])
+
+    refusals = [estimate_rare(severity, SubsetPlan(25, 3.5, seed)).refusal for seed in range(6)]
+    assert all(refusal is not None for refusal in refusals)
+
+
+def test_refused_where_the_event_is_too_rare_for_the_flights():
+    found = estimate_rare(lambda u: u[:, 0], SubsetPlan(25, 6.0, 0), flights=8_000)  # 1e-9
+    assert found.refusal is not None and "the flights suffice for 0 of 4" in found.refusal
+    assert found.flights <= 8_000
+    with pytest.raises(ValueError, match="2560"):
+        estimate_rare(lambda u: u[:, 0], SubsetPlan(25, 6.0, 0), flights=2_000)
+
+
+def test_importance_sampling_of_two_places():
+    case = known.four_branch(4.0)
+    found = estimate(case, 3)
+    assert found.check is not None and found.check.usable
+    assert found.check.probability == pytest.approx(case.probability, rel=0.15)
+    again = sample_importance(case.severity, case.threshold, found.failures, 4096, 11)
+    assert again.probability == pytest.approx(case.probability, rel=4.0 * again.cov)
+    assert again.cov < 0.1
+
+
+def test_importance_sampling_of_what_does_not_fit_says_so():
+    case = known.onion(10, 6.6)
+    found = estimate(case, 3)
+    assert found.check is None or not found.check.usable
+
+
+def test_a_mixture_has_the_places_that_the_points_have():
+    draw = np.random.default_rng(1)
+    points = draw.standard_normal((600, 2)) * 0.3 + np.where(draw.random(600) < 0.5, 4.0, -4.0)[:, None]
+    mixture = choose_mixture(points, 0)
+    assert len(mixture.weights) == 2
+    np.testing.assert_allclose(np.sort(mixture.means[:, 0]), [-4.0, 4.0], atol=0.1)
+    drawn = mixture.draw(1000, np.random.default_rng(2))
+    assert np.abs(np.abs(drawn) - 4.0).max() < 3.0
+
+
+def test_chains_are_whole_lanes():
+    assert choose_chains(1_000) == 32
+    assert choose_chains(20_000) == 64
+    assert choose_chains(10**7) == 256

@@ -1,0 +1,134 @@
+import numpy as np
+import pytest
+
+from abhv_mc.search.methods.first_points import sobol_points
+from abhv_mc.search.methods.worst import choose_batch, search_worst
+
+
+def bowl(dimension, sharpness=2.0):
+    """Turned, stretched bowl with its top inside the box, and the place of the top; 2: a parabola, less: sharper."""
+    draw = np.random.default_rng(dimension)
+    top = draw.uniform(-0.7, 0.7, dimension)
+    turn, _ = np.linalg.qr(draw.standard_normal((dimension, dimension)))
+    stretch = np.geomspace(1.0, 10.0, dimension)
+    return lambda x: -((((x - top) @ turn) ** 2 @ stretch) ** (0.5 * sharpness)), top
+
+
+def slope(dimension):
+    """A rising plane with waves on it: the top is a corner, other corners are local tops."""
+    draw = np.random.default_rng(dimension + 1)
+    weights = draw.uniform(0.1, 1.0, dimension) * draw.choice([-1.0, 1.0], dimension)
+    return lambda x: x @ weights + 0.05 * np.sin(np.pi * (x**2 - 0.5)).sum(axis=1), np.sign(weights)
+
+
+@pytest.mark.parametrize("dimension", [3, 12, 24])
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("sharpness, gap", [(2.0, 1e-4), (1.5, 5e-3), (3.0, 1e-4)])
+def test_finds_a_top_inside(dimension, seed, sharpness, gap):
+    value, top = bowl(dimension, sharpness)
+    found = search_worst(value, dimension, seed=seed)
+    drawn = value(np.random.default_rng(1).uniform(-1.0, 1.0, (10_000, dimension)))
+    assert found.value > -gap * (drawn.max() - drawn.min())
+    assert np.abs(found.place - top).max() < {3: 0.01, 12: 0.1, 24: 0.2}[dimension]
+    assert not found.at_bounds.any()
+
+
+@pytest.mark.parametrize("dimension", [1, 3, 12, 24])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_finds_a_corner(dimension, seed):
+    value, corner = slope(dimension)
+    found = search_worst(value, dimension, seed=seed)
+    np.testing.assert_array_equal(found.place, corner)
+    assert found.at_bounds.all()
+
+
+@pytest.mark.parametrize("dimension", [12, 24])
+@pytest.mark.parametrize("seed", [1, 3, 6])
+def test_finds_a_corner_behind_a_broad_hill(dimension, seed):
+    """From most of the box uphill leads to the hill inside; the corner is higher."""
+    draw = np.random.default_rng(seed)
+    corner, top = draw.choice([-1.0, 1.0], dimension), draw.uniform(-0.3, 0.3, dimension)
+
+    def value(x):
+        return np.maximum(1.0 - ((x - top) ** 2).mean(axis=1), 1.3 - (1.0 - x * corner).mean(axis=1))
+
+    found = search_worst(value, dimension, seed=seed)
+    np.testing.assert_array_equal(found.place, corner)
+
+
+@pytest.mark.parametrize("dimension", [3, 12])
+def test_never_below_as_many_random_points(dimension):
+    for seed in range(20):
+        draw = np.random.default_rng(seed)
+        waves, phases = draw.normal(0.0, 1.5, (8, dimension)), draw.uniform(0.0, 6.0, 8)
+
+        def value(x, waves=waves, phases=phases):
+            return np.sin(x @ waves.T + phases).sum(axis=1)
+
+        random = value(draw.uniform(-1.0, 1.0, (1000, dimension))).max()
+        assert search_worst(value, dimension, 1000, seed).value >= random
+
+
+def test_batches_fill_lanes_and_stay_within_what_is_allowed():
+    value, _ = slope(5)
+    sizes = []
+
+    def counted(points):
+        sizes.append(len(points))
+        assert np.abs(points).max() <= 1.0
+        return value(points)
+
+    found = search_worst(counted, 5, 1000)
+    assert all(size % 32 == 0 for size in sizes)
+    assert sum(sizes) == len(found.values) == found.history[-1].evaluations <= 1000
+    assert [one.best for one in found.history] == sorted(one.best for one in found.history)
+    assert value(found.place[None, :])[0] == pytest.approx(found.value, rel=1e-14)
+    assert {one.stage for one in found.history} == {
+        "one at a time", "corners", "Sobol points", "CMA-ES", "polish", "sensitivity"
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("evaluations, batch", [(160, 64), (1000, 64), (2000, 128), (4000, 256), (100_000, 512)])
+def test_more_evaluations_make_larger_batches(evaluations, batch):
+    assert choose_batch(evaluations) == batch
+    sizes = []
+
+    def counted(points):
+        sizes.append(len(points))
+        return points.sum(axis=1)
+
+    search_worst(counted, 3, min(evaluations, 4000))
+    assert sizes[0] == min(batch, 256)
+
+
+def test_the_same_seed_gives_the_same_points():
+    value, _ = bowl(4)
+    one, two = (search_worst(value, 4, 800, seed=5) for _ in range(2))
+    np.testing.assert_array_equal(one.points, two.points)
+
+
+def test_values_that_are_no_numbers_are_never_the_worst():
+    def value(x):
+        return np.where(x[:, 0] > 0.5, np.nan, x.sum(axis=1))
+
+    found = search_worst(value, 3, 1500, seed=2)
+    assert found.value == pytest.approx(2.5, abs=0.05)
+    assert found.place[0] <= 0.5
+
+
+def test_sensitivity_about_the_worst():
+    found = search_worst(lambda x: 3.0 * x[:, 0] - (x[:, 1] - 0.2) ** 2, 2, 1000)
+    assert found.sensitivity[0, 0] == pytest.approx(-0.3)
+    assert np.isnan(found.sensitivity[0, 1])
+    np.testing.assert_allclose(found.sensitivity[1], -0.01, atol=1e-3)
+
+
+def test_too_few_evaluations_are_refused():
+    with pytest.raises(ValueError, match="at least 160"):
+        search_worst(lambda x: x[:, 0], 2, 100)
+
+
+def test_sobol_points_fill_the_box():
+    points = sobol_points(3, 100, 1)
+    assert points.shape == (100, 3)
+    assert np.abs(points.mean(axis=0)).max() < 0.05

@@ -1,0 +1,24 @@
+import numpy as np
+
+from abhv_mc.campaign.file.tuning import Free
+from abhv_mc.control.controller_file import read_controller
+from abhv_mc.io.documents import read_document
+from abhv_mc.search.controller_numbers import read_controller_numbers
+
+LAW = "law: python\nfile: ../laws/mine.py\nrate: 100 Hz\nsettings: {path: 0.5 1/s}\n"
+
+
+def test_a_law_of_ones_own_stays_the_same_file_wherever_the_numbers_are_written(tmp_path):
+    """`tune` looked for it beside the new file: it found none, or one of the same name there."""
+    for name in ("study/laws", "study/control", "out", "laws"):
+        (tmp_path / name).mkdir(parents=True, exist_ok=True)
+    for name in ("study/laws/mine.py", "laws/mine.py"):
+        (tmp_path / name).write_text("", encoding="utf-8")
+    controller = tmp_path / "study/control/mine.yaml"
+    controller.write_text(LAW, encoding="utf-8")
+    numbers = read_controller_numbers(controller, [Free(key="settings.path")], read_document(controller), ())
+    written = tmp_path / "out/new.yaml"
+    numbers.write(written, np.ones(1))
+    law = read_controller(written)
+    assert law.file == tmp_path / "out/../study/laws/mine.py" and law.file.samefile(tmp_path / "study/laws/mine.py")
+    assert law.settings == {"path": "2.5 1/s"}

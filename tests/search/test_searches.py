@@ -1,0 +1,209 @@
+import json
+
+import numpy as np
+import pytest
+from fake_flight import ENGINE, LIFT, LOST_BELOW, prepare, write_campaign
+from scipy import stats
+from search.line_flight import LIMIT, LINE, METRIC, fly_line, write_line
+
+from abhv_mc.execution.engine import Engine
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.samples import SampleReader
+from abhv_mc.io.documents import InputError
+from abhv_mc.search.rare import RareSettings, find_rare
+from abhv_mc.search.search_flights import SearchRequest
+from abhv_mc.search.worst import WorstSettings, find_worst
+
+
+@pytest.fixture
+def line(tmp_path):
+    return write_line(tmp_path / "files")
+
+
+def test_rare_is_right(tmp_path, line):
+    estimate = find_rare(SearchRequest(line, tmp_path / "out"), RareSettings(METRIC, flights=8000), LINE).estimate
+    assert estimate.refusal is None
+    assert estimate.low <= stats.norm.sf(4.0) <= estimate.high
+
+
+@pytest.mark.parametrize(
+    "find, settings, last",
+    [(find_rare, RareSettings(METRIC, flights=8000), 20), (find_worst, WorstSettings(METRIC, flights=1000), 8)],
+)
+def test_an_interrupted_search_goes_on_to_the_same_for_any_number_of_workers(tmp_path, line, find, settings, last):
+    whole = find(SearchRequest(line, tmp_path / "whole", workers=1), settings, LINE)
+    calls = 0
+
+    def fly_until(plan, parameters, record_every=None):
+        nonlocal calls
+        calls += 1
+        if calls == last:
+            raise KeyboardInterrupt
+        return fly_line(plan, parameters, record_every)
+
+    cut = tmp_path / "cut"
+    with pytest.raises(KeyboardInterrupt):
+        find(SearchRequest(line, cut, workers=1), settings, Engine(prepare, fly_until, "line"))
+    assert read_manifest(cut / "manifest.json")["state"] == "interrupted"
+    stored = sorted(path.name for path in (cut / "flights").glob("*.parquet"))
+    assert stored
+    again = find(SearchRequest(line, cut, workers=2), settings, LINE)
+    assert again.numbers() == whole.numbers()
+    assert read_manifest(cut / "manifest.json")["digest"] == read_manifest(tmp_path / "whole/manifest.json")["digest"]
+    assert read_manifest(cut / "manifest.json")["state"] == "complete"
+
+
+def test_a_complete_search_flies_nothing_again(tmp_path, line):
+    settings = RareSettings(METRIC, flights=8000)
+    request = SearchRequest(line, tmp_path / "out", workers=1)
+    first = find_rare(request, settings, LINE)
+    flown = []
+
+    def fly_counted(plan, parameters, record_every=None):
+        flown.append(len(parameters))
+        return fly_line(plan, parameters, record_every)
+
+    again = find_rare(request, settings, Engine(prepare, fly_counted, "line"))
+    assert again.numbers() == first.numbers()
+    assert sum(flown) <= 4  # the nominal flight and the worst, for their histories
+
+
+def test_early_ends_count_as_failures_where_the_requirement_says_so(tmp_path):
+    """The fake flight is lost below a density of which 0.5 % of a normal law lie."""
+    sigma = (1.0 - LOST_BELOW) / stats.norm.isf(0.005)
+    lift = "aero.lift: {distribution: normal, sigma: 5 %}"
+    dispersions = f"{{atmosphere.density: {{distribution: normal, sigma: {sigma}}}, {lift}}}"
+    for said, probability in (("failure", 0.005), ("as_measured", None)):
+        limit = f"[{{metric: {METRIC}, below: 1000, probability: 0.9, ended_early: {said}}}]"
+        campaign = write_campaign(tmp_path / said, dispersions=dispersions, requirements=limit)
+        found = find_rare(SearchRequest(campaign, tmp_path / f"{said}_out"), RareSettings(METRIC, flights=8000), ENGINE)
+        if probability is None:
+            assert found.estimate.refusal is not None
+        else:
+            assert found.estimate.low <= probability <= found.estimate.high
+
+
+def test_worst_finds_the_corner_and_its_folder_reads_like_a_campaigns(tmp_path, line):
+    found = find_worst(SearchRequest(line, tmp_path / "out"), WorstSettings(METRIC, flights=400, box=2.5), LINE)
+    numbers = found.numbers()
+    assert numbers["value"] == pytest.approx(2.5)
+    assert "aero.lift" in numbers["at_bounds"]
+    assert numbers["parameters"]["aero.lift"] == pytest.approx(1.125)
+    assert numbers["random_worst"] < numbers["value"]
+    assert found.severities[found.worst] == found.severities[: found.searched].max()
+    reader = SampleReader(tmp_path / "out/samples.parquet")
+    assert reader.flights == found.flights.stop
+    np.testing.assert_array_equal(reader.rows(0, reader.flights), found.flights.samples)
+    smallest = find_worst(SearchRequest(line, tmp_path / "low"), WorstSettings(METRIC, False, 400, 2.5), LINE)
+    assert smallest.numbers()["value"] == pytest.approx(-2.5)
+
+
+def test_an_early_end_is_worse_than_any_value(tmp_path):
+    campaign = write_campaign(tmp_path / "files")
+    found = find_worst(SearchRequest(campaign, tmp_path / "out"), WorstSettings(METRIC, flights=400), ENGINE)
+    assert found.numbers()["outcome"] == Outcome.SIDESLIP_LIMIT.code
+    assert found.numbers()["parameters"]["atmosphere.density"] < LOST_BELOW
+
+
+def test_flights_that_cannot_be_computed_are_flown_again(tmp_path, line):
+    def fly_weak(plan, parameters, record_every=None):
+        block = fly_line(plan, parameters, record_every)
+        block.outcome[parameters[:, LIFT] > 1.1] = int(Outcome.FAILED_TO_RUN)
+        return block
+
+    request, settings = SearchRequest(line, tmp_path / "out"), WorstSettings(METRIC, flights=400, box=2.5)
+    weak = find_worst(request, settings, Engine(prepare, fly_weak, "line"))
+    assert weak.failed_to_run > 0
+    assert weak.numbers()["value"] <= 2.0 + 1e-9  # never the worst
+    healed = find_worst(request, settings, LINE)
+    assert healed.failed_to_run == 0
+    assert healed.numbers()["value"] == pytest.approx(2.5)
+
+
+def test_seeds_are_common_in_worst_and_each_flights_own_in_rare(tmp_path):
+    turbulence = "wind.turbulence: {distribution: uniform, low: 0 m/s, high: 2 m/s}"
+    dispersions = f"{{aero.lift: {{distribution: normal, sigma: 5 %}}, {turbulence}}}"
+    campaign = write_campaign(tmp_path / "files", dispersions=dispersions, requirements=LIMIT)
+
+    def fly_turbulence(plan, parameters, record_every=None):
+        from abhv_mc.plant.parameters import PARAMETER_INDEX
+
+        block = fly_line(plan, parameters, record_every)
+        block.metrics[:] += 0.01 * parameters[:, [PARAMETER_INDEX["wind.turbulence"]]]
+        return block
+
+    engine = Engine(prepare, fly_turbulence, "line")
+    rare = find_rare(SearchRequest(campaign, tmp_path / "rare"), RareSettings(METRIC, flights=8000), engine)
+    seeds = rare.flights.samples[:, rare.flights.names.index("wind.turbulence_seed")]
+    assert len(np.unique(seeds)) == len(seeds)
+    assert stats.kstest(seeds, "uniform").pvalue > 1e-3
+    worst = find_worst(SearchRequest(campaign, tmp_path / "worst"), WorstSettings(METRIC, flights=400), engine)
+    assert len(np.unique(worst.flights.samples[:, worst.flights.names.index("wind.turbulence_seed")])) == 1
+    assert worst.names == ("aero.lift", "wind.turbulence")
+
+
+def test_another_search_in_the_same_folder_is_refused(tmp_path, line):
+    request = SearchRequest(line, tmp_path / "out")
+    find_worst(request, WorstSettings(METRIC, flights=400), LINE)
+    before = (tmp_path / "out/manifest.json").read_bytes()
+    with pytest.raises(InputError, match=r"flights: 400 -> 500; wanted another folder .*from its beginning"):
+        find_worst(request, WorstSettings(METRIC, flights=500), LINE)
+    with pytest.raises(InputError, match="another search"):
+        find_rare(request, RareSettings(METRIC, flights=8000), LINE)
+    with pytest.raises(InputError, match="another version"):
+        find_worst(request, WorstSettings(METRIC, flights=400), Engine(prepare, fly_line, "newer"))
+    assert (tmp_path / "out/manifest.json").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "settings, match",
+    [
+        (WorstSettings("altitude"), "metric 'altitude'"),
+        (WorstSettings(METRIC, flights=100), "at least"),
+    ],
+)
+def test_worst_refuses_what_makes_no_sense_before_anything_is_written(tmp_path, line, settings, match):
+    with pytest.raises(InputError, match=match):
+        find_worst(SearchRequest(line, tmp_path / "out"), settings, LINE)
+    assert not (tmp_path / "out").exists()
+
+
+def test_rare_refuses_what_makes_no_sense_before_anything_is_written(tmp_path, line):
+    for settings, controller, match in (
+        (RareSettings("sideslip_max_deg"), None, "no requirement on"),
+        (RareSettings(METRIC, flights=100), None, "at least 1280"),
+        (RareSettings(METRIC), "three", "no controller"),
+    ):
+        with pytest.raises(InputError, match=match):
+            find_rare(SearchRequest(line, tmp_path / "out", controller), settings, LINE)
+    assert not (tmp_path / "out").exists()
+
+
+def test_numbers_are_json_and_fixed_names(tmp_path, line):
+    rare = find_rare(SearchRequest(line, tmp_path / "rare"), RareSettings(METRIC, flights=8000), LINE).numbers()
+    assert {"probability", "low", "high", "confidence", "flights", "cov", "levels"} <= json.loads(
+        json.dumps(rare)
+    ).keys()
+    worst = find_worst(SearchRequest(line, tmp_path / "worst"), WorstSettings(METRIC, flights=400), LINE).numbers()
+    wanted = {"metric", "controller", "value", "flights", "parameters", "random_worst", "at_bounds"}
+    assert wanted <= json.loads(json.dumps(worst)).keys()
+
+
+def test_a_requirement_on_a_metric_that_its_flights_do_not_have_is_refused(tmp_path):
+    campaign = write_line(
+        tmp_path / "files",
+        metrics="{swing: {of: bank_deg, statistic: peak_to_peak}}",
+        requirements="[{metric: swing, below: 3 deg, probability: 0.9}]",
+    )
+    with pytest.raises(InputError, match="no requirement on 'swing'"):
+        find_rare(SearchRequest(campaign, tmp_path / "out"), RareSettings("swing", flights=8000), LINE)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_requirement_of_another_controller_is_not_proposed(tmp_path):
+    """It said: no requirement on 'x' for 'two'; wanted 'x'."""
+    entry = f"{{metric: {METRIC}, below: 3, probability: 0.9, controllers: [one]}}"
+    campaign = write_line(tmp_path / "files", requirements=f"[{entry}]")
+    with pytest.raises(InputError, match="for 'two'; wanted a requirement with the limit"):
+        find_rare(SearchRequest(campaign, tmp_path / "out", "two"), RareSettings(METRIC, flights=8000), LINE)

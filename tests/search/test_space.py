@@ -1,0 +1,40 @@
+"""A campaign's dispersions as a box: what comes with a probability is searched where it comes."""
+
+import numpy as np
+import pytest
+from fake_flight import write_campaign
+
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.io.documents import InputError
+from abhv_mc.search.space import make_space
+
+DISPERSIONS = """{failure.aileron.stuck_time: {distribution: uniform, low: 10 s, high: 40 s, probability: 40 %},
+  aero.drag: {distribution: normal, sigma: 2 %, probability: 30 %},
+  aero.lift: {distribution: normal, sigma: 5 %}}"""
+
+
+def test_what_comes_with_a_probability_has_the_box_of_what_it_is_when_it_comes(tmp_path):
+    """A failure's box reached to infinity: no flight of the search had one, and the worst case was a survivable one."""
+    space = make_space(read_campaign(write_campaign(tmp_path, dispersions=DISPERSIONS, requirements="[]")))
+    place = {name: i for i, name in enumerate(space.names)}
+    time, drag = place["failure.aileron.stuck_time"], place["aero.drag"]
+    bounds = space.bounds(3.0)
+    np.testing.assert_allclose(bounds[time], [10.0, 40.0])
+    np.testing.assert_allclose(bounds[drag], [0.94, 1.06], rtol=1e-6)
+    corners = np.array([[-1.0] * 3, [0.0] * 3, [1.0] * 3])
+    np.testing.assert_allclose(space.from_box(corners, bounds)[:, time], [10.0, 25.0, 40.0])
+    drawn = space.draw_in_box(bounds, 7, 4000)
+    comes = np.isfinite(drawn[:, time])
+    assert abs(comes.mean() - 0.4) < 0.03, "the random flights are as a campaign's: most without a failure"
+    assert drawn[comes, time].min() >= 10.0 and drawn[comes, time].max() <= 40.0
+    assert abs((drawn[:, drag] == 1.0).mean() - 0.7) < 0.03
+
+
+def test_a_box_in_which_no_random_flight_lies_is_refused(tmp_path):
+    """The search flew, and then drew for ever."""
+    names = ("aero.lift", "aero.drag", "aero.side_force", "mass.total", "mass.inertia_xx", "mass.inertia_yy")
+    laws = ", ".join(f"{name}: {{distribution: normal, sigma: 2 %}}" for name in names)
+    space = make_space(read_campaign(write_campaign(tmp_path, dispersions=f"{{{laws}}}", requirements="[]")))
+    space.refuse_small(space.bounds(1.0), 1.0)
+    with pytest.raises(InputError, match=r"--box: found 0\.1: 0 of 65536"):
+        space.refuse_small(space.bounds(0.1), 0.1)

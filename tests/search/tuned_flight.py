@@ -1,0 +1,53 @@
+"""Flights of a controller whose best numbers are known, and a campaign that tunes it."""
+
+from pathlib import Path
+
+import numpy as np
+from fake_flight import LIFT, make_plan, write_campaign
+
+from abhv_mc.control.controller_file import read_controller
+from abhv_mc.execution.engine import Engine
+from abhv_mc.flight.channels import METRIC_INDEX, METRICS
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.search.tune import TuneRequest
+
+ERROR, TRAVEL = METRIC_INDEX["altitude_error_rms_m"], METRIC_INDEX["elevator_travel_deg"]
+CONTROLLER = (Path(__file__).parents[2] / "configs/control/tlc.yaml").read_text(encoding="utf-8")
+BLOCK = """\
+free: [{key: altitude.damping, factor: 3}, {key: altitude.bandwidth, factor: 4}]
+minimise: {metric: altitude_error_rms_m, quantile: 0.9}
+limits:
+  - {metric: elevator_travel_deg, quantile: 0.5, below_start_times: 1.5}
+candidates: 113
+validation: 200
+"""
+
+
+def prepare(vehicle, mission, controller, name):
+    law = read_controller(controller)
+    plan = make_plan(name)
+    plan.gains[0, :2] = law.altitude.damping, law.altitude.bandwidth
+    return plan
+
+
+def fly(plan, parameters, record_every=None):
+    """Least error at a damping of 3 and a bandwidth of 0.06; the travel grows with the bandwidth."""
+    damping, bandwidth = plan.gains[0, :2]
+    lift = (parameters[:, LIFT] - 1.0) / 0.05
+    metrics = np.zeros((len(lift), len(METRICS)))
+    metrics[:, ERROR] = 1.0 + np.log(damping / 3.0) ** 2 + np.log(bandwidth / 0.06) ** 2 + 0.2 * np.abs(lift)
+    metrics[:, TRAVEL] = 100.0 * bandwidth + np.zeros(len(lift))
+    outcome = np.where(lift > 2.5, int(Outcome.SIDESLIP_LIMIT), int(Outcome.OK))
+    return FlightBlock(outcome, np.full(len(lift), 2.0), metrics, np.empty((len(lift), 0, 0), np.float32), np.empty(0))
+
+
+ENGINE = Engine(prepare, fly, "tuned")
+
+
+def write_tuned(folder):
+    """A campaign, its controller and a file with the block; the request to tune it."""
+    campaign = write_campaign(folder / "files", dispersions="{aero.lift: {distribution: normal, sigma: 5 %}}")
+    (folder / "files/one.yaml").write_text(CONTROLLER, encoding="utf-8")
+    (folder / "block.yaml").write_text(BLOCK, encoding="utf-8")
+    return TuneRequest(campaign, folder / "new.yaml", block=folder / "block.yaml", workers=2)

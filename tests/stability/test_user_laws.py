@@ -1,0 +1,159 @@
+"""Laws of the user's own are linearised as the program's own laws are."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from stability.systems import decibels, differences, parameters, read
+
+from abhv_mc.flight.fly import fly
+from abhv_mc.flight.prepare import make_plan, read_law
+from abhv_mc.io.input_error import InputError
+from abhv_mc.stability.analysis import NO_SLOPES, analyse, margins_of_flights
+from abhv_mc.stability.linearize import closed_loop, linearise
+from abhv_mc.stability.points import flown_points, make_steady_plan, trim_points
+from abhv_mc.stability.probe import law_memory_rows
+
+CONFIGS = Path(__file__).parents[2] / "configs" / "control"
+LQR = Path(__file__).parents[1] / "user_code" / "lqr_law.yaml"
+
+# Level flight with an integral of the speed error and a filtered pitch rate: a memory that moves the loop.
+FILTERED = """\
+from typing import NamedTuple
+from abhv_mc.extend import Command, controller, sqrt, wrap
+
+class Memory{base}:
+    speed: float = 0.0
+    pitch_rate: float = 0.0
+
+@controller{compiled}
+def law(measured, reference, memory, time, dt):
+    speed = measured.speed - reference.speed
+    pitch_rate = memory.pitch_rate + dt / 0.02 * (measured.pitch_rate - memory.pitch_rate)
+    eta = reference.equivalence_ratio - 0.02 * speed - 0.001 * memory.speed
+    path = measured.flight_path_angle - reference.flight_path_angle
+    alpha = reference.angle_of_attack - 0.9 * path - {altitude} * (measured.altitude - reference.altitude)
+    elevator = reference.elevator + 2.0 * (measured.angle_of_attack - alpha) + {pitch} * pitch_rate
+    bank, beta, p, r = wrap(measured.bank - reference.bank), measured.sideslip, measured.roll_rate, measured.yaw_rate
+    aileron = -0.26 * bank - 1.2 * beta - 0.08 * p + 0.06 * r
+    rudder = -0.04 * bank - 0.2 * beta - 0.01 * p + 0.04 * r
+    return Command(aileron, rudder, elevator, eta, angle_of_attack=alpha), Memory(memory.speed + dt * speed, pitch_rate)
+"""
+
+
+def write_law(folder, compiled="", base="(NamedTuple)", pitch="1.5", altitude="1e-4"):
+    (folder / "law.py").write_text(FILTERED.format(compiled=compiled, base=base, pitch=pitch, altitude=altitude))
+    (folder / "law.yaml").write_text("law: python\nfile: law.py\nrate: 100 Hz\n")
+    return folder / "law.yaml"
+
+
+def plans(file, name="own", seconds=3.0):
+    """The plan of a flight and that of steady flight, of a controller file."""
+    vehicle, mission, _ = read("lqr")
+    controller, own = read_law(file)
+    short = mission.model_copy(update={"duration": seconds})
+    steady = make_steady_plan(vehicle, mission, controller, name, own=own)
+    return make_plan(vehicle, short, controller, name, own=own), steady
+
+
+def stability(plan, points, dispersions):
+    assert points.faults == [""] * len(dispersions)
+    return analyse(linearise(plan, dispersions, points.points), 1000)
+
+
+@pytest.mark.parametrize("time", [None, 2.0])
+def test_the_lqr_as_a_file_has_the_margins_of_the_built_in(time, tmp_path):
+    retuned = read("lqr_retuned")[2]
+    text = LQR.with_name("lqr_law.py").read_text()
+    start, end = text.index("WEIGHTS = {"), text.index("class Settings")
+    weights = retuned.model_dump(include={"law", "guidance", "longitudinal", "lateral"})
+    (tmp_path / "lqr_law.py").write_text(f"{text[:start]}WEIGHTS = {weights!r}\n\n\n{text[end:]}")
+    (tmp_path / "lqr_law.yaml").write_text(LQR.read_text())
+    found = []
+    for file in (tmp_path / "lqr_law.yaml", CONFIGS / "lqr_retuned.yaml"):
+        plan, steady = plans(file)
+        dispersions = parameters(2, aero__lift=np.array([1.0, 0.95]))
+        of = steady if time is None else plan
+        points = trim_points(of, dispersions) if time is None else flown_points(of, dispersions, time)
+        found.append(stability(of, points, dispersions))
+    own, built_in = found
+    assert own.stable.all()
+    for name, mine, theirs in zip(own.margins._fields, own.margins, built_in.margins, strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-12, err_msg=name)
+    np.testing.assert_allclose(own.poles[0], built_in.poles[0], rtol=1e-8, atol=1e-12)
+
+
+@pytest.mark.parametrize("law", ["inversion", "filtered"])
+def test_a_small_disturbance_of_an_own_laws_flight_follows_its_linear_model(law, tmp_path):
+    plan, _ = plans(CONFIGS / "inversion.yaml" if law == "inversion" else write_law(tmp_path))
+    common = {"propulsion__specific_impulse": 1e9}  # the fuel's mass is no state of the model
+    errors = {"bank": 2e-5, "sideslip": 1e-5, "angle_of_attack": 1e-5, "speed": 0.01}
+    dispersions = parameters(2, **common)
+    dispersions[1] = parameters(**common, **{f"initial__{name}": value for name, value in errors.items()})
+    states = fly(plan, dispersions, record_every=1, keep_states=True).states
+    before, after = (differences(plan, dispersions, tick, states) for tick in (100, 200))
+    expected = before
+    for tick in range(100, 200, 5):
+        found = flown_points(plan, dispersions[:1], (tick + 2) * plan.timing.tick)
+        A = closed_loop(linearise(plan, dispersions[:1], found.points), 0)
+        assert len(A) == len(expected) == 18 + len(law_memory_rows(plan))
+        expected = np.linalg.matrix_power(A, 5) @ expected
+    scale = np.maximum(np.abs(before), np.abs(after))[:18] + 1e-3 * np.abs(after[4:10]).max()
+    np.testing.assert_allclose(after[:18] / scale, expected[:18] / scale, atol=3e-3)
+
+
+def test_the_memory_at_a_trim_rests_there(tmp_path):
+    _, steady = plans(write_law(tmp_path))
+    found = trim_points(steady, parameters(2, aero__drag=np.array([1.0, 1.1])))
+    memory, controls, path = found.points.memory, found.points.controls, found.points.path
+    assert list(law_memory_rows(steady)) == ["speed", "pitch_rate"]
+    np.testing.assert_allclose(memory[:, 1], path[:, 8], atol=1e-9)  # the filter has settled, though no loop asks it to
+    held = steady.reference[0, 10] - 0.001 * memory[:, 0]
+    np.testing.assert_allclose(held, controls[:, 3], rtol=1e-6)  # the integral holds the throttle
+    assert memory[1, 0] < memory[0, 0] - 10.0
+
+
+def forget(file):
+    """The law in a controller's file without its memory."""
+    law = file.with_suffix(".py")
+    text = law.read_text().replace(", memory, time, dt", "").replace("- 0.001 * memory.speed", "")
+    text = text.replace(
+        "memory.pitch_rate + dt / 0.02 * (measured.pitch_rate - memory.pitch_rate)", "measured.pitch_rate"
+    )
+    law.write_text(text.replace(", Memory(memory.speed + dt * speed, pitch_rate)", ""))
+    return file
+
+
+@pytest.mark.parametrize("write", [write_law, lambda *words: forget(write_law(*words))], ids=["memory", "none"])
+def test_plain_python_has_the_margins_of_the_compiled_law(tmp_path, write):
+    """A law without a memory was not called: margins were those of a constant command."""
+    dispersions, found = parameters(), []
+    for compiled in ("", "(compiled=False)"):
+        plan, steady = plans(write(tmp_path, compiled))
+        for of, points in ((steady, trim_points(steady, dispersions)), (plan, flown_points(plan, dispersions, 1.0))):
+            found.append((points.points.memory, stability(of, points, dispersions).margins))
+    for (memory, margins), (other_memory, others) in zip(found[:2], found[2:], strict=True):
+        np.testing.assert_array_equal(memory, other_memory)
+        np.testing.assert_array_equal(decibels(margins.gain_high), decibels(others.gain_high))
+        np.testing.assert_array_equal(margins.all_disk, others.all_disk)
+
+
+def test_a_memory_that_is_any_object_is_refused(tmp_path):
+    _, steady = plans(write_law(tmp_path, "(compiled=False)", ""))
+    with pytest.raises(InputError, match=r"law\.py.*memory is no NamedTuple of numbers"):
+        trim_points(steady, parameters())
+
+
+def test_the_time_is_that_of_the_point(tmp_path):
+    plan, _ = plans(write_law(tmp_path, pitch="(1.5 if time > 0.995 else 0.0)"))
+    slopes = [
+        linearise(plan, parameters(), flown_points(plan, parameters(), t).points).law_D[0, 2, 8] for t in (0.9, 1)
+    ]
+    np.testing.assert_allclose(slopes, [0.0, 1.5 * 0.01 / 0.02], rtol=1e-6, atol=1e-12)
+
+
+def test_a_law_without_slopes_has_no_margins(tmp_path):
+    """The square root of what is zero at the reference's altitude is not a number on one side of it."""
+    plan, steady = plans(write_law(tmp_path, altitude="(1.0 + 1e-9 * sqrt(measured.altitude - reference.altitude))"))
+    found = margins_of_flights(plan, steady, parameters(), ["trim"])
+    assert found.faults == [[NO_SLOPES]] and found.gain_db[0] == 0.0

@@ -1,0 +1,47 @@
+"""Flights that never return: Ctrl-C reaches who waits for them."""
+
+import os
+import signal
+import threading
+
+import pytest
+
+from abhv_mc.cli import fly as fly_command
+from abhv_mc.user_code.temporary import run_aside
+
+
+@pytest.fixture
+def never():
+    """Work that waits for ever, and interrupts this process as a terminal does once it has begun."""
+    ended = threading.Event()
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def work(*given, **options):
+        threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
+        assert threading.current_thread() is not threading.main_thread()
+        ended.wait()
+
+    yield work
+    ended.set()
+    signal.signal(signal.SIGINT, before)
+
+
+def test_what_is_given_and_raised_comes_back():
+    assert run_aside(lambda: None) is None and run_aside(lambda: 3, 10.0) == 3
+    with pytest.raises(ZeroDivisionError):
+        run_aside(lambda: 1 / 0)
+
+
+def test_a_limit_and_an_interrupt(never):
+    with pytest.raises(KeyboardInterrupt):
+        run_aside(never)
+    ended = threading.Event()
+    with pytest.raises(TimeoutError):
+        run_aside(ended.wait, 0.05)
+    ended.set()
+
+
+def test_a_flight_of_the_command_line_heeds_an_interrupt(never, monkeypatch, capsys):
+    monkeypatch.setattr("abhv_mc.flight.fly.fly", never)
+    with pytest.raises(KeyboardInterrupt):
+        fly_command.command("level", "ghame_x", ["lqr"], None)

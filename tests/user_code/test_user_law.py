@@ -1,0 +1,421 @@
+"""A law of one's own flies as the program's own laws do: same bits, any lanes, compiled or in plain Python."""
+
+import dataclasses
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.kernel import COMPACTION
+from abhv_mc.flight.memory import TOGETHER
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import LANES
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.folder.plans import read_plan, write_plan
+from abhv_mc.io.input_error import InputError
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+
+HERE = Path(__file__).parent
+
+HEAD = """\
+from typing import NamedTuple
+from abhv_mc.extend import Command, atan2, clamp, controller, exp, log, sincos, sqrt, table, wrap
+"""
+# A cascade of gains by hand that holds level flight for a while, with a memory.
+CASCADE = (
+    HEAD
+    + """
+class Settings(NamedTuple):
+    path: float = 0.9
+    bank_limit: float = 1.2
+
+class Memory(NamedTuple):
+    speed: float = 0.0
+    ticks: float = 0.0
+
+@controller(units={{"bank_limit": "rad"}}{compiled})
+def law(measured, reference, memory, settings, time, dt):
+    alpha = reference.angle_of_attack - settings.path * (measured.flight_path_angle - reference.flight_path_angle)
+    speed = measured.speed - reference.speed
+    eta = reference.equivalence_ratio - 0.02 * speed - 0.001 * memory.speed
+    elevator = reference.elevator + 2.0 * (measured.angle_of_attack - alpha) + 1.5 * measured.pitch_rate
+    bank, beta, p, r = wrap(measured.bank - reference.bank), measured.sideslip, measured.roll_rate, measured.yaw_rate
+    aileron = -0.26 * bank - 1.2 * beta - 0.08 * p + 0.06 * r
+    rudder = -0.04 * bank - 0.2 * beta - 0.01 * p + 0.04 * r
+    after = Memory(memory.speed + dt * speed, memory.ticks + 1.0)
+    return Command(aileron, rudder, elevator, eta, angle_of_attack=alpha), after
+"""
+)
+
+
+@pytest.fixture
+def make(repository, tmp_path):
+    """A plan of a law's text and the text of its controller file."""
+
+    def make_plan(text, settings="{}", vehicle="ghame_x", mission="level", seconds=3.0):
+        (tmp_path / "law.py").write_text(text)
+        (tmp_path / "law.yaml").write_text(f"law: python\nfile: law.py\nrate: 100 Hz\nsettings: {settings}\n")
+        configs = repository / "configs"
+        files = configs / "vehicle" / f"{vehicle}.yaml", configs / "mission" / f"{mission}.yaml"
+        plan = prepare(*files, tmp_path / "law.yaml", "own")
+        ticks = round(seconds * 100)
+        rows = {name: getattr(plan, name)[: ticks + 1] for name in ("reference", "gains")}
+        return dataclasses.replace(plan, timing=plan.timing._replace(ticks=ticks), **rows)
+
+    return make_plan
+
+
+def disperse(flights):
+    parameters = nominal_parameters(flights)
+    generator = np.random.default_rng(7)
+    for name, width in (("atmosphere.density", 0.1), ("aero.lift", 0.1), ("aero.pitching_moment", 0.1)):
+        parameters[:, PARAMETER_INDEX[name]] += generator.uniform(-width, width, flights)
+    parameters[::3, PARAMETER_INDEX["initial.angle_of_attack"]] = 0.5  # beyond its limit: lanes to give away
+    parameters[:, PARAMETER_INDEX["initial.bank"]] += generator.uniform(-0.2, 0.2, flights)
+    return parameters
+
+
+def assert_same(one, other):
+    for part in ("outcome", "end_time", "metrics", "history"):
+        assert np.array_equal(getattr(one, part), getattr(other, part), equal_nan=part != "outcome"), part
+
+
+def test_lqr_as_a_file_is_the_built_in_lqr_to_the_bit(repository):
+    configs = repository / "configs"
+    files = configs / "vehicle" / "ghame_x_coupled.yaml", configs / "mission" / "s_manoeuvre.yaml"
+    own = prepare(*files, HERE / "lqr_law.yaml", "own")
+    built_in = prepare(*files, configs / "control" / "lqr.yaml", "lqr")
+    parameters = disperse(70)
+    assert_same(fly(own, parameters, 50), fly(built_in, parameters, 50))
+
+
+def test_a_law_does_not_depend_on_lanes_company_or_compaction(make):
+    plan = make(CASCADE.format(compiled=""), seconds=2.5 * COMPACTION / 100)
+    parameters = disperse(TOGETHER + 2 * LANES + 5)
+    abreast = fly(plan, parameters)
+    assert 0 < (abreast.outcome != Outcome.OK).sum() < len(parameters), "some end early, so that lanes are compacted"
+    order = np.random.default_rng(1).permutation(len(parameters))
+    shuffled = fly(plan, parameters[order])
+    assert np.array_equal(abreast.metrics[order], shuffled.metrics, equal_nan=True)
+    some = [0, 40, 300]
+    alone = fly(plan, parameters[some], lanes=1)
+    assert np.array_equal(abreast.metrics[some], alone.metrics, equal_nan=True)
+
+
+def test_plain_python_flies_the_same_bits_and_follows_its_memory_through_compaction(make):
+    seconds = 1.3 * COMPACTION / 100
+    compiled = make(CASCADE.format(compiled=""), seconds=seconds)
+    plain = make(CASCADE.format(compiled=", compiled=False"), seconds=seconds)
+    parameters = disperse(LANES + 8)
+    assert_same(fly(compiled, parameters, 100), fly(plain, parameters, 100))
+
+
+MATHS = (
+    HEAD
+    + """
+lift = table([-1.0, 0.0, 0.5, 2.0], [3.0, -1.0, 0.25, 7.0])
+surface = table([0.0, 1.0, 2.0], [-1.0, 1.0], [[1.0, 2.0], [0.3, -4.0], [5.0, 0.1]])
+
+def helper(x, y=2.0):
+    return clamp(x * y, -1.0, 1.0)
+
+@controller
+def law(measured, reference, time):
+    s, c = sincos(measured.heading)
+    x = atan2(measured.sideslip, measured.angle_of_attack) + exp(-abs(measured.bank)) * log(measured.speed)
+    y = wrap(measured.bank * 3.0) + lift(measured.bank) - surface(measured.sideslip, c)
+    a = helper(x) + helper(y, 0.5) + sqrt(abs(s)) if time >= 0.0 else 0.0
+    return Command(0.01 * a, 0.01 * x, 0.01 * y, 0.5 + 0.1 * s, a, x, y)
+"""
+)
+
+
+def test_one_lane_32_lanes_and_plain_python_agree_on_ten_thousand_inputs(make):
+    """The compiled loops are called at their address on a block of lanes; plain Python gets the same numbers."""
+    import ctypes
+
+    from abhv_mc.control.columns import REFERENCE
+    from abhv_mc.flight.memory import Z_ROWS
+    from abhv_mc.plant import state as s
+    from abhv_mc.user_code.compiled import COMMAND_ROWS, compile_law
+    from abhv_mc.user_code.plain import PlainLaw
+    from abhv_mc.user_code.source import load_law
+
+    plan = make(MATHS)
+    kind = ctypes.CFUNCTYPE(None, *4 * [ctypes.c_void_p], ctypes.c_int64, ctypes.c_double)
+    generator = np.random.default_rng(10)
+    inputs = generator.uniform(-3.0, 3.0, (10_016, s.N_MEASURED))
+    inputs[:, 1] = generator.uniform(100.0, 3000.0, len(inputs))
+    row = np.zeros(len(REFERENCE))
+
+    def run(law, width):
+        out = []
+        call = kind(law.address)
+        for first in range(0, len(inputs), width):
+            Z = np.zeros((Z_ROWS, width))
+            Z[s.MEASURED : s.MEASURED + s.N_MEASURED] = inputs[first : first + width].T
+            call(Z.ctypes.data, row.ctypes.data, row.ctypes.data, row.ctypes.data, 0, 0.01)
+            out.append(Z[list(COMMAND_ROWS)].T.copy())
+        return np.concatenate(out)
+
+    abreast = run(compile_law(plan.source, (), LANES), LANES)
+    assert np.isfinite(abreast).all()
+    assert len(np.unique(abreast[:, 0])) > 1000
+    assert np.array_equal(abreast, run(compile_law(plan.source, (), 1), 1))
+    assert np.array_equal(abreast, run(PlainLaw(load_law(plan.source), (), LANES), LANES))
+
+
+def test_a_command_that_is_no_number_ends_the_flight(make):
+    text = HEAD + "@controller\ndef law(measured, reference, time):\n"
+    text += "    return Command(0.0, 0.0, sqrt(0.5 - time), reference.equivalence_ratio)\n"
+    block = fly(make(text), nominal_parameters(2))
+    assert [Outcome(code) for code in block.outcome] == [Outcome.NOT_FINITE] * 2
+    assert np.allclose(block.end_time, 0.51)
+
+
+def test_an_exception_in_plain_python_ends_the_flight_and_is_told_once(make, capsys):
+    text = HEAD + "@controller(compiled=False)\ndef law(time):\n    if time > 0.2:\n        raise KeyError('lost')\n"
+    text += "    return Command(0.0, 0.0, 0.0, 0.5)\n"
+    block = fly(make(text), nominal_parameters(3))
+    assert [Outcome(code) for code in block.outcome] == [Outcome.LAW_FAILED] * 3
+    told = capsys.readouterr().err
+    assert told.count("KeyError: 'lost'") == 1
+    assert 'law.py", line 6' in told
+
+
+@pytest.mark.parametrize("raised", ["SystemExit(0)", "KeyboardInterrupt", "asyncio.CancelledError"])
+def test_what_is_no_exception_ends_the_flight_too(make, raised):
+    """It flew on with the last command, and was counted as ok."""
+    text = f"import asyncio\n{HEAD}@controller(compiled=False)\ndef law(time):\n    if time > 0.2:\n"
+    text += f"        raise {raised}\n    return Command(0.0, 0.0, 0.0, 0.5)\n"
+    block = fly(make(text), nominal_parameters(2))
+    assert [Outcome(code) for code in block.outcome] == [Outcome.LAW_FAILED] * 2
+
+
+def test_a_memory_that_cannot_be_made_ends_the_flight(make):
+    text = HEAD + "class Memory:\n    def __init__(self):\n        raise OSError('no model')\n\n"
+    text += "@controller(compiled=False)\ndef law(memory):\n    return Command(0.0, 0.0, 0.0, 0.5), memory\n"
+    block = fly(make(text), nominal_parameters(2))
+    assert [Outcome(code) for code in block.outcome] == [Outcome.LAW_FAILED] * 2
+
+
+def test_settings_that_cannot_be_made_end_the_flight(make):
+    """It flew on with commands of zero, and was counted as ok."""
+    text = HEAD + "from collections import namedtuple\nclass Settings(namedtuple('Settings', 'x', defaults=(1.0,))):\n"
+    text += "    def __new__(kind, x):\n        raise SystemExit(0)\n\n"
+    text += "@controller(compiled=False)\ndef law(settings):\n    return Command(0.0, 0.0, 0.0, 0.5)\n"
+    block = fly(make(text), nominal_parameters(2))
+    assert [Outcome(code) for code in block.outcome] == [Outcome.LAW_FAILED] * 2
+
+
+def test_memory_of_any_kind_in_plain_python(make):
+    text = HEAD + "class Memory:\n    def __init__(self):\n        self.seen = []\n\n"
+    text += (
+        "@controller(compiled=False)\ndef law(measured, memory, reference):\n    memory.seen.append(measured.bank)\n"
+    )
+    text += "    return Command(-memory.seen[0], 0.0, reference.elevator, 1.0), memory\n"
+    plan = make(text, seconds=0.1)
+    parameters = nominal_parameters(3)
+    parameters[:, PARAMETER_INDEX["initial.bank"]] = [0.0, 0.01, 0.02]
+    block = fly(plan, parameters, 1)
+    from abhv_mc.flight.channels import CHANNEL_INDEX
+
+    command = block.history[:, -1, CHANNEL_INDEX["aileron_command_deg"]]
+    assert np.allclose(command, -np.rad2deg([0.0, 0.01, 0.02]), atol=1e-3)
+
+
+def test_commands_are_clamped_and_missing_ones_are_the_references(make):
+    text = HEAD + "@controller\ndef law():\n    return Command(9.0, -9.0, 9.0, -5.0)\n"
+    plan = make(text, seconds=0.05)
+    history = fly(plan, nominal_parameters(), 1).history[0, 1]
+    from abhv_mc.flight.channels import CHANNEL_INDEX
+
+    limit = np.rad2deg(plan.vehicle.constants.surface_limit)
+    names = ("aileron", "rudder", "elevator")
+    assert np.allclose([history[CHANNEL_INDEX[f"{n}_command_deg"]] for n in names], [limit, -limit, limit])
+    assert history[CHANNEL_INDEX["equivalence_ratio_command"]] == np.float32(
+        plan.vehicle.constants.equivalence_ratio_min
+    )
+    reference = np.rad2deg(plan.reference[1, 8])
+    assert np.isclose(history[CHANNEL_INDEX["angle_of_attack_command_deg"]], reference)
+
+
+def test_a_stored_plan_holds_no_source_and_does_not_fly_without(make, tmp_path):
+    plan = make(CASCADE.format(compiled=""))
+    write_plan(tmp_path / "plan.npz", plan)
+    assert b"NamedTuple" not in (tmp_path / "plan.npz").read_bytes()
+    stored = read_plan(tmp_path / "plan.npz")
+    assert stored.source is None
+    assert stored.source_hash == plan.source.hash
+    with pytest.raises(ValueError, match="without its source"):
+        fly(stored, nominal_parameters())
+    travelled = pickle.loads(pickle.dumps(plan))  # noqa: S301  as to a worker process
+    assert_same(fly(plan, nominal_parameters(2)), fly(travelled, nominal_parameters(2)))
+
+
+def test_onboard_is_the_nominal_vehicle(make):
+    """Moments, forces and slopes against differences of the numpy design model at the measured state."""
+    text = HEAD + "@controller\ndef law(onboard, reference):\n"
+    text += "    return Command(0.0, 0.01, reference.elevator, reference.equivalence_ratio,\n"
+    text += "        1e-6 * onboard.{0}, onboard.{1} * 1e-9, onboard.{2} * 1e-9)\n"
+    from abhv_mc.control.design.design_model import wrench_at
+    from abhv_mc.control.design.lqr_design import make_nominal
+    from abhv_mc.control.mission import read_mission
+    from abhv_mc.flight.channels import CHANNEL_INDEX
+
+    names = ["dynamic_pressure", "moment.pitch", "moment_by_elevator.pitch", "moment_by_aileron.roll",
+             "moment_by_rudder.yaw", "thrust_by_equivalence_ratio", "thrust", "lift_by_angle_of_attack",
+             "inertia.yy"]  # fmt: skip
+    found = {}
+    for three in (names[:3], names[3:6], names[6:]):
+        plan = make(text.format(*three), seconds=0.01)
+        history = fly(plan, nominal_parameters(), 1).history[0, 0]
+        channels = ("flight_path_angle_command_deg", "angle_of_attack_command_deg", "bank_command_deg")
+        scales = (1e6, 1e9, 1e9)
+        for name, channel, scale in zip(three, channels, scales, strict=True):
+            found[name] = np.deg2rad(history[CHANNEL_INDEX[channel]]) * scale
+    state = plan.initial_state
+    alpha, eta, elevator = np.arctan2(state[5], state[3]), state[20], state[16]
+    mission = read_mission(Path(__file__).parents[2] / "configs" / "mission" / "level.yaml")
+    nominal = make_nominal(mission, plan.reference[0])
+    speed, mass = float(np.hypot(state[3], state[5])), nominal.mass
+
+    def wrench(alpha=alpha, aileron=0.0, rudder=0.0, elevator=elevator, eta=eta):
+        deflections = tuple(np.array(x) for x in (aileron, rudder, elevator))
+        rates = (np.array(0.0),) * 3
+        return wrench_at(
+            plan.vehicle, nominal.around, mass, speed, np.array(alpha), np.array(0.0), rates, deflections, np.array(eta)
+        )
+
+    h = 1e-6
+    assert np.isclose(found["dynamic_pressure"], 0.5 * nominal.around.density * speed**2, rtol=1e-5)
+    assert np.isclose(found["inertia.yy"], wrench().inertia[1, 1], rtol=1e-5)
+    slope = (wrench(elevator=elevator + h).moment - wrench().moment)[1] / h
+    assert np.isclose(found["moment_by_elevator.pitch"], slope, rtol=1e-4)
+    slope = (wrench(aileron=h).moment - wrench().moment)[0] / h
+    assert np.isclose(found["moment_by_aileron.roll"], slope, rtol=1e-4)
+    slope = (wrench(rudder=h).moment - wrench().moment)[2] / h
+    assert np.isclose(found["moment_by_rudder.yaw"], slope, rtol=1e-4)
+    thrust = np.hypot(*((wrench(eta=eta + h).force - wrench().force)[[0, 2]])) / h
+    assert np.isclose(found["thrust_by_equivalence_ratio"], thrust, rtol=0.05)
+    up = (wrench(alpha=alpha + h).force - wrench().force) / h
+    total = up[0] * np.sin(alpha) - up[2] * np.cos(alpha)
+    assert np.isclose(found["lift_by_angle_of_attack"], total, rtol=0.1)
+
+
+def test_inversion_with_the_vehicle_on_board_flies_the_s_in_sixty_lines(repository):
+    configs = repository / "configs"
+    law = (configs / "control" / "inversion.py").read_text()
+    body = law[law.index("@controller") :]
+    assert len(body.splitlines()) <= 60
+    files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
+    block = fly(prepare(*files, configs / "control" / "inversion.yaml", "own"), nominal_parameters())
+    assert block.outcome[0] == Outcome.OK
+    from abhv_mc.flight.channels import METRIC_INDEX
+
+    assert block.metrics[0, METRIC_INDEX["altitude_error_max_m"]] < 20.0
+
+
+def test_design_gives_gains_and_the_linear_plant(make):
+    text = HEAD + (
+        "import numpy as np\n"
+        "class Settings(NamedTuple):\n    scale: float = 1.0\n\n"
+        "class Gains(NamedTuple):\n    pitch: np.ndarray\n    constant: float\n\n"
+        "def design(model, settings):\n"
+        "    plant = model.linearise(10.0)\n"
+        "    A, B = plant.take(('angle_of_attack', 'pitch_rate'), ('elevator',))\n"
+        "    assert A.shape == (2, 2) and B.shape == (2, 1) and plant.A.shape == (10, 10)\n"
+        "    assert abs(A[0, 1] - 1.0) < 0.01 and B[1, 0] < 0.0\n"
+        "    assert 0.0 < model.trim(10.0).angle_of_attack < 0.2\n"
+        "    return Gains(settings.scale * model.reference.speed / model.reference.speed[0], 3.0)\n\n"
+        "@controller\ndef law(gains, reference):\n"
+        "    return Command(0.01 * gains.pitch, 0.001 * gains.constant, reference.elevator, 1.0)\n"
+    )
+    plan = make(text, "{scale: 50 %}", seconds=0.05)
+    assert plan.gain_names.tolist() == ["pitch", "constant"]
+    from abhv_mc.flight.channels import CHANNEL_INDEX
+
+    history = fly(plan, nominal_parameters(), 1).history[0, 1]
+    assert np.isclose(history[CHANNEL_INDEX["aileron_command_deg"]], np.rad2deg(0.005), rtol=1e-4)
+
+
+DESIGNS = {
+    "raise Mute": "a design that raises Mute",
+    "raise SystemExit(0)": "raises SystemExit",
+    "return 3": "returns int",
+    "return Gains('x')": "the gain 'class'",
+    "return Gains(1.0)": "'class'",
+    "return Gains(Mute)": "'class'",
+}
+
+
+@pytest.mark.parametrize("end", DESIGNS)
+def test_an_odd_design_is_refused_in_words(make, end):
+    text = HEAD + (
+        "class Mute(Exception):\n    def __str__(self):\n        raise SystemExit(0)\n\n"
+        "class Gains(tuple):\n    _fields = ('class',)\n    def __new__(kind, x):\n"
+        "        return tuple.__new__(kind, (x,))\n\n"
+        f"def design(model, settings):\n    {end}\n\n"
+        "@controller\ndef law(reference):\n    return Command(0.0, 0.0, reference.elevator, 1.0)\n"
+    )
+    with pytest.raises(InputError) as refused:
+        make(text)
+    assert DESIGNS[end] in refused.value.found
+
+
+LINE = "    return Command(0.0, 0.0, 0.0, 1.0)\n"
+WRONG = [
+    ("def law(measured):\n    x = [measured.bank]\n" + LINE, 5, "a list", "lists are not allowed"),
+    ("def law(measured):\n    print(measured.bank)\n" + LINE, 5, "print()", "a channel or a metric"),
+    ("def law(measured):\n    import math\n" + LINE, 5, "an import inside a function", "head of the file"),
+    ("def law(measured):\n    x = measured.alttitude\n" + LINE, 5, "measured.alttitude", "did you mean 'altitude'"),
+    ("def law(measured):\n    global n\n    n = 1\n" + LINE, 5, "a global that changes", "Memory"),
+    ("def law(measured):\n    if measured.bank > 0.0:\n    " + LINE, 5, "without 'return'", "return Command"),
+    ("def law(measured):\n    return measured\n", 5, "something else", "return Command"),
+    ("def law(measurd):\n" + LINE, 4, "the argument 'measurd'", "did you mean 'measured'"),
+    ("def law(memory):\n" + LINE, 4, "'memory' in a file without it", "class Memory"),
+    ("def law(measured):\n    x = undefined + 1.0\n" + LINE, 5, "'undefined'", "a name of the file"),
+    ("def law(measured):\n    x = measured.bank @ 1.0\n" + LINE, 5, "does not compile", "floats"),
+]
+
+
+@pytest.mark.parametrize(("text", "line", "found", "wanted"), WRONG, ids=[entry[2] for entry in WRONG])
+def test_what_cannot_be_compiled_is_said_in_the_users_terms(make, tmp_path, text, line, found, wanted):
+    with pytest.raises(InputError) as caught:
+        make(HEAD + "@controller\n" + text)
+    error = caught.value
+    assert found in error.found, str(error)
+    assert wanted in error.wanted or wanted in error.found, str(error)
+    assert error.file == str(tmp_path / "law.py")
+    assert error.line == line or (error.line is None and "something" in found), str(error)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ("{pth: 1.0}", "4:12: found the unknown key 'pth'; wanted one of path, bank_limit (did you mean 'path'?)"),
+        ("{bank_limit: 60 m}", "4:24: found '60 m', a length; wanted an angle"),
+        ("{path: fast}", "4:18: found 'fast'"),
+    ],
+)
+def test_wrong_settings_are_said_with_file_line_and_column(make, tmp_path, settings, words):
+    with pytest.raises(InputError) as caught:
+        make(CASCADE.format(compiled=""), settings)
+    assert f"{tmp_path / 'law.yaml'}:{words}" in str(caught.value)
+
+
+def test_a_default_that_is_no_number_is_refused(make):
+    text = HEAD + "class Memory(NamedTuple):\n    x: float = float('nan')\n\n"
+    with pytest.raises(InputError, match="found nan for 'x'; wanted a finite number"):
+        make(text + "@controller\ndef law(memory):\n    return Command(0.0, 0.0, 0.0, 1.0), memory\n")
+
+
+def test_the_gpu_refuses_a_law_of_ones_own_with_a_sentence(make, monkeypatch):
+    from abhv_mc.flight import gpu
+    from abhv_mc.io.input_error import Refusal
+
+    monkeypatch.setattr(gpu, "find_device", lambda: "simulator")
+    with pytest.raises(Refusal, match="compiled for the processor only"):
+        gpu.fly_on_gpu(make(CASCADE.format(compiled="")), nominal_parameters())
