@@ -66,6 +66,9 @@ DIFFERENTIATORS = (
 )  # rad/s, of sub-loop 3
 
 
+LISTED = (0.0, 0.1, 0.3, 0.8, 2.0, 5.0, 8.0, 12.0, 20.0, 30.0)  # rows of the page
+
+
 def cells(numbers: Floats) -> str:
     """A row's numbers to three digits."""
     return " | ".join(f"{number:.3g}" for number in numbers)
@@ -154,7 +157,8 @@ def differentiator_rows(tuning: Tuning) -> tuple[list[str], dict[float, list[tup
             if calm:
                 largest[ratio] = bandwidth
             curves[ratio].append((bandwidth, flown[1]))
-            rows.append(f"{start} {flown[1]} | {cells(flown[0])} | {tuning.noisy_travel(changes):.0f} |")
+            if ratio == RATIOS[-1] and bandwidth in LISTED:  # the figure has the others
+                rows.append(f"{start} {flown[1]} | {cells(flown[0])} | {tuning.noisy_travel(changes):.0f} |")
     return rows, curves, largest
 
 
