@@ -4,7 +4,7 @@ Sets are tried in order of size as long as there are few enough of them; beyond,
 member is needed (delta debugging: Zeller & Hildebrandt, IEEE TSE 28(2), 2002), many candidates at a time.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from math import comb
@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Sets = list[tuple[int, ...]]
 
 BUDGET = 4000  # candidates to try in order of size
-_PIECE = 512  # candidates tried at once
 
 
 @dataclass(frozen=True)
@@ -28,49 +28,87 @@ class Shrunk:
     tried: int
 
 
+Shrinking = Generator[Sets, Floats, "Shrunk | None"]  # asks about sets, hears how badly each fails
+
+
 def shrink(count: int, test: Callable[[Mask], Floats], mildest_first: NDArray[np.intp], budget: int = BUDGET) -> Shrunk:
     """The smallest sets among ``count`` inputs that fail.
 
     ``test`` takes kept inputs ``[candidate, input]`` and gives how badly each candidate fails, -inf where it does not.
     ``mildest_first`` orders the inputs for removal. Raises ValueError where all inputs together do not fail.
     """
+    found = shrink_together(count, lambda _, keep: test(keep), [mildest_first], budget)[0]
+    if found is None:
+        raise ValueError("all inputs together do not fail")
+    return found
+
+
+def shrink_together(
+    count: int,
+    test: Callable[[NDArray[np.intp], Mask], Floats],
+    mildest_first: Sequence[NDArray[np.intp]],
+    budget: int = BUDGET,
+) -> list[Shrunk | None]:
+    """The smallest sets of several failures, None where all inputs together do not fail.
+
+    ``test`` takes which failure each candidate belongs to and the inputs that it keeps ``[candidate, input]``: what is
+    asked about all failures at a time comes in one call. ``mildest_first`` has an order of the inputs for each failure.
+    """
+    found: list[Shrunk | None] = [None] * len(mildest_first)
+    searches: dict[int, Shrinking] = {}
+    asked: dict[int, Sets] = {}
+
+    def go_on(who: int, severity: Floats | None) -> None:
+        try:
+            asked[who] = next(searches[who]) if severity is None else searches[who].send(severity)
+        except StopIteration as end:
+            found[who] = end.value
+
+    for who, order in enumerate(mildest_first):
+        searches[who] = _shrink(count, order, budget)
+        go_on(who, None)
+    while asked:
+        turn, asked = asked, {}
+        owners = np.repeat(np.array(list(turn), dtype=np.intp), [len(sets) for sets in turn.values()])
+        severity = test(owners, _masks([members for sets in turn.values() for members in sets], count))
+        for who in turn:
+            go_on(who, severity[owners == who])
+    return found
+
+
+def _shrink(count: int, order: NDArray[np.intp], budget: int) -> Shrinking:
     tried, size = 0, 0
     while size <= count and tried + comb(count, size) <= budget:
         sets = list(combinations(range(count), size))
-        severity = _test_sets(sets, count, test)
+        severity = yield sets
         tried += len(sets)
-        found = sorted((k for k in range(len(sets)) if severity[k] > -np.inf), key=lambda k: -severity[k])
-        if found:
-            return Shrunk(tuple(sets[k] for k in found), True, tried)
+        failing = sorted((k for k in range(len(sets)) if severity[k] > -np.inf), key=lambda k: -severity[k])
+        if failing:
+            return Shrunk(tuple(sets[k] for k in failing), True, tried)
         size += 1
     if size > count:
-        raise ValueError("all inputs together do not fail")
-    kept, flown = _shrink_whole(count, test, mildest_first)
-    return Shrunk((kept,), len(kept) == size, tried + flown)
-
-
-def _shrink_whole(count: int, test: Callable[[Mask], Floats], order: NDArray[np.intp]) -> tuple[tuple[int, ...], int]:
-    """From all inputs down to a set that no single member can leave, and how many candidates that took."""
+        return None
     kept = [int(i) for i in order]
-    if not _test_sets([tuple(kept)], count, test)[0] > -np.inf:
-        raise ValueError("all inputs together do not fail")
-    tried = 1
+    if not (yield [tuple(kept)])[0] > -np.inf:
+        return None
+    tried += 1
     while kept:
         without = [tuple(k for k in kept if k != i) for i in kept]
-        spare = [i for i, bad in zip(kept, _test_sets(without, count, test), strict=True) if bad > -np.inf]
+        severity = yield without
         tried += len(without)
+        spare = [i for i, bad in zip(kept, severity, strict=True) if bad > -np.inf]
         if not spare:
             break
         # All that can leave alone, leaving together: one, two, ... of them, the mildest first.
         fewer = [tuple(k for k in kept if k not in spare[: n + 1]) for n in range(len(spare))]
-        failing = np.flatnonzero(_test_sets(fewer, count, test) > -np.inf)
+        severity = yield fewer
         tried += len(fewer)
-        kept = list(fewer[int(failing.max())])  # the first fails: it left alone
-    return tuple(sorted(kept)), tried
+        kept = list(fewer[int(np.flatnonzero(severity > -np.inf).max())])  # the first fails: it left alone
+    return Shrunk((tuple(sorted(kept)),), len(kept) == size, tried)
 
 
-def _test_sets(sets: list[tuple[int, ...]], count: int, test: Callable[[Mask], Floats]) -> Floats:
+def _masks(sets: Sets, count: int) -> Mask:
     keep = np.zeros((len(sets), count), dtype=np.bool_)
     for row, members in zip(keep, sets, strict=True):
         row[list(members)] = True
-    return np.concatenate([test(keep[first : first + _PIECE]) for first in range(0, len(sets), _PIECE)])
+    return keep
