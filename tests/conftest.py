@@ -16,6 +16,18 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Worker processes find the fake flight as this one does.
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
 
+_CAMPAIGNS_FLY = (
+    "analysis",
+    "campaign",
+    "cli",
+    "execution",
+    "folder",
+    "report",
+    "robustness",
+    "search",
+    "test_notebook.py",
+)
+
 # The same examples in each run: a suite that fails now and then teaches people to run it again.
 settings.register_profile("repeatable", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("repeatable")
@@ -27,7 +39,7 @@ def repository() -> Path:
     return Path(__file__).parents[1]
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="session")
 def fork_server():
     """One server for all engines: the first would know its own alone, and each worker of another import for seconds."""
     modules = [
@@ -39,6 +51,12 @@ def fork_server():
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([*modules, "scipy.stats", "joblib"])
     forkserver.ensure_running()
+
+
+@pytest.fixture(autouse=True)
+def _fork_server_where_campaigns_fly(request):
+    if request.path.relative_to(Path(__file__).parent).parts[0] in _CAMPAIGNS_FLY:
+        request.getfixturevalue("fork_server")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
