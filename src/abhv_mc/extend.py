@@ -12,17 +12,20 @@ from abhv_mc.control.laws.allocation import solve_3x3
 from abhv_mc.jit import scalar
 from abhv_mc.numerics.angles import clamp, larger, smaller, wrap
 from abhv_mc.numerics.lane_math import acos, asin, atan2, exp, log, power, sincos, tan
-from abhv_mc.user_code.law_interface import Command, Inertia, Measured, Moment, Onboard, Reference
+from abhv_mc.user_code.law_interface import Coefficients, Command, Inertia, Measured, Moment, Onboard, Reference, Thrust
+from abhv_mc.user_code.scattered import Scattered as scattered  # noqa: N813
 from abhv_mc.user_code.source import CHANNEL, CONTROLLER, ChannelMark, ControllerMark
 from abhv_mc.user_code.table import Table as table  # noqa: N813  spoken as a function
 
 __all__ = [
+    "Coefficients",
     "Command",
     "Inertia",
     "Measured",
     "Moment",
     "Onboard",
     "Reference",
+    "Thrust",
     "acos",
     "allocate",
     "asin",
@@ -35,6 +38,7 @@ __all__ = [
     "larger",
     "log",
     "power",
+    "scattered",
     "sin",
     "sincos",
     "smaller",

@@ -19,7 +19,7 @@ from abhv_mc.cli.outputs import with_outputs_apart
 from abhv_mc.cli.printing import escape_unknown_characters, say
 
 _COMMANDS = {
-    "Start": ("new", "validate", "plan", "schema"),
+    "Start": ("new", "import", "validate", "plan", "schema"),
     "Fly": ("run", "merge", "fly", "replay"),
     "Search": ("worst", "rare", "tune"),
     "Look": (
@@ -38,6 +38,8 @@ _COMMANDS = {
     "Analyse": ("margins", "linearize"),
     "Prove": ("verify", "bench"),
 }
+
+_MODULES = {"import": "importing"}  # where a command's name is a word of Python's
 
 app = typer.Typer(
     name="abhv-mc",
@@ -67,7 +69,7 @@ def _options(
 
 for _panel, _names in _COMMANDS.items():
     for _name in _names:
-        _module = import_module(f"abhv_mc.cli.{_name}")
+        _module = import_module(f"abhv_mc.cli.{_MODULES.get(_name, _name)}")
         if hasattr(_module, "app"):
             app.add_typer(_module.app, name=_name, rich_help_panel=_panel)
         else:

@@ -19,6 +19,7 @@ from abhv_mc.jit import compiler, scalar
 from abhv_mc.jit_pointer import Uncompilable, compile_pointer
 from abhv_mc.plant import state as s
 from abhv_mc.user_code.law_interface import Command, LastCommand, Measured, Onboard, Reference
+from abhv_mc.user_code.scattered import Scattered
 from abhv_mc.user_code.source import Law, Module, OwnSource, load_law, refuse_in_words
 from abhv_mc.user_code.table import Table
 
@@ -110,7 +111,7 @@ def compiled_names(module: Module) -> dict[str, Any]:
             copy = types.FunctionType(value.__code__, names, name, value.__defaults__, value.__closure__)
             copy.__kwdefaults__ = value.__kwdefaults__
             names[name] = scalar(copy)
-        elif issubclass(type(value), Table):
+        elif issubclass(type(value), (Table, Scattered)):
             names[name] = value.make_compiled()
         elif issubclass(type(value), type) and hasattr(value, "_fields") and (value is Command or name == "Memory"):
             names[name] = _make_maker(value, home.__name__)

@@ -86,6 +86,35 @@ class Onboard(NamedTuple):
     last: LastCommand
 
 
+class Coefficients(NamedTuple):
+    """What an aerodynamics function returns: the forces of its frame, and the moments about its reference point.
+
+    ``body``: CX, CY, CZ; ``stability``: CL, CD and CY along body y; ``wind``: CL, CD and CC to the right.
+    """
+
+    CX: float = 0.0
+    CY: float = 0.0
+    CZ: float = 0.0
+    CL: float = 0.0
+    CD: float = 0.0
+    CC: float = 0.0
+    Cl: float = 0.0
+    Cm: float = 0.0
+    Cn: float = 0.0
+
+
+class Thrust(NamedTuple):
+    """What an engine function returns, in body axes at the moment reference."""
+
+    force_x: float  # N
+    force_y: float = 0.0
+    force_z: float = 0.0
+    fuel_flow: float = 0.0  # kg/s
+    moment_x: float = 0.0  # N m
+    moment_y: float = 0.0
+    moment_z: float = 0.0
+
+
 # Arguments that a law may name, and the rest, which its file defines.
 GIVEN = {"measured": Measured, "reference": Reference, "onboard": Onboard}
 CLASSES = {"memory": "Memory", "settings": "Settings", "gains": "gains"}

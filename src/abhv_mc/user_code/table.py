@@ -1,27 +1,38 @@
-"""Look-ups on the user's own grids, multilinear, clamped at the edges; the same bits compiled and in plain Python."""
+"""Look-ups on the user's own grids, multilinear; the same bits compiled and in plain Python."""
 
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abhv_mc.io.input_error import Refusal
+from abhv_mc.io.input_error import Refusal, one_of
 from abhv_mc.jit import scalar
+
+ENDS = {"neither": (False, False), "min": (True, False), "max": (False, True), "both": (True, True)}
 
 
 class Table:
-    """Values over one or two grids: ``table(grid, values)``, ``table(grid_0, grid_1, values)``."""
+    """Values over any number of grids: ``table(grid, values)``, ``table(grid_0, grid_1, values)``, ...
 
-    def __init__(self, *arrays: ArrayLike) -> None:
+    ``extrapolate`` says beyond which end a line goes on: ``neither`` (the default: held), ``min``, ``max`` or ``both``,
+    for all grids or each.
+    """
+
+    def __init__(self, *arrays: ArrayLike, extrapolate: str | Sequence[str] = "neither") -> None:
         *grids, values = (np.ascontiguousarray(array, dtype=np.float64) for array in arrays)
-        if not 1 <= len(grids) <= 2 or values.shape != tuple(grid.size for grid in grids):
-            raise Refusal(f"{len(grids)} grids and values of the shape {values.shape}", "values[grid, grid]")
+        if not grids or values.shape != tuple(grid.size for grid in grids):
+            raise Refusal(f"{len(grids)} grids and values of the shape {values.shape}", "values[grid, grid, ...]")
         if not all(grid.ndim == 1 and grid.size > 1 and (np.diff(grid) > 0.0).all() for grid in grids):
             raise Refusal("a grid that does not rise", "at least two numbers that rise")
         if not all(np.isfinite(array).all() for array in (*grids, values)):
             raise Refusal("a table with what is not a number", "finite numbers")
+        ends = (extrapolate,) * len(grids) if isinstance(extrapolate, str) else tuple(extrapolate)
+        if len(ends) != len(grids) or not all(end in ENDS for end in ends):
+            raise Refusal(f"extrapolate {extrapolate!r}", f"{one_of(ENDS)}, for all grids or each")
         self.grids, self.values = tuple(grids), values
+        self.extrapolate = tuple(ENDS[end] for end in ends)
 
     @functools.cached_property
     def _look_up(self) -> Any:
@@ -35,17 +46,18 @@ class Table:
     def make_compiled(self) -> Any:
         """The look-up as a function that compiled laws call; numbers of the table are constants of it."""
         if len(self.grids) == 1:
-            return _make_1d(self.grids[0], self.values)
-        first, second = self.grids
-        return _make_2d(first, second, self.values)
+            return _make_1d(self.grids[0], self.values, *self.extrapolate[0])
+        if len(self.grids) == 2:
+            return _make_2d(*self.grids, self.values, *self.extrapolate[0], *self.extrapolate[1])
+        return _make_nd(self)
 
 
-def _make_1d(grid: Any, values: Any) -> Any:
+def _make_1d(grid: Any, values: Any, below: bool, above: bool) -> Any:
     last = grid.size - 1
 
     def look_up(x):  # type: ignore[no-untyped-def]
-        x = grid[0] if x < grid[0] else x
-        x = grid[last] if x > grid[last] else x
+        x = grid[0] if x < grid[0] and not below else x
+        x = grid[last] if x > grid[last] and not above else x
         i = 0
         for k in range(1, last):
             i = k if x >= grid[k] else i
@@ -55,14 +67,14 @@ def _make_1d(grid: Any, values: Any) -> Any:
     return scalar(look_up)
 
 
-def _make_2d(grid_0: Any, grid_1: Any, values: Any) -> Any:
+def _make_2d(grid_0: Any, grid_1: Any, values: Any, below_0: bool, above_0: bool, below_1: bool, above_1: bool) -> Any:
     last_0, last_1 = grid_0.size - 1, grid_1.size - 1
 
     def look_up(x, y):  # type: ignore[no-untyped-def]
-        x = grid_0[0] if x < grid_0[0] else x
-        x = grid_0[last_0] if x > grid_0[last_0] else x
-        y = grid_1[0] if y < grid_1[0] else y
-        y = grid_1[last_1] if y > grid_1[last_1] else y
+        x = grid_0[0] if x < grid_0[0] and not below_0 else x
+        x = grid_0[last_0] if x > grid_0[last_0] and not above_0 else x
+        y = grid_1[0] if y < grid_1[0] and not below_1 else y
+        y = grid_1[last_1] if y > grid_1[last_1] and not above_1 else y
         i, j = 0, 0
         for k in range(1, last_0):
             i = k if x >= grid_0[k] else i
@@ -73,5 +85,38 @@ def _make_2d(grid_0: Any, grid_1: Any, values: Any) -> Any:
         low = (1.0 - u) * values[i, j] + u * values[i, j + 1]
         high = (1.0 - u) * values[i + 1, j] + u * values[i + 1, j + 1]
         return (1.0 - t) * low + t * high
+
+    return scalar(look_up)
+
+
+def _make_nd(table: Table) -> Any:
+    """Three grids and more: the sum over a cell's corners, each with its weight."""
+    axes = len(table.grids)
+    grid = np.concatenate(table.grids)
+    lengths = np.array([own.size for own in table.grids])
+    starts = np.cumsum(lengths) - lengths
+    strides = np.array(table.values.strides) // table.values.itemsize
+    below = np.array([ends[0] for ends in table.extrapolate])
+    above = np.array([ends[1] for ends in table.extrapolate])
+    values = table.values.ravel()
+
+    def look_up(*at):  # type: ignore[no-untyped-def]
+        value = 0.0
+        for corner in range(1 << axes):
+            weight, place = 1.0, 0
+            for axis in range(axes):
+                start, last = starts[axis], starts[axis] + lengths[axis] - 1
+                x = at[axis]
+                x = grid[start] if x < grid[start] and not below[axis] else x
+                x = grid[last] if x > grid[last] and not above[axis] else x
+                i = start
+                for k in range(start + 1, last):
+                    i = k if x >= grid[k] else i
+                t = (x - grid[i]) / (grid[i + 1] - grid[i])
+                up = (corner >> axis) & 1
+                weight *= t if up else 1.0 - t
+                place += strides[axis] * (i - start + up)
+            value += weight * values[place]
+        return value
 
     return scalar(look_up)

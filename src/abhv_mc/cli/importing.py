@@ -1,0 +1,33 @@
+"""``abhv-mc import``: other people's models as files of one's own."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from abhv_mc.cli.outputs import new_folder
+from abhv_mc.cli.printing import say
+
+app = typer.Typer(help="Make files of your own from other people's models.", no_args_is_help=True)
+
+
+@app.callback()
+def _family() -> None:
+    """Make files of your own from other people's models."""
+
+
+@app.command("daveml")
+def daveml(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE.dml...", help="DAVE-ML files of one vehicle.")],
+    out: Annotated[
+        Path, typer.Option("--output", "-o", callback=new_folder, metavar="DIR", help="Where the vehicle is written.")
+    ],
+) -> None:
+    """Write DAVE-ML files (ANSI/AIAA S-119) as readable Python functions; their check shots must pass.
+
+    What the files leave open is asked for in DIR/import.yaml.
+    """
+    from abhv_mc.daveml.vehicle import import_daveml
+
+    for path in import_daveml(files, out):
+        say(path)

@@ -1,0 +1,41 @@
+"""Units as S-119 writes them: ``ft_s`` for feet per second, ``slugft2``, ``_deg`` for one over a degree."""
+
+import math
+import re
+
+from abhv_mc.io.input_error import Refusal
+from abhv_mc.io.units import Exponents, parse_unit
+
+_SPELLINGS = {"r": "rad", "sec": "s", "d": "deg", "hr": "h", "lbm": "lb", "nim": "nmi", "kn": "kt", "knot": "kt"}
+_SYMBOLS = (
+    "slug", "kPa", "nmi", "nim", "knot", "lbm", "lbf", "rad", "deg", "min", "sec", "kg", "km", "cm", "mm", "ft", "in",
+    "kt", "kn", "Pa", "hr", "lb", "Hz", "N", "W", "m", "s", "h", "r", "d",
+)  # fmt: skip  # longest first
+_TOKEN = re.compile(f"({'|'.join(_SYMBOLS)})([0-9]?)")
+_NUMBERS = {"nd": 1.0, "frac": 1.0, "pct": 0.01, "": 1.0}
+
+
+def parse_s119_unit(text: str) -> tuple[float, Exponents]:
+    """Factor to SI and exponents. Raises :class:`Refusal` for a unit that is not known."""
+    if text in _NUMBERS:
+        return _NUMBERS[text], (0, 0, 0, 0)
+    above, _, below = text.partition("_")
+    words = [_words(above, text), *(f"/{word}" for word in _words(below, text).split())]
+    return parse_unit("1" + "".join(words[1:]) if not above else " ".join(words))
+
+
+def _words(part: str, whole: str) -> str:
+    """Symbols with their powers, separated, as :func:`abhv_mc.io.units.parse_unit` reads them."""
+    found, place = [], 0
+    while place < len(part):
+        match = _TOKEN.match(part, place)
+        if match is None:
+            raise Refusal(f"the unknown unit '{whole}'", "a unit of S-119 such as ft_s, slugft2, _deg, pct or nd")
+        found.append(_SPELLINGS.get(match[1], match[1]) + match[2])
+        place = match.end()
+    return " ".join(found)
+
+
+def describe_factor(factor: float) -> str:
+    """Python text of a conversion factor: degrees by their definition, others as a number."""
+    return "DEGREE" if factor == math.pi / 180.0 else repr(factor)

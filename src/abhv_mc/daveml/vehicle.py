@@ -1,0 +1,138 @@
+"""``abhv-mc import daveml``: from DAVE-ML files to a folder with Python functions ."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from abhv_mc.daveml.adapters import (
+    Answer,
+    factor_to_si,
+    find_questions,
+    write_coefficients,
+    write_law,
+    write_thrust,
+)
+from abhv_mc.daveml.model import Model, Variable, read_model
+from abhv_mc.daveml.shots import make_function, run_shots
+from abhv_mc.daveml.signals import find_signals, kinds_of
+from abhv_mc.daveml.writer import python_names, write_module
+from abhv_mc.io.atomic_write import atomic_write
+from abhv_mc.io.documents import read_document
+from abhv_mc.io.input_error import InputError, describe
+
+ANSWERS = "import.yaml"
+Answers = dict[str, dict[str, Answer]]  # [file name][varID]
+
+
+def import_daveml(files: Sequence[Path], folder: Path) -> list[Path]:
+    """Write what the files hold into a folder: the paths written. Every check shot is run before anything is.
+
+    A number that the files leave open is asked for in ``import.yaml`` there, and the import stops. Raises InputError.
+    """
+    models = [read_model(path) for path in files]
+    for model in models:
+        run_shots(model)
+    kinds = {model.path.name: kinds_of(model) for model in models}
+    answers = _read_answers(folder / ANSWERS, models)
+    questions: dict[str, dict[str, tuple[Variable, Answer]]] = {name: {} for name in kinds}
+    for model in models:
+        name = model.path.name
+        for asked in find_questions(model, kinds[name]):
+            key = asked.variable.identifier
+            questions[name][key] = asked.variable, answers[name].get(key, asked.value)
+    texts: dict[str, str] = {}
+    if any(questions.values()):
+        texts[ANSWERS] = _write_questions(questions)
+    open_ones = [
+        f"{name}: {key}" for name, asked in questions.items() for key, (_, value) in asked.items() if value is None
+    ]
+    if open_ones:
+        paths = _write(folder, texts)
+        found = f"no value for {', '.join(open_ones)}"
+        raise InputError(paths[0], None, None, found, "numbers there, then the same command again")
+    given = {name: {key: value for key, (_, value) in asked.items()} for name, asked in questions.items()}
+    texts |= _write_parts(models, kinds, given)
+    return _write(folder, texts)
+
+
+def _read_answers(path: Path, models: Sequence[Model]) -> Answers:
+    answers: Answers = {model.path.name: {} for model in models}
+    if not path.exists():
+        return answers
+    document = read_document(path)
+    for name, content in document.data.items() if isinstance(document.data, dict) else ():
+        if name not in answers or not isinstance(content, dict):
+            continue
+        for key, value in content.items():
+            if isinstance(value, bool) or not isinstance(value, float | int | str | None):
+                raise document.error(
+                    (name, key), describe(value), "a number in the units of the file, or a signal's name"
+                )
+            answers[name][key] = value
+    return answers
+
+
+def _write_questions(questions: Mapping[str, Mapping[str, tuple[Variable, Answer]]]) -> str:
+    lines = [
+        "# Inputs that no signal of the program gives: numbers in the units of the file, or a signal such as throttle."
+    ]
+    for name, asked in questions.items():
+        lines += [f"{name}:"] if asked else []
+        for key, (variable, value) in asked.items():
+            words = f"{variable.name}, {variable.units}"
+            lines += [f"  # {words}: {variable.description}" if variable.description else f"  # {words}"]
+            lines += [f"  {key}: {'' if value is None else value}".rstrip()]
+    return "\n".join(lines) + "\n"
+
+
+def _write_parts(models: Sequence[Model], kinds: Mapping[str, tuple[str, ...]], answers: Answers) -> dict[str, str]:
+    values = _constants(models, answers)
+    span, chord = values.get("span", 1.0), values.get("chord", 1.0)
+    texts: dict[str, str] = {}
+    for model in models:
+        extra: list[str] = []
+        imports: list[str] = []
+        module = f"{model.path.stem.lower().replace('-', '_')}.py"
+        for kind in kinds[model.path.name]:
+            given = answers[model.path.name]
+            if kind == "aerodynamics":
+                extra.append(write_coefficients(model, given, span, chord))
+                imports.append("Coefficients")
+            elif kind == "propulsion":
+                extra.append(write_thrust(model, given))
+                imports.append("Thrust")
+            elif kind == "control":
+                extra.append(write_law(model, given))
+                imports += ["Command", "controller"]
+        used = {*imports, *({"DEGREE"} if any("DEGREE" in text for text in extra) else ())}
+        texts[module] = write_module(model, "\n\n".join(extra), used)
+    return texts
+
+
+def _constants(models: Sequence[Model], answers: Answers) -> dict[str, float]:
+    """Reference lengths and mass properties, SI, from whichever file gives them."""
+    wanted = ("area", "span", "chord", "mass", "inertia_xx", "inertia_yy", "inertia_zz", "inertia_zx", "inertia_xy",
+              "inertia_yz", "center_of_gravity_x", "center_of_gravity_y", "center_of_gravity_z")  # fmt: skip
+    found: dict[str, float] = {}
+    for model in models:
+        outputs = {name: variable for name, variable in find_signals(model.outputs).items() if name in wanted}
+        if not outputs:
+            continue
+        names = python_names(model)
+        given = {v.identifier: answers[model.path.name].get(v.identifier, v.initial) for v in model.inputs}
+        numbers = {names[key]: value if isinstance(value, float | int) else 0.0 for key, value in given.items()}
+        made: Any = make_function(model)(**numbers) if any(v.computed for v in outputs.values()) else None
+        for name, variable in outputs.items():
+            value = getattr(made, names[variable.identifier]) if variable.computed else variable.initial
+            found.setdefault(name, float(value or 0.0) * factor_to_si(model, variable, name))
+    return found
+
+
+def _write(folder: Path, texts: Mapping[str, str]) -> list[Path]:
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name, text in texts.items():
+        with atomic_write(folder / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+        paths.append(folder / name)
+    return paths

@@ -1,0 +1,100 @@
+"""An XML file as nodes that know their line. Nothing outside the file is looked at.
+
+A document type is skipped; entity declarations, references to entities and inclusions of other files are refused.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+
+from abhv_mc.io.input_error import InputError
+
+MAX_BYTES = 50_000_000
+_DEEPEST = 200  # elements within elements
+_SEPARATOR = "\n"  # between a name space and a name: no name holds it
+_INCLUDE = "http://www.w3.org/2001/XInclude"
+
+
+@dataclass
+class Node:
+    """An element: its name without the name space, attributes, children and the text directly in it."""
+
+    name: str
+    attributes: dict[str, str]
+    line: int
+    column: int
+    children: list["Node"] = field(default_factory=list)
+    text: str = ""
+
+    def first(self, name: str) -> "Node | None":
+        """The first child of a name."""
+        return next((child for child in self.children if child.name == name), None)
+
+    def all(self, *names: str) -> list["Node"]:
+        """The children of these names, in their order."""
+        return [child for child in self.children if child.name in names]
+
+    def words(self, name: str) -> str:
+        """The text of a child on one line; empty without the child."""
+        child = self.first(name)
+        return " ".join(child.text.split()) if child else ""
+
+
+def read_xml(path: Path) -> tuple[Node, bytes]:
+    """The root element of a file, and the file's bytes. Raises :class:`InputError` with line and column."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise InputError(path, None, None, f"a file that cannot be read ({error.strerror})", "a DAVE-ML file") from None
+    if len(content) > MAX_BYTES:
+        raise InputError(path, None, None, f"more than {MAX_BYTES} bytes", "a DAVE-ML file")
+    return _Reader(path).read(content), content
+
+
+class _Reader:
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._open: list[Node] = []
+        self._root: Node | None = None
+        self._parser = expat.ParserCreate(namespace_separator=_SEPARATOR)
+        self._parser.buffer_text = True
+        self._parser.StartElementHandler = self._start
+        self._parser.EndElementHandler = lambda name: self._open.pop()
+        self._parser.CharacterDataHandler = self._characters
+        self._parser.EntityDeclHandler = lambda name, *rest: self._refuse(f"the entity declaration '{name}'")
+        self._parser.UnparsedEntityDeclHandler = lambda name, *rest: self._refuse(f"the entity declaration '{name}'")
+        self._parser.ExternalEntityRefHandler = lambda *rest: self._refuse("a reference to another file")
+        self._parser.SkippedEntityHandler = lambda name, _: self._refuse(f"the entity '{name}', nowhere declared")
+
+    def read(self, content: bytes) -> Node:
+        try:
+            self._parser.Parse(content, True)
+        except expat.ExpatError as error:
+            found = f"what is no XML ({expat.ErrorString(error.code)})"
+            raise InputError(self._path, error.lineno, error.offset + 1, found, "a DAVE-ML file") from None
+        if self._root is None:  # the parser has refused such a file
+            raise InputError(self._path, 1, None, "no element", "a DAVE-ML file")
+        return self._root
+
+    def _start(self, name: str, attributes: dict[str, str]) -> None:
+        space, _, plain = name.rpartition(_SEPARATOR)
+        if space == _INCLUDE:
+            self._refuse("an inclusion of another file")
+        if len(self._open) >= _DEEPEST:
+            self._refuse(f"more than {_DEEPEST} elements within each other")
+        bare = {key.rpartition(_SEPARATOR)[2]: value for key, value in attributes.items()}
+        node = Node(plain, bare, self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1)
+        if self._open:
+            self._open[-1].children.append(node)
+        else:
+            self._root = node
+        self._open.append(node)
+
+    def _characters(self, text: str) -> None:
+        if self._open:
+            self._open[-1].text += text
+
+    def _refuse(self, found: str) -> int:
+        place = self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1
+        raise InputError(self._path, *place, found, "a DAVE-ML file that stands alone")

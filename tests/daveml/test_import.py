@@ -1,0 +1,182 @@
+"""DAVE-ML files: their check shots, and each against an evaluation of its graph written apart from the importer."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+from daveml.graph import Graph
+
+from abhv_mc.daveml.model import read_model
+from abhv_mc.daveml.shots import make_function, run_shots
+from abhv_mc.daveml.vehicle import import_daveml
+from abhv_mc.daveml.writer import python_names
+from abhv_mc.io.input_error import InputError
+
+FILES = sorted((Path(__file__).parents[1] / "reference" / "daveml").glob("*.dml"))
+SHOTS = {"F16_aero.dml": 16, "F16_prop.dml": 9}
+RANGES = {  # of inputs in the files' units, beyond their tables
+    "alpha": (-20.0, 55.0),
+    "beta": (-40.0, 40.0),
+    "vt": (0.0, 2000.0),
+    "el": (-30.0, 30.0),
+    "ALT": (-5e3, 6e4),
+    "RMACH": (-0.2, 1.4),
+    "PWR": (0.0, 100.0),
+    "altCmd": (9e3, 1.1e4),
+    "altMsl": (9e3, 1.1e4),
+    "psi": (-180.0, 180.0),
+    "baseChiCmd": (-180.0, 180.0),
+    "ownshipN_deg": (-0.1, 90.0),
+    "ownshipE_deg": (-180.0, 180.0),
+    "Vequiv": (280.0, 295.0),
+    "keasCmd": (280.0, 295.0),
+    "stg1fuelUsed": (-1e4, 2e5),
+    "stg2fuelUsed": (-1e4, 1e5),
+}
+
+
+def of(name: str) -> Path:
+    return next(path for path in FILES if path.name == name)
+
+
+def changed(tmp_path: Path, name: str, old: str, new: str) -> Path:
+    path = tmp_path / name
+    text = of(name).read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_written_python_is_the_graph_at_random_inputs(path: Path) -> None:
+    model, graph = read_model(path), Graph(path)
+    function, names = make_function(model), python_names(model)
+    assert {variable.identifier for variable in model.inputs} == set(graph.inputs)
+    assert [variable.identifier for variable in model.outputs] != []
+    rng = np.random.default_rng(19)
+    points = 1000 if graph.inputs else 1
+    values = {name: rng.uniform(*RANGES.get(name, (-1.5, 1.5)), points) for name in graph.inputs}
+    for i in range(points):
+        inputs = {name: float(column[i]) for name, column in values.items()}
+        ours = function(**{names[name]: value for name, value in inputs.items()})
+        for name, value in graph.evaluate(inputs).items():
+            assert getattr(ours, names[name]) == pytest.approx(value, rel=1e-12, abs=1e-12), (name, inputs)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_check_shots_pass(path: Path) -> None:
+    model = read_model(path)
+    assert len(model.shots) == SHOTS.get(path.name, 0)
+    run_shots(model)
+
+
+def test_a_wrong_table_fails_its_check_shots_by_line(tmp_path: Path) -> None:
+    path = changed(tmp_path, "F16_prop.dml", "12680.0,  9150.0, 6200.0", "12690.0,  9150.0, 6200.0")
+    out = tmp_path / "out"
+    with pytest.raises(InputError, match=r"F16_prop\.dml:\d+: found 12690\.0 for 'FEX'"):
+        import_daveml([path], out)
+    assert not out.exists()
+
+
+def test_aileron_of_the_other_sign_and_units_are_turned(tmp_path: Path) -> None:
+    import_daveml([of("F16_aero.dml"), of("F16_prop.dml"), of("F16_inertia.dml")], tmp_path)
+    aero = runpy.run_path(str(tmp_path / "f16_aero.py"))
+
+    class Given:
+        def __init__(self, **values: float) -> None:
+            self.__dict__ |= values
+
+    air = Given(airspeed=152.4, angle_of_attack=np.radians(5.0), sideslip=np.radians(2.0), altitude=3000.0, mach=0.5)
+    rates = Given(roll_rate=0.01, pitch_rate=0.002, yaw_rate=-0.003)
+    controls = Given(aileron=np.radians(4.0), rudder=np.radians(3.0), elevator=np.radians(-2.0))
+    ours = aero["coefficients"](air, controls, rates, None)
+    there = {"vt": 500.0, "alpha": 5.0, "beta": 2.0, "el": -2.0, "ail": -4.0, "rdr": 3.0}
+    there |= {"p": 0.01 * 2 * 500 / 30, "q": 0.002 * 2 * 500 / 11.32, "r": -0.003 * 2 * 500 / 30}
+    theirs = Graph(of("F16_aero.dml")).evaluate(there)
+    for name, output in (("CX", "cx"), ("CY", "cy"), ("CZ", "cz"), ("Cl", "cl"), ("Cm", "cm"), ("Cn", "cn")):
+        assert getattr(ours, name) == pytest.approx(theirs[output], rel=1e-10)
+    engine = runpy.run_path(str(tmp_path / "f16_prop.py"))
+    assert engine["thrust"](Given(altitude=0.0, mach=0.0), 0.5, None).force_x == pytest.approx(
+        12680.0 * 4.4482216152605
+    )
+
+
+def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
+    files = [of("twostage_aero.dml"), of("twostage_inertia.dml"), of("twostage_prop.dml")]
+    with pytest.raises(InputError, match=r"stagedFlag.*stg1firing"):
+        import_daveml(files, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["import.yaml"]
+    answers = tmp_path / "import.yaml"
+    text = answers.read_text(encoding="utf-8")
+    for name, value in (("stagedFlag", 0), ("stg1fuelUsed", 0), ("stg2fuelUsed", 0), ("stg2firing", 0)):
+        text = text.replace(f"  {name}:\n", f"  {name}: {value}\n")
+    answers.write_text(text.replace("  stg1firing:\n", "  stg1firing: throttle\n"), encoding="utf-8")
+    import_daveml(files, tmp_path)
+    engine = runpy.run_path(str(tmp_path / "twostage_prop.py"))
+    assert engine["thrust"](None, 1.0, None).force_x == 17e6
+    assert engine["thrust"](None, 1.0, None).fuel_flow == pytest.approx(17e6 / (360 * 9.8066))
+    assert engine["thrust"](None, 0.0, None).force_x == 0.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "found"),
+    [
+        ("<DAVEfunc xmlns", '<!DOCTYPE x [<!ENTITY a "b">]><DAVEfunc xmlns', "junk|entity|syntax"),
+        ("<cn>180.</cn>", "<cn>&amp;&other;</cn>", "entity"),
+        ("<divide/>", "<determinant/>", "the operator 'determinant'"),
+        ("<ci>el</ci>", "<ci>__import__('os')</ci>", "computed of '__import__"),
+        ('<bpRef bpID="DE1"/>', '<bpRef bpID="DE9"/>', "the breakpoints 'DE9'"),
+        ("-.099,-.081", "-.099", "a table of 59 values"),
+        ('extrapolate="neither"', 'extrapolate="wild"', "extrapolate 'wild'"),
+        ("<cn>25.0</cn>", "<ci>cz</ci>", "a circle"),
+    ],
+)
+def test_what_is_wrong_is_refused_with_its_line(tmp_path: Path, old: str, new: str, found: str) -> None:
+    path = changed(tmp_path, "F16_aero.dml", old, new)
+    with pytest.raises(InputError, match=found) as error:
+        import_daveml([path], tmp_path / "out")
+    assert error.value.line is not None
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unknown_unit_refuses_only_on_a_mapped_signal(tmp_path: Path) -> None:
+    internal = changed(tmp_path, "F16_aero.dml", 'varID="rtd" units="deg_rad"', 'varID="rtd" units="furlong"')
+    import_daveml([internal], tmp_path / "out")
+    mapped = changed(tmp_path, "brick_aero.dml", 'units="ft_s"', 'units="furlong_s"')
+    with pytest.raises(InputError, match="the unknown unit 'furlong_s'"):
+        import_daveml([mapped], tmp_path / "out")
+
+
+def test_an_entity_declaration_is_refused(tmp_path: Path) -> None:
+    path = changed(tmp_path, "cannonball_aero.dml", 'DAVEfunc.dtd">', 'DAVEfunc.dtd" [<!ENTITY a "b">]>')
+    with pytest.raises(InputError, match="the entity declaration 'a'"):
+        read_model(path)
+
+
+def test_ungridded_extrapolated_and_own_points(tmp_path: Path) -> None:
+    path = tmp_path / "small.dml"
+    path.write_text(
+        """<DAVEfunc><fileHeader name="small"/>
+        <variableDef name="x" varID="x" units="nd"/><variableDef name="y" varID="y" units="nd"/>
+        <variableDef name="f" varID="f" units="nd"><isOutput/></variableDef>
+        <variableDef name="g" varID="g" units="nd"><isOutput/></variableDef>
+        <variableDef name="h" varID="h" units="nd"><isOutput/></variableDef>
+        <variableDef name="k" varID="k" units="nd"><calculation><math><apply><root/><degree><cn>3</cn></degree>
+          <apply><max/><ci>x</ci><ci>y</ci><cn>0.5</cn></apply></apply></math></calculation><isOutput/></variableDef>
+        <breakpointDef bpID="X"><bpVals>0 1 3</bpVals></breakpointDef>
+        <function name="f"><independentVarRef varID="x"/><independentVarRef varID="y"/><dependentVarRef varID="f"/>
+          <functionDefn><ungriddedTableDef name="u" utID="u"><dataPoint>0 0 1</dataPoint><dataPoint>2 0 3</dataPoint>
+          <dataPoint>0 2 5</dataPoint><dataPoint>3 3 10</dataPoint></ungriddedTableDef></functionDefn></function>
+        <function name="g"><independentVarRef varID="x" min="0.5" max="3" extrapolate="max"/>
+          <dependentVarRef varID="g"/><functionDefn><griddedTableDef name="t" gtID="t">
+          <breakpointRefs><bpRef bpID="X"/></breakpointRefs><dataTable>0 2 4</dataTable></griddedTableDef>
+          </functionDefn></function>
+        <function name="h"><independentVarPts varID="x">0 1</independentVarPts>
+          <dependentVarPts varID="h">1 3</dependentVarPts></function></DAVEfunc>""",
+        encoding="utf-8",
+    )
+    function = make_function(read_model(path))
+    assert function(0.5, 0.5) == pytest.approx((1 + 0.5 + 1.0, 1.0, 2.0, 0.5 ** (1 / 3)))  # f = 1 + x + 2 y
+    assert function(5.0, 0.0)[1:] == pytest.approx((6.0, 3.0, 5.0 ** (1 / 3)))
+    assert function(-5.0, 0.0)[1:] == pytest.approx((1.0, 1.0, 0.5 ** (1 / 3)))
