@@ -166,7 +166,7 @@ def main() -> None:
     name = "million" if options.million else "growth"
     flights = sorted(set(options.flights or (MILLION if options.million else [100, 1000, 10_000, 100_000])))
     load = os.getloadavg()[0]
-    run_command("fly", "s_manoeuvre", "--controller", options.controllers.split(",", maxsplit=1)[0])  # compiles
+    run_command("fly", "s_manoeuvre", "--controllers", options.controllers.split(",", maxsplit=1)[0])  # compiles
     with tempfile.TemporaryDirectory() as folder:
         campaign = write_short_campaign(Path(folder)) if options.million else CAMPAIGN
         spreads = measure_all(campaign, flights, options.controllers, options.repeats)

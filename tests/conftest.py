@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import sys
 from multiprocessing import forkserver
 from pathlib import Path
 
@@ -62,3 +63,19 @@ def _fork_server_where_campaigns_fly(request):
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What compiles everything anew for minutes comes first: at the end, the other workers would wait for it."""
     items.sort(key=lambda item: item.path.name not in ("test_public_numba.py", "test_wheel.py"))
+
+
+@pytest.fixture
+def abhv_mc(monkeypatch, capfd):
+    """Run the program; gives exit code, standard output and standard error."""
+
+    from abhv_mc.cli.app import main
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["abhv-mc", *map(str, words)])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        out, err = capfd.readouterr()
+        return caught.value.code or 0, out, err
+
+    return call

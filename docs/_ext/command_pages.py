@@ -25,8 +25,9 @@ def make(examples: Path) -> dict[str, str]:
     pages: dict[str, str] = {}
     contents = [
         "# Commands\n",
-        "`abhv-mc COMMAND --help` prints the same. The output of `--json`, where a command has it, is for programs and",
-        "stable; what is printed without it is for people and may change.\n",
+        "`abhv-mc COMMAND --help` prints the same. A campaign, mission, vehicle or controller is a path or the name of",
+        "a shipped one. `--json FILE` writes the figures that a command prints, and `--json -` has them alone on",
+        "standard output: they are for programs and stable. What is printed in words may change.\n",
     ]
     for panel, names in _COMMANDS.items():
         rows = []

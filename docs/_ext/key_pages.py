@@ -118,7 +118,7 @@ def _page(kind: str) -> str:
     schema = make_schema(kind)
     lines = [f"# {kind.capitalize()} file\n", _INTRODUCTIONS[kind] + "\n"]
     lines.append(
-        f"A quantity has its [unit](../units.md) in the text. `abhv-mc schema {kind}` prints this as JSON Schema,"
+        f"A quantity has its [unit](../units.md) in the text. `abhv-mc list schemas {kind}` prints this as JSON Schema,"
     )
     lines.append("with which [an editor](../../../how-to/editors.md) completes and checks keys.\n")
     if "properties" in schema:

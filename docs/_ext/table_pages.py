@@ -78,7 +78,7 @@ def _parameters() -> str:
         "# Parameters\n",
         "What a campaign may disperse, under `dispersions:`. A factor multiplies (nominal 1); an error is added, in",
         "its unit (nominal 0). Nominal values leave the flight unchanged to the last bit. The plant is dispersed;",
-        "controllers see the nominal model only. `abhv-mc parameters` prints this table. A campaign names",
+        "controllers see the nominal model only. `abhv-mc list parameters` prints this table. A campaign names",
         "`effector_0` to `effector_3` as the vehicle file does: `failure.right_elevon.stuck_time`.\n",
     ]
     groups: dict[str, list[tuple[str, ...]]] = {}

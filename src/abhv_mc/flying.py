@@ -115,7 +115,7 @@ def fly(
 ) -> "pd.DataFrame":
     """Fly one flight: a table of ``time`` (s) and every recorded channel, a row each ``every`` control ticks.
 
-    dispersions: parameters of this flight (``abhv-mc parameters`` lists them), the others nominal; a number is a
+    dispersions: parameters of this flight (``abhv-mc list parameters`` lists them), the others nominal; a number is a
     factor or SI, text has its unit, as in ``{"aero.drag": "110 %", "wind.north": 12.0}``.
     The table's ``attrs`` hold ``units`` (of the columns), ``outcome``, ``sentence``, ``end_time_s``, ``metrics`` and
     ``metric_units`` by name, and ``warnings``. A flight that ends early has fewer rows. Raises

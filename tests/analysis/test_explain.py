@@ -88,7 +88,7 @@ def test_the_command_prints_the_causes_and_draws_the_flight(flown, table, tmp_pa
     assert "1 of its 2 dispersions alone (no smaller set does" in shown.stdout
     assert (flown / f"explained/two-{flight}.png").stat().st_size > 10_000
     told = CliRunner().invoke(
-        app, ["explain", str(flown), "--flight", str(flight), "--json", "-o", str(tmp_path / "x.png")]
+        app, ["explain", str(flown), "--flight", str(flight), "--json", "-", "-o", str(tmp_path / "x.png")]
     )
     numbers = json.loads(told.stdout)
     assert numbers["controller"] == "one" and list(numbers["causes"]) == ["atmosphere.density"]

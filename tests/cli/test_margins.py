@@ -7,8 +7,9 @@ import control
 import numpy as np
 import pytest
 import scipy.io
+from typer.testing import CliRunner
 
-from abhv_mc.cli import linearize, margins
+from abhv_mc.cli.app import app
 from abhv_mc.io.documents import InputError
 
 KEYS = [
@@ -25,14 +26,20 @@ KEYS = [
 ]
 
 
+def _call(*words):
+    """Run a command, as its errors are raised; gives its standard output."""
+    return CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False).output
+
+
 def _run(tmp_path, at="trim", controller="tlc", **more):
-    options = {"vehicle": "ghame_x", "bank": "0", "out": None, **more}
-    margins.command("level", controller=controller, at=at, json=tmp_path / "new/rows.json", **options)
+    words = ["level", "--at", at, "--controllers", controller, "--json", tmp_path / "new/rows.json"]
+    _call("margins", *words, *(word for name, value in more.items() for word in (f"--{name}", value)))
     return json.loads((tmp_path / "new/rows.json").read_text())["rows"]
 
 
-def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path, capsys):
-    rows = _run(tmp_path, at="trim,2s", controller="tlc,lqr_retuned")
+def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path):
+    words = ("margins", "level", "--at", "trim,2s", "--controllers", "tlc,lqr_retuned")
+    rows = json.loads(CliRunner().invoke(app, [*words, "--json", "-"]).stdout)["rows"]
     loops = ["aileron", "rudder", "elevator", "equivalence_ratio", "all"]
     assert [row["loop"] for row in rows] == loops * 4
     assert [row["time_s"] for row in rows[::5]] == [None, 2.0, None, 2.0]
@@ -42,21 +49,21 @@ def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path, capsys)
     assert rudder["gain_margin_low_db"] is None and rudder["gain_margin_high_db"] == pytest.approx(5.55, abs=0.01)
     assert rows[4]["disk_margin"] == pytest.approx(0.0579, abs=1e-4)
     assert rows[4]["disk_gain_db"] == pytest.approx(0.503, abs=1e-3)
-    captured = capsys.readouterr()
-    assert "-1.31" in captured.out and "none" in captured.out
-    assert "near the node 1.0000" in captured.err
+    said = CliRunner().invoke(app, words)
+    assert "-1.31" in said.stdout and "none" in said.stdout
+    assert "near the node 1.0000" in said.stderr
 
 
-def test_an_unstable_loop_has_no_margins_but_poles(tmp_path, capsys):
+def test_an_unstable_loop_has_no_margins_but_poles(tmp_path):
     rows = _run(tmp_path, controller="lqr")
     assert not any(row["stable"] for row in rows)
     assert all(rows[0][key] is None for key in KEYS[3:9])
     np.testing.assert_allclose(rows[4]["poles"], [[0.120, 2.783]], atol=1e-3)
-    assert "unstable, no margins; poles +0.120 +- 2.78j per second" in capsys.readouterr().out
+    assert "unstable, no margins; poles +0.120 +- 2.78j per second" in _call("margins", "level", "--controllers", "lqr")
 
 
 def test_margins_draws_bode_and_nichols(tmp_path):
-    _run(tmp_path, out=tmp_path / "figures")
+    _run(tmp_path, output=tmp_path / "figures")
     found = sorted(path.name for path in (tmp_path / "figures").iterdir())
     assert found == ["bode_tlc_trim.png", "nichols_tlc_trim.png"]
 
@@ -66,14 +73,13 @@ def test_a_turn_has_margins_of_its_own(tmp_path):
     assert turning["stable"] and turning["gain_margin_high_db"] != straight["gain_margin_high_db"]
 
 
-def test_margins_of_a_campaign_are_those_of_its_vehicle_mission_and_controllers(repository, tmp_path, capsys):
+def test_margins_of_a_campaign_are_those_of_its_vehicle_mission_and_controllers(tmp_path):
     file = tmp_path / "rows.json"
-    campaign = str(repository / "campaigns" / "winged_cone.yaml")
-    margins.command(campaign, vehicle=None, controller="tlc", at="trim", bank="0", json=file, out=None)
+    _call("margins", "winged_cone", "--controllers", "tlc", "--json", file)
     found = json.loads(file.read_text())
     assert found["vehicle"] == "winged_cone" and {row["controller"] for row in found["rows"]} == {"tlc"}
     with pytest.raises(InputError, match="tlc"):
-        margins.command(campaign, vehicle=None, controller="pid", at="trim", bank="0", json=None, out=None)
+        _call("margins", "winged_cone", "--controllers", "pid")
 
 
 @pytest.mark.parametrize(
@@ -95,7 +101,7 @@ def test_margins_refuses_bad_options(tmp_path, options, said):
 
 
 def _linearize(file, controller="tlc", at="trim"):
-    linearize.command("level", file, vehicle="ghame_x", controller=controller, at=at, bank="0")
+    _call("linearize", "level", "-o", file, "--controller", controller, "--at", at)
 
 
 def test_linearize_writes_a_model_that_python_control_opens(tmp_path):
@@ -124,8 +130,8 @@ def test_linearize_says_the_same_in_each_format(tmp_path):
         _linearize(tmp_path / f"new/model{suffix}", "lqr_retuned", "1s")
     text = json.loads((tmp_path / "new/model.json").read_text())
     matlab = scipy.io.loadmat(tmp_path / "new/model.mat", simplify_cells=True)
-    packed = np.load(tmp_path / "new/model.npz", allow_pickle=False)
-    models = [text["loop"], matlab["loop"], {key: packed[f"loop_{key}"] for key in ("A", "B", "states")}]
+    with np.load(tmp_path / "new/model.npz", allow_pickle=False) as packed:
+        models = [text["loop"], matlab["loop"], {key: packed[f"loop_{key}"] for key in ("A", "B", "states")}]
     for one, other in pairwise(models):
         for key in ("A", "B"):
             np.testing.assert_array_equal(np.array(one[key]), np.array(other[key]))

@@ -41,6 +41,6 @@ def test_compare(folder, tmp_path):
     crossed = run("compare", failing, failing, "--controllers", "tlc,lqr").stdout
     (line,) = [line for line in crossed.splitlines() if line.startswith("reached the end")]
     assert "only A failed 0, only B 4" in line and line.partition("only B: ")[2].count(",") == 3
-    assert len(json.loads(run("compare", folder, folder, "--json").stdout)["paired"]) == 3
+    assert len(json.loads(run("compare", folder, folder, "--json", "-").stdout)["paired"]) == 3
     other = write_campaign(tmp_path / "other", runs=12, seed=8)
     assert isinstance(run("compare", folder, other).exception, InputError)

@@ -3,7 +3,6 @@
 import json
 import re
 import shlex
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,30 +10,15 @@ import pytest
 from search.line_flight import LINE, METRIC, fly_line, write_line
 from search.tuned_flight import ENGINE, write_tuned
 
-from abhv_mc.cli.app import main
 from abhv_mc.folder.manifest import read_manifest, write_manifest
 
 
 @pytest.fixture(autouse=True)
 def fake_engine(monkeypatch, tmp_path):
     """Cheap flights, in a folder of their own."""
-    for module in ("search.worst", "search.rare", "search.tune", "run.runner", "run.engine"):
-        monkeypatch.setattr(f"abhv_mc.campaign.{module}.make_engine", lambda: LINE)
+    for module in ("search.worst", "search.rare", "search.tune", "execution.runner", "execution.engine"):
+        monkeypatch.setattr(f"abhv_mc.{module}.make_engine", lambda: LINE)
     monkeypatch.chdir(tmp_path)
-
-
-@pytest.fixture
-def abhv_mc(monkeypatch, capfd):
-    """Run the program; gives exit code, standard output and standard error."""
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["abhv-mc", *map(str, words)])
-        with pytest.raises(SystemExit) as caught:
-            main()
-        out, err = capfd.readouterr()
-        return caught.value.code or 0, out, err
-
-    return call
 
 
 def read_json(name):
@@ -62,6 +46,8 @@ def test_worst_writes_its_numbers_a_page_and_flights_that_replay(abhv_mc, campai
     assert "http" not in page.split("<body>")[1]
     code, out, _ = abhv_mc("replay", "out", "--flight", numbers["flight"], "--controller", "one")
     assert code == 0 and "bit for bit" in out
+    again = abhv_mc("worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "out", "--json", "-")
+    assert json.loads(again[1]) == numbers  # and nothing else on standard output
     small = abhv_mc(
         "worst", campaign, "--metric", METRIC, "--below", "--flights", 400, "-o", "small", "--json", "s.json"
     )
@@ -70,8 +56,21 @@ def test_worst_writes_its_numbers_a_page_and_flights_that_replay(abhv_mc, campai
 
 
 def test_rare_gives_an_estimate_or_refuses_with_exit_code_1(abhv_mc, campaign):
-    words = ("rare", campaign, "--requirement", METRIC, "--flights", 5000, "-o", "out", "--json", "rare.json")
-    code, out, _ = abhv_mc(*words)
+    words = (
+        "rare",
+        campaign,
+        "--requirement",
+        METRIC,
+        "--flights",
+        5000,
+        "--target-cov",
+        "20 %",
+        "-o",
+        "out",
+        "--json",
+        "rare.json",
+    )
+    code, out, _ = abhv_mc(*words, "--json", "rare.json")
     numbers = read_json("rare.json")
     assert code == 0 and "95 % interval" in out
     assert 0.0 < numbers["low"] < numbers["probability"] < numbers["high"] < 1.0
@@ -99,20 +98,6 @@ def test_tune_writes_the_file_and_a_page_or_says_why_not(abhv_mc, tmp_path, monk
     page = Path("no.html").read_text(encoding="utf-8")
     assert "No file is written: no candidate kept every limit" in page and "It is shown for" not in page
     assert not Path("no.yaml").exists()
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("worst", "--metric", METRIC, "-o", "out"),
-        ("rare", "--requirement", METRIC, "-o", "out"),
-        ("tune", "-o", "out.yaml"),
-    ],
-)
-def test_shards_are_refused(abhv_mc, campaign, tmp_path, words):
-    code, _, err = abhv_mc(words[0], campaign, *words[1:], "--shard", "1/2")
-    assert code == 2 and "no shards" in err
-    assert not (tmp_path / "out").exists()
 
 
 def test_bad_requests_leave_nothing(abhv_mc, campaign, tmp_path):

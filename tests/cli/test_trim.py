@@ -20,7 +20,7 @@ def run(repository):
 
 
 def test_json_in_degrees(run):
-    result = run("ghame", "--altitude", "20km", "--speed", "1400", "--bank", "0,50 deg", "--json")
+    result = run("ghame", "--altitude", "20km", "--speed", "1400", "--bank", "0,50 deg", "--json", "-")
     assert result.exit_code == 0
     found = json.loads(result.stdout)
     assert (found["altitude_m"], found["speed_mps"], found["mass_kg"]) == (20e3, 1400.0, 95254.0)

@@ -89,7 +89,7 @@ def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path):
     assert not any(name.startswith("envelope_states") or name.endswith((".aside", ".lock")) for name in held)
     whole = json.loads((tmp_path / "whole/manifest.json").read_text())
     assert manifest_of(store, base)["digest"] == whole["digest"]
-    code, out, _ = abhv_mc("query", address, "select count(*) as n from flights", "--json")
+    code, out, _ = abhv_mc("query", address, "select count(*) as n from flights", "--json", "-")
     assert (code, json.loads(out)) == (0, [{"n": 600}])
     code, out, _ = abhv_mc("report", address, "-o", tmp_path / "here")
     assert code == 0 and (tmp_path / "here/report.html").is_file() and list((tmp_path / "here/figures").iterdir())

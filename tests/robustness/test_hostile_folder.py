@@ -367,7 +367,7 @@ def test_flights_with_numbers_that_no_flight_has(flown, folder, abhv_mc, value, 
         write_block(path.parent, block, pq.read_schema(path))
     sign(folder)
     code = 2 if 1e30 < abs(value) < np.inf else 0
-    for words in [("report", folder), ("compare", folder, flown[1]), ("compare", flown[1], folder, "--json")]:
+    for words in [("report", folder), ("compare", folder, flown[1]), ("compare", flown[1], folder, "--json", "-")]:
         ended, said = abhv_mc(*words)
         assert ended == code and "Traceback" not in said and "Warning" not in said, (words, said)
     assert abhv_mc("query", folder, "select avg(fuel_used_kg) from flights")[0] in (0, 2)

@@ -38,7 +38,7 @@ def measure_start(repetitions: int, runs: int | None = None) -> Start:
     return Start(cold, median(warm), median(imports), memory)
 
 
-_FIRST_FLIGHT = ["-m", "abhv_mc", "fly", "s_manoeuvre", "--controller", "tlc"]
+_FIRST_FLIGHT = ["-m", "abhv_mc", "fly", "s_manoeuvre", "--controllers", "tlc"]
 _IMPORT = ["-c", "import time; t = time.perf_counter(); import abhv_mc; print(time.perf_counter() - t)"]
 
 

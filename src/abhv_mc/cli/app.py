@@ -5,7 +5,6 @@ called ``app``) and is named here. Python takes ``cli/<command>.py`` in at every
 inside its function.
 """
 
-import atexit
 import gc
 import sys
 from importlib import import_module
@@ -13,31 +12,19 @@ from importlib import import_module
 import typer
 
 from abhv_mc import __version__
-from abhv_mc.cli.errors import ExitCode, exit_code_of, settle_output
-from abhv_mc.cli.interrupts import heed_signals, ignore_signals
-from abhv_mc.cli.outputs import with_outputs_apart
-from abhv_mc.cli.printing import escape_unknown_characters, say
+from abhv_mc.cli.errors import exit_code_of, settle_output
+from abhv_mc.cli.printing import say
+from abhv_mc.execution.interrupts import sigterm_as_interrupt
 
 _COMMANDS = {
-    "Start": ("new", "import", "validate", "plan", "schema"),
+    "Start": ("new", "import", "validate", "plan", "list"),
     "Fly": ("run", "merge", "fly", "replay"),
     "Search": ("worst", "rare", "tune"),
-    "Look": (
-        "report",
-        "compare",
-        "explain",
-        "whatif",
-        "status",
-        "list",
-        "query",
-        "export",
-        "trim",
-        "parameters",
-        "version",
-    ),
+    "Look": ("report", "compare", "explain", "whatif", "status", "query", "export", "trim"),
     "Analyse": ("margins", "linearize"),
     "Prove": ("verify", "bench"),
 }
+_LIBRARIES = ("numba", "llvmlite", "numpy", "scipy", "pandas", "pyarrow", "joblib", "pydantic", "plotly", "duckdb")
 
 _MODULES = {"import": "importing"}  # where a command's name is a word of Python's
 
@@ -52,16 +39,23 @@ app = typer.Typer(
 )
 
 
-def _print_version(wanted: bool) -> None:
+def _print_versions(wanted: bool) -> None:
+    """The program's version, and what a problem report needs beside it."""
     if wanted:
+        import platform
+        from importlib.metadata import version
+
         say(f"abhv-mc {__version__}")
+        say(f"python {platform.python_version()} on {platform.platform()}")
+        for library in _LIBRARIES:
+            say(f"{library} {version(library)}")
         raise typer.Exit
 
 
 @app.callback()
 def _options(
     version: bool = typer.Option(
-        False, "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+        False, "--version", callback=_print_versions, is_eager=True, help="Print the versions and exit."
     ),
 ) -> None:
     pass
@@ -73,20 +67,14 @@ for _panel, _names in _COMMANDS.items():
         if hasattr(_module, "app"):
             app.add_typer(_module.app, name=_name, rich_help_panel=_panel)
         else:
-            app.command(_name, rich_help_panel=_panel)(with_outputs_apart(_module.command))
+            app.command(_name, rich_help_panel=_panel)(_module.command)
 
 
 def main() -> None:
     """Run the command line and exit with its code."""
     gc.set_threshold(100_000, 10, 10)  # libraries being loaded are no garbage: a tenth of a cached start
-    escape_unknown_characters()
-    atexit.register(ignore_signals)  # while Python takes itself apart there is nothing left to stop
-    with heed_signals():
+    with sigterm_as_interrupt():
         try:
             app(prog_name="abhv-mc")  # so that completion knows it, however it was started
         except BaseException as error:  # every way out passes here, so that each has the promised code
-            try:
-                code = exit_code_of(error)
-            except KeyboardInterrupt:  # a second one, while the first is told
-                code = ExitCode.INCOMPLETE
-            sys.exit(settle_output(code))
+            sys.exit(settle_output(exit_code_of(error)))

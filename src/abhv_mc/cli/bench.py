@@ -1,24 +1,19 @@
 """``abhv-mc bench``: how fast the flight is on this machine."""
 
 import sys
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from abhv_mc.cli.outputs import new_file
-from abhv_mc.cli.printing import say
+from abhv_mc.cli.options import Json
+from abhv_mc.cli.printing import say, show
 
 
 def command(
-    json: Annotated[
-        Path | None, typer.Option("--json", callback=new_file, metavar="FILE", help="Write the figures; - prints them.")
-    ] = None,
+    json: Json = None,
     repetitions: Annotated[int, typer.Option(min=1, help="Of each measurement; medians are shown.")] = 9,
 ) -> None:
     """Measure flights per second and core, starts and memory, with the default campaign; takes a minute or two."""
-    import json as writer
-
     from abhv_mc.bench.figures import make_figures
     from abhv_mc.bench.speed import measure_speed
     from abhv_mc.bench.start import measure_start
@@ -29,15 +24,8 @@ def command(
     speed = measure_speed(repetitions)
     say("starting anew, and flying the default campaign", file=sys.stderr, flush=True)
     figures = make_figures(speed, measure_start(min(repetitions, 5)))
-    text = writer.dumps(figures, indent=2) + "\n"
-    if json == Path("-"):
-        say(text, end="")
-        return
-    _print_figures(figures, {name: vars(one.operations) for name, one in speed.controllers.items()})
-    if json is not None:
-        from abhv_mc.folder.layout import write_text
-
-        write_text(json, text)
+    operations = {name: vars(one.operations) for name, one in speed.controllers.items()}
+    show(figures, json, lambda: _print_figures(figures, operations))
 
 
 def _print_figures(figures: dict[str, Any], operations: dict[str, dict[str, float]]) -> None:

@@ -6,20 +6,27 @@ from typing import Annotated, Any
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.printing import say
+from abhv_mc.cli.options import Json, parse_names
+from abhv_mc.cli.printing import say, show
 
 
 def command(
     folder_a: Annotated[Path, typer.Argument(metavar="DIR_A", help="Folder of a campaign.")],
     folder_b: Annotated[Path, typer.Argument(metavar="DIR_B", help="Folder of a campaign on the same samples.")],
     controllers: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Compare DIR_A's controller A with DIR_B's controller B.")
+        str | None,
+        typer.Option(
+            "--controllers",
+            "--controller",
+            metavar="A,B",
+            help="Compare A of DIR_A with B of DIR_B.",
+        ),
     ] = None,
     fail_if_worse: Annotated[
         list[str] | None,
         typer.Option(metavar="METRIC=5%", help="Exit 1 where B is not shown to be at most so much worse; repeatable."),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = None,
 ) -> None:
     """Pair two campaigns flight by flight: differences with intervals, and failures of only one.
 
@@ -27,13 +34,11 @@ def command(
     non-inferiority at 5 %: B passes where on more than half of the flights it is shown to be at most so much worse, and
     where it is not shown to lose more flights.
     """
-    from abhv_mc.cli.names import parse_names
-    from abhv_mc.cli.printing import print_json
     from abhv_mc.report.numbers.compare import compare_folders, parse_margins
 
     named = parse_names(controllers) or ()
     found = compare_folders(folder_a, folder_b, named, parse_margins(fail_if_worse or []))
-    (print_json if json else _print)(found)
+    show(found, json, lambda: _print(found))
     gates = [gate for pair in found["paired"] for gate in pair["not_worse"].values()]
     if not all(gate["shown"] for gate in gates):
         raise typer.Exit(ExitCode.FAILED)

@@ -1,15 +1,12 @@
 """What the command line says, and the code it exits with, when it does not end well."""
 
 import contextlib
-import errno
 import os
 import sys
 import traceback
-from collections.abc import Iterator
 from enum import IntEnum
 from pathlib import Path
 
-from abhv_mc.cli.interrupts import settle_interrupt
 from abhv_mc.cli.printing import say
 from abhv_mc.folder.layout import FolderLostError, StorageFullError, explain_os_error
 from abhv_mc.io.input_error import InputError, Refusal
@@ -26,24 +23,6 @@ class ExitCode(IntEnum):
 
 
 _TYPER_INTERRUPTED = 130
-_SETTINGS = (
-    "JOBLIB_",
-    "MPL",
-    "NUMBA_",
-    "NUMPY_",
-    "NPY_",
-    "PANDAS_",
-    "SCIPY_",
-    "SOURCE_DATE_EPOCH",
-)  # that libraries read when loaded
-_PROGRAM = Path(__file__).parents[1]
-_NUMBA_FILE = ".numba_config.yaml"  # that numba reads in the working folder, where PyYAML is installed
-_NO_MEMORY = (  # as Python and Arrow (no thread's stack), the loader of libraries, and the system say it
-    "can't start new thread",
-    "Failed to launch worker thread",
-    "failed to map segment",
-    "Cannot allocate memory",
-)
 
 
 def exit_code_of(error: BaseException) -> int | str | None:
@@ -52,18 +31,13 @@ def exit_code_of(error: BaseException) -> int | str | None:
         return ExitCode.INCOMPLETE  # whoever read the output has ended; typer would exit as a failed requirement does
     if isinstance(error, SystemExit) and error.code != _TYPER_INTERRUPTED:
         return error.code
-    causes = list(_causes(error))
-    cut_short = isinstance(error, ImportError) and any(isinstance(cause, KeyboardInterrupt) for cause in causes)
-    if isinstance(error, (SystemExit, KeyboardInterrupt)) or cut_short:
-        settle_interrupt()
+    if isinstance(error, (SystemExit, KeyboardInterrupt)):
+        eval("0")  # noqa: S307  # after an interrupt inside of exec Python would die by its signal: this makes it forget
         _tell("interrupted: what a campaign or search has flown is kept, and the same command goes on")
         return ExitCode.INCOMPLETE
     if isinstance(error, OSError):
         error = _explain(error)
-    if any(isinstance(cause, OSError) and cause.errno in (errno.EMFILE, errno.ENFILE) for cause in causes):
-        _tell("too many open files: what was flown is kept; a higher limit (ulimit -n) or fewer workers help")
-        return ExitCode.INCOMPLETE
-    if any(isinstance(cause, MemoryError) or any(words in str(cause) for words in _NO_MEMORY) for cause in causes):
+    if isinstance(error, MemoryError):
         _tell("not enough memory: what was flown is kept; fewer workers or smaller blocks need less")
         return ExitCode.INCOMPLETE
     if type(error).__module__.partition(".")[0] == "distributed":  # of many kinds, as a scheduler or its host dies
@@ -76,14 +50,6 @@ def exit_code_of(error: BaseException) -> int | str | None:
     if isinstance(error, (InputError, Refusal)):
         _tell(error)
         return ExitCode.BAD_INPUT
-    library = _library_being_loaded(error)
-    files = [_NUMBA_FILE] if library == "numba" and Path(_NUMBA_FILE).exists() else []
-    if (library and isinstance(error, ValueError)) or (files and not isinstance(error, ImportError)):
-        set_ = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(_SETTINGS)]
-        place = f"the environment ({', '.join(files + set_)})" if files + set_ else "the environment"
-        said = " ".join(str(error).split())
-        _tell(InputError(place, None, None, f"a setting that {library} does not take ({said})", "one that it takes"))
-        return ExitCode.BAD_INPUT
     with contextlib.suppress(OSError):
         traceback.print_exception(error)
     _tell("This is a defect of abhv-mc; please report it with the lines above.")
@@ -94,8 +60,7 @@ def settle_output(code: int | str | None) -> int | str | None:
     """Write out what was printed; the code to exit with where that fails: Python's own would be that of a defect."""
     for stream in (sys.stdout, sys.stderr):
         try:
-            if stream is not None:  # closed before the start
-                stream.flush()
+            stream.flush()
         except OSError as error:
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())  # so that Python does not try again
             if not isinstance(error, BrokenPipeError):
@@ -110,44 +75,8 @@ def _tell(words: object) -> None:
         say(words, file=sys.stderr)
 
 
-def _causes(error: BaseException | None) -> Iterator[BaseException]:
-    """What was raised, and what it came from."""
-    seen: set[int] = set()
-    while error is not None and id(error) not in seen:
-        seen.add(id(error))
-        yield error
-        error = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
-
-
-def _library_being_loaded(error: BaseException) -> str:
-    """The library whose own files raised it while it was being imported; empty for none."""
-    library, loaded = "", False
-    for frame, _ in traceback.walk_tb(error.__traceback__):
-        name = str(frame.f_globals.get("__name__")).partition(".")[0]
-        if name == __name__.partition(".")[0]:
-            library, loaded = "", False
-        else:
-            library, loaded = library or name, loaded or frame.f_code.co_name == "<module>"
-    return library if loaded else ""
-
-
-def _working_folder_is_gone() -> bool:
-    try:
-        Path.cwd()
-    except FileNotFoundError:
-        return True
-    return False
-
-
 def _explain(error: OSError) -> Exception:
     """A full disk or a closed folder as what it is, wherever it was met; other errors as they are."""
-    if isinstance(error, FileNotFoundError):  # what was never there is refused where it is asked for
-        if error.filename is None and _working_folder_is_gone():
-            return InputError(".", None, None, "a working folder that was deleted", "one that is there (cd)")
-        gone = os.fsdecode(error.filename or str(error).partition("\n")[0])
-        if not Path(gone).is_relative_to(_PROGRAM):
-            words = "not there when it was needed: deleted or replaced meanwhile, or else a defect of abhv-mc"
-            return FolderLostError(f"{gone}: {words}")
     try:
         with explain_os_error(Path(error.filename or "the disk or standard output")):
             raise error

@@ -5,14 +5,15 @@ from typing import Annotated
 
 import typer
 
-from abhv_mc.cli.outputs import new_file
-from abhv_mc.cli.printing import say
+from abhv_mc.cli.options import Controller, Folder, Json, TrustCode
+from abhv_mc.cli.outputs import output_file
+from abhv_mc.cli.printing import say, show
 
 
 def command(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder.")],
+    folder: Folder,
     flight: Annotated[int, typer.Option(min=0, help="Number of a flight that failed.")],
-    controller: Annotated[str | None, typer.Option(help="Name of the controller.", show_default="the first")] = None,
+    controller: Controller = None,
     requirement: Annotated[
         str | None,
         typer.Option(metavar="METRIC", help="Explain why it missed this requirement.", show_default="what it failed"),
@@ -22,16 +23,14 @@ def command(
         typer.Option(
             "--output",
             "-o",
-            callback=new_file,
+            callback=output_file,
             metavar="FILE.png",
             help="Where the figure goes.",
             show_default="in DIR",
         ),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    trust_code: Annotated[
-        bool, typer.Option("--trust-code", help="Run Python code in the folder that you have not flown yourself.")
-    ] = False,
+    json: Json = None,
+    trust_code: TrustCode = False,
 ) -> None:
     """Find the smallest set of a failing flight's dispersions that still fails with all others nominal.
 
@@ -39,7 +38,6 @@ def command(
     """
     from abhv_mc.analysis.explain import explain_flight
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.cli.printing import print_json
     from abhv_mc.execution.engine import make_engine
     from abhv_mc.folder.layout import CampaignFolder
     from abhv_mc.report.numbers.results import read_facts
@@ -53,8 +51,5 @@ def command(
     found = run_aside(lambda: explain_flight(folder, name, flight, fly, requirement, trust_code=trust_code))
     path = out or paths.explained / f"{name}-{flight}.png"
     write_explained_figure(found, path)
-    if json:
-        print_json(explanation_numbers(found) | {"figure": str(path)})
-        return
-    say(*explanation_words(found), sep="\n")
-    say(f"figure    {path}")
+    words = [*explanation_words(found), f"figure    {path}"]
+    show(explanation_numbers(found) | {"figure": str(path)}, json, lambda: say(*words, sep="\n"))

@@ -5,15 +5,16 @@ from typing import Annotated
 
 import typer
 
-from abhv_mc.cli.outputs import new_folder
+from abhv_mc.cli.options import Folder
+from abhv_mc.cli.outputs import output_folder
 from abhv_mc.cli.printing import say
 
 
 def command(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder.")],
+    folder: Folder,
     out: Annotated[
         Path | None,
-        typer.Option("--output", "-o", callback=new_folder, metavar="DIR", help="Where to.", show_default="DIR/csv"),
+        typer.Option("--output", "-o", callback=output_folder, metavar="DIR", help="Where to.", show_default="DIR/csv"),
     ] = None,
 ) -> None:
     """Write every table as a CSV file; numbers read back to the same bits."""

@@ -1,28 +1,28 @@
 """``abhv-mc fly``: one nominal flight of each controller."""
 
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from abhv_mc.cli.outputs import new_folder
-from abhv_mc.cli.printing import say
+from abhv_mc.cli.options import ControllerFiles, Json, MissionFile, Vehicle, find_controllers
+from abhv_mc.cli.outputs import output_folder
+from abhv_mc.cli.printing import say, show
 
 if TYPE_CHECKING:
     from abhv_mc.flight.plan import FlightBlock
 
 
 def command(
-    mission: Annotated[str, typer.Argument(metavar="MISSION", help="Mission file, or the name of a shipped one.")],
-    vehicle: Annotated[str, typer.Option(metavar="V", help="Vehicle file, or the name of a shipped one.")] = "ghame_x",
-    controller: Annotated[
-        list[str] | None,
-        typer.Option(metavar="C", help="Controller file or shipped name; may be repeated.", show_default="tlc and lqr"),
-    ] = None,
+    mission: MissionFile,
+    vehicle: Vehicle = None,
+    controllers: ControllerFiles = None,
     out: Annotated[
         Path | None,
-        typer.Option("--output", "-o", callback=new_folder, metavar="DIR", help="Write history and figures here."),
+        typer.Option("--output", "-o", callback=output_folder, metavar="DIR", help="Write history and figures here."),
     ] = None,
+    json: Json = None,
 ) -> None:
     """Fly a mission once with each controller, nothing dispersed, and print how it went."""
     from functools import partial
@@ -31,28 +31,41 @@ def command(
     from abhv_mc.io.input_error import InputError
     from abhv_mc.shipped import find_input
 
-    files = [find_input(name, "control") for name in controller or ("tlc", "lqr")]
-    names = [file.stem for file in files]
-    if len(set(names)) < len(names):
-        raise InputError("--controller", None, None, ", ".join(names), "files of different names")
-    paths = find_input(vehicle, "vehicle"), find_input(mission, "mission")
+    files = find_controllers(controllers)
+    paths = vehicle or find_input("ghame_x", "vehicle"), mission
     announce_compiling()
     from abhv_mc.flight.fly import fly, nominal_parameters
     from abhv_mc.flight.prepare import prepare
     from abhv_mc.user_code.temporary import run_aside
 
-    plans = {file.stem: prepare(*paths, file, file.stem) for file in files}
+    plans = {name: prepare(*paths, file, name) for name, file in files.items()}
     announce_warnings(warning for plan in plans.values() for warning in plan.warnings.tolist())
     if out is not None and len({plan.timing.tick for plan in plans.values()}) > 1:
         raise InputError("--output", None, None, "controllers of different rates", "one folder for each rate")
     nominal = nominal_parameters()
     blocks = {name: run_aside(partial(fly, plan, nominal, record_every=1)) for name, plan in plans.items()}
-    _print_table(f"{paths[1].stem} with {paths[0].stem}, nominal", blocks)
+    figures = {"mission": mission.stem, "vehicle": paths[0].stem, "controllers": _make_figures(blocks)}
+    show(figures, json, lambda: _print_table(f"{mission.stem} with {paths[0].stem}, nominal", blocks))
     if out is not None:
         from abhv_mc.report.pages.nominal import write_nominal_report
 
         for path in write_nominal_report(out, plans, {name: block.history[0] for name, block in blocks.items()}):
-            say(path)
+            say(path, file=sys.stderr if json == Path("-") else None)
+
+
+def _make_figures(blocks: "dict[str, FlightBlock]") -> dict[str, Any]:
+    from abhv_mc.flight.channels import METRICS
+    from abhv_mc.flight.outcome import Outcome
+
+    names = [metric.name for metric in METRICS]
+    return {
+        name: {
+            "outcome": Outcome(int(block.outcome[0])).code,
+            "end_time_s": block.end_time[0],
+            "metrics": dict(zip(names, block.metrics[0], strict=False)),
+        }
+        for name, block in blocks.items()
+    }
 
 
 def _print_table(title: str, blocks: "dict[str, FlightBlock]") -> None:

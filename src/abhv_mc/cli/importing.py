@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from abhv_mc.cli.outputs import new_folder
+from abhv_mc.cli.outputs import output_folder
 from abhv_mc.cli.printing import say
 
 app = typer.Typer(help="Make files of your own from other people's models.", no_args_is_help=True)
@@ -20,7 +20,8 @@ def _family() -> None:
 def daveml(
     files: Annotated[list[Path], typer.Argument(metavar="FILE.dml...", help="DAVE-ML files of one vehicle.")],
     out: Annotated[
-        Path, typer.Option("--output", "-o", callback=new_folder, metavar="DIR", help="Where the vehicle is written.")
+        Path,
+        typer.Option("--output", "-o", callback=output_folder, metavar="DIR", help="Folder for the vehicle."),
     ],
 ) -> None:
     """Write DAVE-ML files (ANSI/AIAA S-119) as readable Python functions; their check shots must pass.

@@ -5,24 +5,25 @@ from typing import Annotated
 
 import typer
 
-from abhv_mc.cli.outputs import new_file
+from abhv_mc.cli.options import MissionOrCampaign, TrustCode, Vehicle
+from abhv_mc.cli.outputs import output_file
 from abhv_mc.cli.printing import say
 
 
 def command(
-    mission: Annotated[str, typer.Argument(metavar="MISSION", help="Mission file, or the name of a shipped one.")],
+    mission: MissionOrCampaign,
     out: Annotated[
-        Path, typer.Option("--output", "-o", callback=new_file, metavar="FILE", help="Ends in .npz, .mat or .json.")
+        Path, typer.Option("--output", "-o", callback=output_file, metavar="FILE", help="Ends in .npz, .mat or .json.")
     ],
-    vehicle: Annotated[str, typer.Option(metavar="V", help="Vehicle file, or the name of a shipped one.")] = "ghame_x",
-    controller: Annotated[str, typer.Option(metavar="C", help="Controller file or shipped name.")] = "tlc",
+    vehicle: Vehicle = None,
+    controller: Annotated[
+        str, typer.Option("--controller", "--controllers", metavar="C", help="Controller file or shipped name.")
+    ] = "tlc",
     at: Annotated[
         str, typer.Option(metavar="POINT", help="trim, or a time of the nominal flight such as 30s.")
     ] = "trim",
     bank: Annotated[str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")] = "0",
-    trust_code: Annotated[
-        bool, typer.Option("--trust-code", help="Run Python code of a campaign's folder that you have not flown.")
-    ] = False,
+    trust_code: TrustCode = False,
 ) -> None:
     """Write plant, law, open and closed loop about the trim or a time of the nominal flight.
 

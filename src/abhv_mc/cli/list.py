@@ -1,34 +1,93 @@
-"""``abhv-mc list``: the campaigns that were flown."""
+"""``abhv-mc list``: what there is to choose from, and the campaigns that were flown."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from abhv_mc.cli.printing import say
-from abhv_mc.io.input_error import InputError
+from abhv_mc.cli.options import Json
+from abhv_mc.cli.printing import new_table, print_table, say, show
+from abhv_mc.io.input_error import InputError, one_of
 
+app = typer.Typer(help="List campaigns, parameters, channels, metrics or schemas.", no_args_is_help=True)
 _DEFAULT = Path("reports")
 
 
-def command(
+@app.command()
+def campaigns(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that holds campaigns' folders.")] = _DEFAULT,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = None,
 ) -> None:
-    """List the campaigns in a folder: name, state, flights, when, and the digest's first digits."""
-    from abhv_mc.cli.printing import print_json
+    """List the campaigns in a folder: state, flights, controllers, when, and the digest's first digits."""
     from abhv_mc.execution.status import find_campaigns
 
     if not folder.is_dir() and folder != _DEFAULT:
         raise InputError(folder, None, None, "no such folder", "one that holds campaigns' folders")
     found = find_campaigns(folder)
-    if json:
-        print_json(found)
+
+    def in_words() -> None:
+        table = new_table(("folder", "state", "flights", "controllers", "started", "digest"), ())
+        for one in found:
+            flights, names = f"{one['runs_done']}/{one['runs_planned']}", ",".join(one["controllers"])
+            table.add_row(one["folder"], one["state"], flights, names, one["started"], str(one["digest"])[:12])
+        print_table(table) if found else say(f"no campaigns in {folder}")
+
+    show(found, json, in_words)
+
+
+@app.command()
+def parameters(json: Json = None) -> None:
+    """List what a campaign may disperse. A unit of - is a factor or a number."""
+    from dataclasses import asdict
+
+    from abhv_mc.plant.parameters import PARAMETERS
+
+    _show_records([asdict(parameter) for parameter in PARAMETERS[1:]], json)  # the first is no parameter of a vehicle
+
+
+@app.command()
+def channels(json: Json = None) -> None:
+    """List what histories, envelopes and replays record."""
+    from abhv_mc.flight.channels import CHANNELS
+
+    _show_records([{"name": each.name, "unit": each.unit, "doc": each.doc} for each in CHANNELS], json)
+
+
+@app.command()
+def metrics(json: Json = None) -> None:
+    """List what every flight is measured by, and the stability margins that a campaign may ask for."""
+    from abhv_mc.flight.channels import METRICS
+    from abhv_mc.stability.metrics import MARGIN_VALUES
+
+    listed = (*METRICS, *MARGIN_VALUES)
+    _show_records([{"name": each.name, "unit": each.unit, "doc": each.doc} for each in listed], json)
+
+
+@app.command()
+def schemas(
+    kind: Annotated[str | None, typer.Argument(metavar="[KIND]", help="Print the schema of this kind of file.")] = None,
+    json: Json = None,
+) -> None:
+    """List the kinds of input file, or print the JSON Schema of one of them, for editors."""
+    from abhv_mc.campaign.file.inputs import MODELS
+    from abhv_mc.campaign.file.schema import make_schema
+
+    if kind is None:
+        rows = [{"name": name, "doc": f"JSON Schema of a {name} file"} for name in MODELS]
+        _show_records(rows, json)
         return
-    if not found:
-        say(f"no campaigns in {folder}")
-    for status in found:
-        flights = f"{status['runs_done']}/{status['runs_planned']}"
-        names = ",".join(status["controllers"])
-        words = (status["folder"], status["state"], flights, names, status["started"], str(status["digest"])[:12])
-        say("{:<32} {:<12} {:>16}  {:<20} {:<26} {}".format(*words))
+    if kind not in MODELS:
+        raise InputError("list schemas", None, None, f"'{kind}'", one_of(MODELS, kind))
+    show(make_schema(kind), json or Path("-"), lambda: None)
+
+
+def _show_records(records: list[dict[str, Any]], json: Path | None) -> None:
+    def in_words() -> None:
+        table = new_table((), (), show_header=False, padding=(0, 1, 0, 0))
+        for key in records[0]:
+            table.add_column(justify="right" if key in ("unit", "nominal") else "left", no_wrap=True)
+        for record in records:
+            table.add_row(*(f"{cell:g}" if isinstance(cell, float) else str(cell) for cell in record.values()))
+        print_table(table)
+
+    show(records, json, in_words)

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from abhv_mc.cli.outputs import new_file, new_folder
-from abhv_mc.cli.printing import say
+from abhv_mc.cli.options import ControllerFiles, Json, MissionOrCampaign, TrustCode, Vehicle, find_controllers
+from abhv_mc.cli.outputs import output_folder
+from abhv_mc.cli.printing import say, show
 
 if TYPE_CHECKING:
     from abhv_mc.linearising import Place, Setup
@@ -24,35 +25,21 @@ _COLUMNS = (
 
 
 def command(
-    mission: Annotated[
-        str, typer.Argument(metavar="MISSION", help="Mission file, the name of a shipped one, or a campaign file.")
-    ],
-    vehicle: Annotated[
-        str | None,
-        typer.Option(metavar="V", help="Vehicle file or shipped name.", show_default="ghame_x, or the campaign's"),
-    ] = None,
-    controller: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A,B",
-            help="Controller files or shipped names, separated by commas.",
-            show_default="tlc,lqr, or the campaign's",
-        ),
-    ] = None,
+    mission: MissionOrCampaign,
+    vehicle: Vehicle = None,
+    controllers: ControllerFiles = None,
     at: Annotated[
         str, typer.Option(metavar="POINTS", help="trim, or times of the nominal flight such as 0s,30s,48s.")
     ] = "trim",
     bank: Annotated[str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")] = "0",
-    json: Annotated[
-        Path | None, typer.Option("--json", callback=new_file, metavar="FILE", help="Write the rows here.")
-    ] = None,
+    json: Json = None,
     out: Annotated[
         Path | None,
-        typer.Option("--output", "-o", callback=new_folder, metavar="DIR", help="Write Bode and Nichols figures here."),
+        typer.Option(
+            "--output", "-o", callback=output_folder, metavar="DIR", help="Write Bode and Nichols figures here."
+        ),
     ] = None,
-    trust_code: Annotated[
-        bool, typer.Option("--trust-code", help="Run Python code of a campaign's folder that you have not flown.")
-    ] = False,
+    trust_code: TrustCode = False,
 ) -> None:
     """Print gain, phase and delay margins of each loop (broken at its actuator, the others closed) and of all at once.
 
@@ -64,8 +51,10 @@ def command(
     from abhv_mc.stability.rows import make_rows
 
     times, angle = read_points(at, bank)
-    setups = read_setups(vehicle, mission, controller, trust_code=trust_code)
+    setups = read_setups(vehicle, mission, controllers, trust_code=trust_code)
     rows: list[dict[str, Any]] = []
+    shown: list[tuple[str, list[dict[str, Any]], Stability]] = []
+    figures: list[Path] = []
     for name, setup in setups.items():
         for time in times:
             place = take_point(setup, name, time, angle)
@@ -73,48 +62,45 @@ def command(
             stability = analyse(linear, _FREQUENCIES)
             here = make_rows(name, None if time == "trim" else time, stability)
             words = "at the trim" if time == "trim" else f"at {time:g} s, reference frozen"
-            _print_rows(f"{name}, {setup.files[0].stem}, {setup.files[1].stem}, {words}", here, stability)
+            shown.append((f"{name}, {setup.files[0].stem}, {setup.files[1].stem}, {words}", here, stability))
             rows += here
             if out is not None:
                 from abhv_mc.report.figures.loops import write_loop_figures
 
                 stem = f"{name}_{time if time == 'trim' else f'{time:g}s'}"
-                for path in write_loop_figures(out, stem, linear):
-                    say(path)
-    if json is not None:
-        from json import dumps
+                figures += write_loop_figures(out, stem, linear)
+    files = next(iter(setups.values())).files
 
-        from abhv_mc.folder.layout import write_text
+    def in_words() -> None:
+        for part in shown:
+            _print_rows(*part)
+        for path in figures:
+            say(path)
 
-        files = next(iter(setups.values())).files
-        head = {"vehicle": files[0].stem, "mission": files[1].stem}
-        write_text(json, dumps({**head, "rows": rows}, indent=2) + "\n")
+    show({"vehicle": files[0].stem, "mission": files[1].stem, "rows": rows}, json, in_words)
 
 
 def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], float]":
     """Times (s, or the trim) and the bank (rad) of the options. Raises InputError."""
-    from abhv_mc.io.documents import InputError, Refusal
-    from abhv_mc.io.units import ANGLE, TIME, parse_quantity
+    from abhv_mc.cli.options import parse_option
+    from abhv_mc.io.input_error import InputError
+    from abhv_mc.io.units import ANGLE, TIME
     from abhv_mc.linearising import check_bank
 
-    def read(option: str, text: str, dimension: Any, bare: str) -> float:
-        try:
-            return parse_quantity(text.strip(), dimension, bare)
-        except Refusal as refusal:
-            raise InputError(option, None, None, refusal.found, refusal.wanted) from None
-
-    times: list[Time] = ["trim" if each.strip() == "trim" else read("--at", each, TIME, "s") for each in at.split(",")]
+    times: list[Time] = [
+        "trim" if each.strip() == "trim" else parse_option("--at", each, TIME, "s") for each in at.split(",")
+    ]
     if one and len(times) > 1:
         raise InputError("--at", None, None, f"'{at}'", "one point")
     for time in times:
         if time != "trim" and time < 0.0:
             raise InputError("--at", None, None, f"{time:g} s", "trim, or a time from 0 s")
-    angle = check_bank(read("--bank", bank, ANGLE, "deg"), "trim" not in times, "--bank")
+    angle = check_bank(parse_option("--bank", bank, ANGLE, "deg"), "trim" not in times, "--bank")
     return times, angle
 
 
 def read_setups(
-    vehicle: str | None, mission: str, controllers: str | None, one: bool = False, trust_code: bool = False
+    vehicle: Path | None, mission: Path, controllers: str | None, one: bool = False, trust_code: bool = False
 ) -> "dict[str, Setup]":
     """What is to be linearised, by the controllers' names; ``mission`` may be a campaign file. Raises InputError."""
     from abhv_mc.campaign.file.user_code import check_own_law
@@ -134,15 +120,15 @@ def read_setups(
 
 
 def _find_files(
-    vehicle: str | None, mission: str, controllers: str | None, trust_code: bool
+    vehicle: Path | None, mission: Path, controllers: str | None, trust_code: bool
 ) -> tuple[tuple[Path, Path], dict[str, Path]]:
     """Files of the vehicle and the mission, and those of the controllers by name."""
     from abhv_mc.campaign.file.inputs import find_kind
+    from abhv_mc.cli.options import parse_names
     from abhv_mc.io.input_error import InputError, one_of
     from abhv_mc.shipped import find_input
 
-    names = [name.strip() for name in controllers.split(",")] if controllers else []
-    if Path(mission).is_file() and find_kind(Path(mission)) == "campaign":
+    if find_kind(mission) == "campaign":
         from abhv_mc.campaign.file.check import read_campaign
         from abhv_mc.campaign.file.user_code import check_own_code
 
@@ -150,16 +136,12 @@ def _find_files(
         check_own_code(campaign, trust_code)
         model = campaign.model
         known = {name: Path(file) for name, file in model.controllers.items()}
+        names = parse_names(controllers) or tuple(known)
         for name in names:
             if name not in known:
-                raise InputError("--controller", None, None, f"'{name}'", one_of(known, name))
-        paths = Path(model.vehicle) if vehicle is None else find_input(vehicle, "vehicle"), Path(model.mission)
-        return paths, {name: known[name] for name in names or known}
-    files = [find_input(name, "control") for name in names or ("tlc", "lqr")]
-    if len({file.stem for file in files}) < len(files):
-        raise InputError("--controller", None, None, str(controllers), "files of different names")
-    paths = find_input(vehicle or "ghame_x", "vehicle"), find_input(mission, "mission")
-    return paths, {file.stem: file for file in files}
+                raise InputError("--controllers", None, None, f"'{name}'", one_of(known, name))
+        return (vehicle or Path(model.vehicle), Path(model.mission)), {name: known[name] for name in names}
+    return (vehicle or find_input("ghame_x", "vehicle"), mission), find_controllers(controllers)
 
 
 def take_point(setup: "Setup", name: str, time: "Time", bank: float) -> "Place":
@@ -174,10 +156,7 @@ def take_point(setup: "Setup", name: str, time: "Time", bank: float) -> "Place":
 
 
 def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") -> None:
-    from rich.box import SIMPLE
-    from rich.table import Table
-
-    from abhv_mc.cli.printing import print_table
+    from abhv_mc.cli.printing import new_table, print_table
     from abhv_mc.stability.analysis import NO_SLOPES
 
     if not stability.poles[0].size:
@@ -188,10 +167,7 @@ def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") 
         growing = ", ".join(f"{p.real:+.3f}{f' +- {p.imag:.2f}j' if p.imag else ''}" for p in poles if p.real >= 0.0)
         say(f"{title}: unstable, no margins; poles {growing} per second")
         return
-    table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0))
-    table.add_column("loop", no_wrap=True)
-    for _, heading, _ in _COLUMNS:
-        table.add_column(heading, justify="right")
+    table = new_table(("loop",), (heading for _, heading, _ in _COLUMNS), title, padding=(0, 1, 0, 0))
     for row in rows[:-1]:
         values = (f"{row[key]:.{digits}f}" if row[key] is not None else "none" for key, _, digits in _COLUMNS)
         table.add_row(row["loop"], *values)

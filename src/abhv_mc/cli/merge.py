@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from abhv_mc.cli.options import Json, NoReport, TrustCode
 from abhv_mc.cli.outputs import campaign_folder
 
 
@@ -16,10 +17,9 @@ def command(
             "--output", "-o", callback=campaign_folder, metavar="DIR", help="New folder.", show_default="reports/NAME"
         ),
     ] = None,
-    no_report: Annotated[bool, typer.Option("--no-report", help="Make no report.")] = False,
-    trust_code: Annotated[
-        bool, typer.Option("--trust-code", help="Run Python code of the folders that you have not flown.")
-    ] = False,
+    no_report: NoReport = False,
+    json: Json = None,
+    trust_code: TrustCode = False,
 ) -> None:
     """Join the shards of a campaign (run --shard i/n), prove that they fit, and make the report.
 
@@ -39,4 +39,4 @@ def command(
         from abhv_mc.execution.gpu import make_gpu_engine
 
         engine = make_gpu_engine()
-    finish(merge_campaign(parts, out or Path("reports") / manifest["name"], engine, trust_code), no_report)
+    finish(merge_campaign(parts, out or Path("reports") / manifest["name"], engine, trust_code), no_report, json)

@@ -1,34 +1,69 @@
-"""Where a command may write, judged before it does anything else. Callbacks of the options that name an output."""
+"""Where a command may write, judged before it does anything else: callbacks of the options that name an output."""
 
 import os
-from collections.abc import Callable, Iterable
-from functools import wraps
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
 
-_OWN, _ELSEWHERE = "a place of the campaign's own files", "another name, or a place elsewhere"
+from abhv_mc.io.input_error import InputError
 
-
-def new_file(path: Path | None) -> Path | None:
-    """The path of a file to write. Raises InputError, as all of these, where it is, or lies in, a campaign's own."""
-    if path == Path("-"):  # bench prints there
-        return path
-    return _refuse(path, folder=False)
+_INPUTS = (".yaml", ".yml", ".py", ".csv", ".parquet")
 
 
-def new_folder(path: Path | None) -> Path | None:
-    """The path of a folder to write files into: that of a campaign is refused, too, as their names may be taken."""
-    return _refuse(path, folder=True)
+def output_file(path: Path | None) -> Path | None:
+    """The path of a file to write. Raises InputError, as all of these."""
+    if path is None:
+        return None
+    if path.is_dir():
+        raise InputError(path, None, None, "a folder", "the name of a file")
+    if path.exists() and not path.is_file():  # /dev/null would be renamed over
+        raise InputError(path, None, None, "a pipe or a device", "the name of a file")
+    return _check(path, path.absolute().parent)
+
+
+def output_file_or_stream(path: Path | None) -> Path | None:
+    """The same, or ``-`` for standard output."""
+    return path if path == Path("-") else output_file(path)
+
+
+def json_file(path: Path | None) -> Path | None:
+    """The same for figures, never in the place of an input file: two arguments are easily swapped."""
+    if path is not None and path.suffix in _INPUTS and path.exists():
+        raise InputError(path, None, None, f"a {path.suffix} file that exists", "the name of a JSON file")
+    return output_file_or_stream(path)
+
+
+def output_folder(path: Path | None) -> Path | None:
+    """The path of a folder to write files into: not that of a campaign, whose names may be taken."""
+    return None if path is None else _check_folder(path)
 
 
 def campaign_folder(path: Path | None) -> Path | None:
     """The path of the folder that a campaign flies in, or is to fly in."""
-    return _refuse(path, folder=True, campaign=True)
+    return None if path is None else _check_folder(path, campaign=True)
 
 
 def campaign_folder_or_address(path: Path | None) -> Path | None:
     """The same, or an address such as s3://bucket/folder."""
-    return path if path is not None and _is_address(path) and len(path.parts) > 1 else campaign_folder(path)
+    return path if path is not None and _is_address(path) else campaign_folder(path)
+
+
+def _check_folder(path: Path, campaign: bool = False) -> Path:
+    if path.is_file():
+        raise InputError(path, None, None, "a file", "the name of a folder")
+    return _check(path, path.absolute(), campaign)
+
+
+def _check(path: Path, home: Path, campaign: bool = False) -> Path:
+    from abhv_mc.folder.layout import find_own_place
+
+    if _is_address(path):
+        raise InputError(path, None, None, "an address", "a place on this machine")
+    place = find_own_place(path)
+    if place is not None and not (campaign and place == Path()):
+        raise InputError(path, None, None, "a place of the campaign's own files", "another name, or a place elsewhere")
+    there = next(folder for folder in (home, *home.parents) if folder.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK):
+        raise InputError(path, None, None, f"a place in {there}, which cannot be written", "a folder that can be")
+    return path
 
 
 def _is_address(path: Path) -> bool:
@@ -37,74 +72,3 @@ def _is_address(path: Path) -> bool:
     from abhv_mc.folder.remote import parse_address
 
     return parse_address(f"{path}/") is not None  # of s3:// a path keeps s3:
-
-
-def _refuse(path: Path | None, folder: bool, campaign: bool = False) -> Path | None:
-    if path is None:
-        return None
-    from abhv_mc.folder.layout import find_own_place
-    from abhv_mc.io.input_error import InputError
-
-    wanted = "the name of a folder" if folder else "the name of a file"
-    if _is_address(path):
-        raise InputError(path, None, None, "an address", wanted)
-    if str(path).startswith("~"):  # in quotes, or after '=': no shell has made a home folder of it
-        raise InputError(path, None, None, "a name that begins with '~'", "the path written out")
-    place = find_own_place(path)
-    if place is not None and not (campaign and place == Path()):
-        raise InputError(path, None, None, _OWN, _ELSEWHERE)
-    if path.exists() and not (path.is_file() or path.is_dir()):  # /dev/null would be renamed over
-        raise InputError(path, None, None, "a pipe, socket or device", wanted)
-    if path.is_file() if folder else path.is_dir() or path.name in ("", ".."):
-        raise InputError(path, None, None, "a file" if folder else "a folder", wanted)
-    whole = path.absolute()
-    home = next(place for place in ((whole,) if folder else ()) + tuple(whole.parents) if place.exists())
-    if not home.is_dir():
-        raise InputError(path, None, None, f"a place below a file, {home}", wanted)
-    if not os.access(home, os.W_OK | os.X_OK):
-        found = f"a place in {home}, which cannot be written"
-        raise InputError(path, None, None, found, "a folder that can be written")
-    return path
-
-
-def with_outputs_apart(command: Callable[..., None]) -> Callable[..., None]:
-    """The command, which looks at its outputs together once all its words are read."""
-
-    @wraps(command)
-    def checked(**given: Any) -> None:
-        callbacks = {
-            name: callback
-            for name, hint in get_type_hints(command, include_extras=True).items()
-            for callback in (getattr(info, "callback", None) for info in get_args(hint)[1:])
-            if callback in (new_file, new_folder, campaign_folder, campaign_folder_or_address)
-        }
-        campaigns = [given[name] for name, callback in callbacks.items() if callback is campaign_folder]
-        keep_apart(
-            [given[name] for name in callbacks],
-            [value for name, value in given.items() if name not in callbacks and isinstance(value, str | Path)],
-            campaigns,
-        )
-        command(**given)
-
-    return checked
-
-
-def keep_apart(
-    outputs: Iterable[Path | None], inputs: Iterable[str | Path] = (), campaigns: Iterable[Path | None] = ()
-) -> None:
-    """Raises InputError where an output is another one, a file that is read, or a part of a campaign to be flown."""
-    from abhv_mc.folder.layout import is_own_part
-    from abhv_mc.io.input_error import InputError
-
-    # Words may be no paths at all, which Path.is_file would raise for.
-    taken = [os.path.realpath(path) for path in inputs if os.path.isfile(path)]  # noqa: PTH113
-    roots = [Path(os.path.realpath(root)) for root in campaigns if root is not None]
-    for path in outputs:
-        if path is None or path == Path("-"):
-            continue
-        place = os.path.realpath(path)
-        if place in taken:
-            raise InputError(path, None, None, "a file that the command reads or writes, too", "another name")
-        if any(is_own_part(root, Path(place)) for root in roots):
-            raise InputError(path, None, None, _OWN, _ELSEWHERE)
-        taken.append(place)

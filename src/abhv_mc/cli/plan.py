@@ -1,44 +1,39 @@
 """``abhv-mc plan``: what a campaign can show, before it flies."""
 
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from abhv_mc.cli.outputs import new_file, new_folder
-from abhv_mc.cli.printing import say
+from abhv_mc.cli.options import CampaignFile, Json, Runs
+from abhv_mc.cli.outputs import output_folder
+from abhv_mc.cli.printing import say, show
 
 
 def command(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.yaml", help="Campaign file.")],
+    campaign: CampaignFile,
     out: Annotated[
         Path | None,
-        typer.Option("--output", "-o", callback=new_folder, metavar="DIR", help="Write the figure plan.png there."),
+        typer.Option("--output", "-o", callback=output_folder, metavar="DIR", help="Write the figure plan.png there."),
     ] = None,
-    runs: Annotated[int | None, typer.Option(min=1, help="Flights of each controller.")] = None,
-    json: Annotated[
-        Path | None, typer.Option("--json", callback=new_file, metavar="FILE", help="Write the numbers as JSON.")
-    ] = None,
+    runs: Runs = None,
+    json: Json = None,
 ) -> None:
     """Say how many flights each requirement needs, and how likely it is to PASS at the planned number."""
-    from json import dumps
-
     from abhv_mc.campaign.file.check import read_campaign
     from abhv_mc.cli.announce import announce_warnings
-    from abhv_mc.folder.layout import write_text
     from abhv_mc.report.pages.planned import plan_numbers, write_plan_figure
 
     checked = read_campaign(campaign, runs)
     if not checked.model.requirements:
         raise checked.document.error((), "a campaign without requirements", "requirements that can PASS or FAIL")
     numbers = plan_numbers(checked)
-    _print(numbers)
+    show(numbers, json, lambda: _print(numbers))
     announce_warnings(numbers["problems"])
-    if json is not None:
-        write_text(json, dumps(numbers, indent=1, allow_nan=False) + "\n")
     if out is not None:
         write_plan_figure(numbers, out / "plan.png")
-        say(f"figure    {out / 'plan.png'}")
+        say(f"figure    {out / 'plan.png'}", file=sys.stderr if json == Path("-") else None)
 
 
 def _print(numbers: dict[str, Any]) -> None:

@@ -1,9 +1,8 @@
 """What commands print: JSON for programs, and tables as wide as their text, in which no number is ever cut."""
 
 import re
-import sys
-from collections.abc import Iterable
-from io import TextIOWrapper
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from abhv_mc.io.input_error import printable
@@ -18,18 +17,26 @@ def say(*words: Any, sep: str = " ", **options: Any) -> None:
     print(printable(text), **options)
 
 
-def escape_unknown_characters() -> None:
-    """Where the locale's encoding lacks a character, such as a table's lines in Latin-1, print its escape."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):  # None where it was closed before the start
-            stream.reconfigure(errors="backslashreplace")
+def show(figures: Any, file: Path | None, in_words: Callable[[], None]) -> None:
+    """Print figures in words, and write them as JSON where asked for; ``-`` has the JSON alone on standard output.
 
-
-def print_json(value: Any) -> None:
-    """Print a value as JSON; what JSON has no type for becomes text."""
+    Infinite and missing numbers are null.
+    """
     import json
 
-    print(json.dumps(value, indent=2, default=str))
+    from abhv_mc.report.numbers.plain import plain
+
+    if file != Path("-"):
+        in_words()
+    if file is None:
+        return
+    text = json.dumps(plain(figures), indent=2, default=str, allow_nan=False) + "\n"
+    if file == Path("-"):
+        print(text, end="")
+    else:
+        from abhv_mc.folder.layout import write_text
+
+        write_text(file, text)
 
 
 def new_table(left: Iterable[str], right: Iterable[str], title: str | None = None, **options: Any) -> "Table":

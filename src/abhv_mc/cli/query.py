@@ -1,11 +1,15 @@
 """``abhv-mc query``: SQL over a campaign's tables."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from abhv_mc.cli.printing import print_json, say
+from abhv_mc.cli.options import Json
+from abhv_mc.cli.outputs import output_file_or_stream
+from abhv_mc.cli.printing import say, show
+from abhv_mc.io.input_error import InputError
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyRelation
@@ -14,8 +18,11 @@ if TYPE_CHECKING:
 def command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder, or its address.")],
     sql: Annotated[str, typer.Argument(metavar="SQL", help="For example: select count(*) from flights")],
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
+    json: Json = None,
+    csv: Annotated[
+        Path | None,
+        typer.Option("--csv", callback=output_file_or_stream, metavar="FILE", help="Write CSV; - for standard output."),
+    ] = None,
 ) -> None:
     """Ask with SQL (duckdb); tables: flights, samples, histories, envelopes, nominal, reference.
 
@@ -25,12 +32,15 @@ def command(
     from abhv_mc.folder.sql import ask
 
     with fetched(folder) as source:
-        if json or csv:
-            rows = ask(source, sql, lambda answer: (answer.columns, answer.fetchall()))
-            if rows is not None:
-                _print_rows(*rows, json)
-        else:
+        if json is None and csv is None:
             say(ask(source, sql, _draw) or "", end="")
+            return
+        rows = ask(source, sql, lambda answer: (answer.columns, answer.fetchall()))
+    if rows is not None:
+        if csv is not None:
+            _write_csv(*rows, csv)
+        if json is not None:
+            show(_as_records(*rows), json, lambda: None)
 
 
 def _draw(answer: "DuckDBPyRelation") -> str:
@@ -44,21 +54,27 @@ def _draw(answer: "DuckDBPyRelation") -> str:
     return shown.getvalue()
 
 
-def _print_rows(columns: list[str], rows: list[tuple[object, ...]], as_json: bool) -> None:
-    """CSV as it is into a file or a pipe; on a terminal nothing that would move its cursor. Raises InputError."""
+def _write_csv(columns: list[str], rows: list[tuple[object, ...]], file: Path) -> None:
+    """CSV as it is into a file or a pipe; on a terminal nothing that would move its cursor."""
     import csv
-    import sys
+    import io
 
-    from abhv_mc.io.input_error import InputError, printable
-    from abhv_mc.report.numbers.plain import plain
+    from abhv_mc.folder.layout import write_text
 
-    if as_json:
-        twice = sorted({name for name in columns if columns.count(name) > 1})
-        if twice:
-            found = f"several columns named {', '.join(twice)}"
-            raise InputError("query", None, None, found, "names of their own: select ... as ..., or --csv")
-        print_json(plain([dict(zip(columns, row, strict=True)) for row in rows]))
-    elif sys.stdout is not None:  # closed before the start
-        if sys.stdout.isatty():
-            rows = [tuple(printable(cell) if isinstance(cell, str) else cell for cell in row) for row in rows]
-        csv.writer(sys.stdout, lineterminator="\n").writerows([columns, *rows])
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([columns, *rows])
+    if file != Path("-"):
+        write_text(file, text.getvalue())
+    elif sys.stdout.isatty():
+        say(text.getvalue(), end="")
+    else:
+        sys.stdout.write(text.getvalue())
+
+
+def _as_records(columns: list[str], rows: list[tuple[object, ...]]) -> list[dict[str, object]]:
+    """A mapping for each row. Raises InputError where columns share a name."""
+    twice = sorted({name for name in columns if columns.count(name) > 1})
+    if twice:
+        found = f"several columns named {', '.join(twice)}"
+        raise InputError("query", None, None, found, "names of their own: select ... as ..., or --csv")
+    return [dict(zip(columns, row, strict=True)) for row in rows]

@@ -6,23 +6,23 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.outputs import new_file
-from abhv_mc.cli.printing import say
+from abhv_mc.cli.options import Folder, Json, TrustCode
+from abhv_mc.cli.outputs import output_file
+from abhv_mc.cli.printing import say, show
 
 
 def command(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder.")],
+    folder: Folder,
     flight: Annotated[int, typer.Option(min=0, help="Number of the flight.")],
-    controller: Annotated[str, typer.Option(help="Name of the controller.")],
+    controller: Annotated[str, typer.Option("--controller", "--controllers", metavar="NAME", help="Controller.")],
     out: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", callback=new_file, metavar="FILE.parquet", help="Write its history at full rate."
+            "--output", "-o", callback=output_file, metavar="FILE.parquet", help="Write its history at full rate."
         ),
     ] = None,
-    trust_code: Annotated[
-        bool, typer.Option("--trust-code", help="Run Python code in the folder that you have not flown yourself.")
-    ] = False,
+    json: Json = None,
+    trust_code: TrustCode = False,
 ) -> None:
     """Fly one flight again at full rate and compare its metrics with the stored ones, bit for bit.
 
@@ -41,17 +41,26 @@ def command(
     announce_compiling()
     fly = make_engine().fly
     replay = run_aside(lambda: replay_flight(folder, controller, flight, fly, trust_code=trust_code))
-    end = f"{replay.outcome.code} after {replay.block.end_time[0]:g} s"
-    say(f"flight {flight} of {controller}: {end}. {replay.sentence}")
-    for name, value in replay.samples.items():
-        say(f"  {name:<40} {value:.10g}")
-    for name, value in replay.metrics.items():
-        say(f"  {name:<40} {value:.6g}")
+    block = replay.block
     if out is not None:
-        block = replay.block
         write_histories(out, controller, [flight], block.times, block.history, list(CHANNEL_INDEX))
-        say(f"history   {out}")
+
+    def in_words() -> None:
+        end = f"{replay.outcome.code} after {block.end_time[0]:g} s"
+        say(f"flight {flight} of {controller}: {end}. {replay.sentence}")
+        for name, value in replay.samples.items():
+            say(f"  {name:<40} {value:.10g}")
+        for name, value in replay.metrics.items():
+            say(f"  {name:<40} {value:.6g}")
+        if out is not None:
+            say(f"history   {out}")
+        if replay.differences:
+            say("metrics differ from the stored ones:", *replay.differences, sep="\n  ")
+        else:
+            say("metrics equal the stored ones bit for bit")
+
+    figures = {"flight": flight, "controller": controller, "outcome": replay.outcome.code}
+    figures |= {"end_time_s": block.end_time[0], "samples": replay.samples, "metrics": replay.metrics}
+    show(figures | {"differences": list(replay.differences)}, json, in_words)
     if replay.differences:
-        say("metrics differ from the stored ones:", *replay.differences, sep="\n  ")
         raise typer.Exit(ExitCode.FAILED)
-    say("metrics equal the stored ones bit for bit")

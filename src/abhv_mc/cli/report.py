@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from abhv_mc.cli.outputs import new_folder
+from abhv_mc.cli.outputs import output_folder
 from abhv_mc.cli.printing import say
 
 
@@ -17,7 +17,7 @@ def command(
         typer.Option(
             "--output",
             "-o",
-            callback=new_folder,
+            callback=output_folder,
             metavar="DIR",
             help="Where to.",
             show_default="DIR; reports/NAME for an address",
@@ -36,7 +36,7 @@ def command(
     with fetched(folder) as source:
         page = build_report(source, format)
         if out is None and local_path(folder) is None:
-            out = new_folder(Path("reports") / read_manifest(CampaignFolder(source).manifest)["name"])
+            out = output_folder(Path("reports") / read_manifest(CampaignFolder(source).manifest)["name"])
         if out is not None:
             figures = (f"figures/{path.name}" for path in (source / "figures").iterdir())
             for name in (page.name, "report.json", *figures):

@@ -9,11 +9,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.names import parse_names
+from abhv_mc.cli.options import (
+    CampaignFile,
+    Controllers,
+    Fresh,
+    Json,
+    NoReport,
+    Runs,
+    Scheduler,
+    Seed,
+    TrustCode,
+    Workers,
+    parse_names,
+)
 from abhv_mc.cli.outputs import campaign_folder_or_address
-from abhv_mc.cli.printing import say
-from abhv_mc.cli.searching import Workers
-from abhv_mc.io.input_error import Refusal
+from abhv_mc.cli.printing import new_table, print_table, say, show
+from abhv_mc.io.input_error import InputError, Refusal
 
 if TYPE_CHECKING:
     from abhv_mc.execution.runner import RunResult
@@ -27,7 +38,7 @@ class Device(StrEnum):
 
 
 def command(
-    campaign: Annotated[str, typer.Argument(metavar="CAMPAIGN", help="Campaign file, or the name of a shipped one.")],
+    campaign: CampaignFile,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -39,21 +50,20 @@ def command(
             show_default="reports/NAME",
         ),
     ] = None,
-    runs: Annotated[int | None, typer.Option(min=1, help="Flights of each controller.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed.")] = None,
-    controllers: Annotated[str | None, typer.Option(metavar="A,B", help="Only these of its controllers.")] = None,
+    runs: Runs = None,
+    seed: Seed = None,
+    controllers: Controllers = None,
     workers: Workers = None,
-    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Fly on this Dask cluster.")] = None,
+    scheduler: Scheduler = None,
     device: Annotated[Device, typer.Option(help="Fly on the processor or on an NVIDIA GPU.")] = Device.CPU,
     shard: Annotated[str | None, typer.Option(metavar="I/N", help="Only part I of N; merge joins them.")] = None,
     plans: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Fly the plans of this campaign's folder.", show_default="new")
     ] = None,
-    no_report: Annotated[bool, typer.Option("--no-report", help="Make no report.")] = False,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Delete what the folder holds of a campaign first.")] = False,
-    trust_code: Annotated[
-        bool, typer.Option("--trust-code", help="Run Python code of a campaign's folder that you have not flown.")
-    ] = False,
+    no_report: NoReport = False,
+    fresh: Fresh = False,
+    json: Json = None,
+    trust_code: TrustCode = False,
 ) -> None:
     """Fly a campaign, resuming what its folder already holds, and make the report.
 
@@ -67,9 +77,7 @@ def command(
     from abhv_mc.execution.runner import run_campaign
     from abhv_mc.execution.setup import Request
     from abhv_mc.folder.remote import mirrored
-    from abhv_mc.shipped import find_input
 
-    file = find_input(campaign, "campaign")
     names = parse_names(controllers)
     part = _parse_shard(shard) if shard else None
     engine = None
@@ -81,14 +89,14 @@ def command(
         engine = make_gpu_engine()
     try:
         with mirrored(out) if out else nullcontext() as folder:
-            request = Request(file, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code)
-            finish(run_campaign(request, engine), no_report or part is not None, out)
+            request = Request(campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code)
+            finish(run_campaign(request, engine), no_report or part is not None, json, out)
     except UnusableError as error:
         say(error, file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE) from None
 
 
-def finish(result: "RunResult", no_report: bool, place: Path | None = None) -> None:
+def finish(result: "RunResult", no_report: bool, json: Path | None = None, place: Path | None = None) -> None:
     """Say what came of it, make the report, and end with the exit code that it deserves.
 
     ``place`` is what the user calls the folder: perhaps an address.
@@ -97,7 +105,8 @@ def finish(result: "RunResult", no_report: bool, place: Path | None = None) -> N
     from abhv_mc.folder.remote import parse_address
 
     named = parse_address(place or "") or str(result.folder)
-    _print_result(result, named)
+    told = sys.stderr if json == Path("-") else None
+    show(result.manifest | {"folder": named}, json, lambda: _print_result(result, named))
     announce_warnings(result.manifest["warnings"])
     if not result.complete:
         say("incomplete: the same command goes on where this one ended", file=sys.stderr)
@@ -107,7 +116,7 @@ def finish(result: "RunResult", no_report: bool, place: Path | None = None) -> N
         from abhv_mc.report.pages.build import build_report, is_up_to_date
 
         made = is_up_to_date(result.folder)
-        say(f"report    {named}/{'report.html, up to date' if made else build_report(result.folder).name}")
+        say(f"report    {named}/{'report.html, up to date' if made else build_report(result.folder).name}", file=told)
     if lost := sum(ended.get("failed_to_run", 0) for ended in outcomes):
         count = "1 flight" if lost == 1 else f"{lost} flights"
         say(f"{count} could not be computed: the same command tries again", file=sys.stderr)
@@ -117,8 +126,6 @@ def finish(result: "RunResult", no_report: bool, place: Path | None = None) -> N
 
 
 def _parse_shard(text: str) -> tuple[int, int]:
-    from abhv_mc.io.input_error import InputError
-
     i, slash, n = text.partition("/")
     if not (text.isascii() and slash and i.isdecimal() and n.isdecimal()):
         raise InputError("--shard", None, None, f"'{text}'", "part and number of parts such as 3/8")
@@ -131,8 +138,7 @@ def _print_result(result: "RunResult", named: str) -> None:
     say(f"flights   {manifest['runs_done']} of {manifest['runs_planned']}, {manifest['state']}")
     for name, facts in manifest["controllers"].items():
         say(f"  {name:<12} {describe_outcomes(facts)}")
-    for entry in manifest["requirements"]:
-        say(f"  {describe_requirement(entry)}")
+    print_requirements(manifest["requirements"])
     say(f"digest    {manifest['digest']}")
 
 
@@ -141,8 +147,14 @@ def describe_outcomes(facts: dict[str, Any]) -> str:
     return ", ".join(f"{number} {outcome}" for outcome, number in facts["outcomes"].items()) or "none"
 
 
-def describe_requirement(entry: dict[str, Any]) -> str:
-    """One line on a requirement: what it asks, what was counted, the verdict."""
-    side = "below" if "below" in entry else "above"
-    asked = f"{entry['metric']} {side} {entry[side]:g} in {100 * entry['probability']:g} %"
-    return f"{entry['controller']:<12} {asked}: {entry.get('words', entry['verdict'])}"
+def print_requirements(entries: list[dict[str, Any]]) -> None:
+    """A table of the requirements: what each asks of whom, what was counted, the verdict and what it rests on."""
+    if not entries:
+        return
+    table = new_table(("controller", "requirement", "in", "verdict", ""), (), padding=(0, 1, 0, 0))
+    for entry in entries:
+        side = "below" if "below" in entry else "above"
+        asked = f"{entry['metric']} {side} {entry[side]:g}"
+        verdict, _, words = entry.get("words", entry["verdict"]).partition(": ")
+        table.add_row(entry["controller"], asked, f"{100 * entry['probability']:g} %", verdict, words)
+    print_table(table)

@@ -5,7 +5,8 @@ from typing import Annotated, Any
 
 import typer
 
-from abhv_mc.cli.printing import say
+from abhv_mc.cli.options import Json, VehicleFile, parse_option
+from abhv_mc.cli.printing import say, show
 
 # Columns of the table: key of the JSON, heading, unit, divisor, digits.
 _COLUMNS = (
@@ -22,7 +23,7 @@ _COLUMNS = (
 
 
 def command(
-    vehicle: Annotated[str, typer.Argument(metavar="VEHICLE", help="Vehicle file, or the name of a shipped one.")],
+    vehicle: VehicleFile,
     altitude: Annotated[str, typer.Option(help="Geodetic altitude, m or with a unit.")] = "20 km",
     speed: Annotated[str, typer.Option(help="Speed, m/s or with a unit.")] = "1400 m/s",
     bank: Annotated[str, typer.Option(help="Bank angles, deg, separated by commas.")] = "0",
@@ -31,7 +32,7 @@ def command(
     latitude: Annotated[str, typer.Option(help="Geodetic latitude, deg.")] = "29.3",
     heading: Annotated[str, typer.Option(help="Heading clockwise from north, deg.")] = "90",
     rotating: Annotated[bool, typer.Option("--rotating", help="Let the Earth turn.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = None,
 ) -> None:
     """Print angle of attack, elevator and equivalence ratio of steady flight at each bank angle.
 
@@ -41,7 +42,6 @@ def command(
     from abhv_mc.io.documents import InputError
     from abhv_mc.plant.trim import FlightPoint
     from abhv_mc.plant.vehicles import load_vehicle
-    from abhv_mc.shipped import find_input
     from abhv_mc.world.earth import WGS84
 
     height = _quantity("altitude", altitude)
@@ -52,17 +52,15 @@ def command(
     course = _quantity("heading", heading)
     kilograms = None if mass is None else _quantity("mass", mass)
 
-    file = find_input(vehicle, "vehicle")
-    packed = load_vehicle(file)
+    packed = load_vehicle(vehicle)
     if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
-        raise InputError(file, None, None, "a vehicle without surfaces or engine", "one with both, to trim it")
+        raise InputError(vehicle, None, None, "a vehicle without surfaces or engine", "one with both, to trim it")
     earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
     point = FlightPoint(height, velocity, 0.0, north, course, climb)
     points = list(trim_rows(packed, earth, point, banks, kilograms))
-    if json:
-        _print_json(file, height, velocity, packed.constants.mass_start if kilograms is None else kilograms, points)
-    else:
-        _print_table(file, height, velocity, points)
+    head = {"vehicle": str(vehicle), "altitude_m": height, "speed_mps": velocity}
+    head |= {"mass_kg": packed.constants.mass_start if kilograms is None else kilograms}
+    show(head | {"points": points}, json, lambda: _print_table(vehicle, height, velocity, points))
     if not all(point["trimmed"] for point in points):
         raise typer.Exit(1)
 
@@ -70,27 +68,16 @@ def command(
 def _quantity(name: str, text: str) -> float:
     """A quantity of an option in SI; without a unit it is in m, m/s, kg or deg."""
     from abhv_mc.flying import TRIM_LIMITS
-    from abhv_mc.io.documents import InputError, Refusal
-    from abhv_mc.io.units import ANGLE, format_quantity, parse_quantity
+    from abhv_mc.io.input_error import InputError
+    from abhv_mc.io.units import ANGLE, format_quantity
 
     option, (dimension, low, high) = f"--{name.replace('_', '-')}", TRIM_LIMITS[name]
     bare = "deg" if dimension is ANGLE else dimension.unit
-    try:
-        value = parse_quantity(text.strip(), dimension, bare)
-    except Refusal as refusal:
-        raise InputError(option, None, None, refusal.found, refusal.wanted) from None
+    value = parse_option(option, text, dimension, bare)
     if not low <= value <= high:
         wanted = f"{format_quantity(low, dimension)} to {format_quantity(high, dimension)}"
         raise InputError(option, None, None, f"'{text}'", wanted)
     return value
-
-
-def _print_json(vehicle: Path, altitude: float, speed: float, mass: float, points: list[dict[str, Any]]) -> None:
-    from abhv_mc.cli.printing import print_json
-    from abhv_mc.report.numbers.plain import plain
-
-    head = {"vehicle": str(vehicle), "altitude_m": altitude, "speed_mps": speed, "mass_kg": mass}
-    print_json(plain({**head, "points": points}))
 
 
 def _print_table(vehicle: Path, altitude: float, speed: float, points: list[dict[str, Any]]) -> None:

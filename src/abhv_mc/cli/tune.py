@@ -2,30 +2,23 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.outputs import keep_apart, new_file
-from abhv_mc.cli.printing import say
-from abhv_mc.cli.searching import (
-    CampaignFile,
-    Controller,
-    JsonFile,
-    Scheduler,
-    Seed,
-    Shard,
-    Workers,
-    refuse_shard,
-    write_json,
-)
+from abhv_mc.cli.options import CampaignFile, Controller, Json, Scheduler, Seed, Workers
+from abhv_mc.cli.outputs import output_file
+from abhv_mc.cli.printing import say, show
+
+if TYPE_CHECKING:
+    from abhv_mc.search.tune import TuneFound
 
 
 def command(
     campaign: CampaignFile,
     out: Annotated[
-        Path, typer.Option("--output", "-o", callback=new_file, metavar="NEW.yaml", help="Controller file to write.")
+        Path, typer.Option("--output", "-o", callback=output_file, metavar="NEW.yaml", help="Controller file to write.")
     ],
     controller: Controller = None,
     block: Annotated[
@@ -34,8 +27,7 @@ def command(
     seed: Seed = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    json_file: JsonFile = None,
-    shard: Shard = None,
+    json: Json = None,
 ) -> None:
     """Tune the free numbers of a controller on common flights, and validate them on fresh ones.
 
@@ -44,18 +36,26 @@ def command(
     """
     from abhv_mc.cli.announce import announce_compiling
 
-    refuse_shard(shard)
     page = out.with_suffix(".html")
-    keep_apart([new_file(page), json_file])
+    output_file(page)
     announce_compiling()
     from abhv_mc.report.pages.tune_page import write_tune_page
     from abhv_mc.search.tune import TuneFound, TuneRequest, tune_controller
 
     def tell(found: TuneFound) -> None:  # before the new file is there, with which the command would not run again
-        write_json(json_file, found.as_json())
+        show(found.as_json(), json, lambda: _print(found))
         write_tune_page(found, page)
 
     found = tune_controller(TuneRequest(campaign, out, controller, block, seed, workers, scheduler), tell=tell)
+    told = sys.stderr if json == Path("-") else None
+    say(f"report    {page}", file=told)
+    if not found.shown:
+        say("not shown to be better within the limits: no file is written", file=sys.stderr)
+        raise typer.Exit(ExitCode.FAILED)
+    say(f"controller {out}", file=told)
+
+
+def _print(found: "TuneFound") -> None:
     gain = found.validation.difference
     for side in found.sides:
         bound = "" if side.limit is None else f"  (limit {side.limit:.5g}{'' if side.keeps else ', broken'})"
@@ -64,8 +64,3 @@ def command(
     ends = found.numbers.at_ends(found.tuning.place)
     for key, value in found.numbers.values(found.tuning.place).items():
         say(f"  {key:<40} {value}{'  (at the end of its range)' if key in ends else ''}")
-    say(f"report    {page}")
-    if not found.shown:
-        say("not shown to be better within the limits: no file is written", file=sys.stderr)
-        raise typer.Exit(ExitCode.FAILED)
-    say(f"controller {out}")

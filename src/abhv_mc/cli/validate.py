@@ -1,11 +1,16 @@
 """``abhv-mc validate``: check files without flying."""
 
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from abhv_mc.cli.printing import say
+from abhv_mc.cli.options import Json
+from abhv_mc.cli.printing import say, show
+
+if TYPE_CHECKING:
+    from abhv_mc.execution.estimate import Estimate
 
 
 def command(
@@ -16,9 +21,11 @@ def command(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Fly a few flights of each campaign; say what all of them will cost.")
     ] = False,
+    json: Json = None,
 ) -> None:
     """Check files, and the files that they name, without flying."""
     from abhv_mc.campaign.file.inputs import check_inputs
+    from abhv_mc.cli.announce import announce_warnings
     from abhv_mc.io.documents import InputError, InputErrors
     from abhv_mc.shipped import find_input
 
@@ -31,18 +38,17 @@ def command(
             errors.extend(several.errors)
             continue
         for found in checked:
-            say(f"{found.path}: a valid {found.kind} file")
-            for warning in found.warnings:
-                say(f"{found.path}: warning: {warning}")
+            say(f"{found.path}: a valid {found.kind} file", file=sys.stderr if json == Path("-") else None)
+            announce_warnings(f"{found.path}: {warning}" for warning in found.warnings)
     if errors:
         raise InputErrors(errors)
-    if dry_run:
-        for file in paths:
-            _estimate(file)
+    costs = {str(file): cost for file in paths if dry_run and (cost := _estimate(file)) is not None}
+    if json is not None or costs:
+        show(costs, json, lambda: _print_costs(costs))
 
 
-def _estimate(file: Path) -> None:
-    """Print what a campaign will cost; nothing for another kind of file."""
+def _estimate(file: Path) -> "Estimate | None":
+    """What a campaign will cost; None for another kind of file."""
     from abhv_mc.campaign.file.check import read_campaign
     from abhv_mc.campaign.file.inputs import find_kind
     from abhv_mc.cli.announce import announce_compiling, announce_warnings
@@ -50,12 +56,18 @@ def _estimate(file: Path) -> None:
     from abhv_mc.execution.estimate import estimate_campaign
 
     if find_kind(file) != "campaign":
-        return
+        return None
     announce_compiling()
     cost = estimate_campaign(read_campaign(file), make_engine())
     announce_warnings(cost.warnings)
-    say(f"{file}: {cost.flights} flights of {cost.controllers} controllers, blocks of {cost.batch}")
-    say(f"  time    {cost.flying_s:.0f} s with {cost.workers} workers ({1e3 * cost.flight_s:.2f} ms a flight and core)")
-    kept, flying = f"{cost.kept} histories {cost.histories_bytes / 1e6:.1f}", f"{cost.envelope_bytes / 1e6:.1f}"
-    say(f"  disk    {cost.disk_bytes / 1e6:.1f} MB at most", end="")
-    say(f" (rows {cost.rows_bytes / 1e6:.1f}, {kept}, envelopes while flying {flying})")
+    return cost
+
+
+def _print_costs(costs: "dict[str, Estimate]") -> None:
+    for file, cost in costs.items():
+        say(f"{file}: {cost.flights} flights of {cost.controllers} controllers, blocks of {cost.batch}")
+        each = f"{1e3 * cost.flight_s:.2f} ms a flight and core"
+        say(f"  time    {cost.flying_s:.0f} s with {cost.workers} workers ({each})")
+        kept, flying = f"{cost.kept} histories {cost.histories_bytes / 1e6:.1f}", f"{cost.envelope_bytes / 1e6:.1f}"
+        say(f"  disk    {cost.disk_bytes / 1e6:.1f} MB at most", end="")
+        say(f" (rows {cost.rows_bytes / 1e6:.1f}, {kept}, envelopes while flying {flying})")

@@ -1,27 +1,26 @@
-"""``abhv-mc verify``: hold flights against other people's, and reports against their data."""
+"""``abhv-mc verify``: check flights against published data, and a results folder against itself."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from abhv_mc.cli.outputs import new_file
-from abhv_mc.cli.printing import say
+from abhv_mc.cli.options import Folder, Json
+from abhv_mc.cli.printing import say, show
 
 if TYPE_CHECKING:
     from abhv_mc.verification.rows import Row
 
-app = typer.Typer(help="Hold flights against other people's, and reports against their data.", no_args_is_help=True)
-_Json = Annotated[
-    Path | None, typer.Option("--json", callback=new_file, metavar="FILE", help="Write the rows as JSON too.")
-]
+app = typer.Typer(
+    help="Check flights against published data, and a results folder against itself.", no_args_is_help=True
+)
 _Scale = Annotated[float, typer.Option("--tolerance-scale", metavar="X", help="Multiply every tolerance.")]
 
 _REFERENCES = Path("tests/reference")
 
 
 @app.command("campaign")
-def campaign(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a campaign.")]) -> None:
+def campaign(folder: Folder) -> None:
     """Hold everything in a campaign's folder against the flights; exit 1 at the first that differs.
 
     The campaign file and its inputs, the samples, the manifest's counts and verdicts, histories, envelopes, and every
@@ -56,7 +55,7 @@ _KEPT = "; histories and envelopes are of these flights, as long as they, and wi
 @app.command("nesc")
 def nesc(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Holds Atmos_NN_Name/Atmos_NN_sim_MM.csv[.gz].")],
-    json: _Json = None,
+    json: Json = None,
     tolerance_scale: _Scale = 1.0,
 ) -> None:
     """Fly NASA's atmospheric check-cases 1 to 10, those that DIR has, and compare with each simulator given.
@@ -72,7 +71,7 @@ def nesc(
 @app.command("ghame6")
 def ghame6(
     file: Annotated[Path, typer.Argument(metavar="FILE.csv[.gz]", help="A flight of CADAC++ GHAME6.")],
-    json: _Json = None,
+    json: Json = None,
     tolerance_scale: _Scale = 1.0,
 ) -> None:
     """Replay the recorded surfaces and throttle of a CADAC++ flight and compare the states.
@@ -95,7 +94,7 @@ def everything(
             help="Holds the check-cases (nesc) and recordings (cadac-ghame6).",
         ),
     ] = None,
-    json: _Json = None,
+    json: Json = None,
     tolerance_scale: _Scale = 1.0,
 ) -> None:
     """Show all that is held against published data as one table: others' flights, and the numbers of papers."""
@@ -122,8 +121,15 @@ def _prepare(scale: float) -> float:
 
 def _show(rows: "list[Row]", json: Path | None) -> None:
     """Print one table, write the JSON, and exit 1 where a row is not as it should be."""
+    from abhv_mc.verification.rows import all_ok, rows_record
+
+    show(rows_record(rows), json, lambda: _print_rows(rows))
+    if not all_ok(rows):
+        raise typer.Exit(1)
+
+
+def _print_rows(rows: "list[Row]") -> None:
     from abhv_mc.cli.printing import new_table, print_table
-    from abhv_mc.verification.rows import all_ok, write_rows
 
     table = new_table(("case", "compared with", "quantity"), ("difference", "tolerance"))
     table.add_column("unit")
@@ -133,7 +139,3 @@ def _show(rows: "list[Row]", json: Path | None) -> None:
         table.add_row(row.case, row.simulator, row.quantity, *numbers, row.unit, "ok" if row.ok else "OUTSIDE")
     print_table(table)
     say(f"{len(rows)} differences, {sum(not row.ok for row in rows)} outside their tolerance")
-    if json is not None:
-        write_rows(json, rows)
-    if not all_ok(rows):
-        raise typer.Exit(1)

@@ -5,7 +5,8 @@ from typing import Annotated, Any
 
 import typer
 
-from abhv_mc.cli.printing import say
+from abhv_mc.cli.options import Json
+from abhv_mc.cli.printing import say, show
 
 
 def command(
@@ -14,18 +15,17 @@ def command(
         list[str],
         typer.Option("--set", metavar="K=V", help="For example aero.drag.half_width=12%; may be repeated."),
     ],
-    json: Annotated[bool, typer.Option("--json", help="Print JSON, with every metric.")] = False,
+    json: Json = None,
 ) -> None:
-    """Re-weight the flights already flown to what they say under other dispersions.
+    """Estimate results under other dispersions by re-weighting existing flights.
 
     Refused where the flights do not cover what is asked, or where too few of them count.
     """
     from abhv_mc.analysis.reweight import parse_settings
-    from abhv_mc.cli.printing import print_json
     from abhv_mc.report.numbers.whatif import make_whatif
 
     found = make_whatif(folder, parse_settings(settings))
-    (print_json if json else _print)(found)
+    show(found, json, lambda: _print(found))
 
 
 def _print(found: dict[str, Any]) -> None:

@@ -1,31 +1,23 @@
 """``abhv-mc worst``: the worst case over the box of a campaign's dispersions."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.printing import say
-from abhv_mc.cli.searching import (
-    CampaignFile,
-    Controller,
-    Folder,
-    Fresh,
-    JsonFile,
-    Scheduler,
-    Seed,
-    Shard,
-    Workers,
-    refuse_shard,
-    write_json,
-)
+from abhv_mc.cli.options import CampaignFile, Controller, Fresh, Json, Scheduler, Seed, Workers
+from abhv_mc.cli.outputs import campaign_folder
+from abhv_mc.cli.printing import say, show
 from abhv_mc.io.input_error import InputError
 
 
 def command(
     campaign: CampaignFile,
     metric: Annotated[str, typer.Option(help="Metric to search.")],
-    out: Folder,
+    out: Annotated[
+        Path, typer.Option("--output", "-o", callback=campaign_folder, metavar="DIR", help="For flights and page.")
+    ],
     controller: Controller = None,
     above: Annotated[bool, typer.Option("--above", help="Large values are bad (the default).")] = False,
     below: Annotated[bool, typer.Option("--below", help="Small values are bad.")] = False,
@@ -34,8 +26,7 @@ def command(
     seed: Seed = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    json_file: JsonFile = None,
-    shard: Shard = None,
+    json: Json = None,
     fresh: Fresh = False,
 ) -> None:
     """Search the box of the dispersions for the worst value of a metric.
@@ -45,7 +36,6 @@ def command(
     """
     from abhv_mc.cli.announce import announce_compiling
 
-    refuse_shard(shard)
     if above and below:
         raise InputError("--below", None, None, "both --above and --below", "one of them")
     announce_compiling()
@@ -57,16 +47,19 @@ def command(
     found = find_worst(request, WorstSettings(metric, not below, flights, box))
     numbers = found.numbers()
     page = write_worst_page(found, out / "report.html")
-    write_json(json_file, numbers)
-    ended = "" if numbers["outcome"] == "ok" else f" (ended early: {numbers['outcome']})"
-    beside = "" if numbers["random_outcome"] == "ok" else f" (ended early: {numbers['random_outcome']})"
-    say(f"worst     {metric} {numbers['value']:.6g} of {found.controller}, flight {found.worst}{ended}")
-    say(f"random    {numbers['random_worst']:.6g} in as many random flights of the same box{beside}")
-    for name, value in numbers["parameters"].items():
-        say(f"  {name:<40} {value:.6g}{'  (at its bound)' if name in found.at_bounds else ''}")
-    say(f"flights   {found.searched} searched, {found.flights.stop - found.searched} random")
-    for name, share in found.probabilities.items():
-        say(f"in all flights of the search, though its probability is {share:.6g}: {name}")
-    say(f"report    {page}")
+
+    def in_words() -> None:
+        ended = "" if numbers["outcome"] == "ok" else f" (ended early: {numbers['outcome']})"
+        beside = "" if numbers["random_outcome"] == "ok" else f" (ended early: {numbers['random_outcome']})"
+        say(f"worst     {metric} {numbers['value']:.6g} of {found.controller}, flight {found.worst}{ended}")
+        say(f"random    {numbers['random_worst']:.6g} in as many random flights of the same box{beside}")
+        for name, value in numbers["parameters"].items():
+            say(f"  {name:<40} {value:.6g}{'  (at its bound)' if name in found.at_bounds else ''}")
+        say(f"flights   {found.searched} searched, {found.flights.stop - found.searched} random")
+        for name, share in found.probabilities.items():
+            say(f"in all flights of the search, though its probability is {share:.6g}: {name}")
+        say(f"report    {page}")
+
+    show(numbers, json, in_words)
     if found.failed_to_run:
         raise typer.Exit(ExitCode.INCOMPLETE)

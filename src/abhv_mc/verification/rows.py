@@ -1,12 +1,8 @@
 """A row of the proof: how far something is from what it should be, and how far it may be."""
 
-import json
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
-
-from abhv_mc.folder.layout import write_text
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -30,10 +26,6 @@ def all_ok(rows: Sequence[Row]) -> bool:
     return bool(rows) and all(row.ok for row in rows)
 
 
-def write_rows(path: Path, rows: Sequence[Row]) -> None:
-    """Write ``{"ok": bool, "rows": [...]}``; a difference that is not finite becomes null."""
-    content = [asdict(row) for row in rows]
-    for row in content:
-        row["difference"] = row["difference"] if math.isfinite(row["difference"]) else None
-    text = json.dumps({"ok": all_ok(rows), "rows": content}, indent=2, allow_nan=False)
-    write_text(path, text + "\n")
+def rows_record(rows: Sequence[Row]) -> dict[str, Any]:
+    """``{"ok": bool, "rows": [...]}``."""
+    return {"ok": all_ok(rows), "rows": [asdict(row) for row in rows]}

@@ -25,6 +25,7 @@ TABLE = [
     ("unknown_distribution", 10, 29, ["'gauss'", "normal"]),
     ("bad_tab", 10, 1, ["a tab"]),
     ("probability_in_percent", 13, 60, ["99.73", "less than 1"]),
+    ("everything_at_once", 3, 10, [f":{line}: " for line in ("5:1", "6:7", "9:3", "10:50", "12:14", "13:60", "14:82")]),
     ("keep_channel", 12, 62, ["channel 'bank'", "bank_deg"]),
     ("rate", 12, 26, ["33 Hz", "divides the control rate"]),
     ("runs_negative", 5, 7, ["-5", "at least 1"]),

@@ -161,4 +161,4 @@ def test_the_command(flown):
     shown = CliRunner().invoke(app, words)
     assert shown.exit_code == 0 and "Altitude error, max < 1.85" in shown.stdout
     assert "sigma 5 %  ->  distribution normal, sigma 4%" in shown.stdout
-    assert json.loads(CliRunner().invoke(app, [*words, "--json"]).stdout)["controllers"].keys() == {"one", "two"}
+    assert json.loads(CliRunner().invoke(app, [*words, "--json", "-"]).stdout)["controllers"].keys() == {"one", "two"}

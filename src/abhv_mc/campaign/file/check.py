@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.campaign.file.config import Campaign
+from abhv_mc.campaign.file.mistakes import find_more
 from abhv_mc.campaign.file.requirements import (
     check_margins,
     check_requirements,
@@ -107,7 +108,10 @@ def read_campaign(
 def check_campaign(document: Document) -> CheckedCampaign:
     """Check a campaign that was read already. Raises :class:`InputError` as :func:`read_campaign` does."""
     document = name_effectors(document)
-    model = validate(document, Campaign)
+    try:
+        model = validate(document, Campaign)
+    except InputErrors as refused:
+        raise find_more(document, refused, check_campaign) from None
     errors: list[InputError] = []
     for name, other in combinations(model.controllers, 2):
         if name.casefold() == other.casefold():

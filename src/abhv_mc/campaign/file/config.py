@@ -14,7 +14,7 @@ from abhv_mc.campaign.sampling.designs import DESIGNS
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
 from abhv_mc.folder.manifest_check import Name
 from abhv_mc.io.documents import File, Refusal, StrictModel, describe, one_of
-from abhv_mc.io.units import TIME, Time, parse_quantity
+from abhv_mc.io.units import TIME, Fraction, Time, parse_quantity
 
 PROCESSES, THREADS = "processes", "threads"
 
@@ -96,10 +96,10 @@ class Requirement(StrictModel):
     metric: str = Field(description="the metric that is limited")
     below: Value | None = Field(None, description="what it must be below, in its unit; either this or 'above'")
     above: Value | None = Field(None, description="what it must be above, in its unit")
-    probability: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(
-        description="share of flights that must meet it, such as 0.9973"
+    probability: Annotated[Fraction, Field(gt=0.0, lt=1.0)] = Field(
+        description="share of flights that must meet it, such as 99.73 %"
     )
-    consumer_risk: Annotated[float, Field(gt=0.0, lt=0.5)] = Field(
+    consumer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
         0.10, description="largest chance that a system which just misses the requirement passes"
     )
     controllers: tuple[str, ...] | None = Field(
@@ -185,7 +185,7 @@ class Family(StrictModel):
     """All pairs of requirement and controller together: the chance of any false PASS among them."""
 
     method: Literal["holm"] = Field("holm", description="Holm's; Bonferroni's where the campaign stops when proven")
-    risk: Annotated[float, Field(gt=0.0, lt=0.5)] = Field(0.10, description="largest chance of any false PASS")
+    risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(0.10, description="largest chance of any false PASS")
 
 
 class Execution(StrictModel):

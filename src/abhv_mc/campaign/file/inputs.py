@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pydantic import BaseModel
 
@@ -86,7 +87,11 @@ def check_inputs(path: Path) -> list[CheckedInput]:
 def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pending) -> Iterator[str]:
     """Check one file, yield its warnings and add the files that it names to ``pending``."""
     if kind == "campaign":
-        checked = read_campaign(file)
+        try:
+            checked = read_campaign(file)
+        except InputError:
+            pending += _files_named(file)  # what is wrong with them is said in the same breath
+            raise
         campaign = checked.model
         problems = find_impossible(checked, load_vehicle(campaign.vehicle))
         if problems:
@@ -105,3 +110,14 @@ def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pend
             from abhv_mc.campaign.file.try_law import try_law
 
             yield from try_law(file, controller, *(flown or (None, None)))
+
+
+def _files_named(campaign: Path) -> Pending:
+    """The files that a campaign names, where they are there, whatever else is wrong with it."""
+    document = read_document(campaign)
+    data: dict[str, Any] = document.data if isinstance(document.data, dict) else {}
+    controllers = data.get("controllers")
+    named = [(data.get(kind), kind) for kind in ("vehicle", "mission")]
+    named += [(name, "controller") for name in (controllers.values() if isinstance(controllers, dict) else ())]
+    paths = [(document.resolve(name), kind) for name, kind in named if isinstance(name, str)]
+    return [(path, kind, None) for path, kind in paths if path.is_file()]

@@ -5,10 +5,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from abhv_mc.io.documents import Refusal, StrictModel
-from abhv_mc.io.units import TIME, parse_quantity
+from abhv_mc.io.units import TIME, Fraction, parse_quantity
 from abhv_mc.stability.metrics import MARGIN_NAMES
 
-Quantile = Annotated[float, Field(gt=0.0, lt=1.0)]
+Quantile = Annotated[Fraction, Field(gt=0.0, lt=1.0)]
 _METRIC = "the metric"
 _QUANTILE = "its quantile over the flights"
 

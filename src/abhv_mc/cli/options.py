@@ -1,0 +1,120 @@
+"""The arguments and options that commands share: one grammar for all of them.
+
+A campaign, mission, vehicle or controller is a path or the name of a shipped one.
+"""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from abhv_mc.campaign import MOST_WORKERS
+from abhv_mc.cli.outputs import json_file
+from abhv_mc.io.input_error import InputError
+from abhv_mc.shipped import find_input
+
+
+def _campaign(name: str) -> Path:
+    return find_input(name, "campaign")
+
+
+def _mission(name: str) -> Path:
+    return find_input(name, "mission")
+
+
+def _mission_or_campaign(name: str) -> Path:
+    return find_input(name, "mission", "campaign")
+
+
+def _vehicle(name: str) -> Path:
+    return find_input(name, "vehicle")
+
+
+CampaignFile = Annotated[
+    Path, typer.Argument(parser=_campaign, metavar="CAMPAIGN", help="Campaign file, or the name of a shipped one.")
+]
+MissionFile = Annotated[
+    Path, typer.Argument(parser=_mission, metavar="MISSION", help="Mission file, or the name of a shipped one.")
+]
+MissionOrCampaign = Annotated[
+    Path,
+    typer.Argument(
+        parser=_mission_or_campaign, metavar="MISSION", help="Mission or campaign file, or the name of a shipped one."
+    ),
+]
+VehicleFile = Annotated[
+    Path, typer.Argument(parser=_vehicle, metavar="VEHICLE", help="Vehicle file, or the name of a shipped one.")
+]
+Vehicle = Annotated[
+    Path | None,
+    typer.Option(
+        parser=_vehicle,
+        metavar="V",
+        help="Vehicle file, or the name of a shipped one.",
+        show_default="ghame_x, or the campaign's",
+    ),
+]
+ControllerFiles = Annotated[
+    str | None,
+    typer.Option(
+        "--controllers",
+        "--controller",
+        metavar="A,B",
+        help="Controller files or shipped names.",
+        show_default="tlc,lqr, or the campaign's",
+    ),
+]
+Controllers = Annotated[
+    str | None, typer.Option("--controllers", "--controller", metavar="A,B", help="Only these of its controllers.")
+]
+Controller = Annotated[
+    str | None,
+    typer.Option("--controller", "--controllers", metavar="NAME", help="Controller.", show_default="the first"),
+]
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder.")]
+Seed = Annotated[int | None, typer.Option(min=0, help="Seed.", show_default="the campaign's")]
+Runs = Annotated[int | None, typer.Option(min=1, help="Flights of each controller.", show_default="the campaign's")]
+Workers = Annotated[
+    int | None, typer.Option(min=1, max=MOST_WORKERS, help="Flights in parallel.", show_default="cores")
+]
+Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Fly on this Dask cluster.")]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Delete what the folder holds of a campaign first.")]
+NoReport = Annotated[bool, typer.Option("--no-report", help="Make no report.")]
+TrustCode = Annotated[
+    bool, typer.Option("--trust-code", help="Run Python code of a campaign's folder that you have not flown.")
+]
+Json = Annotated[
+    Path | None,
+    typer.Option(
+        "--json", callback=json_file, metavar="FILE", help="Write the figures as JSON; - for standard output."
+    ),
+]
+
+
+def parse_names(text: str | None) -> tuple[str, ...] | None:
+    """Names with commas between them; None without the option. Raises InputError for an empty name."""
+    if text is None:
+        return None
+    names = tuple(name.strip() for name in text.split(","))
+    if not all(names):
+        raise InputError("--controllers", None, None, f"'{text}', which holds an empty name", "names such as tlc,lqr")
+    return names
+
+
+def find_controllers(text: str | None) -> dict[str, Path]:
+    """Controller files by their names; tlc and lqr without the option. Raises InputError."""
+    files = [find_input(name, "control") for name in parse_names(text) or ("tlc", "lqr")]
+    if len({file.stem for file in files}) < len(files):
+        raise InputError("--controllers", None, None, str(text), "files of different names")
+    return {file.stem: file for file in files}
+
+
+def parse_option(option: str, text: str, dimension: Any, bare_unit: str | None = None) -> float:
+    """A quantity of an option in SI; without a unit it is in ``bare_unit``. Raises InputError."""
+    from abhv_mc.io.input_error import Refusal
+    from abhv_mc.io.units import parse_quantity
+
+    try:
+        return parse_quantity(text.strip(), dimension, bare_unit)
+    except Refusal as refusal:
+        raise InputError(option, None, None, refusal.found, refusal.wanted) from None

@@ -1,0 +1,56 @@
+"""``list``; the schemas describe the files that are shipped, and units are text there."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from abhv_mc.cli.app import app
+from abhv_mc.flight.channels import CHANNELS, METRICS
+from abhv_mc.io.input_error import InputError
+from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.stability.metrics import MARGIN_VALUES
+
+
+def schema(kind: str) -> dict:
+    answer = CliRunner().invoke(app, ["list", "schemas", kind])
+    assert answer.exit_code == 0
+    return json.loads(answer.stdout)
+
+
+def test_campaign() -> None:
+    made = schema("campaign")
+    assert {"vehicle", "mission", "controllers"} <= set(made["required"])
+    assert made["additionalProperties"] is False
+    assert made["properties"]["vehicle"]["type"] == "string"
+
+
+def test_mission_lengths_are_text_with_a_unit() -> None:
+    start = schema("mission")["$defs"]["Start"]["properties"]
+    assert start["altitude"]["type"] == "string"
+    assert start["altitude"]["examples"] == ["20 km"]
+
+
+@pytest.mark.parametrize("kind", ["vehicle", "controller"])
+def test_others(kind: str) -> None:
+    assert schema(kind)["$defs"]
+
+
+def test_unknown_kind() -> None:
+    assert isinstance(CliRunner().invoke(app, ["list", "schemas", "flight"]).exception, InputError)
+
+
+@pytest.mark.parametrize(
+    ("kind", "names"),
+    [
+        ("parameters", [parameter.name for parameter in PARAMETERS if parameter.name != "one"]),
+        ("channels", [channel.name for channel in CHANNELS]),
+        ("metrics", [signal.name for signal in (*METRICS, *MARGIN_VALUES)]),
+        ("schemas", ["campaign", "vehicle", "mission", "controller"]),
+    ],
+)
+def test_everything_is_listed_in_words_and_as_json(kind: str, names: list[str]) -> None:
+    listed = json.loads(CliRunner().invoke(app, ["list", kind, "--json", "-"]).stdout)
+    assert [entry["name"] for entry in listed] == names
+    table = CliRunner().invoke(app, ["list", kind]).stdout
+    assert all(f"{entry['name']} " in table and entry["doc"] in table for entry in listed)
