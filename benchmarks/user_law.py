@@ -6,8 +6,9 @@ import sys
 import time
 from pathlib import Path
 
-from abhv_mc.campaign.file.user_metrics import MetricEntry, compile_metrics, known_channels
+from abhv_mc.campaign.file.user_metrics import MetricEntry, declare_metrics
 from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.metrics import pack_metrics
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import Document
 
@@ -28,7 +29,7 @@ configs = ROOT / "configs"
 files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
 built_in = prepare(*files, configs / "control" / "lqr.yaml", "lqr")
 entries = {name: MetricEntry(**entry) for name, entry in METRICS.items()}
-declared = compile_metrics(entries, known_channels(), Document("-", {}, {(): (1, 1)}, {}), (), [])
+declared = pack_metrics(declare_metrics(entries, (), Document("-", {}, {(): (1, 1)}, {}), (), []))
 plans = {
     "built-in LQR": built_in,
     "LQR as a file": prepare(*files, ROOT / "tests" / "user_code" / "lqr_law.yaml", "own"),

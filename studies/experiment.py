@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from abhv_mc.control.controller_file import Controller, TlcController, read_controller
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.control.mission import read_mission
-from abhv_mc.flight.channels import METRIC_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.plant.parameters import PARAMETER_INDEX

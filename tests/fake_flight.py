@@ -12,10 +12,10 @@ import numpy as np
 
 from abhv_mc.control.columns import REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.execution.engine import Engine
-from abhv_mc.flight.channels import CHANNELS, METRICS, Statistic
-from abhv_mc.flight.declared import NO_METRICS
+from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
+from abhv_mc.flight.metrics import METRICS, NO_METRICS, Statistic
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock, FlightPlan, Limits, Timing
+from abhv_mc.flight.plan import NO_SOURCES, FlightBlock, FlightPlan, Limits, Timing
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.air_profile import no_profile
 from abhv_mc.plant.effectiveness import make_effectiveness
@@ -27,7 +27,6 @@ from abhv_mc.vehicle.pack import Axis, Table, pack_tables
 DENSITY, LIFT, DRAG = (PARAMETER_INDEX[name] for name in ("atmosphere.density", "aero.lift", "aero.drag"))
 LOST_BELOW = 0.91
 TICKS = 20  # of 0.1 s
-_SOURCES = [channel.source for channel in CHANNELS]
 _EXTREMES = {
     Statistic.MAX_ABS: lambda values: np.fmax.reduce(np.abs(values), axis=1),
     Statistic.MIN: lambda values: np.fmin.reduce(values, axis=1),
@@ -60,6 +59,7 @@ def make_plan(name: str, gain: float = 1.0) -> FlightPlan:
         "gain_names": np.empty(0, dtype=np.str_),
         "profile": no_profile(),
         "declared": NO_METRICS,
+        "own_sources": NO_SOURCES,
         **{"source_hash": "", "channels_hash": "", "source": None, "channels_source": None},
     }
     return FlightPlan(**parts)
@@ -97,11 +97,11 @@ def fly(plan: FlightPlan, parameters: np.ndarray, record_every: int | None = Non
     history[ticks[None, :] > end[:, None] + 1e-9] = np.nan
     last = history[np.arange(len(end)), np.rint(end / plan.timing.tick).astype(int)]
     for row, metric in enumerate(METRICS):  # extremes and ends are those of the history, as a flight's are
-        if metric.source in _SOURCES:
-            column = _SOURCES.index(metric.source)
+        if metric.of in CHANNEL_INDEX:
+            column = CHANNEL_INDEX[metric.of]
             if metric.statistic in _EXTREMES:
                 values = _EXTREMES[metric.statistic](history[:, :, column])
-                metrics[:, row] = np.maximum(values, -np.inf if metric.initial is None else metric.initial)
+                metrics[:, row] = np.maximum(values, 0.0 if metric.never_negative else -np.inf)
             elif metric.statistic == Statistic.FINAL:
                 metrics[:, row] = last[:, column]
     times = ticks[::every] if record_every else np.empty(0)

@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 
 import abhv_mc
-from abhv_mc.flight.channels import CHANNELS, METRICS
+from abhv_mc.flight.channels import CHANNELS
+from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flying import make_parameters
 from abhv_mc.io.documents import InputError
 from abhv_mc.plant import trim as plant_trim

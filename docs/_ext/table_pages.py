@@ -5,22 +5,12 @@ from collections.abc import Iterable
 from tables import code, table
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.flight.channels import CHANNELS, METRICS, REFERENCE_CHANNELS, Signal, Statistic
+from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS, SOURCES, Signal
+from abhv_mc.flight.metrics import MARGIN_VALUES, METRICS
 from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.io.units import DIMENSIONS
 from abhv_mc.plant.parameters import PARAMETERS
-from abhv_mc.stability.metrics import MARGIN_VALUES
 
-_STATISTICS = {
-    Statistic.RMS: "root mean square over the control ticks",
-    Statistic.MAX_ABS: "largest absolute value",
-    Statistic.MAX_ABS_SETTLED: "largest absolute value, leaving out 5 s after each step of the reference",
-    Statistic.MIN: "smallest value",
-    Statistic.MAX: "largest value, with its sign",
-    Statistic.FINAL: "value at the end of the flight",
-    Statistic.SUM: "sum over the control ticks",
-    Statistic.DURATION: "time during which it holds",
-}
 _EXIT_CODES = {
     ExitCode.DONE: "done",
     ExitCode.FAILED: "done, but a requirement or a verification failed. Of a requirement only FAIL counts, and only "
@@ -38,7 +28,8 @@ def _signals(signals: Iterable[Signal]) -> str:
 
 
 def _metrics() -> str:
-    rows = ((code(m.name), m.unit, m.doc, _STATISTICS[m.statistic]) for m in METRICS)
+    rows = ((code(m.name), m.unit, m.doc, f"{m.statistic.word} of {code(m.of)}", m.bad, m.group) for m in METRICS)
+    others = [source for source in SOURCES.values() if source not in CHANNELS]
     return f"""# Metrics
 
 One column of `flights/*.parquet` each; a requirement, `keep.histories.by` and the report name them so. They are taken
@@ -46,7 +37,12 @@ at every control tick, from the start to the end of the flight. A flight that en
 moment, its outcome says why, and every statistic and verdict counts it as a failure unless the requirement says
 `ended_early: as_measured`. Errors of angle of attack and bank are against the controller's own command.
 
-{table(("name", "unit", "meaning", "statistic"), rows)}
+{table(("name", "unit", "meaning", "counted as", "bad", "group"), rows)}
+`abhv-mc list metrics` prints the same table, and with a campaign's file the metrics that it declares.
+
+Besides the channels, metrics may name these sources:
+
+{_signals(others)}
 ## Stability margins
 
 With `margins:` in the campaign, for as many flights as it names. A flight whose loop is unstable, or that ended

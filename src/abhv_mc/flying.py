@@ -123,8 +123,9 @@ def fly(
     """
     import pandas as pd
 
-    from abhv_mc.flight.channels import CHANNELS, METRICS
+    from abhv_mc.flight.channels import CHANNELS
     from abhv_mc.flight.fly import fly as fly_plan
+    from abhv_mc.flight.metrics import METRICS
     from abhv_mc.flight.outcome import SENTENCES, Outcome
 
     steps = check_count(every, 1, "every")

@@ -12,7 +12,7 @@ from fake_flight import ENGINE, LOST_BELOW, fly, write_campaign
 from abhv_mc.analysis.explain import _mildest_first, explain_flight
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.flight.channels import METRIC_INDEX
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 

@@ -9,7 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from abhv_mc.cli.app import app
-from abhv_mc.flight.channels import CHANNELS, METRICS
+from abhv_mc.flight.channels import CHANNELS
+from abhv_mc.flight.metrics import METRICS
 from abhv_mc.io.documents import InputError
 
 

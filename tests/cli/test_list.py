@@ -6,10 +6,10 @@ import pytest
 from typer.testing import CliRunner
 
 from abhv_mc.cli.app import app
-from abhv_mc.flight.channels import CHANNELS, METRICS
+from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.parameters import PARAMETERS
-from abhv_mc.stability.metrics import MARGIN_VALUES
+from abhv_mc.flight.metrics import BUILT_IN
 
 
 def schema(kind: str) -> dict:
@@ -45,7 +45,7 @@ def test_unknown_kind() -> None:
     [
         ("parameters", [parameter.name for parameter in PARAMETERS if parameter.name != "one"]),
         ("channels", [channel.name for channel in CHANNELS]),
-        ("metrics", [signal.name for signal in (*METRICS, *MARGIN_VALUES)]),
+        ("metrics", [signal.name for signal in BUILT_IN.values()]),
         ("schemas", ["campaign", "vehicle", "mission", "controller"]),
     ],
 )

@@ -122,7 +122,8 @@ def test_generated_pages_hold_every_key_metric_and_parameter(monkeypatch: pytest
     monkeypatch.setattr(sys, "path", [str(ROOT / "docs/_ext"), *sys.path])
     from abhv_mc.campaign.file.inputs import MODELS
     from abhv_mc.campaign.file.schema import make_schema
-    from abhv_mc.flight.channels import CHANNEL_INDEX, METRIC_INDEX
+    from abhv_mc.flight.channels import CHANNEL_INDEX
+    from abhv_mc.flight.metrics import METRIC_INDEX
     from abhv_mc.plant.parameters import PARAMETERS
 
     pages = importlib.import_module("reference_pages").make_pages(Path(), ROOT / "docs/reference/commands")

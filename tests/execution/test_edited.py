@@ -7,7 +7,7 @@ from fake_flight import ENGINE, fly, prepare, write_campaign
 
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.flight.channels import METRICS
+from abhv_mc.flight.metrics import METRICS
 from abhv_mc.io.input_error import InputError
 from abhv_mc.search.search_flights import SearchRequest
 from abhv_mc.search.worst import WorstSettings, find_worst

@@ -13,11 +13,12 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.engine import make_engine
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
+from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.stability.metrics import MARGIN_NAMES, fly_with_margins
+from abhv_mc.stability.metrics import fly_with_margins
 
 CAMPAIGN = """\
 name: margins

@@ -17,7 +17,8 @@ from fake_flight import ENGINE, fly, write_campaign
 from abhv_mc.execution import runner
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.flight.channels import CHANNEL_INDEX, METRIC_INDEX
+from abhv_mc.flight.channels import CHANNEL_INDEX
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.hashes import find_damage
 from abhv_mc.folder.layout import CampaignFolder, StorageFullError

@@ -3,18 +3,21 @@
 import pytest
 
 from abhv_mc.flight import derived, observe
-from abhv_mc.flight.channels import CHANNELS, METRICS, REFERENCE_CHANNELS, Statistic
+from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS, SOURCES
+from abhv_mc.flight.compile_metrics import compile_metrics, known_sources
 from abhv_mc.flight.memory import Z_ROWS
+from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flight.outcome import LIMITS, SENTENCES, Outcome
+from abhv_mc.flight.plan import NO_SOURCES
 from abhv_mc.plant import state as s
 
 
 def test_names_are_unique():
-    for table in (CHANNELS, METRICS, REFERENCE_CHANNELS):
+    for table in (CHANNELS, tuple(SOURCES.values()), METRICS, REFERENCE_CHANNELS):
         assert len({signal.name for signal in table}) == len(table)
 
 
-@pytest.mark.parametrize("entry", [*CHANNELS, *METRICS, *LIMITS], ids=lambda entry: getattr(entry, "name", "limit"))
+@pytest.mark.parametrize("entry", [*SOURCES.values(), *LIMITS], ids=lambda entry: getattr(entry, "name", "limit"))
 def test_every_source_has_a_row(entry):
     row = observe.find_row(entry.source)
     assert s.X <= row < Z_ROWS
@@ -39,5 +42,6 @@ def test_every_outcome_has_a_sentence_and_every_limit_an_outcome():
     assert ends == set(Outcome) - {Outcome.NOT_FINITE, Outcome.FAILED_TO_RUN, Outcome.LAW_FAILED}
 
 
-def test_every_statistic_is_used():
-    assert {metric.statistic for metric in METRICS} == set(Statistic)
+def test_every_built_in_metric_is_counted_in_the_lean_loop():
+    counted = compile_metrics(METRICS, known_sources(NO_SOURCES))
+    assert counted.lean.place.tolist() == list(range(len(METRICS))) and not counted.programs.place.size

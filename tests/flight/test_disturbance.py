@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from abhv_mc.flight.channels import CHANNEL_INDEX, METRIC_INDEX
+from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS

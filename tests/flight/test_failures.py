@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from abhv_mc.flight.channels import CHANNEL_INDEX, METRIC_INDEX
+from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.failure_case import failure_cases, failure_times
 from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.plant import failures

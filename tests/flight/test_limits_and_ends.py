@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.flight.channels import CHANNEL_INDEX, METRIC_INDEX
+from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import EndBounds, Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_plan, prepare

@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from abhv_mc.flight.channels import METRIC_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
 

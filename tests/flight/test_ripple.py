@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from abhv_mc.control import columns as ref
-from abhv_mc.flight.channels import CHANNEL_INDEX, METRIC_INDEX
+from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.flight.ripple import N_RIPPLE_ROWS, WIGGLE, follow_ripple
 from abhv_mc.plant.parameters import PARAMETER_INDEX

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from abhv_mc.flight.channels import METRIC_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.plant.parameters import PARAMETER_INDEX

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from fake_flight import make_plan
 
-from abhv_mc.flight.declared import DeclaredMetrics, DeclaredStatistic, Operation, make_declared
+from abhv_mc.flight.metrics import METRICS, Metric, Statistic, pack_metrics
 from abhv_mc.folder.plans import flatten, read_plan, write_plan
 from abhv_mc.io.input_error import InputError
 
@@ -67,28 +67,23 @@ def test_the_order_in_memory_is_what_compiled_code_expects(tmp_path, parts):
 
 @pytest.fixture(scope="module")
 def declared():
-    code = [(Operation.LOAD, 0, 5, 0), (Operation.CONSTANT, 1, 0, 0), (Operation.ADD, 0, 0, 1)]
-    rows = [(int(DeclaredStatistic.RMS), 0.0, 0.0, np.inf, 0)]
-    words = (np.array([word]) for word in ("mine_m", "m", "a metric of the campaign's own"))
-    plan = make_plan("one")
-    return flatten(replace(plan, declared=DeclaredMetrics(*words, make_declared(code, [1.0, 2.0, 0.0], [0, 3], rows))))
+    metric = Metric("mine_m", "m", "of the campaign", "Mine", "low", "user", "altitude_m + 2", Statistic.MIN)
+    return flatten(replace(make_plan("one"), declared=pack_metrics([metric])))
 
 
 def test_a_declared_metric_comes_back(tmp_path, declared):
     np.savez(tmp_path / "one.npz", **declared)
-    program = read_plan(tmp_path / "one.npz").declared.program
-    assert program.end.tolist() == [np.inf] and len(program.code) == 3
+    (metric,) = read_plan(tmp_path / "one.npz").metrics[len(METRICS) :]
+    assert (metric.bad, metric.statistic, metric.end) == ("low", Statistic.MIN, np.inf)
 
 
-def test_its_program_stays_within_the_memory(tmp_path, declared):
-    code = declared["declared.program.code"]
-    for place in np.ndindex(code.shape):
-        for wrong in (10**9, -1):
-            other = code.copy()
-            other[place] = wrong
-            refuse(tmp_path, declared | {"declared.program.code": other})
-    for name, wrong in (("first", [0, 4]), ("first", [1, 3]), ("first", [0, 2]), ("statistic", [99])):
-        refuse(tmp_path, declared | {f"declared.program.{name}": np.array(wrong)})
+def test_its_text_is_compiled_anew(tmp_path, declared):
+    for place in range(declared["declared"].shape[1]):
+        other = declared["declared"].astype("<U40")
+        other[0, place] = "__import__('os')\n"
+        refuse(tmp_path, declared | {"declared": other})
+    refuse(tmp_path, declared | {"declared": declared["declared"][:, 1:]})
+    refuse(tmp_path, declared | {"own_sources": np.array(["one"])})
 
 
 def test_bounds_may_be_infinite_and_nothing_else(tmp_path, parts):

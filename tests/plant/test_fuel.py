@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from abhv_mc.flight.channels import CHANNEL_INDEX, METRIC_INDEX
+from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.plant import state as s

@@ -6,7 +6,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from abhv_mc.flight.channels import CHANNELS, METRICS, REFERENCE_CHANNELS, STANDARD_CHANNELS
+from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS, STANDARD_CHANNELS
+from abhv_mc.flight.metrics import METRICS
 from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.envelopes import QUANTILES, EnvelopeTable, write_envelopes
 from abhv_mc.folder.flights import VALUES, FlightRows, flights_schema, write_block

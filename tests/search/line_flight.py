@@ -4,7 +4,8 @@ import numpy as np
 from fake_flight import DENSITY, LIFT, prepare, write_campaign
 
 from abhv_mc.execution.engine import Engine
-from abhv_mc.flight.channels import CHANNELS, METRICS
+from abhv_mc.flight.channels import CHANNELS
+from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 

@@ -7,7 +7,7 @@ from fake_flight import LIFT, make_plan, write_campaign
 
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.execution.engine import Engine
-from abhv_mc.flight.channels import METRIC_INDEX, METRICS
+from abhv_mc.flight.metrics import METRIC_INDEX, METRICS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.search.tune import TuneRequest

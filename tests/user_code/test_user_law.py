@@ -313,7 +313,7 @@ def test_inversion_with_the_vehicle_on_board_flies_the_s_in_sixty_lines(reposito
     files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
     block = fly(prepare(*files, configs / "control" / "inversion.yaml", "own"), nominal_parameters())
     assert block.outcome[0] == Outcome.OK
-    from abhv_mc.flight.channels import METRIC_INDEX
+    from abhv_mc.flight.metrics import METRIC_INDEX
 
     assert block.metrics[0, METRIC_INDEX["altitude_error_max_m"]] < 20.0
 

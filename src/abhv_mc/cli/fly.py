@@ -54,7 +54,7 @@ def command(
 
 
 def _make_figures(blocks: "dict[str, FlightBlock]") -> dict[str, Any]:
-    from abhv_mc.flight.channels import METRICS
+    from abhv_mc.flight.metrics import METRICS
     from abhv_mc.flight.outcome import Outcome
 
     names = [metric.name for metric in METRICS]
@@ -70,7 +70,7 @@ def _make_figures(blocks: "dict[str, FlightBlock]") -> dict[str, Any]:
 
 def _print_table(title: str, blocks: "dict[str, FlightBlock]") -> None:
     from abhv_mc.cli.printing import new_table, print_table
-    from abhv_mc.flight.channels import METRICS
+    from abhv_mc.flight.metrics import METRICS
     from abhv_mc.flight.outcome import SENTENCES, Outcome
 
     table = new_table(("metric",), blocks, title, padding=(0, 1, 0, 0))

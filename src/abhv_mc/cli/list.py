@@ -54,13 +54,40 @@ def channels(json: Json = None) -> None:
 
 
 @app.command()
-def metrics(json: Json = None) -> None:
-    """List what every flight is measured by, and the stability margins that a campaign may ask for."""
-    from abhv_mc.flight.channels import METRICS
-    from abhv_mc.stability.metrics import MARGIN_VALUES
+def metrics(
+    campaign: Annotated[
+        str | None, typer.Argument(metavar="[CAMPAIGN]", help="Its file, or a shipped name: list what it declares, too.")
+    ] = None,
+    json: Json = None,
+) -> None:
+    """List what every flight is measured by: unit, what is bad, group, how it is counted, meaning.
 
-    listed = (*METRICS, *MARGIN_VALUES)
-    _show_records([{"name": each.name, "unit": each.unit, "doc": each.doc} for each in listed], json)
+    Stability margins stand at the end: a campaign that asks for them has them. What is counted is a source, or an
+    expression of sources; with statistic, limit and window it is how a campaign would declare the same metric.
+    """
+    from abhv_mc.flight.metrics import BUILT_IN
+
+    records = list(BUILT_IN.values())
+    if campaign is not None:
+        from abhv_mc.campaign.file.check import read_campaign
+        from abhv_mc.shipped import find_input
+
+        records += read_campaign(find_input(campaign, "campaign")).declared
+    if json is not None:
+        show([record.as_entry() for record in records], json, lambda: None)
+        return
+    shown = [
+        {
+            "name": record.name,
+            "unit": record.unit,
+            "bad": record.bad,
+            "group": record.group,
+            "counted": record.counted,
+            "doc": record.doc,
+        }
+        for record in records
+    ]
+    _show_records(shown, None)
 
 
 @app.command()

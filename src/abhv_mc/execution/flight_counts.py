@@ -13,10 +13,10 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.flight.channels import Signal
+from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.flights import END_TIME, FlightRows
-from abhv_mc.stability.metrics import MARGIN_VALUES
 from abhv_mc.statistics.judgement import Pair, Rules, judge_pairs
 from abhv_mc.statistics.requirement import measured_failures, requirement_failures
 from abhv_mc.statistics.verdict_words import verdict_words

@@ -8,7 +8,9 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.feasibility import asked_in_vain
 from abhv_mc.campaign.file.resolve import ResolvedCampaign
 from abhv_mc.campaign.file.user_code import check_own_code, read_trusted_plan
+from abhv_mc.campaign.file.user_metrics import pack_sources
 from abhv_mc.execution.engine import Engine, check_source
+from abhv_mc.flight.metrics import pack_metrics
 from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.flight.user_law import open_law
 from abhv_mc.folder.hashes import FileHashes, read_checked
@@ -46,7 +48,7 @@ def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) 
 
 def _declare(campaign: CheckedCampaign, plan: FlightPlan) -> FlightPlan:
     """The plan with the metrics that the campaign itself declares: no file that plans are made from holds them."""
-    return replace(plan, declared=campaign.declared)
+    return replace(plan, declared=pack_metrics(campaign.declared), own_sources=pack_sources(campaign.own_sources))
 
 
 def make_plan(campaign: CheckedCampaign, name: str, engine: Engine) -> FlightPlan:

@@ -27,6 +27,7 @@ from abhv_mc.execution.refly import fly_again, refly_blocks
 from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
 from abhv_mc.execution.setup import OpenCampaign, Request, open_campaign
 from abhv_mc.flight.channels import CHANNEL_INDEX
+from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.folder.digest import Digest
@@ -36,7 +37,6 @@ from abhv_mc.folder.flights import FlightRows, flights_schema, write_block
 from abhv_mc.folder.layout import write_text
 from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
 from abhv_mc.folder.samples import SampleReader
-from abhv_mc.stability.metrics import MARGIN_VALUES
 
 _SAVE_INTERVAL = 5.0  # s between states on disk: what a kill costs the envelopes of a large campaign
 

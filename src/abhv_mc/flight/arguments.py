@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from abhv_mc.control.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.control.laws.recorded import RECORDED_GAINS
-from abhv_mc.flight.channels import CHANNELS, METRICS
-from abhv_mc.flight.declared import NOTHING_DECLARED, Declared
+from abhv_mc.flight.channels import CHANNELS
+from abhv_mc.flight.compile_metrics import compile_metrics, known_sources
+from abhv_mc.flight.counting import Counted
 from abhv_mc.flight.memory import Memory
 from abhv_mc.flight.observe import Observed, make_observed
 from abhv_mc.flight.plan import FlightPlan, Timing
@@ -64,7 +65,7 @@ class KernelPlan(NamedTuple):
     settings: Floats  # [setting]
     profile: Floats  # [knot, column] nominal air, see abhv_mc.plant.air_profile; no knots: still standard air
     parameters: Floats  # [flight, parameter]
-    declared: Declared = NOTHING_DECLARED
+    counted: Counted
     own: OwnLaw = OwnLaw(0, 0, 0)
 
 
@@ -113,7 +114,7 @@ def make_kernel_plan(plan: FlightPlan, parameters: Floats, every: int) -> Kernel
             plan.settings,
             plan.profile,
             parameters,
-            plan.declared.program,
+            compile_metrics(plan.metrics, known_sources(plan.own_sources)),
         ),
         KernelPlan,
         "plan",
@@ -169,7 +170,8 @@ def check_written(plan: KernelPlan, memory: Memory, results: KernelResults) -> N
     Raises ValueError.
     """
     flights = len(plan.parameters)
-    check_shape(results.metrics, (flights, len(METRICS) + plan.declared.statistic.size), "results.metrics")
+    metrics = plan.counted.lean.place.size + plan.counted.programs.place.size
+    check_shape(results.metrics, (flights, metrics), "results.metrics")
     check_shape(results.outcome, (flights,), "results.outcome")
     check_shape(results.end_tick, (flights,), "results.end_tick")
     samples = plan.timing.ticks // plan.record_every + 1 if plan.record_every else 0

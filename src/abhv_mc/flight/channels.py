@@ -1,18 +1,17 @@
-"""The one table of recorded channels and of metrics: name, unit, meaning, source. Order is array order.
+"""The table of sources: what channels record and metrics count, with name, unit, meaning. Order is array order.
 
-A source is either a quantity of the lane memory (a state of :mod:`abhv_mc.plant.state`, a variable of the tables, or a
-named row, all in SI and radians, converted to degrees where the unit asks for them) or a function of
-:mod:`abhv_mc.flight.derived`, which returns the channel's unit. A new channel or metric is an entry here,
-and a function there where the lane memory does not hold the quantity.
+A source's quantity is either held in the lane memory (a state of :mod:`abhv_mc.plant.state`, a variable of the tables,
+or a named row, all in SI and radians, converted to degrees where the unit asks for them) or a function of
+:mod:`abhv_mc.flight.derived`, which returns the source's unit. Only channels are recorded; expressions of metrics may
+name every source. A new one is an entry here, and a function there where the lane memory does not hold the quantity.
 """
 
 from dataclasses import dataclass
-from enum import IntEnum
 
 
 @dataclass(frozen=True)
 class Signal:
-    """A channel of the histories or a metric of a flight."""
+    """A number of a flight, or one that it has at every moment."""
 
     name: str  # ends with its unit
     unit: str
@@ -20,38 +19,15 @@ class Signal:
 
 
 @dataclass(frozen=True)
-class Channel(Signal):
-    """What a history records."""
+class Source(Signal):
+    """What expressions of metrics may name."""
 
-    source: str
-
-
-class Statistic(IntEnum):
-    """What a metric makes of its source over the control ticks of a flight."""
-
-    RMS = 0
-    MAX_ABS = 1
-    MAX_ABS_SETTLED = 2  # leaving out 5 s after each step of the reference
-    MIN = 3
-    MAX = 4
-    FINAL = 5
-    SUM = 6  # of sizes
-    DURATION = 7  # time in which the source is positive, s
+    source: str  # the quantity
+    nonnegative: bool = False  # whether it is never below zero
 
 
-@dataclass(frozen=True)
-class Metric(Signal):
-    """One number of a flight."""
-
-    statistic: Statistic
-    source: str
-    initial: float | None = None  # value before the first tick; None: the statistic's own
-
-    @property
-    def never_negative(self) -> bool:
-        """Whether no flight has a value below zero: sizes, sums of sizes, times, and what begins at zero and grows."""
-        sizes = (Statistic.RMS, Statistic.MAX_ABS, Statistic.MAX_ABS_SETTLED, Statistic.SUM, Statistic.DURATION)
-        return self.statistic in sizes or (self.statistic == Statistic.MAX and self.initial == 0.0)
+class Channel(Source):
+    """A source that histories record."""
 
 
 CHANNELS: tuple[Channel, ...] = (
@@ -73,8 +49,8 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("east_m", "m", "integral of the east ground speed at altitude", "east"),
     Channel("latitude_deg", "deg", "geodetic latitude", "latitude"),
     Channel("longitude_deg", "deg", "longitude", "longitude"),
-    Channel("mass_kg", "kg", "mass", "mass"),
-    Channel("dynamic_pressure_pa", "Pa", "dynamic pressure of the air", "q_bar"),
+    Channel("mass_kg", "kg", "mass", "mass", nonnegative=True),
+    Channel("dynamic_pressure_pa", "Pa", "dynamic pressure of the air", "q_bar", nonnegative=True),
     Channel("flight_path_angle_command_deg", "deg", "flight path angle asked for by the altitude loop", "gamma_cmd"),
     Channel("angle_of_attack_command_deg", "deg", "angle of attack asked for by the guidance", "alpha_cmd"),
     Channel("bank_command_deg", "deg", "bank asked for by the guidance", "bank_cmd"),
@@ -85,8 +61,8 @@ CHANNELS: tuple[Channel, ...] = (
 )
 STANDARD_CHANNELS = tuple(channel.name for channel in CHANNELS)  # what envelopes cover unless told otherwise
 CHANNELS += (
-    Channel("mach", "-", "Mach number of the air", "mach"),
-    Channel("load_factor_g", "g", "magnitude of the specific force", "load_factor_g"),
+    Channel("mach", "-", "Mach number of the air", "mach", nonnegative=True),
+    Channel("load_factor_g", "g", "magnitude of the specific force", "load_factor_g", nonnegative=True),
     Channel("thrust_n", "N", "thrust", "thrust"),
     Channel("stagnation_heat_flux_w_m2", "W/m2", "heat flux at the stagnation point", "stagnation_heat_flux_w_m2"),
     Channel("altitude_error_m", "m", "altitude minus reference", "altitude_error_m"),
@@ -123,92 +99,27 @@ REFERENCE_CHANNELS: tuple[Signal, ...] = (
     Signal("east_reference_m", "m", "reference east displacement"),
 )
 
+CHANNEL_INDEX: dict[str, int] = {signal.name: i for i, signal in enumerate(CHANNELS)}
 
-_SETTLED = "the same, largest, leaving out 5 s after each step of the reference"
-
-
-def _error(name: str, unit: str, words: str, symbol: str, source: str) -> tuple[Metric, ...]:
-    return (
-        Metric(f"{name}_rms_{symbol}", unit, f"{words}, rms over the control ticks", Statistic.RMS, source),
-        Metric(f"{name}_max_{symbol}", unit, f"{words}, largest absolute value", Statistic.MAX_ABS, source),
-    )
-
-
-def _surface(name: str) -> tuple[Metric, ...]:
-    return (
-        Metric(
-            f"{name}_rms_deg",
-            "deg",
-            f"{name} deflection minus its initial trim, rms",
-            Statistic.RMS,
-            f"{name}_from_trim_deg",
-        ),
-        Metric(f"{name}_max_deg", "deg", f"largest absolute {name} deflection", Statistic.MAX_ABS, name),
-        Metric(
-            f"{name}_travel_deg",
-            "deg",
-            f"sum of the absolute changes of the {name} deflection",
-            Statistic.SUM,
-            f"{name}_moved_deg",
-        ),
-    )
-
-
-METRICS: tuple[Metric, ...] = (
-    *_error("altitude_error", "m", "altitude error", "m", "altitude_error_m"),
-    *_error("speed_error", "m/s", "speed error", "mps", "speed_error_mps"),
-    *_error("heading_error", "deg", "heading error", "deg", "heading_error_deg"),
-    *_error("cross_track_error", "m", "cross-track error", "m", "cross_track_m"),
-    Metric(
-        "cross_track_error_final_m",
-        "m",
-        "cross-track error at the end, actual minus reference",
-        Statistic.FINAL,
-        "cross_track_m",
-    ),
-    *_error(
-        "angle_of_attack_error",
-        "deg",
-        "angle of attack minus its command, error",
-        "deg",
-        "angle_of_attack_error_deg",
-    ),
-    Metric(
-        "angle_of_attack_error_settled_max_deg",
-        "deg",
-        _SETTLED,
-        Statistic.MAX_ABS_SETTLED,
-        "angle_of_attack_error_deg",
-    ),
-    *_error("bank_error", "deg", "bank minus its command, error", "deg", "bank_error_deg"),
-    Metric("bank_error_settled_max_deg", "deg", _SETTLED, Statistic.MAX_ABS_SETTLED, "bank_error_deg"),
-    Metric("sideslip_rms_deg", "deg", "sideslip, rms", Statistic.RMS, "sideslip"),
-    Metric("sideslip_max_deg", "deg", "sideslip, largest absolute value", Statistic.MAX_ABS, "sideslip"),
-    Metric("angle_of_attack_min_deg", "deg", "smallest angle of attack", Statistic.MIN, "angle_of_attack"),
-    Metric("angle_of_attack_max_deg", "deg", "largest angle of attack", Statistic.MAX, "angle_of_attack"),
-    *_surface("aileron"),
-    *_surface("elevator"),
-    *_surface("rudder"),
-    Metric("equivalence_ratio_min", "-", "smallest equivalence ratio", Statistic.MIN, "equivalence_ratio"),
-    Metric("equivalence_ratio_max", "-", "largest equivalence ratio", Statistic.MAX, "equivalence_ratio"),
-    Metric("fuel_used_kg", "kg", "fuel burnt", Statistic.FINAL, "fuel_used_kg"),
-    Metric("dynamic_pressure_max_pa", "Pa", "largest dynamic pressure", Statistic.MAX, "q_bar", 0.0),
-    Metric("load_factor_max_g", "g", "largest magnitude of the specific force", Statistic.MAX, "load_factor_g", 0.0),
-    Metric(
-        "surface_saturation_s",
-        "s",
-        "time with a surface at its deflection limit",
-        Statistic.DURATION,
-        "surface_saturated",
+SURFACES = ("aileron", "elevator", "rudder")
+# Sources that no history records.
+_SOURCES: tuple[Source, ...] = (
+    *(
+        Source(f"{name}_from_trim_deg", "deg", f"{name} deflection minus that at the start", f"{name}_from_trim_deg")
+        for name in SURFACES
     ),
     *(
-        Metric(
+        Source(f"{name}_moved_deg", "deg", f"way of the {name} since the last tick", f"{name}_moved_deg", True)
+        for name in SURFACES
+    ),
+    *(
+        Source(
             f"{name}_ripple_deg",
             "deg",
-            f"largest swing of the {words} in settled stretches that an opposite one of at least half its size follows",
-            Statistic.MAX,
+            f"swing of the {words} in settled stretches that an opposite one of at least half its size has just "
+            "followed, or zero",
             f"{name}_ripple_deg",
-            0.0,
+            True,
         )
         for name, words in (
             ("bank", "bank error"),
@@ -216,9 +127,9 @@ METRICS: tuple[Metric, ...] = (
             ("sideslip", "sideslip"),
         )
     ),
-    Metric("engine_failed_s", "s", "time with a failed or unstarted engine", Statistic.DURATION, "engine_failed"),
-    Metric("outside_tables_s", "s", "time outside the tables (clamped)", Statistic.DURATION, "outside"),
+    Source("fuel_used_kg", "kg", "mass at the start minus mass", "fuel_used_kg"),
+    Source("surface_saturated", "-", "1 with a surface or its command at the limit", "surface_saturated", True),
+    Source("engine_failed", "-", "1 with a failed or unstarted engine", "engine_failed", True),
+    Source("outside_tables", "-", "above zero outside the tables (clamped)", "outside", True),
 )
-
-CHANNEL_INDEX: dict[str, int] = {signal.name: i for i, signal in enumerate(CHANNELS)}
-METRIC_INDEX: dict[str, int] = {signal.name: i for i, signal in enumerate(METRICS)}
+SOURCES: dict[str, Source] = {source.name: source for source in (*CHANNELS, *_SOURCES)}

@@ -14,7 +14,7 @@ import numpy as np
 
 from abhv_mc.control.laws.trim_lookup import AXES, TrimCells
 from abhv_mc.flight.arguments import LAWS, KernelResults, make_kernel_plan, make_results
-from abhv_mc.flight.declared import MAX_REGISTERS
+from abhv_mc.flight.counting import MAX_REGISTERS
 from abhv_mc.flight.fly import check_parameters, make_block
 from abhv_mc.flight.kernel import fly_groups
 from abhv_mc.flight.memory import O_ROWS, Z_ROWS, Memory

@@ -14,17 +14,15 @@ from abhv_mc.control.laws.tlc import tlc_tick
 from abhv_mc.control.laws.user import own_tick
 from abhv_mc.flight import observe
 from abhv_mc.flight.arguments import LQR, PYTHON, RECORDED, TLC
-from abhv_mc.flight.declared import finish_declared, update_declared
+from abhv_mc.flight.counting import count_tick, finish_counting
 from abhv_mc.flight.memory import Z_ROWS, has_width, restore_lanes, save_lane
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.observe import (
     check_limits,
     derive,
-    finish_metrics,
     record,
     record_states,
     start_observing,
-    update_metrics,
 )
 from abhv_mc.flight.sensors import active_sensor_errors, sense
 from abhv_mc.flight.start import start_flights
@@ -80,8 +78,7 @@ def observe_tick(plan, memory, width, tick):
         dt = plan.timing.step * plan.timing.steps_per_tick
         call_address(plan.own.channels, memory.Z, plan.reference, plan.gains, plan.settings, tick, dt)
     check_limits(memory.Z, memory.O, width, plan.observed, tick)
-    update_metrics(memory.Z, memory.O, width, plan, tick)
-    update_declared(memory, width, plan, tick, observe.FIRST_DECLARED)
+    count_tick(memory, width, plan, tick, observe.FIRST_METRIC)
 
 
 @lanes
@@ -162,14 +159,13 @@ def fly_groups(plan, memory, results, width, law, first_flight, last_flight):
                         order[still_flying] = flight
                         still_flying += 1
                     else:
-                        finish_metrics(memory.O, lane, plan.observed, results.metrics[flight])
-                        finish_declared(
+                        finish_counting(
                             memory.O,
                             lane,
-                            plan.declared,
+                            plan.counted,
+                            memory.O[observe.SAMPLES, lane],
                             plan.timing.step * plan.timing.steps_per_tick,
-                            observe.FIRST_DECLARED,
-                            observe.N_METRICS,
+                            observe.FIRST_METRIC,
                             results.metrics[flight],
                         )
                         results.outcome[flight] = int(memory.O[observe.OUTCOME, lane])
@@ -191,7 +187,7 @@ def start_lanes(plan, memory, width, flights, n):
     start_flights(Z, width, plan.initial_state)
     start_failures(Z, width)
     prepare_actuators(Z, width, plan.vehicle.constants, plan.timing.step)
-    start_observing(Z, memory.O, width, plan.observed)
+    start_observing(Z, memory.O, width, plan.counted)
 
 
 def make_fly_lanes(capacity: int) -> Callable[..., None]:

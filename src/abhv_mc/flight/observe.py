@@ -1,4 +1,4 @@
-"""Once a tick, at the state of the tick: derived quantities, the end of a flight, metrics and the recorded channels.
+"""Once a tick, at the state of the tick: derived quantities, the end of a flight and the recorded channels.
 
 What is observed comes from the tables of :mod:`abhv_mc.flight.channels` and :mod:`abhv_mc.flight.outcome`, as numbers
 that the compiled code reads.
@@ -11,14 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from abhv_mc.control import columns as ref
 from abhv_mc.control.laws.user import FAULT
-from abhv_mc.flight import declared, derived
-from abhv_mc.flight.channels import CHANNELS, METRICS, Statistic
+from abhv_mc.flight import counting, derived
+from abhv_mc.flight.channels import CHANNELS, SOURCES
 from abhv_mc.flight.derived import FIRST_DERIVED, remember_start
 from abhv_mc.flight.outcome import LIMITS, Limits, Outcome
 from abhv_mc.jit import lanes
-from abhv_mc.numerics.angles import larger, smaller
 from abhv_mc.numerics.tables import natural
 from abhv_mc.plant import state as s
 from abhv_mc.plant.state import STATE_INDEX, X
@@ -27,16 +25,11 @@ from abhv_mc.vehicle.arrays import VARIABLES, Floats, Ints
 _DEG = 180.0 / math.pi
 _NOT_FINITE = float(Outcome.NOT_FINITE)
 _FLOWN = 0.5  # verdict of a flight that has met its mission's end: below every limit's code, and OK as a whole number
-_RMS, _MAX_ABS, _MAX_ABS_SETTLED, _MIN, _MAX, _FINAL, _SUM, _DURATION = map(int, Statistic)
-_INITIAL = {Statistic.MIN: math.inf, Statistic.MAX: -math.inf}  # others begin at 0
 
-N_METRICS = len(METRICS)
-
-# Rows of the observer's own block: of every lane, then the metrics.
+# Rows of the observer's own block: of every lane, then what metrics keep, see abhv_mc.flight.counting.
 ALIVE, OUTCOME, END, SAMPLES = range(4)  # END: tick of the last sample that counted
 FIRST_METRIC = 4
-FIRST_DECLARED = FIRST_METRIC + N_METRICS  # what declared metrics keep, see abhv_mc.flight.declared
-N_ROWS = FIRST_DECLARED + declared.N_ROWS
+N_ROWS = FIRST_METRIC + counting.N_ROWS
 
 
 def _row_in_memory(source: str) -> int | None:
@@ -49,11 +42,7 @@ def _row_in_memory(source: str) -> int | None:
 
 
 # The sources that are derived, each once, and a row for each.
-_SOURCES = [
-    *(limit.source for limit in LIMITS),
-    *(metric.source for metric in METRICS),
-    *(channel.source for channel in CHANNELS),
-]
+_SOURCES = [*(limit.source for limit in LIMITS), *(source.source for source in SOURCES.values())]
 DERIVED = tuple(dict.fromkeys(source for source in _SOURCES if _row_in_memory(source) is None))
 VERDICT = FIRST_DERIVED + len(DERIVED)  # outcome of the limits at this tick, 0 within all of them
 END_ROW = VERDICT + 1  # of the lane memory
@@ -96,16 +85,12 @@ _derive_lane = _compose([getattr(derived, source) for source in DERIVED], FIRST_
 
 
 class Observed(NamedTuple):
-    """The tables of limits, metrics and channels as numbers; rows of the lane memory."""
+    """The tables of limits and channels as numbers; rows of the lane memory."""
 
     limit_row: Ints  # [limit]
     limit_outcome: Floats  # [limit]
     limit_low: Floats  # [limit]
     limit_high: Floats  # [limit]
-    metric_row: Ints  # [metric]
-    metric_factor: Floats  # [metric]
-    metric_statistic: Ints  # [metric]
-    metric_initial: Floats  # [metric]
     channel_row: Ints  # [channel]
     channel_factor: Floats  # [channel]
 
@@ -119,34 +104,26 @@ def make_observed(limits: Limits) -> Observed:
         np.array([float(limit.outcome) or _FLOWN for limit in bounded], np.float64),
         bounds[:, 0].copy(),
         bounds[:, 1].copy(),
-        *_metric_and_channel_tables(),
+        *_channel_table(),
     )
 
 
 @cache
-def _metric_and_channel_tables() -> tuple[Any, ...]:
-    initial = [_INITIAL.get(metric.statistic, 0.0) if metric.initial is None else metric.initial for metric in METRICS]
+def _channel_table() -> tuple[Any, ...]:
     return (
-        np.array([find_row(metric.source) for metric in METRICS]),
-        np.array([find_factor(metric.source, metric.unit) for metric in METRICS]),
-        np.array([int(metric.statistic) for metric in METRICS]),
-        np.array(initial),
         np.array([find_row(channel.source) for channel in CHANNELS]),
         np.array([find_factor(channel.source, channel.unit) for channel in CHANNELS]),
     )
 
 
 @lanes
-def start_observing(Z, O, width, observed):
-    """Metrics at their initial values, every lane alive."""
+def start_observing(Z, O, width, counted):
+    """Metrics at their beginning, every lane alive."""
     remember_start(Z, width)
+    counting.start_counting(O, width, counted, FIRST_METRIC)
     for lane in range(width):
         for i in range(FIRST_METRIC):
             O[i, lane] = 0.0
-        for m in range(N_METRICS):
-            O[FIRST_METRIC + m, lane] = observed.metric_initial[m]
-        for i in range(declared.N_ROWS):
-            O[FIRST_DECLARED + i, lane] = 0.0
         O[ALIVE, lane] = 1.0
 
 
@@ -194,62 +171,6 @@ def check_limit(verdict, value, low, high, outcome, width):
     """One limit in all lanes; a NaN is inside, the state itself is checked."""
     for lane in range(width):
         verdict[lane] = outcome if value[lane] < low or value[lane] > high else verdict[lane]
-
-
-@lanes
-def update_metrics(Z, O, width, plan, tick):
-    """Add the tick to the metrics of the flights that count."""
-    observed = plan.observed
-    dt = plan.timing.step * plan.timing.steps_per_tick
-    settled = plan.reference[tick, ref.SETTLED] > 0.0
-    for m in range(observed.metric_row.size):
-        statistic = observed.metric_statistic[m]
-        if statistic != _MAX_ABS_SETTLED or settled:
-            update_metric(
-                O[FIRST_METRIC + m],
-                Z[natural(observed.metric_row[m])],
-                observed.metric_factor[m],
-                statistic,
-                dt,
-                Z[s.COUNTED],
-                width,
-            )
-
-
-@lanes
-def update_metric(out, row, factor, statistic, dt, counted, width):
-    """One sample of one metric, in the lanes that count."""
-    if statistic == _RMS:
-        for lane in range(width):
-            value = row[lane] * factor
-            out[lane] += value * value if counted[lane] > 0.0 else 0.0
-    elif statistic in (_MAX_ABS, _MAX_ABS_SETTLED):
-        for lane in range(width):
-            out[lane] = larger(out[lane], abs(row[lane] * factor)) if counted[lane] > 0.0 else out[lane]
-    elif statistic == _MIN:
-        for lane in range(width):
-            out[lane] = smaller(out[lane], row[lane] * factor) if counted[lane] > 0.0 else out[lane]
-    elif statistic == _MAX:
-        for lane in range(width):
-            out[lane] = larger(out[lane], row[lane] * factor) if counted[lane] > 0.0 else out[lane]
-    elif statistic == _FINAL:
-        for lane in range(width):
-            out[lane] = row[lane] * factor if counted[lane] > 0.0 else out[lane]
-    elif statistic == _SUM:
-        for lane in range(width):
-            out[lane] += row[lane] * factor if counted[lane] > 0.0 else 0.0
-    else:  # _DURATION
-        for lane in range(width):
-            out[lane] += dt if counted[lane] > 0.0 and row[lane] > 0.0 else 0.0
-
-
-@lanes
-def finish_metrics(O, lane, observed, out):
-    """The metrics of one lane, ``out`` [metric], with means under the roots."""
-    inverse = 1.0 / larger(1.0, O[SAMPLES, lane])
-    for m in range(N_METRICS):
-        value = O[FIRST_METRIC + m, lane]
-        out[m] = math.sqrt(value * inverse) if observed.metric_statistic[m] == _RMS else value
 
 
 @lanes

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.flight import outcome
-from abhv_mc.flight.channels import METRICS, Signal
-from abhv_mc.flight.declared import NO_METRICS, DeclaredMetrics
+from abhv_mc.flight.metrics import METRICS, NO_METRICS, Metric, unpack_metrics
 from abhv_mc.plant.air_profile import no_profile
 from abhv_mc.plant.effectiveness import Effectiveness
 from abhv_mc.user_code.source import OwnSource
@@ -18,6 +17,7 @@ from abhv_mc.world.earth import Earth
 
 Limits = outcome.Limits
 
+NO_SOURCES: NDArray[np.str_] = np.empty((0, 2), dtype=np.str_)
 LANES = 32  # flights of a group: batched lanes
 
 
@@ -58,16 +58,17 @@ class FlightPlan:
     profile: Floats = field(default_factory=no_profile)  # [knot, column] nominal air, see abhv_mc.plant.air_profile
     warnings: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # sentences for the user
     gain_names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # of a law of one's own
-    declared: DeclaredMetrics = NO_METRICS  # metrics of a campaign's own
+    declared: NDArray[np.str_] = field(default_factory=NO_METRICS.copy)  # metrics of a campaign, as pack_metrics gives
+    own_sources: NDArray[np.str_] = field(default_factory=NO_SOURCES.copy)  # [channel, 2] name and unit
     source_hash: str = ""  # of its text, "" for the laws of the program
     channels_hash: str = ""  # of the text of channels of one's own
     source: OwnSource | None = field(default=None, metadata={"stored": False})  # its text: travels, is not stored
     channels_source: OwnSource | None = field(default=None, metadata={"stored": False})
 
     @property
-    def metrics(self) -> tuple[Signal, ...]:
+    def metrics(self) -> tuple[Metric, ...]:
         """The columns of its flights' metrics: those of the program, then the declared ones."""
-        return (*METRICS, *self.declared.signals)
+        return (*METRICS, *unpack_metrics(self.declared))
 
 
 @dataclass(frozen=True)

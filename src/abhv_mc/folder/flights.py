@@ -10,8 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from abhv_mc.flight.channels import METRIC_INDEX, METRICS, Signal
+from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.failure_case import failure_cases
+from abhv_mc.flight.metrics import METRIC_INDEX, METRICS, Metric
 from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.folder.columns import column_values
 from abhv_mc.folder.digest import Digest, digest_rows
@@ -63,9 +64,15 @@ class FlightRows:
         return digest_rows(self.controller, self.flights, self.outcome, columns)
 
 
-def make_field(name: str, kind: pa.DataType, unit: str, doc: str) -> pa.Field:
+def make_field(name: str, kind: pa.DataType, unit: str, doc: str, **more: str) -> pa.Field:
     """A column with its unit and meaning."""
-    return pa.field(name, kind, nullable=False, metadata={"unit": unit, "doc": doc})
+    return pa.field(name, kind, nullable=False, metadata={"unit": unit, "doc": doc, **more})
+
+
+def _value_field(signal: Signal) -> pa.Field:
+    """A column of a metric, with what is bad of it, or of another number."""
+    words = {"label": signal.label, "bad": signal.bad, "group": signal.group} if isinstance(signal, Metric) else {}
+    return make_field(signal.name, pa.float64(), signal.unit, signal.doc, **words)
 
 
 def flights_schema(names: Sequence[str], provenance: dict[str, str], values: Sequence[Signal] = VALUES) -> pa.Schema:
@@ -78,7 +85,7 @@ def flights_schema(names: Sequence[str], provenance: dict[str, str], values: Seq
         make_field("outcome", pa.string(), "-", outcomes),
         make_field(CASE, pa.string(), "-", "what failed, or was to fail before the mission's end; or 'none'"),
         *(make_field(p.name, pa.float64(), p.unit, p.doc) for p in parameters),
-        *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in values),
+        *map(_value_field, values),
     ]
     return pa.schema(fields, metadata={f"abhv_mc.{key}": text for key, text in provenance.items()})
 

@@ -7,8 +7,7 @@ import numpy as np
 
 from abhv_mc.control.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.control.laws.trim_lookup import AXES as TRIM_AXES
-from abhv_mc.flight.declared import MAX_METRICS, MAX_REGISTERS, DeclaredMetrics, DeclaredStatistic, Operation
-from abhv_mc.flight.memory import Z_ROWS
+from abhv_mc.flight.compile_metrics import compile_metrics, known_sources
 from abhv_mc.flight.plan import FlightPlan, Timing
 from abhv_mc.io.input_error import is_printable
 from abhv_mc.plant.air_profile import PROFILE
@@ -37,7 +36,7 @@ def _faults(plan: FlightPlan) -> Iterator[str]:
     if count_rows(plan.vehicle) > MAX_TABLE_ROWS:
         yield f"vehicle: more than {MAX_TABLE_ROWS} rows of tables"
     yield from _effectiveness_faults(plan.effectiveness, make_effectiveness(plan.vehicle))
-    yield from _declared_faults(plan.declared)
+    yield from _declared_faults(plan)
     own = (plan.gain_names.size, plan.settings.size)  # a law of one's own says how many
     if plan.law not in (*_COLUMNS, "python"):
         yield f"law '{plan.law}'"
@@ -56,7 +55,7 @@ def _faults(plan: FlightPlan) -> Iterator[str]:
     for name in ("warnings", "gain_names"):
         if getattr(plan, name).ndim != 1:
             yield f"{name}: no list"
-    shown = (plan.controller, *plan.warnings.flat, *plan.gain_names.flat, *plan.declared.names.flat)
+    shown = (plan.controller, *plan.warnings.flat, *plan.gain_names.flat, *plan.declared.flat)
     if not all(is_printable(str(text)) for text in shown):
         yield "names or warnings with characters that nothing shows"
 
@@ -144,37 +143,15 @@ def _term_faults(terms: BuildUp, tables: Tables) -> Iterator[str]:
         )
 
 
-def _declared_faults(declared: DeclaredMetrics) -> Iterator[str]:
-    """The program of declared metrics reads rows of the lane memory and registers by number."""
-    program, count = declared.program, declared.names.size
-    code = program.code
-    instructions = len(code)
-    shapes: dict[str, tuple[Any, tuple[int, ...]]] = {
-        f"declared.{name}": (getattr(declared, name), (count,)) for name in ("names", "units", "docs")
-    }
-    for name in ("statistic", "limit", "start", "end", "settled"):
-        shapes[f"declared.program.{name}"] = (getattr(program, name), (count,))
-    shapes["declared.program.code"] = (code, (instructions, 4))
-    shapes["declared.program.constant"] = (program.constant, (instructions,))
-    shapes["declared.program.first"] = (program.first, (count + 1,))
-    wrong = list(_shape_faults(shapes))
-    yield from wrong
-    if wrong:
+def _declared_faults(plan: FlightPlan) -> Iterator[str]:
+    """What a campaign declares is text, which is compiled anew."""
+    if plan.own_sources.ndim != 2 or plan.own_sources.shape[1] != 2:
+        yield f"own_sources: shape {plan.own_sources.shape}"
         return
-    if count > MAX_METRICS:
-        yield f"declared: more than {MAX_METRICS} metrics"
-    loads = code[:, 0] == Operation.LOAD
-    yield from _range_faults(
-        {
-            "declared.program.statistic": (program.statistic, 0, max(DeclaredStatistic)),
-            "declared.program.code": (code[:, 0], 0, max(Operation)),
-            "declared.program.code, registers": (code[:, [1, 3]], 0, MAX_REGISTERS - 1),
-            "declared.program.code, operands": (code[~loads, 2], 0, MAX_REGISTERS - 1),
-            "declared.program.code, rows": (code[loads, 2], 0, Z_ROWS - 1),
-        }
-    )
-    if program.first[0] != 0 or program.first[-1] != instructions or (np.diff(program.first) < 0).any():
-        yield "declared.program.first: no parts of the program"
+    try:
+        compile_metrics(plan.metrics, known_sources(plan.own_sources))
+    except (ValueError, KeyError) as error:
+        yield f"declared: {error}"
 
 
 def _effectiveness_faults(held: Effectiveness, made: Effectiveness) -> Iterator[str]:

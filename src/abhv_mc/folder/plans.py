@@ -22,7 +22,6 @@ _BOUNDS = (
     "limits.",
     "vehicle.constants.inlet.",
     "vehicle.constants.bounds.",
-    "declared.program.end",
 )  # may be infinite
 
 

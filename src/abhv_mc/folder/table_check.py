@@ -8,7 +8,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from abhv_mc.flight.channels import CHANNELS, METRICS
+from abhv_mc.flight.channels import CHANNELS
+from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import CASE, END_TIME, DamagedFileError, parse_block_name
 from abhv_mc.folder.samples import ROW_GROUP

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.flight.channels import METRIC_INDEX
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.search.methods.evaluation import Floats

@@ -18,7 +18,7 @@ from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.engine import Engine, make_engine
 from abhv_mc.execution.executor import open_executor
 from abhv_mc.execution.progress import Progress
-from abhv_mc.flight.channels import METRIC_INDEX
+from abhv_mc.flight.metrics import MARGIN_NAMES, METRIC_INDEX
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.io.documents import Document, InputError, one_of, read_document, validate
@@ -30,7 +30,6 @@ from abhv_mc.search.search_flights import read_searched
 from abhv_mc.search.space import make_space
 from abhv_mc.search.tune_limits import bound_of, excess_of, limited_value, lost_as_worst, quantile_of, score
 from abhv_mc.search.tune_trials import MOST_CORNERED, Trials, cornered_vehicles
-from abhv_mc.stability.metrics import MARGIN_NAMES
 
 _KEPT, _PAGE = ".tuning", ".html"  # endings of the folder of candidates and of the page
 

@@ -19,7 +19,7 @@ from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.execution.engine import Engine
 from abhv_mc.execution.executor import Executor
-from abhv_mc.flight.channels import METRIC_INDEX
+from abhv_mc.flight.metrics import MARGIN_NAMES, METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import own_parts_of
@@ -30,7 +30,6 @@ from abhv_mc.search.controller_numbers import ControllerNumbers
 from abhv_mc.search.methods.evaluation import Floats
 from abhv_mc.search.space import Space
 from abhv_mc.stability.analysis import Time, margins_of_flights
-from abhv_mc.stability.metrics import MARGIN_NAMES
 from abhv_mc.stability.points import make_steady_plan
 from abhv_mc.vehicle.model import Vehicle
 

@@ -1,12 +1,12 @@
-"""Margins of a flight as numbers beside its metrics: their names, and flights that carry them."""
+"""Margins of a flight as numbers beside its metrics."""
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.fly import fly
+from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.vehicle.arrays import Floats
@@ -17,21 +17,6 @@ if TYPE_CHECKING:
 AT_TRIM = -1.0  # of MarginPlan.times
 _GROUP = 32  # flights that are linearised together: always as many, as sums of matrices depend on it in the last bits
 _DIGITS = 6  # that are kept of a margin, which is not known better: the last bits depend on the machine's libraries
-
-# The least over loops and points; nan for flights that were not asked for.
-MARGINS = (
-    Signal("gain_margin_min_db", "dB", "least gain margin, the smaller of both sides, over loops and points"),
-    Signal("phase_margin_min_deg", "deg", "least phase margin over loops and points"),
-    Signal("delay_margin_min_ms", "ms", "least delay margin over loops and points"),
-    Signal("disk_margin_min", "-", "least disk margin of all loops at once over the points"),
-)
-# Why there is none, which counts as a margin of zero.
-MARGIN_FAULTS = (
-    Signal("margin_points_unstable", "-", "points at which the closed loop is unstable"),
-    Signal("margin_points_at_limit", "-", "points at which a command, a surface or the engine stands at a limit"),
-)
-MARGIN_VALUES = (*MARGINS, *MARGIN_FAULTS)
-MARGIN_NAMES = tuple(signal.name for signal in MARGINS)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from jsonschema import Draft202012Validator
 
 from abhv_mc.campaign.file.inputs import MODELS, find_kind
 from abhv_mc.campaign.file.schema import make_schema
-from abhv_mc.flight.channels import METRIC_INDEX
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.io.documents import Refusal, read_document
 from abhv_mc.io.unit_pattern import quantity_pattern
 from abhv_mc.io.units import _UNITS, DIMENSIONS, dimension_of, parse_in_unit

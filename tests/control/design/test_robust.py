@@ -7,8 +7,8 @@ import pytest
 
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.mission import read_mission
-from abhv_mc.flight.channels import METRIC_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.plant.parameters import PARAMETER_INDEX

@@ -3,7 +3,7 @@ import pyarrow.parquet as pq
 import pytest
 from report.synthetic import CONTROLLERS, write_campaign
 
-from abhv_mc.flight.channels import METRICS
+from abhv_mc.flight.metrics import METRICS
 from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.results import read_histories, read_results

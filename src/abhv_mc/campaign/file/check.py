@@ -18,9 +18,8 @@ from abhv_mc.campaign.file.requirements import (
     select_requirements,
 )
 from abhv_mc.campaign.file.user_metrics import (
-    compile_metrics,
+    declare_metrics,
     find_own_channels,
-    known_channels,
     read_metrics_file,
 )
 from abhv_mc.campaign.sampling.correlation import Copula, make_copula, normal_correlation
@@ -36,11 +35,9 @@ from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
 from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, SampleSource, SeededSamples
 from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
-from abhv_mc.flight.channels import METRICS, Signal
-from abhv_mc.flight.declared import NO_METRICS, DeclaredMetrics
+from abhv_mc.flight.metrics import MARGINS, METRICS, Metric
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
 from abhv_mc.plant.parameters import EFFECTORS, PARAMETER_INDEX, PARAMETERS
-from abhv_mc.stability.metrics import MARGINS
 
 DISPERSIBLE = tuple(parameter.name for parameter in PARAMETERS[1:])
 
@@ -56,7 +53,8 @@ class CheckedCampaign:
     copula: Copula
     sample_file: SampleFile | None
     limits: tuple[float, ...]  # of the requirements, in their metrics' units
-    declared: DeclaredMetrics = NO_METRICS  # metrics of its own
+    declared: tuple[Metric, ...] = ()  # metrics that it declares
+    own_sources: tuple[tuple[str, str], ...] = ()  # name and unit of the channels of its own file
     looks: tuple[int, ...] = ()  # flights after which a campaign that stops when proven is looked at; the last is runs
 
     @property
@@ -65,9 +63,9 @@ class CheckedCampaign:
         return self.sample_file.names if self.sample_file else tuple(self.marginals)
 
     @property
-    def metrics(self) -> dict[str, Signal]:
+    def metrics(self) -> dict[str, Metric]:
         """The metrics of its flights by name: those of the program, then its own."""
-        return {signal.name: signal for signal in (*METRICS, *self.declared.signals)}
+        return {metric.name: metric for metric in (*METRICS, *self.declared)}
 
     @property
     def extensible(self) -> bool:
@@ -122,9 +120,10 @@ def check_campaign(document: Document) -> CheckedCampaign:
     sample_file = read_sample_file(model.sampling.path, DISPERSIBLE) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)
     copula = _make_copula(document, model, names, errors)
-    declared = _declare_metrics(document, model, errors)
-    metrics = {signal.name: signal for signal in (*METRICS, *declared.signals)}
-    measured = metrics | {signal.name: signal for signal in MARGINS}
+    own = find_own_channels(model.channels) if model.channels else ()
+    declared = _declare_metrics(document, model, own, errors)
+    metrics = {metric.name: metric for metric in (*METRICS, *declared)}
+    measured = metrics | {metric.name: metric for metric in MARGINS}
     limits = tuple(check_requirements(document, model, measured, errors))
     by = model.keep.histories.by
     if by not in metrics:
@@ -139,7 +138,7 @@ def check_campaign(document: Document) -> CheckedCampaign:
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
     looks = find_looks(model, number)
-    return CheckedCampaign(document, model, number, marginals, copula, sample_file, limits, declared, looks)
+    return CheckedCampaign(document, model, number, marginals, copula, sample_file, limits, declared, own, looks)
 
 
 def name_effectors(document: Document) -> Document:
@@ -246,15 +245,16 @@ def _make_copula(document: Document, model: Campaign, names: Sequence[str], erro
         return Copula((), np.eye(0))
 
 
-def _declare_metrics(document: Document, model: Campaign, errors: list[InputError]) -> DeclaredMetrics:
-    """The campaign's own metrics as a program; nothing of a file of channels is run."""
+def _declare_metrics(
+    document: Document, model: Campaign, own: Sequence[tuple[str, str]], errors: list[InputError]
+) -> tuple[Metric, ...]:
+    """The records of the campaign's own metrics; nothing of a file of channels is run."""
     place: tuple[str, ...] = ("metrics",)
     entries, of = model.metrics, document
     if isinstance(entries, Path):
         of, entries = read_metrics_file(entries)
         place = ()
-    channels = known_channels(find_own_channels(model.channels) if model.channels else ())
-    return compile_metrics(entries, channels, of, place, errors)
+    return declare_metrics(entries, own, of, place, errors)
 
 
 def _check_runs(

@@ -11,7 +11,7 @@ import numpy as np
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
-from abhv_mc.flight.channels import METRIC_INDEX, METRICS
+from abhv_mc.flight.metrics import METRIC_INDEX, METRICS
 from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.statistics.family import holm

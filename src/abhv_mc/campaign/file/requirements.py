@@ -1,16 +1,15 @@
 """What a campaign requires of its flights, against the tables of metrics, its design and its mission."""
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from abhv_mc.campaign.file.config import Campaign, Requirement
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.control.mission import read_mission
-from abhv_mc.flight.channels import Signal
+from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.io.documents import Document, InputError, Refusal, one_of
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
-from abhv_mc.stability.metrics import MARGINS
 from abhv_mc.statistics.sequential import choose_common_looks
 
 _MARGIN_METRICS = tuple(signal.name for signal in MARGINS)
@@ -37,7 +36,7 @@ def join_requirements(first: Iterable[Any], second: Iterable[Any], controllers: 
 
 
 def check_requirements(
-    document: Document, model: Campaign, metrics: dict[str, Signal], errors: list[InputError]
+    document: Document, model: Campaign, metrics: Mapping[str, Metric], errors: list[InputError]
 ) -> Iterator[float]:
     """The limit of each requirement, in its metric's unit."""
     for i, entry in enumerate(model.requirements):

@@ -11,10 +11,10 @@ from pydantic.json_schema import GenerateJsonSchema
 
 from abhv_mc import __version__
 from abhv_mc.campaign.file.inputs import MODELS
-from abhv_mc.flight.channels import CHANNEL_INDEX, METRIC_INDEX
+from abhv_mc.flight.channels import CHANNEL_INDEX
+from abhv_mc.flight.metrics import MARGIN_NAMES, METRIC_INDEX
 from abhv_mc.io.units import dimension_of, format_quantity, parse_quantity, parse_unit
 from abhv_mc.plant.parameters import PARAMETERS
-from abhv_mc.stability.metrics import MARGIN_NAMES
 
 Schema = dict[str, Any]
 _OWN_METRIC = "^[a-z][a-z0-9_]*$"

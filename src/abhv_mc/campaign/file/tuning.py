@@ -4,9 +4,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.io.documents import Refusal, StrictModel
 from abhv_mc.io.units import TIME, Fraction, parse_quantity
-from abhv_mc.stability.metrics import MARGIN_NAMES
 
 Quantile = Annotated[Fraction, Field(gt=0.0, lt=1.0)]
 _METRIC = "the metric"

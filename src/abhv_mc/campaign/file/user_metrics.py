@@ -1,63 +1,78 @@
-"""Metrics that a campaign declares: their entries, and the program that the compiled flight counts them by.
-
-An expression is parsed into instructions and never evaluated as Python.
-"""
+"""Metrics that a campaign declares: their entries in its file, and their records."""
 
 import ast
-import math
-import re
-from collections.abc import Iterable
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, RootModel, model_validator
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, RootModel, model_validator
 
-from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS, METRIC_INDEX
-from abhv_mc.flight.declared import (
-    MAX_METRICS,
-    MAX_REGISTERS,
-    DeclaredMetrics,
-    DeclaredStatistic,
-    Operation,
-    make_declared,
+from abhv_mc.flight.channels import SOURCES
+from abhv_mc.flight.compile_metrics import FUNCTIONS, Known, compile_expression, known_sources
+from abhv_mc.flight.counting import MAX_PROGRAMS
+from abhv_mc.flight.metrics import (
+    BUILT_IN,
+    MARGIN_FAULTS,
+    NEEDS_LIMIT,
+    TAKES_LIMIT,
+    Bad,
+    Metric,
+    Statistic,
+    default_bad,
+    is_never_negative,
+    label_of,
+    name_end,
 )
-from abhv_mc.flight.observe import find_factor, find_row
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, describe, one_of, read_document, validate
-from abhv_mc.io.unit_pattern import NUMBER
 from abhv_mc.io.units import Time
 from abhv_mc.user_code.source import compile_text, read_source
 
-StatisticName = Literal[
-    "min", "max", "max_abs", "mean", "rms", "final", "integral", "peak_to_peak", "travel", "time_outside",
-    "last_outside", "first_outside", "reversals",
-]  # fmt: skip
-_NEEDS_LIMIT = ("time_outside", "last_outside", "first_outside")
-_TAKES_LIMIT = (*_NEEDS_LIMIT, "reversals")
-_TAKEN = {"flight", "controller", "outcome", "end_time_s", *METRIC_INDEX}
-_UNITS = {"deg": "deg", "dps": "deg/s", "mps": "m/s", "m": "m", "s": "s", "kg": "kg", "g": "g", "pa": "Pa", "n": "N"}
+STATISTICS = tuple(statistic.word for statistic in Statistic)
+_TAKEN = {"flight", "controller", "outcome", "end_time_s", *BUILT_IN, *(signal.name for signal in MARGIN_FAULTS)}
+# What the name of an expression's metric may say; of two ends that fit, the longer one comes first.
+_NAMED_UNITS = ("J/m2", "W/m2", "m/s", "deg/s", "deg", "kg", "Pa", "m", "s", "g", "N", "J")
+
+
+def _statistic(value: Any) -> Any:
+    if value not in STATISTICS:
+        raise Refusal(describe(value), one_of(STATISTICS, value))
+    return Statistic[value.upper()]
 
 
 class MetricEntry(StrictModel):
-    """A metric of the campaign's own."""
+    """A metric that the campaign declares."""
 
     of: str = Field(description="a channel, or an expression of channels: + - * / abs min max sqrt sin cos")
-    statistic: StatisticName = Field(description="what is made of it over the control ticks of the window")
+    statistic: Annotated[Statistic, BeforeValidator(_statistic, json_schema_input_type=Literal[STATISTICS])] = Field(
+        description="what is made of it over the control ticks of the window"
+    )
     limit: Annotated[float, Field(ge=0.0)] | None = Field(
         None, description="in the unit of 'of': for *_outside, or the least turn of reversals"
     )
     from_: Time = Field(0.0, alias="from", description="the window's start")
     to: Time | None = Field(None, description="the window's end; by default the flight's")
     settled: bool = Field(False, description="leave out 5 s after each step of the reference")
+    bad: Bad | None = Field(
+        None,
+        description="which values are bad: high, low, or those of the largest size; left out: low for min, else high",
+    )
     unit: str | None = Field(None, description="of the metric, where the channel and the name do not say it")
+    label: str | None = Field(None, description="what the report calls it, without its unit; left out: its name")
     doc: str = Field("", description="what it means, for the report")
 
     @model_validator(mode="after")
     def _check(self) -> "MetricEntry":
-        if self.statistic in _NEEDS_LIMIT and self.limit is None:
-            raise Refusal(f"'{self.statistic}' without 'limit'", "a limit in the unit of 'of'")
-        if self.limit is not None and self.statistic not in _TAKES_LIMIT:
-            raise Refusal(f"a limit with '{self.statistic}'", f"it with {', '.join(_TAKES_LIMIT)}", ("limit",))
+        if self.statistic in NEEDS_LIMIT and self.limit is None:
+            raise Refusal(f"'{self.statistic.word}' without 'limit'", "a limit in the unit of 'of'")
+        if self.limit is not None and self.statistic not in TAKES_LIMIT:
+            raise Refusal(
+                f"a limit with '{self.statistic.word}'",
+                f"it with {', '.join(statistic.word for statistic in TAKES_LIMIT)}",
+                ("limit",),
+            )
         if self.to is not None and self.to <= self.from_:
             raise Refusal("an empty window", "'from' before 'to'", ("to",))
         return self
@@ -70,156 +85,77 @@ class MetricsFile(RootModel[dict[MetricName, MetricEntry]]):
     """A file of metrics."""
 
 
-class Channel(NamedTuple):
-    """What an expression may name."""
-
-    unit: str
-    row: int  # of the lane memory
-    factor: float
-
-
-def known_channels(own: Iterable[tuple[str, str]] = ()) -> dict[str, Channel]:
-    """The channels of the program, and those of the user's own file, each (name, unit)."""
-    from abhv_mc.control.laws.user import CHANNEL
-
-    known = {c.name: Channel(c.unit, find_row(c.source), find_factor(c.source, c.unit)) for c in CHANNELS}
-    return known | {name: Channel(unit, CHANNEL + i, 1.0) for i, (name, unit) in enumerate(own)}
-
-
 def read_metrics_file(path: Path) -> tuple[Document, dict[str, MetricEntry]]:
     """A file of metrics. Raises InputError."""
     document = read_document(path)
     return document, validate(document, MetricsFile).root
 
 
-def compile_metrics(
+def declare_metrics(
     entries: dict[str, MetricEntry],
-    channels: dict[str, Channel],
+    own: Sequence[tuple[str, str]],
     document: Document,
     where: tuple[str, ...],
     errors: list[InputError],
-) -> DeclaredMetrics:
-    """The declared metrics as the flight counts them; what is wrong is added to ``errors``."""
-    code: list[tuple[int, int, int, int]] = []
-    constant: list[float] = []
-    first, rows, words = [0], [], []
-    if len(entries) > MAX_METRICS:
-        errors.append(document.key_error(where, f"{len(entries)} metrics", f"at most {MAX_METRICS}"))
-        entries = dict(list(entries.items())[:MAX_METRICS])
+) -> tuple[Metric, ...]:
+    """The records of a campaign's metrics, ``own`` being name and unit of its own channels; what is wrong is added to
+    ``errors``."""
+    known = known_sources(pack_sources(own))
+    if len(entries) > MAX_PROGRAMS:
+        errors.append(document.key_error(where, f"{len(entries)} metrics", f"at most {MAX_PROGRAMS}"))
+    records = []
     for name, entry in entries.items():
         if name in _TAKEN:
             found = f"'{name}', a metric of the program"
             errors.append(document.key_error((*where, name), found, "another name"))
-        program = _Program(channels, entry.of.strip())
         try:
-            program.add(ast.parse(program.text, mode="eval").body, 0)
-        except (SyntaxError, RecursionError, MemoryError, OverflowError):  # the last three: deep nesting, long numbers
-            wanted = "a channel or an expression of channels"
-            errors.append(document.error((*where, name, "of"), describe(entry.of), wanted))
+            nonnegative = compile_expression(entry.of, known).nonnegative
         except Refusal as refusal:
             errors.append(document.error((*where, name, "of"), refusal.found, refusal.wanted))
-        code += program.code
-        constant += program.constant
-        first.append(len(code))
-        end = np.inf if entry.to is None else entry.to
-        statistic = DeclaredStatistic[entry.statistic.upper()]
-        rows.append((int(statistic), entry.limit or 0.0, entry.from_, end, int(entry.settled)))
-        words.append((name, _unit(name, entry, channels), entry.doc or _describe(entry)))
-    names, units, docs = (np.array([row[i] for row in words], dtype=np.str_) for i in range(3))
-    return DeclaredMetrics(names, units, docs, make_declared(code, constant, first, rows))
+            nonnegative = False
+        records.append(_record(name, entry, known, nonnegative))
+    return tuple(records)
 
 
-class _Program:
-    """Instructions for one expression."""
-
-    def __init__(self, channels: dict[str, Channel], text: str) -> None:
-        self.channels, self.text = channels, text
-        self.code: list[tuple[int, int, int, int]] = []
-        self.constant: list[float] = []
-
-    def _emit(self, operation: Operation, register: int, a: int = 0, b: int = 0, constant: float = 0.0) -> None:
-        self.code.append((int(operation), register, a, b))
-        self.constant.append(constant)
-
-    def add(self, node: ast.expr, register: int) -> None:
-        """The value of a node into a register; those above it are free. Raises Refusal."""
-        if register >= MAX_REGISTERS:
-            raise Refusal("an expression that is nested too deeply", f"at most {MAX_REGISTERS} values at once")
-        match node:
-            case ast.Name(id=name):
-                if name not in self.channels:
-                    raise Refusal(f"channel '{name}'", one_of(self.channels, name))
-                channel = self.channels[name]
-                self._emit(Operation.LOAD, register, channel.row, constant=channel.factor)
-            case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
-                written = str(ast.get_source_segment(self.text, node))
-                if not (re.fullmatch(NUMBER, written) and math.isfinite(value)):
-                    raise Refusal(f"number {describe(written)}", "a plain decimal one, such as 0.5 or 1e3")
-                self._emit(Operation.CONSTANT, register, constant=float(value))
-            case ast.UnaryOp(op=ast.UAdd(), operand=operand):
-                self.add(operand, register)
-            case ast.UnaryOp(op=ast.USub(), operand=operand):
-                self._emit(Operation.CONSTANT, register)
-                self.add(operand, register + 1)
-                self._emit(Operation.SUBTRACT, register, register, register + 1)
-            case ast.BinOp(left=left, op=operator, right=right) if type(operator) in _OPERATORS:
-                self.add(left, register)
-                self.add(right, register + 1)
-                self._emit(_OPERATORS[type(operator)], register, register, register + 1)
-            case ast.Call(func=ast.Name(id=("min" | "max") as name), args=[head, *others], keywords=[]) if others:
-                self.add(head, register)
-                for other in others:
-                    self.add(other, register + 1)
-                    operation = Operation.MINIMUM if name == "min" else Operation.MAXIMUM
-                    self._emit(operation, register, register, register + 1)
-            case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in _FUNCTIONS:
-                if name in ("sin", "cos") and isinstance(argument, ast.Name):
-                    channel_unit = self.channels.get(argument.id, Channel("", 0, 0.0)).unit
-                    if channel_unit == "deg":
-                        found = f"{name}({argument.id}), which is in degrees"
-                        raise Refusal(found, f"radians: {name}({argument.id} * 0.017453292519943295)")
-                self.add(argument, register)
-                self._emit(_FUNCTIONS[name], register, register, register)
-            case _:
-                raise Refusal(f"'{ast.unparse(node):.60}'", "channels, numbers, + - * / abs min max sqrt sin cos")
+def pack_sources(own: Sequence[tuple[str, str]]) -> NDArray[np.str_]:
+    """Names and units of the user's own channels as plans carry them."""
+    return np.array(own, dtype=np.str_).reshape(-1, 2)
 
 
-_OPERATORS: dict[type[ast.operator], Operation] = {
-    ast.Add: Operation.ADD,
-    ast.Sub: Operation.SUBTRACT,
-    ast.Mult: Operation.MULTIPLY,
-    ast.Div: Operation.DIVIDE,
-}
-_FUNCTIONS = {
-    "abs": Operation.ABSOLUTE,
-    "sqrt": Operation.ROOT,
-    "sin": Operation.SINE,
-    "cos": Operation.COSINE,
-}
+def _record(name: str, entry: MetricEntry, known: Mapping[str, Known], nonnegative: bool) -> Metric:
+    unit, statistic = _unit(name, entry, known), entry.statistic
+    record = Metric(
+        name,
+        unit,
+        entry.doc,
+        entry.label or label_of(name, unit),
+        entry.bad or default_bad(statistic),
+        "user",
+        entry.of.strip(),
+        statistic,
+        limit=entry.limit or 0.0,
+        start=entry.from_,
+        end=np.inf if entry.to is None else entry.to,
+        settled=entry.settled,
+        never_negative=is_never_negative(statistic, nonnegative),
+    )
+    return record if record.doc else replace(record, doc=record.counted)
 
 
-def _unit(name: str, entry: MetricEntry, channels: dict[str, Channel]) -> str:
+def _unit(name: str, entry: MetricEntry, known: Mapping[str, Known]) -> str:
     """The unit of a metric: what the entry says, what its channel and statistic make, what its name ends with."""
     if entry.unit is not None:
         return entry.unit
-    if entry.statistic in _NEEDS_LIMIT:
+    if entry.statistic in NEEDS_LIMIT:
         return "s"
-    if entry.statistic == "reversals":
+    if entry.statistic == Statistic.REVERSALS:
         return "-"
-    of = channels[entry.of.strip()].unit if entry.of.strip() in channels else _UNITS.get(name.rpartition("_")[2], "-")
-    if entry.statistic != "integral" or entry.of.strip() not in channels:
-        return of
-    return {"W/m2": "J/m2", "-": "s", "m/s": "m", "deg/s": "deg"}.get(of, f"{of} s")
-
-
-def _describe(entry: MetricEntry) -> str:
-    """A metric in words."""
-    words = f"{entry.statistic.replace('_', ' ')} of {entry.of}"
-    if entry.limit is not None:
-        words += f", limit {entry.limit:g}"
-    if entry.from_ or entry.to is not None:
-        words += f", from {entry.from_:g} s" + (f" to {entry.to:g} s" if entry.to is not None else "")
-    return words + (", settled stretches only" if entry.settled else "")
+    source = known.get(entry.of.strip())
+    if source is None:
+        return next((unit for unit in _NAMED_UNITS if name.endswith(f"_{name_end(unit)}")), "-")
+    if entry.statistic != Statistic.INTEGRAL:
+        return source.unit
+    return {"W/m2": "J/m2", "-": "s", "m/s": "m", "deg/s": "deg"}.get(source.unit, f"{source.unit} s")
 
 
 def find_own_channels(path: Path) -> tuple[tuple[str, str], ...]:
@@ -233,7 +169,7 @@ def find_own_channels(path: Path) -> tuple[tuple[str, str], ...]:
                     units = [word.value for word in mark.keywords if word.arg == "unit"]
                     if len(units) != 1 or not isinstance(units[0], ast.Constant):
                         raise InputError(path, mark.lineno, None, "@channel without a unit", '@channel(unit="deg")')
-                    if node.name in CHANNEL_INDEX or node.name in _FUNCTIONS or node.name in ("min", "max"):
+                    if node.name in SOURCES or node.name in FUNCTIONS or node.name in ("min", "max"):
                         found_name = f"'{node.name}', a name of the program"
                         raise InputError(path, node.lineno, None, found_name, "another name")
                     found.append((node.name, str(units[0].value)))

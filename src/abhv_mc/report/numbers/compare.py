@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.flight.channels import METRIC_INDEX
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_in_unit

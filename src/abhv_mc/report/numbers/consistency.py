@@ -23,7 +23,8 @@ from abhv_mc.execution.flight_counts import (
     make_flight_counts,
 )
 from abhv_mc.execution.retention import HistoryFile, list_histories
-from abhv_mc.flight.channels import CHANNELS, METRICS, Metric, Statistic
+from abhv_mc.flight.channels import CHANNEL_INDEX
+from abhv_mc.flight.metrics import METRICS, Metric, Statistic
 from abhv_mc.folder.flights import END_TIME, DamagedFileError, FlightRows, parse_block_name, read_block
 from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.layout import CampaignFolder
@@ -164,11 +165,10 @@ def _verdicts(campaign: CheckedCampaign, manifest: Mapping[str, Any], flown: _Fl
 # --- histories and envelopes: what of them a metric of the flight or a count says again
 
 
-_SOURCES = {channel.source: channel.name for channel in CHANNELS}
 _CHANNEL_OF: dict[Metric, str] = {
-    metric: _SOURCES[metric.source]
+    metric: metric.of
     for metric in METRICS
-    if metric.source in _SOURCES and metric.statistic in (*_EXTREMES, Statistic.FINAL)
+    if metric.of in CHANNEL_INDEX and not metric.settled and metric.statistic in (*_EXTREMES, Statistic.FINAL)
 }
 
 
@@ -178,7 +178,7 @@ def _extreme(metric: Metric, low: Floats, high: Floats) -> float:
     if metric.statistic == Statistic.MIN:
         return least
     value = max(abs(least), abs(most)) if metric.statistic == Statistic.MAX_ABS else most
-    return value if metric.initial is None else max(value, metric.initial)
+    return max(value, 0.0) if metric.never_negative else value
 
 
 def _beyond(metric: Metric, value: float, whole: float) -> float:

@@ -5,9 +5,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from abhv_mc.flight.channels import METRICS
+from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, METRICS
 from abhv_mc.shipped import shipped_files
-from abhv_mc.stability.metrics import MARGIN_NAMES, MARGIN_VALUES
 from abhv_mc.statistics.estimates import Sense
 
 _UNITS_BY_SUFFIX = {

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.sampling.seeds import is_seed
-from abhv_mc.flight.channels import METRICS
+from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES, METRICS
 from abhv_mc.folder.envelopes import QUANTILE_COLUMNS
 from abhv_mc.folder.hashes import CheckedFolder, data_files
 from abhv_mc.folder.layout import CampaignFolder
@@ -21,7 +21,6 @@ from abhv_mc.folder.table_check import refusing
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.columns import FileColumns, read_table
 from abhv_mc.report.numbers.flights import ControllerFlights, read_flights
-from abhv_mc.stability.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.statistics.judgement import Rules
 from abhv_mc.vehicle.arrays import Floats
 

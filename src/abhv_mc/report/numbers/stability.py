@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.report.numbers.failures import failed_anyhow
 from abhv_mc.report.numbers.flights import ControllerFlights
 from abhv_mc.report.numbers.metrics import controller_label
 from abhv_mc.report.numbers.plain import plain
 from abhv_mc.report.numbers.results import Results
 from abhv_mc.report.numbers.words import count_of, fixed, percent
-from abhv_mc.stability.metrics import MARGIN_FAULTS, MARGIN_NAMES
 
 LISTED = 5  # flights of least margin
 LOW = {"gain_margin_min_db": 6.0, "phase_margin_min_deg": 30.0}  # what is customary at least

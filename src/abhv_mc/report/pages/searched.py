@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.flight.channels import METRIC_INDEX
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder.flights import DamagedFileError, FlightRows, read_block
 from abhv_mc.folder.hashes import find_damage
 from abhv_mc.folder.layout import CampaignFolder

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.flight.channels import CHANNEL_INDEX, METRIC_INDEX
+from abhv_mc.flight.channels import CHANNEL_INDEX
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.report.figures.searches import plot_flights
 from abhv_mc.report.numbers.metrics import FLIGHT_PANELS, words_of

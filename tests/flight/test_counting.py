@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from abhv_mc.campaign.file.user_metrics import MetricEntry, compile_metrics, known_channels
-from abhv_mc.flight.channels import CHANNEL_INDEX, METRIC_INDEX, METRICS
+from abhv_mc.campaign.file.user_metrics import MetricEntry, declare_metrics
+from abhv_mc.flight.channels import CHANNEL_INDEX, SURFACES
 from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.metrics import METRIC_INDEX, METRICS, pack_metrics, unpack_metrics
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import LANES
 from abhv_mc.flight.prepare import prepare
@@ -21,9 +22,9 @@ def declare(plan, **entries):
     errors = []
     models = {name: MetricEntry(**entry) for name, entry in entries.items()}
     document = Document("metrics.yaml", {}, {(): (1, 1)}, {})
-    declared = compile_metrics(models, known_channels(), document, (), errors)
+    declared = declare_metrics(models, (), document, (), errors)
     assert not errors
-    return dataclasses.replace(plan, declared=declared)
+    return dataclasses.replace(plan, declared=pack_metrics(declared))
 
 
 @pytest.fixture(scope="module")
@@ -130,17 +131,32 @@ def test_every_statistic_is_what_numpy_makes_of_the_channels(plan, parameters):
             assert np.isclose(found, want, rtol=2e-5, atol=2e-4 + near, equal_nan=True), (flight, name, found, want)
 
 
-def test_built_in_metrics_do_not_change_and_declared_ones_equal_them(plan, parameters):
-    same = {
-        "a": {"of": "altitude_error_m", "statistic": "rms"},
-        "b": {"of": "load_factor_g", "statistic": "max"},
-        "c": {"of": "cross_track_m", "statistic": "final"},
-    }
-    declared, plain = fly(declare(plan, **same), parameters), fly(plan, parameters)
+def entry_of(metric):
+    """A built-in record as a campaign would declare it."""
+    entry = {"of": metric.of, "statistic": metric.statistic.word, "settled": metric.settled}
+    return entry | ({"limit": metric.limit} if metric.statistic.word == "time_outside" else {})
+
+
+def test_a_declared_metric_that_repeats_a_built_in_one_gives_its_bits(plan, parameters):
+    entries = {f"own_{metric.name}": entry_of(metric) for metric in METRICS}
+    entries |= {f"own_way_of_{name}": {"of": f"{name}_deg", "statistic": "travel"} for name in SURFACES}
+    declared, plain = fly(declare(plan, **entries), parameters), fly(plan, parameters)
     assert np.array_equal(declared.metrics[:, : len(METRICS)], plain.metrics)
-    for i, name in enumerate(("altitude_error_rms_m", "load_factor_max_g", "cross_track_error_final_m")):
-        found, known = declared.metrics[:, len(METRICS) + i], plain.metrics[:, METRIC_INDEX[name]]
-        assert np.allclose(found, known, rtol=1e-14, atol=0.0), name
+    for i, metric in enumerate(METRICS):
+        found, known = declared.metrics[:, len(METRICS) + i], plain.metrics[:, i]
+        counted = np.isfinite(found)  # a window that was never reached: nothing, where the built-in one has zero
+        assert np.array_equal(found[counted], known[counted]), metric.name
+        assert counted.all() or (metric.settled and not known[~counted].any()), metric.name
+    for i, name in enumerate(SURFACES):
+        found = declared.metrics[:, 2 * len(METRICS) + i]
+        assert np.array_equal(found, plain.metrics[:, METRIC_INDEX[f"{name}_travel_deg"]]), name
+
+
+def test_records_come_back_from_their_text(plan):
+    made = declare(plan, **ENTRIES)
+    again = unpack_metrics(made.declared)
+    assert [repr(metric) for metric in again] == [repr(metric) for metric in made.metrics[len(METRICS) :]]
+    assert {metric.bad for metric in again if metric.statistic.word == "min"} == {"low"}
 
 
 def test_declared_metrics_do_not_depend_on_lanes(plan, parameters):

@@ -1,0 +1,202 @@
+"""Metrics as numbers that the compiled flight follows: which loop counts each, and its expression as a program.
+
+An expression is parsed into instructions and never evaluated as Python.
+"""
+
+import ast
+import math
+import re
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.control.laws.user import CHANNEL, MAX_CHANNELS
+from abhv_mc.flight.channels import SOURCES
+from abhv_mc.flight.counting import MAX_LEAN, MAX_PROGRAMS, MAX_REGISTERS, Counted, Lean, Operation, Programs
+from abhv_mc.flight.metrics import Metric, Statistic
+from abhv_mc.flight.observe import find_factor, find_row
+from abhv_mc.io.input_error import Refusal, describe, one_of
+from abhv_mc.io.unit_pattern import NUMBER
+
+_LEAN_EMPTY = {  # what the accumulator of a lean metric starts from
+    Statistic.MIN: math.inf,
+    Statistic.MAX: -math.inf,
+    **dict.fromkeys((Statistic.MAX_ABS, Statistic.RMS, Statistic.FINAL, Statistic.SUM, Statistic.TIME_OUTSIDE), 0.0),
+}
+
+
+class Known(NamedTuple):
+    """A source as expressions name it."""
+
+    unit: str
+    row: int  # of the lane memory
+    factor: float
+    nonnegative: bool = False
+
+
+@cache
+def _known_sources() -> dict[str, Known]:
+    return {
+        name: Known(entry.unit, find_row(entry.source), find_factor(entry.source, entry.unit), entry.nonnegative)
+        for name, entry in SOURCES.items()
+    }
+
+
+def known_sources(own: NDArray[np.str_]) -> dict[str, Known]:
+    """The sources of the program, and the channels of the user's own file ``[channel, 2]``, each name and unit."""
+    if len(own) > MAX_CHANNELS:
+        raise ValueError(f"{len(own)} channels of the user's own")
+    return _known_sources() | {name: Known(unit, CHANNEL + i, 1.0) for i, (name, unit) in enumerate(own.tolist())}
+
+
+def compile_metrics(metrics: Sequence[Metric], known: Mapping[str, Known]) -> Counted:
+    """The metrics as the flight counts them. Raises Refusal for an expression that makes no sense."""
+    lean = [place for place, metric in enumerate(metrics) if _is_lean(metric, known)][:MAX_LEAN]
+    others = [place for place in range(len(metrics)) if place not in lean]
+    if len(others) > MAX_PROGRAMS:
+        raise Refusal(f"{len(others)} metrics", f"at most {MAX_PROGRAMS}")
+    rows = [known[metrics[place].of] for place in lean]
+    chosen = [metrics[place] for place in lean]
+    programs = [compile_expression(metrics[place].of, known) for place in others]
+    rest = [metrics[place] for place in others]
+    factors = []
+    for metric, program in zip(rest, programs, strict=True):
+        # The factor of a single source after the difference: as exact as it gets.
+        single = metric.statistic == Statistic.TRAVEL and len(program.code) == 1
+        factors.append(program.constant[0] if single and program.code[0][0] == Operation.LOAD else 1.0)
+        if single:
+            program.constant[0] = 1.0 if program.code[0][0] == Operation.LOAD else program.constant[0]
+    return Counted(
+        Lean(
+            _ints(known.row for known in rows),
+            _floats(known.factor for known in rows),
+            _ints(metric.statistic for metric in chosen),
+            _floats(metric.empty for metric in chosen),
+            _ints(metric.settled for metric in chosen),
+            _ints(lean),
+        ),
+        Programs(
+            np.array([line for program in programs for line in program.code], dtype=np.int64).reshape(-1, 4),
+            _floats(value for program in programs for value in program.constant),
+            _ints(np.cumsum([0, *(len(program.code) for program in programs)])),
+            _floats(factors),
+            _ints(metric.statistic for metric in rest),
+            _floats(metric.limit for metric in rest),
+            _floats(metric.start for metric in rest),
+            _floats(metric.end for metric in rest),
+            _ints(metric.settled for metric in rest),
+            _floats(metric.empty for metric in rest),
+            _ints(others),
+        ),
+    )
+
+
+def _ints(values: object) -> NDArray[np.int64]:
+    return np.array([int(value) for value in values], dtype=np.int64)  # type: ignore[attr-defined]
+
+
+def _floats(values: object) -> NDArray[np.float64]:
+    return np.array(list(values), dtype=np.float64)  # type: ignore[call-overload]
+
+
+def _is_lean(metric: Metric, known: Mapping[str, Known]) -> bool:
+    """Whether a metric is one row over the whole flight, which one accumulator counts as well as a program."""
+    if metric.of not in known or metric.start > 0.0 or metric.end < math.inf:
+        return False
+    nonnegative = known[metric.of].nonnegative
+    if metric.statistic == Statistic.TIME_OUTSIDE and not (nonnegative and metric.limit == 0.0):
+        return False
+    same = metric.empty == _LEAN_EMPTY.get(metric.statistic)
+    grows = metric.statistic == Statistic.MAX and metric.empty == 0.0 and nonnegative
+    return (same and not (metric.settled and metric.statistic != Statistic.MAX_ABS)) or (grows and not metric.settled)
+
+
+class Expression(NamedTuple):
+    """Instructions for one expression."""
+
+    code: list[tuple[int, int, int, int]]
+    constant: list[float]
+    nonnegative: bool  # whether it is never below zero
+
+
+def compile_expression(text: str, known: Mapping[str, Known]) -> Expression:
+    """The program of an expression. Raises Refusal."""
+    program = _Program(known, text.strip())
+    try:
+        body = ast.parse(program.text, mode="eval").body
+        program.add(body, 0)
+    except (SyntaxError, RecursionError, MemoryError, OverflowError):  # the last three: deep nesting, long numbers
+        raise Refusal(describe(text), "a channel or an expression of channels") from None
+    single = isinstance(body, ast.Name) and known[body.id].nonnegative
+    size = isinstance(body, ast.Call) and isinstance(body.func, ast.Name) and body.func.id in ("abs", "sqrt")
+    return Expression(program.code, program.constant, single or size)
+
+
+class _Program:
+    """Instructions for one expression."""
+
+    def __init__(self, known: Mapping[str, Known], text: str) -> None:
+        self.known, self.text = known, text
+        self.code: list[tuple[int, int, int, int]] = []
+        self.constant: list[float] = []
+
+    def _emit(self, operation: Operation, register: int, a: int = 0, b: int = 0, constant: float = 0.0) -> None:
+        self.code.append((int(operation), register, a, b))
+        self.constant.append(constant)
+
+    def add(self, node: ast.expr, register: int) -> None:
+        """The value of a node into a register; those above it are free. Raises Refusal."""
+        if register >= MAX_REGISTERS:
+            raise Refusal("an expression that is nested too deeply", f"at most {MAX_REGISTERS} values at once")
+        match node:
+            case ast.Name(id=name):
+                if name not in self.known:
+                    raise Refusal(f"channel '{name}'", one_of(self.known, name))
+                self._emit(Operation.LOAD, register, self.known[name].row, constant=self.known[name].factor)
+            case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+                written = str(ast.get_source_segment(self.text, node))
+                if not (re.fullmatch(NUMBER, written) and math.isfinite(value)):
+                    raise Refusal(f"number {describe(written)}", "a plain decimal one, such as 0.5 or 1e3")
+                self._emit(Operation.CONSTANT, register, constant=float(value))
+            case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+                self.add(operand, register)
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                self._emit(Operation.CONSTANT, register)
+                self.add(operand, register + 1)
+                self._emit(Operation.SUBTRACT, register, register, register + 1)
+            case ast.BinOp(left=left, op=operator, right=right) if type(operator) in _OPERATORS:
+                self.add(left, register)
+                self.add(right, register + 1)
+                self._emit(_OPERATORS[type(operator)], register, register, register + 1)
+            case ast.Call(func=ast.Name(id=("min" | "max") as name), args=[head, *others], keywords=[]) if others:
+                self.add(head, register)
+                for other in others:
+                    self.add(other, register + 1)
+                    operation = Operation.MINIMUM if name == "min" else Operation.MAXIMUM
+                    self._emit(operation, register, register, register + 1)
+            case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in FUNCTIONS:
+                angle = name in ("sin", "cos") and isinstance(argument, ast.Name) and self.known.get(argument.id)
+                if angle and angle.unit == "deg":
+                    found = f"{name}({ast.unparse(argument)}), which is in degrees"
+                    raise Refusal(found, f"radians: {name}({ast.unparse(argument)} * 0.017453292519943295)")
+                self.add(argument, register)
+                self._emit(FUNCTIONS[name], register, register, register)
+            case _:
+                raise Refusal(f"'{ast.unparse(node):.60}'", "channels, numbers, + - * / abs min max sqrt sin cos")
+
+
+_OPERATORS: dict[type[ast.operator], Operation] = {
+    ast.Add: Operation.ADD,
+    ast.Sub: Operation.SUBTRACT,
+    ast.Mult: Operation.MULTIPLY,
+    ast.Div: Operation.DIVIDE,
+}
+FUNCTIONS = {
+    "abs": Operation.ABSOLUTE,
+    "sqrt": Operation.ROOT,
+    "sin": Operation.SINE,
+    "cos": Operation.COSINE,
+}

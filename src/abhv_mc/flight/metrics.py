@@ -1,0 +1,320 @@
+"""The table of metrics: each a record of what it is called, what is bad, how it is counted. Order is array order.
+
+Metrics that a campaign declares are records of the same kind, and so are stability margins, which come from the
+linearised loop of a flight and not from its control ticks. A new metric is an entry here.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.flight.channels import SURFACES, Signal
+
+Bad = Literal["high", "low", "size"]  # large values, small values, large absolute values
+Group = Literal["tracking", "usage", "loads", "stability", "user"]
+
+
+class Statistic(IntEnum):
+    """What a metric makes of its value over the control ticks of its window."""
+
+    MIN = 0
+    MAX = 1
+    MAX_ABS = 2
+    MEAN = 3
+    RMS = 4
+    FINAL = 5
+    INTEGRAL = 6  # trapezoidal, over time
+    PEAK_TO_PEAK = 7
+    TRAVEL = 8  # sum of the absolute changes
+    TIME_OUTSIDE = 9  # s in which the size of the value is above the limit
+    LAST_OUTSIDE = 10  # s; the window's start where it never was
+    FIRST_OUTSIDE = 11  # s; the end of the window or of the flight where it never was
+    REVERSALS = 12  # times that it turned back by more than the limit
+    SUM = 13  # over the ticks
+
+    @property
+    def word(self) -> str:
+        """As campaign files name it."""
+        return self.name.lower()
+
+
+NEEDS_LIMIT = (Statistic.TIME_OUTSIDE, Statistic.LAST_OUTSIDE, Statistic.FIRST_OUTSIDE)
+TAKES_LIMIT = (*NEEDS_LIMIT, Statistic.REVERSALS)
+_SIZES = (Statistic.MAX_ABS, Statistic.RMS, Statistic.PEAK_TO_PEAK, Statistic.TRAVEL, *TAKES_LIMIT)
+# Ends of names by unit, where they are not the unit's own letters.
+_ENDS = {"m/s": "mps", "deg/s": "dps", "-": ""}
+
+
+@dataclass(frozen=True)
+class Metric(Signal):
+    """One number of a flight: what a reader is told of it, and how it is counted."""
+
+    label: str  # words without the unit
+    bad: Bad
+    group: Group
+    of: str  # a source, or an expression of sources; "" for a margin
+    statistic: Statistic
+    limit: float = 0.0
+    start: float = 0.0  # s, of its window
+    end: float = math.inf  # s
+    settled: bool = False  # whether 5 s after each step of the reference are left out
+    empty: float = math.nan  # value where no tick of the window was flown
+    never_negative: bool = False
+    leads: bool = False  # whether it stands first in a report where the campaign requires nothing
+    plateaus: tuple[float, ...] = ()  # values that many flights share
+
+    @property
+    def label_with_unit(self) -> str:
+        """For axes and table heads."""
+        return self.label if self.unit == "-" else f"{self.label} ({self.unit})"
+
+    @property
+    def phrase(self) -> str:
+        """The label within a sentence: 'rms angle of attack error'."""
+        words = " ".join(reversed(self.label.split(", ")))
+        return words if words[1:2].isupper() else words[:1].lower() + words[1:]
+
+    @property
+    def counted(self) -> str:
+        """How it is counted, in words: 'max_abs of bank_error_deg, settled stretches only'."""
+        if not self.of:
+            return "of the linearised loops"
+        words = f"{self.statistic.word} of {self.of}"
+        words += f", limit {self.limit:g}" if self.statistic in TAKES_LIMIT else ""
+        words += f", from {self.start:g} s" if self.start else ""
+        words += f", to {self.end:g} s" if self.end < math.inf else ""
+        return f"{words}, settled stretches only" if self.settled else words
+
+    def as_entry(self) -> dict[str, Any]:
+        """The record with the keys by which a campaign declares a metric."""
+        words = {key: getattr(self, key) for key in ("name", "label", "unit", "doc", "bad", "group", "of", "settled")}
+        words |= {"statistic": self.statistic.word, "limit": self.limit if self.statistic in TAKES_LIMIT else None}
+        return words | {"from": self.start, "to": self.end if self.end < math.inf else None}
+
+
+def name_end(unit: str) -> str:
+    """What names of this unit end with, after an underscore: 'mps', 'j_m2'; '' for none."""
+    return _ENDS.get(unit, unit.lower().replace("/", "_").replace(" ", "_"))
+
+
+def label_of(name: str, unit: str) -> str:
+    """Words for a declared metric: its name without its unit."""
+    words = name.removesuffix(f"_{name_end(unit)}") if name_end(unit) else name
+    words = words.replace("_", " ")
+    return words[0].upper() + words[1:]
+
+
+def default_bad(statistic: Statistic) -> Bad:
+    """What is bad of a metric that does not say it: small values of a smallest one, large ones of all others."""
+    return "low" if statistic == Statistic.MIN else "high"
+
+
+def is_never_negative(statistic: Statistic, nonnegative: bool) -> bool:
+    """Whether no flight has a value below zero, of a quantity that itself is never negative or may be."""
+    return statistic in _SIZES or nonnegative
+
+
+_ZERO: dict[str, Any] = {"empty": 0.0, "never_negative": True}
+
+
+def _error(
+    name: str, unit: str, words: str, label: str, of: str, rms_leads: bool = False, max_leads: bool = False
+) -> tuple[Metric, ...]:
+    end = name_end(unit)
+    return (
+        Metric(
+            f"{name}_rms_{end}", unit, f"{words}, rms over the control ticks", f"{label}, rms",
+            "high", "tracking", of, Statistic.RMS, **_ZERO, leads=rms_leads,
+        ),
+        Metric(
+            f"{name}_max_{end}", unit, f"{words}, largest absolute value", f"{label}, max",
+            "high", "tracking", of, Statistic.MAX_ABS, **_ZERO, leads=max_leads,
+        ),
+    )  # fmt: skip
+
+
+def _settled(name: str, label: str) -> Metric:
+    return Metric(
+        f"{name}_settled_max_deg",
+        "deg",
+        "the same, largest, leaving out 5 s after each step of the reference",
+        f"{label}, settled, max",
+        "high",
+        "tracking",
+        f"{name}_deg",
+        Statistic.MAX_ABS,
+        settled=True,
+        **_ZERO,
+    )
+
+
+def _surface(name: str) -> tuple[Metric, ...]:
+    label = name.capitalize()
+    return (
+        Metric(
+            f"{name}_rms_deg", "deg", f"{name} deflection minus its initial trim, rms", f"{label}, rms",
+            "high", "usage", f"{name}_from_trim_deg", Statistic.RMS, **_ZERO,
+        ),
+        Metric(
+            f"{name}_max_deg", "deg", f"largest absolute {name} deflection", f"{label}, max",
+            "high", "usage", f"{name}_deg", Statistic.MAX_ABS, **_ZERO,
+        ),
+        Metric(
+            f"{name}_travel_deg", "deg", f"sum of the absolute changes of the {name} deflection", f"{label} travel",
+            "high", "usage", f"{name}_moved_deg", Statistic.SUM, **_ZERO,
+        ),
+    )  # fmt: skip
+
+
+def _extreme(name: str, unit: str, doc: str, label: str, group: Group, of: str, most: bool) -> Metric:
+    statistic, bad, empty = (Statistic.MAX, "high", -math.inf) if most else (Statistic.MIN, "low", math.inf)
+    return Metric(name, unit, doc, label, bad, group, of, statistic, empty=empty)  # type: ignore[arg-type]
+
+
+def _largest(name: str, unit: str, doc: str, label: str, group: Group, of: str) -> Metric:
+    """The largest value of what is never negative."""
+    return Metric(name, unit, doc, label, "high", group, of, Statistic.MAX, **_ZERO)
+
+
+def _time(name: str, doc: str, label: str, group: Group, of: str) -> Metric:
+    return Metric(name, "s", doc, label, "high", group, of, Statistic.TIME_OUTSIDE, **_ZERO)
+
+
+METRICS: tuple[Metric, ...] = (
+    *_error("altitude_error", "m", "altitude error", "Altitude error", "altitude_error_m", max_leads=True),
+    *_error("speed_error", "m/s", "speed error", "Speed error", "speed_error_mps", max_leads=True),
+    *_error("heading_error", "deg", "heading error", "Heading error", "heading_error_deg"),
+    *_error("cross_track_error", "m", "cross-track error", "Cross-track error", "cross_track_m"),
+    Metric(
+        "cross_track_error_final_m", "m", "cross-track error at the end, actual minus reference",
+        "Cross-track error at the end", "size", "tracking", "cross_track_m", Statistic.FINAL, empty=0.0,
+    ),
+    *_error(
+        "angle_of_attack_error", "deg", "angle of attack minus its command, error",
+        "Angle of attack error", "angle_of_attack_error_deg", rms_leads=True,
+    ),
+    _settled("angle_of_attack_error", "Angle of attack error"),
+    *_error(
+        "bank_error", "deg", "bank minus its command, error", "Bank error", "bank_error_deg", rms_leads=True
+    ),
+    _settled("bank_error", "Bank error"),
+    *_error("sideslip", "deg", "sideslip", "Sideslip", "sideslip_deg", rms_leads=True),
+    _extreme(
+        "angle_of_attack_min_deg", "deg", "smallest angle of attack", "Angle of attack, min", "loads",
+        "angle_of_attack_deg", False,
+    ),
+    _extreme(
+        "angle_of_attack_max_deg", "deg", "largest angle of attack", "Angle of attack, max", "loads",
+        "angle_of_attack_deg", True,
+    ),
+    *(metric for name in SURFACES for metric in _surface(name)),
+    _extreme(
+        "equivalence_ratio_min", "-", "smallest equivalence ratio", "Equivalence ratio, min", "usage",
+        "equivalence_ratio", False,
+    ),
+    _extreme(
+        "equivalence_ratio_max", "-", "largest equivalence ratio", "Equivalence ratio, max", "usage",
+        "equivalence_ratio", True,
+    ),
+    Metric(
+        "fuel_used_kg", "kg", "fuel burnt", "Fuel used", "high", "usage", "fuel_used_kg", Statistic.FINAL, empty=0.0
+    ),
+    _largest(
+        "dynamic_pressure_max_pa", "Pa", "largest dynamic pressure", "Dynamic pressure, max", "loads",
+        "dynamic_pressure_pa",
+    ),
+    _largest(
+        "load_factor_max_g", "g", "largest magnitude of the specific force", "Load factor, max", "loads",
+        "load_factor_g",
+    ),
+    _time(
+        "surface_saturation_s", "time with a surface at its deflection limit", "Surface saturation", "usage",
+        "surface_saturated",
+    ),
+    *(
+        _largest(
+            f"{name}_ripple_deg",
+            "deg",
+            f"largest swing of the {words} in settled stretches that an opposite one of at least half its size follows",
+            f"{label} ripple",
+            "tracking",
+            f"{name}_ripple_deg",
+        )
+        for name, words, label in (
+            ("bank", "bank error", "Bank"),
+            ("angle_of_attack", "angle-of-attack error", "Angle of attack"),
+            ("sideslip", "sideslip", "Sideslip"),
+        )
+    ),
+    _time("engine_failed_s", "time with a failed or unstarted engine", "Engine failed", "loads", "engine_failed"),
+    _time("outside_tables_s", "time outside the tables (clamped)", "Outside tables", "loads", "outside_tables"),
+)  # fmt: skip
+
+
+def _margin(name: str, unit: str, doc: str, label: str, plateaus: tuple[float, ...]) -> Metric:
+    return Metric(
+        name, unit, doc, label, "low", "stability", "", Statistic.MIN, never_negative=True, plateaus=plateaus
+    )  # fmt: skip
+
+
+# The least over loops and points; nan for flights that were not asked for.
+MARGINS: tuple[Metric, ...] = (
+    _margin(
+        "gain_margin_min_db", "dB", "least gain margin, the smaller of both sides, over loops and points",
+        "Gain margin, min", (0.0, 60.0),
+    ),
+    _margin(
+        "phase_margin_min_deg", "deg", "least phase margin over loops and points", "Phase margin, min", (0.0, 180.0)
+    ),
+    _margin(
+        "delay_margin_min_ms", "ms", "least delay margin over loops and points", "Delay margin, min", (0.0, 1000.0)
+    ),
+    _margin(
+        "disk_margin_min", "-", "least disk margin of all loops at once over the points", "Disk margin, min", (0.0,)
+    ),
+)  # fmt: skip
+# Why there is none, which counts as a margin of zero.
+MARGIN_FAULTS: tuple[Signal, ...] = (
+    Signal("margin_points_unstable", "-", "points at which the closed loop is unstable"),
+    Signal("margin_points_at_limit", "-", "points at which a command, a surface or the engine stands at a limit"),
+)
+MARGIN_VALUES: tuple[Signal, ...] = (*MARGINS, *MARGIN_FAULTS)
+MARGIN_NAMES = tuple(metric.name for metric in MARGINS)
+
+METRIC_INDEX: dict[str, int] = {metric.name: i for i, metric in enumerate(METRICS)}
+BUILT_IN: dict[str, Metric] = {metric.name: metric for metric in (*METRICS, *MARGINS)}
+SURFACE_USAGE = tuple(m.name for m in METRICS if m.group == "usage" and m.statistic == Statistic.RMS)
+
+_TEXT = tuple(field.name for field in fields(Metric) if field.name not in ("plateaus", "leads"))
+NO_METRICS: NDArray[np.str_] = np.empty((0, len(_TEXT)), dtype=np.str_)
+
+
+def pack_metrics(metrics: Iterable[Metric]) -> NDArray[np.str_]:
+    """Records as text ``[metric, field]``, as plans carry those that a campaign declares."""
+    rows = [[_as_text(getattr(metric, name)) for name in _TEXT] for metric in metrics]
+    return np.array(rows, dtype=np.str_) if rows else NO_METRICS
+
+
+def _as_text(value: Any) -> str:
+    return value.name if isinstance(value, Statistic) else str(int(value)) if isinstance(value, bool) else str(value)
+
+
+def unpack_metrics(rows: NDArray[np.str_]) -> tuple[Metric, ...]:
+    """The records again. Raises ValueError or KeyError for rows that are none."""
+    if rows.ndim != 2 or rows.shape[1] != len(_TEXT):
+        raise ValueError(f"declared metrics of shape {rows.shape}")
+    return tuple(_record(dict(zip(_TEXT, row, strict=True))) for row in rows.tolist())
+
+
+def _record(text: dict[str, Any]) -> Metric:
+    text["statistic"] = Statistic[text["statistic"]]
+    text |= {name: float(text[name]) for name in ("limit", "start", "end", "empty")}
+    text |= {name: text[name] == "1" for name in ("settled", "never_negative")}
+    if text["bad"] not in ("high", "low", "size") or text["group"] != "user":
+        raise ValueError(f"a declared metric that is bad when {text['bad']}, of the group {text['group']}")
+    return Metric(**text)
