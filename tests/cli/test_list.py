@@ -7,9 +7,9 @@ from typer.testing import CliRunner
 
 from abhv_mc.cli.app import app
 from abhv_mc.flight.channels import CHANNELS
+from abhv_mc.flight.metrics import BUILT_IN
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.parameters import PARAMETERS
-from abhv_mc.flight.metrics import BUILT_IN
 
 
 def schema(kind: str) -> dict:

@@ -56,7 +56,8 @@ def channels(json: Json = None) -> None:
 @app.command()
 def metrics(
     campaign: Annotated[
-        str | None, typer.Argument(metavar="[CAMPAIGN]", help="Its file, or a shipped name: list what it declares, too.")
+        str | None,
+        typer.Argument(metavar="[CAMPAIGN]", help="Its file, or a shipped name: list what it declares, too."),
     ] = None,
     json: Json = None,
 ) -> None:
