@@ -148,6 +148,23 @@ def test_another_text_is_another_campaign(study, tmp_path):
         run_campaign(Request(study(), tmp_path / "out", runs=4), threads())
 
 
+def test_one_changed_byte_of_a_declared_file_is_another_campaign(study, tmp_path):
+    """The old folder is refused, and the file named; a fresh run flies what lies there now."""
+    law, text = tmp_path / "law.py", (tmp_path / "law.py").read_text()
+    reading = "\nimport numpy\nFACTOR = float(numpy.loadtxt('factor.csv'))\n"
+    law.write_text(text.replace("\n@controller", f"{reading}\n@controller").replace("Command(", "Command(FACTOR * "))
+    (tmp_path / "law.yaml").write_text((tmp_path / "law.yaml").read_text() + "files: [factor.csv]\n")
+    (tmp_path / "factor.csv").write_text("1.0\n")
+    run = run_campaign(Request(study(), tmp_path / "out", runs=4), threads()).manifest
+    assert "inputs/controllers/mine/factor.csv" in run["inputs"]
+    assert replay_flight(tmp_path / "out", "mine", 1, fly).differences == ()
+    (tmp_path / "factor.csv").write_text("1.5\n")
+    with pytest.raises(InputError, match=r"inputs/controllers/mine/factor.csv: other content"):
+        run_campaign(Request(study(), tmp_path / "out", runs=4), threads())
+    again = run_campaign(Request(study(), tmp_path / "out", runs=4, fresh=True), threads()).manifest
+    assert again["digest"] != run["digest"]
+
+
 def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):
     """A folder from elsewhere: reading it runs nothing; flying it again is refused until its user trusts it."""
     ran = tmp_path / "ran"

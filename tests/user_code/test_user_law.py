@@ -144,7 +144,7 @@ def test_one_lane_32_lanes_and_plain_python_agree_on_ten_thousand_inputs(make):
     from abhv_mc.user_code.source import load_law
 
     plan = make(MATHS)
-    kind = ctypes.CFUNCTYPE(None, *4 * [ctypes.c_void_p], ctypes.c_int64, ctypes.c_double)
+    kind = ctypes.CFUNCTYPE(None, *5 * [ctypes.c_void_p], ctypes.c_int64, ctypes.c_double)
     generator = np.random.default_rng(10)
     inputs = generator.uniform(-3.0, 3.0, (10_016, s.N_MEASURED))
     inputs[:, 1] = generator.uniform(100.0, 3000.0, len(inputs))
@@ -156,7 +156,7 @@ def test_one_lane_32_lanes_and_plain_python_agree_on_ten_thousand_inputs(make):
         for first in range(0, len(inputs), width):
             Z = np.zeros((Z_ROWS, width))
             Z[s.MEASURED : s.MEASURED + s.N_MEASURED] = inputs[first : first + width].T
-            call(Z.ctypes.data, row.ctypes.data, row.ctypes.data, row.ctypes.data, 0, 0.01)
+            call(None, Z.ctypes.data, row.ctypes.data, row.ctypes.data, row.ctypes.data, 0, 0.01)
             out.append(Z[list(COMMAND_ROWS)].T.copy())
         return np.concatenate(out)
 

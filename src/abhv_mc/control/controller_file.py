@@ -5,7 +5,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, RootModel, Tag, model_validator
 
-from abhv_mc.io.documents import Document, File, Refusal, StrictModel, describe, one_of, read_document, validate
+from abhv_mc.control.law_file import PythonController, UserController
+from abhv_mc.io.documents import Document, Refusal, StrictModel, describe, one_of, read_document, validate
 from abhv_mc.io.units import Angle, AngularRate, Frequency, Pressure, Time
 
 Positive = Field(gt=0.0)
@@ -258,20 +259,7 @@ class LqrController(StrictModel):
         return []
 
 
-class PythonController(StrictModel):
-    """A law of one's own, in a Python file."""
-
-    law: Literal["python"] = Field(description="the control law")
-    file: File = Field(description="the law, see abhv_mc.extend")
-    rate: Annotated[Frequency, Positive] = Field(100.0, description="control ticks per second")
-    settings: dict[str, Any] = Field({}, description="of the file's class Settings; with units where the file says so")
-
-    def warnings(self) -> list[str]:
-        """Nothing that a file alone shows."""
-        return []
-
-
-Controller = TlcController | LqrController | PythonController
+Controller = TlcController | LqrController | UserController
 
 
 class ControllerFile(RootModel[Annotated[Controller, Field(discriminator="law")]]):

@@ -17,7 +17,8 @@ from abhv_mc.folder.hashes import FileHashes, read_checked
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.plans import pack_plan, write_plan
 from abhv_mc.io.documents import Document, InputError
-from abhv_mc.user_code.trust import read_trusted
+from abhv_mc.user_code.closure import check_closure
+from abhv_mc.user_code.source import read_source
 
 
 def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -> int:
@@ -38,7 +39,8 @@ def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) 
     plans = {name: _declare(campaign, plan) for name, plan in made.items()}
     if model.channels is None:
         return plans
-    channels = read_trusted(model.channels)
+    channels = read_source(model.channels)
+    check_closure(channels)
     plans = {name: replace(plan, channels_source=channels, channels_hash=channels.hash) for name, plan in plans.items()}
     for plan in plans.values():
         with open_law(plan, LANES):  # compiled now, before anything is written

@@ -30,12 +30,14 @@ from abhv_mc.world.earth import Earth
 
 # Which law flies: the integers that the kernel compares.
 TLC, LQR, RECORDED, PYTHON = range(4)
-LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED, "python": PYTHON}
+LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED, "python": PYTHON, "c": PYTHON, "fmu": PYTHON}
 _COLUMNS = {  # of the gains and of the settings
     "tlc": (len(TLC_GAINS), len(TLC_SETTINGS)),
     "lqr": (len(LQR_GAINS), len(LQR_SETTINGS)),
     "recorded": (len(RECORDED_GAINS), None),
     "python": (None, None),
+    "c": (None, None),
+    "fmu": (None, None),
 }
 
 
@@ -45,6 +47,7 @@ class OwnLaw(NamedTuple):
     address: int  # of its machine code, 0 for none
     onboard: int  # 1 where it wants the nominal vehicle
     channels: int  # address of the user's own channels, 0 for none
+    context: int = 0  # address of what the law's machine code works on, 0 for none
 
 
 class KernelPlan(NamedTuple):

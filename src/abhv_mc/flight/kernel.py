@@ -76,7 +76,7 @@ def observe_tick(plan, memory, width, tick):
     derive(memory.Z, width, plan, tick)
     if plan.own.channels != 0:
         dt = plan.timing.step * plan.timing.steps_per_tick
-        call_address(plan.own.channels, memory.Z, plan.reference, plan.gains, plan.settings, tick, dt)
+        call_address(plan.own.channels, 0, memory.Z, plan.reference, plan.gains, plan.settings, tick, dt)
     check_limits(memory.Z, memory.O, width, plan.observed, tick)
     count_tick(memory, width, plan, tick, observe.FIRST_METRIC)
 

@@ -24,6 +24,8 @@ class Outcome(IntEnum):
     BANK_LIMIT = 9
     OSCILLATION_LIMIT = 10
     LAW_FAILED = 50
+    LAW_CRASHED = 51
+    LAW_HUNG = 52
 
     @property
     def code(self) -> str:
@@ -43,7 +45,9 @@ SENTENCES: dict[Outcome, str] = {
     Outcome.HEAT_FLUX_LIMIT: "The stagnation heat flux exceeded the limit of the mission or the vehicle.",
     Outcome.BANK_LIMIT: "The bank exceeded the limit of the mission or the vehicle.",
     Outcome.OSCILLATION_LIMIT: "An angle oscillated by more than the limit of the mission or the vehicle.",
-    Outcome.LAW_FAILED: "The control law, one of the user's own, raised an exception.",
+    Outcome.LAW_FAILED: "The control law, one of the user's own, raised an exception or returned an error.",
+    Outcome.LAW_CRASHED: "The control law, one of the user's own, ended its process (a crash), twice.",
+    Outcome.LAW_HUNG: "The control law, one of the user's own, did not return in time, twice.",
 }
 
 

@@ -9,7 +9,6 @@ from abhv_mc.control.columns import ANGLE_OF_ATTACK, BANK, TIME
 from abhv_mc.control.controller_file import (
     Controller,
     LqrController,
-    PythonController,
     TlcController,
     read_controller_document,
 )
@@ -20,6 +19,7 @@ from abhv_mc.control.design.guidance_trim import trim_faults
 from abhv_mc.control.design.lqr_design import make_lqr_gains, make_lqr_settings
 from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, solve_reference
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
+from abhv_mc.control.law_file import UserController
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.flight.outcome import EndBounds
 from abhv_mc.flight.plan import LANES, FlightPlan, Limits, Timing
@@ -31,10 +31,11 @@ from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.trim import GRAVITY, TrimPoint
 from abhv_mc.plant.vehicles import load_vehicle
-from abhv_mc.user_code.design import DesignModel, design_gains
+from abhv_mc.user_code.closure import check_closure, watched_design
+from abhv_mc.user_code.design import DesignModel
+from abhv_mc.user_code.law_source import read_trusted_law
 from abhv_mc.user_code.settings import make_own_settings
 from abhv_mc.user_code.source import Law, load_law
-from abhv_mc.user_code.trust import read_trusted
 from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.vehicle.limits import tighter
 from abhv_mc.vehicle.model import Vehicle
@@ -75,9 +76,11 @@ class OwnParts(NamedTuple):
 def read_law(controller: Path) -> tuple[Controller, OwnParts | None]:
     """A controller file and, where it names a law of the user's own, that law: its code is run. Raises InputError."""
     document, law = read_controller_document(controller)
-    if not isinstance(law, PythonController):
+    if not isinstance(law, UserController):
         return law, None
-    loaded = load_law(read_trusted(law.file))
+    source = read_trusted_law(law)
+    check_closure(source)
+    loaded = load_law(source)
     return law, OwnParts(loaded, make_own_settings(document, law, loaded))
 
 
@@ -120,7 +123,7 @@ def make_plan(
     if nominal.status.all():
         wanted = "a mission that this vehicle can fly"
         raise InputError(mission_file or mission.name, None, None, "; ".join(warnings), wanted)
-    if not isinstance(controller, PythonController):
+    if not isinstance(controller, UserController):
         warnings += limit_faults(controller, reference)
     warnings += find_vehicle_warnings(vehicle)
     start = make_start_trim(mission, vehicle)
@@ -165,10 +168,10 @@ def make_gains(controller: Controller, own: OwnParts | None, model: DesignModel)
 
     Raises InputError for what a design of the user's own gets wrong.
     """
-    if isinstance(controller, PythonController):
+    if isinstance(controller, UserController):
         if own is None:
             raise ValueError("a controller of the user's own without its law")
-        return design_gains(own.law, model, own.settings)
+        return watched_design(own.law, model, own.settings)
     if isinstance(controller, TlcController):
         return (), make_tlc_gains(controller, model.table, model.vehicle, model.trim_tables)
     return (), make_lqr_gains(controller, model.mission, model.table, model.vehicle, model.trim_tables)

@@ -11,6 +11,7 @@ import numpy as np
 
 from abhv_mc.campaign.file.tuning import Free
 from abhv_mc.control.controller_file import read_controller
+from abhv_mc.control.law_file import NAMING_KEYS
 from abhv_mc.io.documents import Document, InputError, one_of, read_document, write_document
 from abhv_mc.search.methods.evaluation import Floats
 
@@ -38,14 +39,19 @@ class ControllerNumbers:
         return [entry.key for entry, x in zip(self.free, point.tolist(), strict=True) if abs(x) >= 1.0 - 1e-9]
 
     def write(self, path: Path, point: Floats, comment: str = "") -> None:
-        """Write the file with the free numbers of a point; a law of one's own that it names stays the same file."""
-        data: Any = self.document.data
-        if "file" in data:
-            law = (Path(self.document.path).parent / data["file"]).resolve()
-            data = {**data, "file": os.path.relpath(law, path.parent.resolve())}
+        """Write the file with the free numbers of a point; the files of a law of one's own stay the same."""
+        data: Any = dict(self.document.data)  # type: ignore[arg-type]
+        for key in NAMING_KEYS:
+            if key in data:
+                named = data[key] if isinstance(data[key], list) else [data[key]]
+                moved = [self._path_from(path.parent, text) for text in named]
+                data[key] = moved if isinstance(data[key], list) else moved[0]
         for key, value in self.values(point).items():
             data = _replaced(data, key.split("."), value)
         write_document(path, data, comment)
+
+    def _path_from(self, folder: Path, text: str) -> str:
+        return os.path.relpath((self.document.path.parent / text).resolve(), folder.resolve())
 
     def _entry(self, key: str) -> Any:
         value: Any = self.document.data

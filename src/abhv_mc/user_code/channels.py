@@ -78,4 +78,4 @@ def _make_loop(signatures: dict[str, tuple[str, ...]], width: int) -> str:
     for i, (name, arguments) in enumerate(signatures.items()):
         inside.append(f"Z[{(CHANNEL + i) * width} + lane] = _channel_{name}({', '.join(arguments)})")
     lines = [f"    {line}" for line in once] + [f"    for lane in range({width}):"] + [f"        {x}" for x in inside]
-    return "\n".join(["def loop(Z, row, column, given, tick, dt):", *lines, ""])
+    return "\n".join(["def loop(context, Z, row, column, given, tick, dt):", *lines, ""])

@@ -2,6 +2,7 @@
 
 import functools
 import hashlib
+import os
 import re
 import sys
 import types
@@ -19,9 +20,14 @@ from abhv_mc.jit import compiler, scalar
 from abhv_mc.jit_pointer import Uncompilable, compile_pointer
 from abhv_mc.plant import state as s
 from abhv_mc.user_code.law_interface import Command, LastCommand, Measured, Onboard, Reference
+<<<<<<< HEAD
 from abhv_mc.user_code.scattered import Scattered
 from abhv_mc.user_code.source import Law, Module, OwnSource, load_law, refuse_in_words
+=======
+from abhv_mc.user_code.source import MODULE, Law, Module, OwnSource, load_law, refuse_in_words
+>>>>>>> 636cd86 (A law is what it declares: files beside it are hashed, copied and sent with it, and nothing else is read)
 from abhv_mc.user_code.table import Table
+from abhv_mc.user_code.unpack import unpack
 
 COMMAND_ROWS = (
     s.CMD_AILERON,
@@ -75,7 +81,7 @@ def _gains_class(names: tuple[str, ...]) -> Any:
 def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> Any:
     """Compile the function ``loop`` of a generated text with these names. Raises InputError."""
     source = module.source
-    key = hashlib.sha256(f"{source.hash} {salt} {text} {_own_hash()}".encode()).hexdigest()[:24]
+    key = hashlib.sha256(f"{source.hash} {salt} {text} {own_hash()}".encode()).hexdigest()[:24]
     path = code_folder(compiler()) / "laws" / f"law_{key}.py"
     if not path.exists():
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -93,29 +99,53 @@ def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> A
 
 
 @functools.cache
-def _own_hash() -> str:
+def own_hash() -> str:
     """Hash of what a user's code is made of besides its text and the layers of the compiled flight."""
     here = Path(__file__).parent
-    files = [*sorted(here.glob("*.py")), here.parent / "extend.py"]
+    files = [*sorted(here.glob("*.py")), *sorted(here.glob("*.h")), here.parent / "extend.py"]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
 def compiled_names(module: Module) -> dict[str, Any]:
     """A file's names with its functions to be compiled, its tables as look-ups, its classes as makers of floats."""
-    home = types.ModuleType(module.names["__name__"])  # numba finds what it kept of a function under its module's name
-    sys.modules[home.__name__] = home
+    folder = str(unpack(module.source)) + os.sep if module.source.files else ""
+    return dict(_compile_names(module.names, folder, {}))
+
+
+def _compile_names(given: dict[str, Any], folder: str, made: dict[int, dict[str, Any]]) -> dict[str, Any]:
+    """The names of a module, and of those that it imports from the law's own ``folder``."""
+    if id(given) in made:
+        return made[id(given)]
+    name = given["__name__"]
+    mark = hashlib.sha256(folder.encode()).hexdigest()[:16]  # of a module of the law's own, whose name others may have
+    home = types.ModuleType(name if name.startswith(MODULE) else f"{MODULE}{mark}_{name}")
+    sys.modules[home.__name__] = home  # numba finds what it kept of a function under its module's name
     names = home.__dict__
-    names.update(module.names)
-    for name, value in module.names.items():  # by type: isinstance() would ask the objects themselves
-        if type(value) is types.FunctionType and value.__globals__ is module.names:
+    names.update({**given, "__name__": home.__name__})
+    made[id(given)] = names
+    for name, value in given.items():  # by type: isinstance() would ask the objects themselves
+        if type(value) is types.FunctionType and value.__globals__ is given:
             copy = types.FunctionType(value.__code__, names, name, value.__defaults__, value.__closure__)
             copy.__kwdefaults__ = value.__kwdefaults__
             names[name] = scalar(copy)
+<<<<<<< HEAD
         elif issubclass(type(value), (Table, Scattered)):
+=======
+        elif type(value) is types.FunctionType and _is_in(folder, value.__globals__):
+            names[name] = _compile_names(value.__globals__, folder, made)[value.__name__]
+        elif type(value) is types.ModuleType and _is_in(folder, value.__dict__):
+            _compile_names(value.__dict__, folder, made)
+            names[name] = sys.modules[made[id(value.__dict__)]["__name__"]]
+        elif issubclass(type(value), Table):
+>>>>>>> 636cd86 (A law is what it declares: files beside it are hashed, copied and sent with it, and nothing else is read)
             names[name] = value.make_compiled()
         elif issubclass(type(value), type) and hasattr(value, "_fields") and (value is Command or name == "Memory"):
             names[name] = _make_maker(value, home.__name__)
-    return dict(names)
+    return names
+
+
+def _is_in(folder: str, names: dict[str, Any]) -> bool:
+    return bool(folder) and str(names.get("__file__", "")).startswith(folder)
 
 
 def _make_maker(kind: Any, home: str) -> Any:
@@ -170,7 +200,7 @@ def _make_loop(law: Law, gains: tuple[str, ...], width: int) -> str:
     for field, row in zip(Command._fields, COMMAND_ROWS, strict=True):
         inside.append(f"{lane(row)} = command.{field}")
     lines = [f"    {line}" for line in once] + [f"    for lane in range({width}):"] + [f"        {x}" for x in inside]
-    return "\n".join(["def loop(Z, row, column, given, tick, dt):", *lines, ""])
+    return "\n".join(["def loop(context, Z, row, column, given, tick, dt):", *lines, ""])
 
 
 def _make_nested(kind: Any, first: int, lane: Any) -> str:

@@ -13,11 +13,15 @@ from abhv_mc.plant import state as s
 from abhv_mc.user_code.compiled import COMMAND_ROWS, make_gains_class
 from abhv_mc.user_code.law_interface import Command, Measured, Onboard, Reference
 from abhv_mc.user_code.source import Law
+from abhv_mc.user_code.unpack import in_its_folder
+from abhv_mc.user_code.watch import watching
 from abhv_mc.vehicle.arrays import Floats
 
 LAW_FAILED = 50.0  # abhv_mc.flight.outcome.Outcome.LAW_FAILED, which is a layer above
 
-_SOCKET = ctypes.CFUNCTYPE(None, *4 * [ctypes.POINTER(ctypes.c_double)], ctypes.c_int64, ctypes.c_double)
+_SOCKET = ctypes.CFUNCTYPE(
+    None, ctypes.c_void_p, *4 * [ctypes.POINTER(ctypes.c_double)], ctypes.c_int64, ctypes.c_double
+)
 _told: set[str] = set()  # laws whose traceback was printed
 
 
@@ -38,7 +42,7 @@ class PlainLaw:
         """Where compiled code finds it."""
         return int(ctypes.cast(self._callback, ctypes.c_void_p).value or 0)
 
-    def _call(self, Z: Any, reference: Any, gains: Any, settings: Any, tick: int, dt: float) -> None:
+    def _call(self, context: Any, Z: Any, reference: Any, gains: Any, settings: Any, tick: int, dt: float) -> None:
         block = np.ctypeslib.as_array(Z, (ONBOARD + N_ONBOARD, self._width))
         law = self._law
         given: dict[str, Any] = {"time": tick * dt, "dt": dt}
@@ -74,7 +78,8 @@ class PlainLaw:
         try:
             if given["time"] == 0.0 and self._remembers:
                 memory = self._law.memory()
-            return self._fly_lane(block, lane, memory, given)
+            with in_its_folder(self._law.source), watching(self._law.source):
+                return self._fly_lane(block, lane, memory, given)
         except BaseException:  # SystemExit, too: compiled code is above, which would fly on with the last command
             block[FAULT, lane] = LAW_FAILED
             block[list(COMMAND_ROWS), lane] = 0.0

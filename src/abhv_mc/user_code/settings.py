@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from abhv_mc.control.controller_file import PythonController
+from abhv_mc.control.law_file import PythonController
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.user_code.source import Law

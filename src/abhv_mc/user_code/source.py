@@ -6,31 +6,38 @@ import hashlib
 import inspect
 import linecache
 import math
-import sys
+import os
+import re
 import traceback
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.user_code.unpack import in_its_folder, unpack
 
+MODULE = "abhv_mc_own_"  # how the modules that are made of such files are called
 MAX_BYTES = 2_000_000  # of a file
 CONTROLLER, CHANNEL = "_abhv_mc_controller", "_abhv_mc_channel"  # attributes that the decorators set
 
 
 @dataclass(frozen=True)
 class OwnSource:
-    """The text of a user's file. It travels with the work; no stored plan holds it."""
+    """The text of a user's file, and the files that it declares. It travels with the work; no stored plan holds it."""
 
     text: str
     file: str  # what its user calls it
+    files: tuple[tuple[str, bytes], ...] = ()  # name from the folder that holds them all, content; itself among them
 
-    @property
+    @functools.cached_property
     def hash(self) -> str:
-        """SHA-256 of the text: what trust goes by."""
-        return hashlib.sha256(self.text.encode()).hexdigest()
+        """SHA-256 of the text, and of the names and contents of what it declares: what trust goes by."""
+        digest = hashlib.sha256(self.text.encode())
+        for name, content in sorted(self.files):
+            digest.update(f"\0{name}\0{hashlib.sha256(content).hexdigest()}".encode())
+        return digest.hexdigest()
 
 
 @dataclass(frozen=True)
@@ -63,14 +70,15 @@ class Module:
         return {name: function for name, function in functions.items() if mark in function.__dict__}
 
 
-def read_source(path: Path) -> OwnSource:
-    """Read a user's file as it is, without running it. Raises InputError."""
+def read_source(path: Path, files: Mapping[str, Path] | None = None) -> OwnSource:
+    """Read a user's file as it is, without running it, and the ``files`` that it declares. Raises InputError."""
     try:
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)
         if len(content) > MAX_BYTES:
             raise InputError(path, None, None, f"more than {MAX_BYTES} bytes", "a Python file")
-        return OwnSource(content.decode(), str(path))
+        declared = tuple((name, place.read_bytes()) for name, place in (files or {}).items())
+        return OwnSource(content.decode(), str(path), declared if len(declared) > 1 else ())
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(path, None, None, f"a file that cannot be read ({error})", "a Python file") from None
 
@@ -79,12 +87,10 @@ def read_source(path: Path) -> OwnSource:
 def run_module(source: OwnSource) -> Module:
     """Run a user's file. Raises InputError, with the line, for whatever it raises."""
     linecache.cache[source.file] = (len(source.text), None, source.text.splitlines(keepends=True), source.file)
-    module = types.ModuleType(f"abhv_mc_own_{source.hash[:16]}")
-    module.__file__ = source.file
+    module = types.ModuleType(f"{MODULE}{source.hash[:16]}")
+    module.__file__ = str(unpack(source) / source.files[0][0]) if source.files else source.file
     code = compile_text(source)
-    with refuse_in_words(source, "a file", "a file that runs on its own"), contextlib.ExitStack() as as_before:
-        as_before.enter_context(contextlib.chdir("."))  # names of outputs are relative to the folder
-        as_before.callback(sys.setrecursionlimit, sys.getrecursionlimit())
+    with refuse_in_words(source, "a file", "a file that runs on its own"), in_its_folder(source):
         exec(code, module.__dict__)  # the user's own file
     return Module(source, module.__dict__)
 
@@ -111,9 +117,27 @@ def refuse_in_words(source: OwnSource, what: str, wanted: str) -> Iterator[None]
         raise
     except BaseException as error:
         line = _line_in(error, source.file)
+        if (missed := _undeclared(source, error)) is not None:
+            found = f"{what} that {missed[0]}, which it does not declare"
+            raise InputError(source.file, line, None, found, f"files: [{missed[1]}] in its controller file") from None
         if line is None and isinstance(error, OSError | MemoryError):
             raise
         raise InputError(source.file, line, None, f"{what} that raises {_describe(error)}", wanted) from None
+
+
+def _undeclared(source: OwnSource, error: BaseException) -> tuple[str, str] | None:
+    """What a missing file or module that lies beside the law is to it in words, and the entry of ``files`` for it."""
+    beside = Path(source.file).parent
+    if isinstance(error, ModuleNotFoundError):
+        top = str(error.name).partition(".")[0]
+        entry = next((name for name in (f"{top}.py", f"{top}/") if (beside / name).exists()), None)
+        return (f"imports '{error.name}'", entry) if entry else None
+    if isinstance(error, FileNotFoundError):  # numpy's says the name in words alone
+        words = [str(error.filename), *re.findall(r"[\w./-]+\w", _describe(error))]
+        named = (os.path.relpath(beside / word, beside) for word in words)
+        entry = next((name for name in named if (beside / name).is_file() and not name.startswith("..")), None)
+        return (f"opens '{entry}'", entry) if entry else None
+    return None
 
 
 def _describe(error: BaseException) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from abhv_mc.cache import own_folder
 from abhv_mc.io.input_error import InputError
-from abhv_mc.user_code.source import OwnSource, read_source
+from abhv_mc.user_code.source import OwnSource
 
 _SIGNS = ("manifest.json", "campaign.yaml")  # a campaign's folder holds both
 _trusted_now: set[str] = set()  # hashes of what the user of this process says that he trusts
@@ -55,11 +55,3 @@ def is_in_a_folder(file: Path) -> bool:
     """Whether a file is in a campaign's folder, or is named from within one: by a link, or by a path that leads out."""
     parents = {parent for place in (file.absolute(), file.resolve()) for parent in place.parents}
     return any(all((parent / name).exists() for name in _SIGNS) for parent in parents)
-
-
-def read_trusted(file: Path) -> OwnSource:
-    """The text of a user's file that is to be run. Raises InputError for a folder's, unless he has flown it."""
-    source = read_source(file)
-    if is_in_a_folder(file):
-        check_trusted(source)
-    return source

@@ -13,10 +13,10 @@ from abhv_mc.campaign.file.feasibility import find_impossible
 from abhv_mc.control.controller_file import (
     ControllerFile,
     LqrController,
-    PythonController,
     TlcController,
     read_controller,
 )
+from abhv_mc.control.law_file import PythonController, UserController
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.io.documents import InputError, InputErrors, describe, one_of, read_document
 from abhv_mc.plant.vehicles import load_vehicle
@@ -31,7 +31,7 @@ MODELS: dict[str, type[BaseModel]] = {
 }
 _KEYS: dict[str, set[str]] = {
     **{kind: set(model.model_fields) for kind, model in MODELS.items()},
-    "controller": {*TlcController.model_fields, *LqrController.model_fields, *PythonController.model_fields},
+    "controller": {key for model in (TlcController, LqrController, PythonController) for key in model.model_fields},
 }
 
 Pending = list[tuple[Path, str | None, tuple[Path, Path] | None]]  # file, kind, vehicle and mission of its campaign
@@ -106,7 +106,7 @@ def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pend
     else:
         controller = read_controller(file)
         yield from controller.warnings()
-        if isinstance(controller, PythonController):
+        if isinstance(controller, UserController):
             from abhv_mc.campaign.file.try_law import try_law
 
             yield from try_law(file, controller, *(flown or (None, None)))

@@ -13,6 +13,7 @@ from typing import Any
 
 from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign
 from abhv_mc.campaign.file.requirements import join_requirements, select_requirements
+from abhv_mc.control.law_file import find_law_files
 from abhv_mc.folder.hashes import FileHashes, refuse_links
 from abhv_mc.folder.layout import CampaignFolder, hash_file, is_inside, write_bytes, write_whole
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
@@ -100,7 +101,9 @@ def find_references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator
     """Files that a YAML file names by relative paths, and those that they name."""
     if path.suffix.lower() not in _YAML or path in seen:
         return
-    for text in _named_files(read_document(path).data):
+    data = read_document(path).data
+    yield from (file.resolve() for file in find_law_files(path, data) if file.is_file())
+    for text in _named_files(data):
         if Path(text).suffix.lower() in (*_YAML, *_DATA) and not Path(text).is_absolute():
             file = (path.parent / text).resolve()
             if file.is_file():

@@ -3,13 +3,13 @@
 from dataclasses import replace
 from pathlib import Path
 
-from abhv_mc.control.controller_file import PythonController
+from abhv_mc.control.law_file import UserController
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.user_code.source import read_source
+from abhv_mc.user_code.law_source import law_place, read_law_source
 from abhv_mc.user_code.temporary import run_aside
 from abhv_mc.user_code.trust import is_in_a_folder, is_trusted
 
@@ -20,13 +20,14 @@ _BROKEN = {
 }
 
 
-def try_law(file: Path, controller: PythonController, vehicle: Path | None, mission: Path | None) -> list[str]:
+def try_law(file: Path, controller: UserController, vehicle: Path | None, mission: Path | None) -> list[str]:
     """Compile a controller and fly one tick, on the campaign's vehicle and mission or shipped ones; its warnings.
 
     Code of a campaign's folder that this user has not flown is not run. Raises InputError.
     """
-    if is_in_a_folder(controller.file) and not is_trusted(read_source(controller.file)):
-        return ["its Python code was not run: it is a folder's, and you have not flown it"]
+    place = law_place(controller)
+    if is_in_a_folder(place) and not is_trusted(read_law_source(controller)):
+        return ["its code was not run: it is a folder's, and you have not flown it"]
     configs = shipped_configs()
     vehicle = vehicle or configs / "vehicle" / "ghame_x.yaml"
     mission = mission or configs / "mission" / "level.yaml"
@@ -36,8 +37,8 @@ def try_law(file: Path, controller: PythonController, vehicle: Path | None, miss
         block = run_aside(lambda: fly(one_tick, nominal_parameters()), _LONGEST)
     except TimeoutError:
         found = f"a law whose first tick is not done in {_LONGEST:g} s"
-        raise InputError(controller.file, None, None, found, "a law whose loops end") from None
+        raise InputError(place, None, None, found, "a law whose loops end") from None
     broken = _BROKEN.get(Outcome(int(block.outcome[0])))
     if broken is not None:
-        raise InputError(controller.file, None, None, broken, "finite commands")
+        raise InputError(place, None, None, broken, "finite commands")
     return []

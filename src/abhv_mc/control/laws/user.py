@@ -47,7 +47,7 @@ def own_tick(plan, memory, width, tick):
     if own.onboard > 0:
         nominal_onboard(plan, memory, width, tick)
     if own.address != 0:
-        call_address(own.address, Z, plan.reference, plan.gains, plan.settings, tick, dt)
+        call_address(own.address, own.context, Z, plan.reference, plan.gains, plan.settings, tick, dt)
     finish_commands(Z, width, plan.vehicle.constants, plan.reference, tick)
 
 

@@ -1,0 +1,131 @@
+"""A process beside this one for a user's code that may crash, hang, or read what it does not declare.
+
+One is kept for all calls; it ends with this process, and is replaced where it is lost.
+"""
+
+import atexit
+import contextlib
+import multiprocessing
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+_ROOT = Path(__file__).parents[2]
+_START = "import sys; sys.path.append(sys.argv[2]); from abhv_mc.user_code.child import serve; serve(int(sys.argv[1]))"
+_may_run = False  # whether this process is one that may be lost
+_lock = threading.RLock()
+_child: "_Child | None" = None
+
+
+class LostError(Exception):
+    """The process ended, or did not answer in time (``hung``)."""
+
+    def __init__(self, words: str, hung: bool) -> None:
+        super().__init__(words, hung)
+        self.words, self.hung = words, hung
+
+
+def allow_here() -> None:
+    """Say that this process may be lost: native code of a user's runs in it from now on."""
+    global _may_run  # noqa: PLW0603  what this process is for
+    _may_run = True
+
+
+def may_run_here() -> bool:
+    """Whether native code of a user's may run in this process: a worker's or a child's, never the launching one."""
+    return _may_run
+
+
+def in_child(function: Callable[..., T], *arguments: Any, limit: float | None = None) -> T:
+    """What a module's function gives or raises, called in the child. Raises LostError, after ``limit`` s at the latest.
+
+    In a process that may be lost itself it is called right here.
+    """
+    global _child  # noqa: PLW0603  one for all calls
+    if _may_run:
+        return function(*arguments)
+    with _lock:
+        if _child is None or not _child.is_usable():
+            _child = _Child()
+        try:
+            answer, failed = _child.call(function, arguments, limit)
+        except BaseException:
+            _child.end()
+            _child = None
+            raise
+    if failed:
+        raise answer
+    return answer
+
+
+class _Child:
+    def __init__(self) -> None:
+        self._pid = os.getpid()
+        self._connection, theirs = multiprocessing.Pipe()
+        with theirs:
+            self._process = subprocess.Popen(  # noqa: S603  Python itself
+                [sys.executable, "-P", "-c", _START, str(theirs.fileno()), str(_ROOT)],
+                stdin=subprocess.PIPE,  # whose end it waits for
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,  # Ctrl-C is for the process that the user sees
+            )
+        atexit.register(self.end)
+
+    def is_usable(self) -> bool:
+        return self._pid == os.getpid() and self._process.poll() is None
+
+    def call(self, function: Callable[..., Any], arguments: tuple[Any, ...], limit: float | None) -> tuple[Any, bool]:
+        try:
+            self._connection.send((function, arguments))
+            if not self._connection.poll(limit):
+                raise LostError(f"it was not done in {limit:g} s", True)
+            return self._connection.recv()
+        except (EOFError, ConnectionError):
+            code = self._process.wait()
+            words = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+            raise LostError(f"its process ended: {words}", False) from None
+
+    def end(self) -> None:
+        if self._pid != os.getpid():  # a fork's copy
+            return
+        with contextlib.suppress(OSError):
+            self._process.kill()
+        self._process.wait()
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+        self._connection.close()
+        atexit.unregister(self.end)
+
+
+def serve(descriptor: int) -> None:
+    """What the child does: answer calls until the parent hangs up."""
+    allow_here()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with Connection(descriptor) as connection:
+        while True:
+            try:
+                function, arguments = connection.recv()
+            except (EOFError, OSError):
+                return
+            try:
+                answer: tuple[Any, bool] = function(*arguments), False
+            except BaseException as error:
+                answer = error, True
+            try:
+                connection.send(answer)
+            except (pickle.PicklingError, TypeError, AttributeError):
+                connection.send((RuntimeError(f"{type(answer[0]).__name__}: {answer[0]}"), True))
+
+
+def _end_with_parent() -> None:
+    while os.read(0, 1024):
+        pass
+    os._exit(1)

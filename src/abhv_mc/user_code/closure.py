@@ -1,0 +1,57 @@
+"""A user's Python code as it may run: made of nothing but what it declares.
+
+It is run once in a child process under a watch, before it runs anywhere else; what was found right is noted by its
+hash in the user's cache. Laws and channels in Python all come through :func:`check_closure`.
+"""
+
+import hashlib
+from typing import Any
+
+from abhv_mc.compiler_target import code_folder
+from abhv_mc.io.atomic_write import atomic_write
+from abhv_mc.io.input_error import InputError
+from abhv_mc.jit import compiler
+from abhv_mc.user_code.child import LostError, in_child
+from abhv_mc.user_code.compiled import own_hash
+from abhv_mc.user_code.design import DesignModel, design_gains
+from abhv_mc.user_code.source import Law, OwnSource, load_law, run_module
+from abhv_mc.user_code.unpack import in_its_folder
+from abhv_mc.user_code.watch import watching
+from abhv_mc.vehicle.arrays import Floats
+
+_LONGEST = 600.0  # s that a file may run
+
+
+def check_closure(source: OwnSource) -> None:
+    """Run a Python file in the child, once for each content. Raises InputError for what it does or reads wrong."""
+    key = hashlib.sha256(f"{source.hash} {source.file} {own_hash()}".encode()).hexdigest()[:24]
+    note = code_folder(compiler()) / "laws" / f"closed_{key}"
+    if note.exists():
+        return
+    try:
+        in_child(_run_watched, source, limit=_LONGEST)
+    except LostError as lost:
+        found = f"a file that does not run: {lost.words}"
+        raise InputError(source.file, None, None, found, "a file that runs on its own") from None
+    note.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with atomic_write(note) as aside:
+        aside.write_text("", encoding="utf-8")
+
+
+def _run_watched(source: OwnSource) -> None:
+    run_module.cache_clear()  # a module that ran already opens nothing
+    with watching(source):
+        run_module(source)
+
+
+def watched_design(law: Law, model: DesignModel, settings: Floats) -> tuple[tuple[str, ...], Floats]:
+    """As :func:`abhv_mc.user_code.design.design_gains`, run in the child under the watch."""
+    if law.design is None:
+        return (), design_gains(law, model, settings)[1]
+    return in_child(_design, law.source, model, settings)
+
+
+def _design(source: OwnSource, model: DesignModel, settings: Any) -> tuple[tuple[str, ...], Floats]:
+    law = load_law(source)
+    with in_its_folder(source), watching(source):
+        return design_gains(law, model, settings)

@@ -1,0 +1,25 @@
+"""The code that a controller file names, read as it is and not run."""
+
+from pathlib import Path
+
+from abhv_mc.control.law_file import UserController, find_files
+from abhv_mc.user_code.source import OwnSource, read_source
+from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
+
+
+def law_place(controller: UserController) -> Path:
+    """The file that is the law, beside which its other files lie."""
+    return controller.file
+
+
+def read_law_source(controller: UserController) -> OwnSource:
+    """A controller's code with the files that it declares. Raises InputError."""
+    return read_source(law_place(controller), find_files(controller))
+
+
+def read_trusted_law(controller: UserController) -> OwnSource:
+    """A controller's code that is to be run. Raises InputError for a folder's copy that its user has not flown."""
+    source = read_law_source(controller)
+    if is_in_a_folder(law_place(controller)):
+        check_trusted(source)
+    return source

@@ -1,0 +1,88 @@
+"""The files that a user's code consists of, on disk as they were hashed: where it runs and imports from."""
+
+import contextlib
+import functools
+import importlib
+import os
+import shutil
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Protocol
+
+from abhv_mc.compiler_target import code_folder
+from abhv_mc.jit import compiler
+
+_modules: dict[str, dict[str, ModuleType]] = {}  # of each law's own, by hash: taken out of Python's while it rests
+_lock = threading.RLock()
+
+
+class Source(Protocol):
+    """What is unpacked."""
+
+    @property
+    def files(self) -> tuple[tuple[str, bytes], ...]: ...
+
+    @property
+    def hash(self) -> str: ...
+
+    def __hash__(self) -> int: ...
+
+
+@functools.lru_cache(maxsize=64)
+def unpack(source: Source) -> Path:
+    """The folder that holds exactly the source's files, in this user's cache of compiled code."""
+    laws = code_folder(compiler()) / "laws"
+    folder = laws / f"files_{source.hash[:24]}"
+    if _holds(folder, source):
+        return folder
+    laws.mkdir(mode=0o700, parents=True, exist_ok=True)
+    made = Path(tempfile.mkdtemp(dir=laws))
+    for name, content in source.files:
+        (made / name).parent.mkdir(parents=True, exist_ok=True)
+        (made / name).write_bytes(content)
+        (made / name).chmod(0o700)  # a library must be executable on some systems
+    with contextlib.suppress(OSError):  # another process was first
+        shutil.rmtree(folder, ignore_errors=True)
+        made.rename(folder)
+    return folder if _holds(folder, source) else made
+
+
+def _holds(folder: Path, source: Source) -> bool:
+    try:
+        return all((folder / name).read_bytes() == content for name, content in source.files)
+    except OSError:
+        return False
+
+
+@contextlib.contextmanager
+def in_its_folder(source: Source) -> Iterator[None]:
+    """Run a law's code: its own modules can be imported, and plain names of files are those that it declares.
+
+    Modules of its own are no other law's: they are Python's only meanwhile.
+    """
+    with _lock, contextlib.ExitStack() as as_before:
+        folder = str(unpack(source)) if source.files else os.curdir
+        as_before.enter_context(contextlib.chdir(folder))  # also where the code goes to another one
+        as_before.callback(sys.setrecursionlimit, sys.getrecursionlimit())
+        if source.files:
+            own = _modules.setdefault(source.hash, {})
+            tops = {name.partition("/")[0].removesuffix(".py") for name, _ in source.files if name.endswith(".py")}
+            hidden = {name: held for name, held in sys.modules.items() if name.partition(".")[0] in tops}
+            for name in hidden:
+                del sys.modules[name]
+            sys.modules.update(own)
+            sys.path.insert(0, folder)
+            importlib.invalidate_caches()
+            as_before.callback(_take_out, own, hidden, folder, tops)
+        yield
+
+
+def _take_out(own: dict[str, ModuleType], hidden: dict[str, ModuleType], folder: str, tops: set[str]) -> None:
+    sys.path.remove(folder)
+    for name in [name for name in sys.modules if name.partition(".")[0] in tops]:
+        own[name] = sys.modules.pop(name)
+    sys.modules.update(hidden)

@@ -1,0 +1,134 @@
+"""What a law consists of: what it declares is hashed and found wherever it flies, anything else is refused by name."""
+
+import ctypes
+
+import numpy as np
+import pytest
+
+from abhv_mc.control.columns import REFERENCE
+from abhv_mc.control.controller_file import read_controller
+from abhv_mc.flight.memory import Z_ROWS
+from abhv_mc.io.input_error import InputError
+from abhv_mc.plant import state as s
+from abhv_mc.user_code.closure import check_closure
+from abhv_mc.user_code.compiled import compile_law
+from abhv_mc.user_code.law_source import read_law_source
+
+HEAD = "from pathlib import Path\nimport numpy as np\nfrom abhv_mc.extend import Command, controller\n"
+LAW = """
+@controller
+def law(measured):
+    return Command(K * measured.bank, 0.0, 0.0, 0.5)
+"""
+
+
+@pytest.fixture
+def write(tmp_path, monkeypatch):
+    """The source of a law of this text beside some files, with the ``files`` that it declares."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    (tmp_path / "tables").mkdir()
+    (tmp_path / "gains.csv").write_text("2.0\n")
+    (tmp_path / "tables" / "more.csv").write_text("3.0\n")
+    (tmp_path / "helper.py").write_text("from constants import TWO\n\ndef twice(x):\n    return TWO * x\n")
+    (tmp_path / "constants.py").write_text("TWO = 2.0\n")
+
+    def write_law(text, files="[]"):
+        (tmp_path / "law.py").write_text(HEAD + text)
+        (tmp_path / "law.yaml").write_text(f"law: python\nfile: law.py\nfiles: {files}\n")
+        return read_law_source(read_controller(tmp_path / "law.yaml"))
+
+    return write_law
+
+
+def aileron(source, bank=0.25):
+    """The command of the compiled law in one lane."""
+    law = compile_law(source, (), 1)
+    Z, row = np.zeros((Z_ROWS, 1)), np.zeros(len(REFERENCE))
+    Z[s.M_BANK] = bank
+    kind = ctypes.CFUNCTYPE(None, *5 * [ctypes.c_void_p], ctypes.c_int64, ctypes.c_double)
+    kind(law.address)(None, Z.ctypes.data, *3 * [row.ctypes.data], 0, 0.01)
+    return Z[s.CMD_AILERON, 0]
+
+
+READS = "K = float(np.loadtxt('gains.csv')) + float(np.loadtxt(Path(__file__).parent / 'tables' / 'more.csv'))\n" + LAW
+
+
+def test_declared_files_are_read_as_they_were_hashed(write, tmp_path):
+    source = write(READS, "[gains.csv, tables/*.csv]")
+    check_closure(source)
+    (tmp_path / "gains.csv").write_text("99.0\n")  # edited meanwhile
+    assert aileron(source) == 5.0 * 0.25
+
+
+@pytest.mark.parametrize("name", ["gains.csv", "tables/more.csv", "law.py"])
+def test_one_changed_byte_is_another_law(write, tmp_path, name):
+    before = write(READS, "[gains.csv, tables/]")
+    assert write(READS, "[gains.csv, tables/]").hash == before.hash
+    text = (tmp_path / name).read_text()
+    (tmp_path / name).write_text(text.replace(text[-2], chr(ord(text[-2]) ^ 1)) if name != "law.py" else text + "#")
+    after = read_law_source(read_controller(tmp_path / "law.yaml"))
+    assert after.hash != before.hash
+    (tmp_path / name).write_text(text)
+    (tmp_path / "tables" / "more.csv").rename(tmp_path / "tables" / "other.csv")
+    assert read_law_source(read_controller(tmp_path / "law.yaml")).hash != before.hash, "names count"
+
+
+@pytest.mark.parametrize("imported", ["from helper import twice", "import helper"])
+def test_modules_of_its_own_compile_with_it_and_are_no_other_laws(write, tmp_path, imported):
+    use = "helper.twice" if imported == "import helper" else "twice"
+    text = f"{imported}\nK = 1.0\n" + LAW.replace("K * measured.bank", f"{use}(measured.bank)")
+    first = write(text, "[helper.py, constants.py]")
+    check_closure(first)
+    assert aileron(first) == 0.5
+    (tmp_path / "constants.py").write_text("TWO = -3.0\n")
+    assert aileron(write(text, "[helper.py, constants.py]")) == -0.75
+    assert aileron(first) == 0.5
+
+
+UNDECLARED = [
+    ("K = float(np.loadtxt('gains.csv'))\n", 4, "opens 'gains.csv'", "files: [gains.csv]"),
+    ("K = float((Path(__file__).parent / 'gains.csv').read_text())\n", 4, "opens 'gains.csv'", "files: [gains.csv]"),
+    (
+        "try:\n    K = float(open('gains.csv').read())\nexcept Exception:\n    K = 1.0\n",
+        5,
+        "opens 'gains.csv'",
+        "gains",
+    ),
+    ("import helper\nK = 1.0\n", 4, "imports 'helper'", "files: [helper.py]"),
+    ("import ctypes\nK = 1.0\nctypes.CDLL('./libmine.so')\n", 6, "loads 'libmine.so'", "files: [libmine.so]"),
+]
+
+
+@pytest.mark.parametrize(("text", "line", "found", "wanted"), UNDECLARED)
+def test_what_it_does_not_declare_is_refused_with_the_line(write, text, line, found, wanted):
+    source = write(text + LAW, "[tables/more.csv]")
+    with pytest.raises(InputError) as refused:
+        check_closure(source)
+    assert (refused.value.file, refused.value.line) == (source.file, line)
+    assert found in refused.value.found and wanted in refused.value.wanted
+
+
+def test_a_module_of_its_own_that_reads_is_named_with_its_line(write, tmp_path):
+    (tmp_path / "constants.py").write_text("TWO = 2.0\nopen('/nowhere/at/all.txt')\n")
+    source = write("from helper import twice\nK = twice(1.0)\n" + LAW, "[helper.py, constants.py]")
+    with pytest.raises(InputError, match=r"constants.py:2: .*opens '/nowhere/at/all.txt'"):
+        check_closure(source)
+
+
+def test_packages_and_what_it_wrote_itself_are_no_files_of_its_own(write):
+    text = "import json, tempfile, scipy.linalg\nwith tempfile.TemporaryDirectory() as place:\n"
+    text += "    file = Path(place) / 'x'\n    file.write_text('4.0')\n    K = float(file.read_text())\n"
+    check_closure(write(text + LAW))
+
+
+@pytest.mark.parametrize("entry", ["../law.yaml", "/etc/hosts", "nothing.csv", "leads_out"])
+def test_entries_that_name_no_file_beside_the_law_are_refused(write, tmp_path, entry):
+    (tmp_path / "leads_out").symlink_to("/etc/hosts")
+    with pytest.raises(InputError) as refused:
+        write(LAW, f"[gains.csv, {entry}]")
+    assert refused.value.line == 3 and entry in refused.value.found
+
+
+def test_a_file_that_ends_its_process_is_refused_in_words(write):
+    with pytest.raises(InputError, match="SIGSEGV"):
+        check_closure(write("import ctypes\nK = 1.0\nctypes.string_at(0)\n" + LAW))
