@@ -20,12 +20,8 @@ from abhv_mc.jit import compiler, scalar
 from abhv_mc.jit_pointer import Uncompilable, compile_pointer
 from abhv_mc.plant import state as s
 from abhv_mc.user_code.law_interface import Command, LastCommand, Measured, Onboard, Reference
-<<<<<<< HEAD
 from abhv_mc.user_code.scattered import Scattered
-from abhv_mc.user_code.source import Law, Module, OwnSource, load_law, refuse_in_words
-=======
 from abhv_mc.user_code.source import MODULE, Law, Module, OwnSource, load_law, refuse_in_words
->>>>>>> 636cd86 (A law is what it declares: files beside it are hashed, copied and sent with it, and nothing else is read)
 from abhv_mc.user_code.table import Table
 from abhv_mc.user_code.unpack import unpack
 
@@ -128,16 +124,12 @@ def _compile_names(given: dict[str, Any], folder: str, made: dict[int, dict[str,
             copy = types.FunctionType(value.__code__, names, name, value.__defaults__, value.__closure__)
             copy.__kwdefaults__ = value.__kwdefaults__
             names[name] = scalar(copy)
-<<<<<<< HEAD
-        elif issubclass(type(value), (Table, Scattered)):
-=======
         elif type(value) is types.FunctionType and _is_in(folder, value.__globals__):
             names[name] = _compile_names(value.__globals__, folder, made)[value.__name__]
         elif type(value) is types.ModuleType and _is_in(folder, value.__dict__):
             _compile_names(value.__dict__, folder, made)
             names[name] = sys.modules[made[id(value.__dict__)]["__name__"]]
-        elif issubclass(type(value), Table):
->>>>>>> 636cd86 (A law is what it declares: files beside it are hashed, copied and sent with it, and nothing else is read)
+        elif issubclass(type(value), (Table, Scattered)):
             names[name] = value.make_compiled()
         elif issubclass(type(value), type) and hasattr(value, "_fields") and (value is Command or name == "Memory"):
             names[name] = _make_maker(value, home.__name__)
