@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.report.figures.style import BLUE, INK, MARKERS, SKY, VERMILION, new_figure, styled, write_png
 from abhv_mc.report.numbers.metrics import words_of
-from abhv_mc.statistics.verdicts import clopper_pearson
+from abhv_mc.statistics.binomial import clopper_pearson
 
 _TOO_FAR = 2.58
 

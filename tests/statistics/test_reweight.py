@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
 
+from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import quantile
 from abhv_mc.statistics.reweight import (
     effective_size,
@@ -16,7 +17,6 @@ from abhv_mc.statistics.reweight import (
     weighted_quantile,
     weighted_share,
 )
-from abhv_mc.statistics.verdicts import clopper_pearson
 
 LEVELS = (0.5, 0.95, 0.9973)
 

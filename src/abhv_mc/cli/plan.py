@@ -38,36 +38,30 @@ def command(
 
 def _print(numbers: dict[str, Any]) -> None:
     from abhv_mc.cli.printing import new_table, print_table
-    from abhv_mc.report.numbers.words import percent, significant
+    from abhv_mc.report.numbers.words import percent
 
     share = 0.2
-    each = "chance of PASS *", "of a false one **"
-    heads = ("0 failures", "1", "2", "3", f"all {numbers['runs']} flights: PASS with at most", *each,
-             "stopping when proven: flights *", *each)  # fmt: skip
-    table = new_table(("requirement",), heads, f"{numbers['name']}: flights needed for PASS")
     place = min(range(len(numbers["rates_over_allowed"])), key=lambda k: abs(numbers["rates_over_allowed"][k] - share))
+
+    def both(chance: dict[str, Any]) -> str:
+        return f"{percent(chance['at_some_flight'][place], 2)} ({percent(chance['at_runs'][place], 2)})"
+
+    chances = [f"by {entry['runs']}: PASS *" for entry in numbers["together"]]
+    heads = ("0 failures", "1", "2", "3", *chances)
+    table = new_table(("requirement",), heads, f"{numbers['name']}: flights needed for PASS")
     for entry in numbers["requirements"]:
-        most, stops = entry["most_failures_at_runs"], entry["stop_when_proven"]
         table.add_row(
             f"{entry['words']} in {percent(entry['probability'])}",
             *map(str, entry["flights_for_failures"].values()),
-            "never" if most < 0 else f"{most} failures",
-            percent(entry["pass_chance"][place], 2),
-            percent(entry["false_pass"]),
-            significant(stops["expected_flights"][place], 3),
-            percent(stops["pass_chance"][place], 2),
-            percent(stops["false_pass"]),
+            *map(both, entry["pass_chance"]),
         )
     print_table(table)
-    say("*  where a fifth of the allowed failures is true    ** where just more than allowed is true: exact")
+    say("*  chance where a fifth of the allowed failures is true: at some flight (and at that number itself)")
     if len(numbers["requirements"]) > 1:
-        both = numbers["together"]["stop_when_proven" if numbers["stops_when_proven"] else "fixed"]
-        low, high = (percent(both[end][place], 2) for end in ("low", "high"))
-        say(f"All of them PASS with a chance between {low} and {high} at a fifth of the allowed failures each.")
-    if numbers["expected_false_passes"] < 1.0 or numbers["family_risk"]:
-        say(f"The chance of any false PASS is at most {percent(numbers['any_false_pass'], 2)}.")
-    else:
-        say(f"Were each just missed, up to {significant(numbers['expected_false_passes'], 2)} of the "
-            f"{numbers['verdicts']} verdicts would PASS on average.")  # fmt: skip
+        low, high = (percent(numbers["together"][0]["at_some_flight"][end][place], 2) for end in ("low", "high"))
+        say(f"All of them PASS at some flight up to {numbers['runs']} with a chance between {low} and {high} then.")
+    if numbers["family_risk"]:
+        say(f"The chance of any false PASS among all {numbers['verdicts']} verdicts is at most "
+            f"{percent(numbers['family_risk'], 2)}.")  # fmt: skip
     if not numbers["independent_flights"]:
         say("Its flights are not independent draws: it gets estimates and no verdict. These numbers are for random.")

@@ -6,8 +6,7 @@ import numpy as np
 
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.execution.blocks import Mask
-from abhv_mc.execution.flight_counts import FlightCounts, make_flight_counts, make_rules
-from abhv_mc.execution.stopping import find_goal
+from abhv_mc.execution.flight_counts import FlightCounts, judge_counts, make_flight_counts
 from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.envelope_states import Collector
 from abhv_mc.folder.flights import DamagedFileError, FlightRows, parse_block_name, read_block
@@ -16,7 +15,9 @@ from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.folder.table_check import check_table
 from abhv_mc.io.input_error import InputError
-from abhv_mc.statistics.judgement import own_risks
+from abhv_mc.statistics.evidence import flights_to_pass
+
+_FIRST_JUDGED = 64  # flights after which a campaign that stops when proven is judged for the first time
 
 
 class Completion:
@@ -45,31 +46,28 @@ class Completion:
         self.done[rows.controller][rows.first : rows.stop] = True
 
     def goal(self) -> int:
-        """Number of flights to have: all, or up to the look at which a campaign that stops when proven stops."""
-        if not self.campaign.looks:
-            return self.stop
-        counts = [(counts, count) for counts in self.all_counts.values() for count in counts.requirements]
-        risks = own_risks([count.requirement.consumer_risk for _, count in counts], make_rules(self.campaign, ()))
-        bound = [(*pair, risk) for pair, risk in zip(counts, risks, strict=True) if pair[1].binds]
-        missed = [count.missed | counts.uncomputed for counts, count, _ in bound]
-        demands = [(count.requirement.probability, risk) for _, count, risk in bound]
-        untried = np.logical_or.reduce(list(self.untried().values()))
-        return find_goal(self.campaign.looks, self.done, missed, demands, untried)
+        """Number of flights to have: all, or as many as a campaign that stops when proven needs for its verdicts.
 
-    def untried(self) -> dict[str, Mask]:
-        """Flights [flight] of each controller that were not computed, and not flown again by this run."""
-        return {name: counts.uncomputed & ~self.tried[name] for name, counts in self.all_counts.items()}
+        It is judged after numbers of flights that follow from its flights alone: not from workers or interruptions.
+        """
+        if self.campaign.model.stop is None:
+            return self.stop
+        there = int(min(np.argmin(np.append(mask, False)) for mask in self.done.values()))
+        goal = min(_FIRST_JUDGED, self.stop)
+        while goal <= there and goal < self.stop:
+            verdicts = [v for _, count, v in judge_counts(self.all_counts, self.campaign, goal) if count.binds]
+            left = [verdict for verdict in verdicts if verdict.status == "NOT SHOWN"]
+            if not left:
+                return max(goal, there)
+            next_pass = min(flights_to_pass(v.failures, v.probability, v.consumer_risk) for v in left)
+            goal = min(max(next_pass, goal + goal // 10), 2 * goal, self.stop)
+        return goal
 
     def to_retry(self) -> dict[str, list[int]]:
-        """Flights that have to be tried again: what earlier runs left, and all before a look settles anything."""
-        due = (
-            self.untried()
-            if self.campaign.looks
-            else {
-                name: counts.uncomputed & self.left[name] & ~self.tried[name]
-                for name, counts in self.all_counts.items()
-            }
-        )
+        """Flights that earlier runs could not compute, and that this one has not tried again."""
+        due = {
+            name: counts.uncomputed & self.left[name] & ~self.tried[name] for name, counts in self.all_counts.items()
+        }
         return {name: np.flatnonzero(mask).tolist() for name, mask in due.items() if name in self.asked}
 
     def whole(self) -> bool:

@@ -17,9 +17,10 @@ from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.flights import END_TIME, FlightRows
-from abhv_mc.statistics.judgement import Pair, Rules, judge_pairs
+from abhv_mc.statistics.judgement import Pair, judge_pairs
 from abhv_mc.statistics.requirement import measured_failures, requirement_failures
 from abhv_mc.statistics.verdict_words import verdict_words
+from abhv_mc.statistics.verdicts import Verdict
 
 _OK, _FAILED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
 Mask = NDArray[np.bool_]
@@ -131,59 +132,52 @@ def count_flights(all_counts: Mapping[str, FlightCounts], done: Mapping[str, Mas
     return entries, int(np.argmin(np.append(together, False)))
 
 
-def make_rules(campaign: CheckedCampaign, looks: tuple[int, ...]) -> Rules:
-    """What the campaign's verdicts rest on, after so many looks."""
-    family = campaign.model.family
-    independent = campaign.model.sampling.design == INDEPENDENT
-    return Rules(looks, campaign.looks, independent, family.risk if family else None)
+def judge_counts(
+    all_counts: Mapping[str, FlightCounts], campaign: CheckedCampaign, flights: int | None = None
+) -> list[tuple[FlightCounts, RequirementCount, Verdict]]:
+    """The verdict of every requirement on every controller, after all flights or the first so many.
 
-
-def judge_requirements(
-    all_counts: dict[str, FlightCounts],
-    campaign: CheckedCampaign,
-    flown: int,
-    looks: tuple[int, ...],
-    untried: dict[str, Mask],
-) -> list[dict[str, Any]]:
-    """Failure counts and verdicts of the requirements that bind, as the manifest holds them.
-
-    Verdicts are of the first ``flown`` flights, which have no gaps, with ``looks`` in the past; ``untried`` [flight]
-    of each controller were not computed and not tried again. All pairs of requirement and controller are one family.
+    All pairs of requirement and controller are one family.
     """
     counted = [(counts, count) for counts in all_counts.values() for count in counts.requirements]
-    pairs = [
-        Pair(
-            count.missed[:flown],
-            counts.uncomputed[:flown],
-            count.requirement.probability,
-            count.requirement.consumer_risk,
-            untried[counts.controller][:flown],
+    pairs = []
+    for counts, count in counted:
+        uncomputed = int(counts.uncomputed[:flights].sum())
+        number = count.flights + uncomputed if flights is None else flights
+        entry = count.requirement
+        pairs.append(
+            Pair(
+                int(count.missed[:flights].sum()),
+                number,
+                uncomputed,
+                entry.probability,
+                entry.consumer_risk,
+                entry.producer_risk,
+            )
         )
-        for counts, count in counted
+    family = campaign.model.family
+    independent = campaign.model.sampling.design == INDEPENDENT
+    verdicts = judge_pairs(pairs, independent, family.risk if family else None)
+    return [(*pair, verdict) for pair, verdict in zip(counted, verdicts, strict=True)]
+
+
+def judge_requirements(all_counts: Mapping[str, FlightCounts], campaign: CheckedCampaign) -> list[dict[str, Any]]:
+    """Failure counts and verdicts of the requirements that bind, as the manifest holds them."""
+    return [
+        {
+            "metric": count.requirement.metric,
+            "below" if count.requirement.below is not None else "above": count.limit,
+            "probability": count.requirement.probability,
+            "consumer_risk": count.requirement.consumer_risk,
+            "controller": counts.controller,
+            "flights": verdict.flights,
+            "failures": verdict.failures,
+            "failures_ended_early": count.failures_ended_early,
+            "failures_measured": count.failures_measured,
+            "failures_not_computed": verdict.uncomputed,
+            "verdict": verdict.status,
+            "words": verdict_words(verdict),
+        }
+        for counts, count, verdict in judge_counts(all_counts, campaign)
+        if count.binds
     ]
-    found = []
-    for (counts, count), verdict in zip(counted, judge_pairs(pairs, make_rules(campaign, looks)), strict=True):
-        if not count.binds:
-            continue
-        entry, uncomputed = count.requirement, int(counts.uncomputed.sum())
-        failures, flights = int(count.missed.sum()) + uncomputed, count.flights + uncomputed
-        found.append(
-            {
-                "metric": entry.metric,
-                "below" if entry.below is not None else "above": count.limit,
-                "probability": entry.probability,
-                "consumer_risk": entry.consumer_risk,
-                "controller": counts.controller,
-                "flights": flights,
-                "failures": failures,
-                "failures_ended_early": count.failures_ended_early,
-                "failures_measured": count.failures_measured,
-                "failures_not_computed": uncomputed,
-                "verdict": verdict.status,
-                "provisional": verdict.provisional,
-                "verdict_flights": verdict.runs,
-                "verdict_failures": verdict.failures,
-                "words": verdict_words(verdict, failures, flights),
-            }
-        )
-    return found

@@ -152,7 +152,7 @@ class _Run:
         return full_rows(self.samples.names, self.samples.rows(first, stop))
 
     def _fly(self) -> None:
-        """Fly what is missing, from look to look where the campaign stops when proven."""
+        """Fly what is missing, step by step where the campaign stops when proven."""
         self.cells = self._make_cells()
         for name, plan in self.plans.items():
 
@@ -295,15 +295,6 @@ class _Run:
             self.folder, replace(self.campaign, runs=self.completion.goal()), self.completion.all_counts, self.files
         )
 
-    def _look(self, state: str, gapless: int) -> None:
-        """Write down at how many flights everything planned was there: verdicts are given there, and only there."""
-        looks = list(self.manifest.get("looks") or [])
-        if self.campaign.looks:
-            looks = [look for look in self.campaign.looks if look <= gapless]
-        elif state == COMPLETE and not self.sharded and gapless not in looks:
-            looks.append(gapless)
-        self.manifest["looks"] = looks
-
     def _write_manifest(self, state: str) -> None:
         counted, gapless = count_flights(self.completion.all_counts, self.completion.done)
         self.manifest |= counted | {
@@ -314,15 +305,8 @@ class _Run:
         self.manifest["files"] = self.files.listed()
         if self.healed.value:
             self.manifest["healed"] = str(self.healed)
-        self._look(state, gapless)
-        looks = tuple(self.manifest["looks"])
-        if self.sharded:
-            self.manifest["requirements"] = []
-        else:
-            judged = judge_requirements(
-                self.completion.all_counts, self.campaign, gapless, looks, self.completion.untried()
-            )
-            self.manifest["requirements"] = judged
-        if self.campaign.looks:
+        judged = [] if self.sharded else judge_requirements(self.completion.all_counts, self.campaign)
+        self.manifest["requirements"] = judged
+        if self.campaign.model.stop:
             self.manifest["stopped_at"] = gapless if state == COMPLETE else None
         write_manifest(self.folder.manifest, self.manifest)

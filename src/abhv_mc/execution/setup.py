@@ -149,7 +149,7 @@ def _check_shard(request: Request, campaign: CheckedCampaign) -> None:
     if not 1 <= i <= n <= campaign.runs:
         found = f"shard {i}/{n} of {campaign.runs} flights"
         raise InputError("--shard", None, None, found, f"i/n with 1 <= i <= n <= {campaign.runs}")
-    if campaign.looks:
+    if campaign.model.stop:
         found = "shards of a campaign that stops when proven"
         raise InputError("--shard", None, None, found, "no 'stop': no shard sees the others' flights")
 

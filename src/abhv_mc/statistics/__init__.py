@@ -1,17 +1,15 @@
 """Statistics: arrays in, numbers out. Nothing here reads a file or knows a controller's name."""
 
-from abhv_mc.statistics.estimates import Interval, quantile, severity
-from abhv_mc.statistics.verdicts import (
-    Verdict,
+from abhv_mc.statistics.binomial import (
     clopper_pearson,
     consumer_risk,
-    judge,
     mcnemar_exact,
-    producer_risk,
     quantile_upper_rank,
     runs_needed,
     success_lower_bound,
 )
+from abhv_mc.statistics.estimates import Interval, quantile, severity
+from abhv_mc.statistics.verdicts import Verdict, judge
 
 __all__ = [
     "Interval",
@@ -20,7 +18,6 @@ __all__ = [
     "consumer_risk",
     "judge",
     "mcnemar_exact",
-    "producer_risk",
     "quantile",
     "quantile_upper_rank",
     "runs_needed",

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc
 
-from abhv_mc.statistics.verdicts import quantile_upper_rank
+from abhv_mc.statistics.binomial import quantile_upper_rank
 
 Floats = NDArray[np.float64]
 Sense = Literal["high", "low", "size"]  # what is bad: large values, small values, large absolute values

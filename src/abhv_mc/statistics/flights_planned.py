@@ -1,39 +1,23 @@
 """What a campaign can show before it flies: flights needed, and the chance of PASS against the true failure rate."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import betainc
+from scipy.stats import binom
 
 from abhv_mc.statistics.estimates import Floats
-from abhv_mc.statistics.sequential import SequentialPlan
-from abhv_mc.statistics.verdicts import runs_needed
+from abhv_mc.statistics.evidence import flights_to_fail, flights_to_pass, most_failures
 
 PLANNED_FAILURES = (0, 1, 2, 3)
-
-
-def flights_for_failures(probability: float, risk: float) -> dict[int, int]:
-    """Flights with which so many failures still PASS."""
-    return {failures: runs_needed(failures, probability, risk) for failures in PLANNED_FAILURES}
-
-
-def most_failures(runs: int, probability: float, risk: float) -> int:
-    """Failures with which `runs` flights still PASS; -1 where not even none do."""
-    low, high = -1, runs
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if runs_needed(middle, probability, risk) <= runs else (low, middle)
-    return low
-
-
-def can_show(runs: int, probability: float, risk: float) -> bool:
-    """Whether some outcome of `runs` flights is a PASS."""
-    return runs_needed(0, probability, risk) <= runs
+_NEGLIGIBLE = 1e-15  # probability of a count of failures that is followed no further
+_MOST_LOOKS = 400  # counts of failures at which a long campaign is followed: a bound from below, by less than 1 %
 
 
 def pass_chance(runs: int, probability: float, risk: float, rates: Floats) -> Floats:
-    """Chance of PASS after `runs` flights, for each true failure rate [rate]."""
+    """Chance that exactly `runs` flights PASS, for each true failure rate [rate]."""
     most = most_failures(runs, probability, risk)
     if most < 0:
         return np.zeros_like(rates)
@@ -42,23 +26,57 @@ def pass_chance(runs: int, probability: float, risk: float, rates: Floats) -> Fl
     return np.asarray(betainc(runs - most, most + 1.0, 1.0 - rates), dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class SequentialCurve:
-    """A plan that stops when proven, against the true failure rate [rate]."""
+def ever_chance(
+    runs: int, probability: float, risk: float, rates: Floats, status: Literal["PASS", "FAIL"] = "PASS"
+) -> Floats:
+    """Chance of the status at some flight up to `runs`, for each true failure rate [rate]: looked at after each."""
+    failures, flights = _boundary(runs, probability, risk, status)
+    return np.array([_reach(failures, flights, float(rate), status == "PASS") for rate in rates])
 
-    passed: Floats  # chance of PASS
-    failed: Floats  # chance of FAIL
-    flights: Floats  # expected
+
+def _boundary(runs: int, probability: float, risk: float, status: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Counts of failures, and the flights at which they settle: the first for a PASS, the last for a FAIL."""
+    passes = status == "PASS"
+    if passes:
+        failures = np.arange(most_failures(runs, probability, risk) + 1)
+    else:
+        most, limit = 2, runs
+        while flights_to_fail(most, probability, risk) < limit:
+            most *= 2
+        failures = np.arange(2, most + 1)
+    if failures.size > _MOST_LOOKS:
+        failures = np.unique(np.round(np.geomspace(1, failures[-1] + 1, _MOST_LOOKS)).astype(np.int64)) - 1
+    settle = flights_to_pass if passes else flights_to_fail
+    flights = np.array([settle(int(k), probability, risk) for k in failures], dtype=np.int64)
+    if passes:
+        return failures, flights
+    reached = np.minimum(flights, runs)
+    fewest = int(np.argmax(flights >= runs)) + 1  # more failures than that settle at no earlier flight
+    kept = (flights > 0) & (np.arange(failures.size) < fewest)
+    return failures[kept], reached[kept]
 
 
-def sequential_curve(plan: SequentialPlan, rates: Floats) -> SequentialCurve:
-    """Exact chances and expected flights of a sequential plan."""
-    found = [plan.crossing(1.0 - rate) for rate in rates.tolist()]
-    return SequentialCurve(
-        np.array([one.passed.sum() for one in found]),
-        np.array([one.failed.sum() for one in found]),
-        np.array([one.expected(plan.looks) for one in found]),
-    )
+def _reach(failures: NDArray[np.int64], flights: NDArray[np.int64], rate: float, low: bool) -> float:
+    """Chance that the failures up to any of `flights` are at most (`low`) or at least `failures` there.
+
+    The counts that have settled nothing are followed from one to the next (Jennison & Turnbull, "Group Sequential
+    Methods", 2000, chapter 12).
+    """
+    reached, first, inside, before = 0.0, 0, np.ones(1), 0
+    for count, flight in zip(failures.tolist(), flights.tolist(), strict=True):
+        if flight > before:
+            start, end = (int(binom.ppf(tail, flight - before, rate)) for tail in (1e-14, 1.0 - 1e-14))
+            more = binom.pmf(np.arange(max(start, 0), end + 1), flight - before, rate)
+            inside, first, before = np.convolve(inside, more), first + max(start, 0), flight
+        cut = int(np.clip(count + 1 - first if low else count - first, 0, inside.size))
+        settled, left = (inside[:cut], inside[cut:]) if low else (inside[cut:], inside[:cut])
+        reached += float(settled.sum())
+        first, inside = (first + cut if low else first), left
+        kept = np.flatnonzero(inside > _NEGLIGIBLE)
+        if not kept.size:
+            break
+        first, inside = first + int(kept[0]), inside[kept[0] : kept[-1] + 1]
+    return min(reached, 1.0)
 
 
 def together(chances: Sequence[Floats]) -> tuple[Floats, Floats]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.statistics.binomial import clopper_pearson, mcnemar_exact
 from abhv_mc.statistics.estimates import (
     LEVELS,
     Floats,
@@ -14,7 +15,6 @@ from abhv_mc.statistics.estimates import (
     quantile,
 )
 from abhv_mc.statistics.quantile_pairs import quantile_differences
-from abhv_mc.statistics.verdicts import clopper_pearson, mcnemar_exact
 
 Flags = NDArray[np.bool_]
 

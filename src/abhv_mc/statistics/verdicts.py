@@ -1,158 +1,119 @@
-"""What counted failures prove about a success probability: acceptance sampling with exact binomial probabilities.
-
-Sources: Hanson & Beard, "Applying Monte Carlo Simulation to Launch Vehicle Design and Requirements Verification",
-NASA/TP-2010-216447; Clopper & Pearson 1934; McNemar 1947 in its exact form. All of it needs independent flights.
-"""
+"""Whether a requirement is met: one rule, a function of the counts alone, whenever and however often one looks."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from math import exp, inf, log
 from typing import Literal
 
-from scipy.special import betainc, betaincinv
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import betainc
 
+from abhv_mc.statistics.evidence import flights_to_pass, log_fail_evidence, log_pass_evidence, most_failures
+
+Floats = NDArray[np.float64]
 Status = Literal["PASS", "FAIL", "NOT SHOWN", "ESTIMATE"]
 
-
-def _check(failures: int, runs: int, **probabilities: float) -> None:
-    if not 0 <= failures <= runs:
-        raise ValueError(f"failures must lie in 0..{runs}, found {failures}")
-    for name, value in probabilities.items():
-        if not 0.0 < value < 1.0:
-            raise ValueError(f"{name} must lie between 0 and 1, found {value}")
-
-
-def consumer_risk(failures: int, runs: int, probability: float) -> float:
-    """Chance of at most `failures` in `runs` flights when the success probability is only `probability`."""
-    _check(failures, runs, probability=probability)
-    return 1.0 if failures == runs else float(betainc(runs - failures, failures + 1, probability))
-
-
-def producer_risk(failures: int, runs: int, probability: float) -> float:
-    """Chance of at least `failures` in `runs` flights when the success probability is `probability` after all."""
-    _check(failures, runs, probability=probability)
-    return 1.0 if failures == 0 else float(betainc(failures, runs - failures + 1, 1.0 - probability))
-
-
-def success_lower_bound(failures: int, runs: int, consumer_risk: float) -> float:
-    """One-sided Clopper-Pearson lower bound on the success probability, wrong with probability `consumer_risk`."""
-    _check(failures, runs, consumer_risk=consumer_risk)
-    return 0.0 if failures == runs else float(betaincinv(runs - failures, failures + 1, consumer_risk))
-
-
-def _first(low: int, holds) -> int:  # type: ignore[no-untyped-def]
-    """Smallest integer >= low where `holds` is true; `holds` must be monotone."""
-    high = max(low, 1)
-    while not holds(high):
-        low, high = high + 1, 2 * high
-    while low < high:
-        middle = (low + high) // 2
-        low, high = (low, middle) if holds(middle) else (middle + 1, high)
-    return low
-
-
-@lru_cache(maxsize=4096)
-def runs_needed(failures: int, probability: float, consumer_risk: float) -> int:
-    """Fewest flights with which `failures` failures still prove `probability` at `consumer_risk`."""
-    _check(failures, failures, probability=probability, consumer_risk=consumer_risk)
-    return _first(
-        failures + 1, lambda runs: float(betainc(runs - failures, failures + 1, probability)) <= consumer_risk
-    )
-
-
-@lru_cache(maxsize=4096)
-def quantile_upper_rank(runs: int, probability: float, confidence: float) -> int | None:
-    """Rank (1-based, ascending) of the flight that bounds the `probability` quantile from above.
-
-    None where even the largest of `runs` values does not reach `confidence`.
-    """
-    _check(0, runs, probability=probability, confidence=confidence)
-    if runs == 0 or 1.0 - probability**runs < confidence:
-        return None
-    # P(at most rank - 1 values lie below the quantile), exactly.
-    return _first(
-        1, lambda rank: rank >= runs or float(betainc(runs - rank + 1, rank, 1.0 - probability)) >= confidence
-    )
-
-
-def mcnemar_exact(b: int, c: int) -> float:
-    """Two-sided exact p-value of McNemar's test; `b` and `c` count the pairs where only one of the two failed."""
-    if b < 0 or c < 0:
-        raise ValueError(f"counts cannot be negative, found {b} and {c}")
-    least, pairs = min(b, c), b + c
-    return 1.0 if 2 * least >= pairs else min(1.0, 2.0 * float(betainc(pairs - least, least + 1, 0.5)))
-
-
-def clopper_pearson(failures: int, runs: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Two-sided exact interval on the failure probability."""
-    _check(failures, runs, confidence=confidence)
-    tail = (1.0 - confidence) / 2.0
-    if runs == 0:
-        return 0.0, 1.0
-    low = 0.0 if failures == 0 else float(betaincinv(failures, runs - failures + 1, tail))
-    high = 1.0 if failures == runs else float(betaincinv(failures + 1, runs - failures, 1.0 - tail))
-    return low, high
-
-
-def posterior_met(failures: int, runs: int, probability: float) -> float:
-    """Probability that the success probability is at least `probability`, from Jeffreys' prior Beta(1/2, 1/2)."""
-    _check(failures, runs, probability=probability)
-    return float(betainc(failures + 0.5, runs - failures + 0.5, 1.0 - probability))
+_WORTH_TRYING = 0.25  # chance of PASS at today's rate with which an extension is advised
+_MOST_ADVISED = 10_000_000  # flights
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What `failures` in `runs` flights say about one requirement on one controller."""
+    """What `failures` in `flights` say about one requirement on one controller."""
 
     status: Status
     failures: int  # of all kinds, flights that were not computed among them
-    runs: int
+    flights: int
     probability: float  # the required success probability
-    risk: float  # the consumer's (and producer's) risk that the requirement allows
-    lower_bound: float | None  # on the success probability, at `risk`
-    consumer_risk: float | None  # chance of so few failures of a system that just misses the requirement
-    producer_risk: float | None  # chance of so many failures of a system that just meets it
-    flights_needed: int | None  # flights of a new campaign that passes with as many failures; 0 when passed, None: FAIL
-    uncomputed: int = 0  # flights that the machine could not compute, counted as failures
-    provisional: bool = False  # whether the status would be another one without those
-    met: float | None = None  # posterior probability that the requirement is met
+    consumer_risk: float  # of a PASS of a system that just misses the requirement
+    producer_risk: float  # of a FAIL of a system that just meets it
+    E_pass: float  # evidence that it is met: PASS from 1 / consumer_risk on
+    E_fail: float  # evidence that it is missed: FAIL from 1 / producer_risk on; 0 with fewer than two failures
+    uncomputed: int = 0  # flights that the machine could not compute: failures for a PASS, successes for a FAIL
     note: str = ""  # why the status is what it is, where the counts do not say it
+
+    @property
+    def p_value(self) -> float:
+        """Of the hypothesis that the requirement is missed, valid at any number of flights."""
+        return min(1.0, 1.0 / self.E_pass) if self.E_pass > 0.0 else 1.0
 
 
 def judge(
-    failures: int, runs: int, probability: float, risk: float = 0.1, independent: bool = True, uncomputed: int = 0
+    failures: int,
+    flights: int,
+    probability: float,
+    consumer_risk: float = 0.1,
+    producer_risk: float | None = None,
+    uncomputed: int = 0,
 ) -> Verdict:
-    """PASS when the success probability is proven at the consumer's `risk`, FAIL when its lack is proven at the same.
+    """PASS, FAIL or NOT SHOWN after `failures` in `flights` independent flights.
 
-    Anything between is NOT SHOWN. `uncomputed` of the `runs` flights are not among `failures` and count as such:
-    nothing shows that they held. Flights that are not `independent` (stratified or low-discrepancy designs) get an
-    ESTIMATE, because the binomial law does not hold for their failures.
+    A system that just misses the required success `probability` ever gets a PASS with a chance of at most
+    `consumer_risk`, and one that just meets it a FAIL with at most `producer_risk` (default: the consumer's).
+    `uncomputed` of the flights are not among the failures: a PASS has to hold counting them as failures, a FAIL as
+    successes. Raises ValueError for counts and probabilities that cannot be.
     """
-    if uncomputed < 0:
-        raise ValueError(f"uncomputed flights cannot be negative, found {uncomputed}")
+    producer_risk = consumer_risk if producer_risk is None else producer_risk
+    if uncomputed < 0 or failures < 0 or failures + uncomputed > flights:
+        raise ValueError(f"failures must lie in 0..{flights}, found {failures} and {uncomputed} not computed")
+    risks = {"probability": probability, "consumer_risk": consumer_risk, "producer_risk": producer_risk}
+    for name, value in risks.items():
+        if not 0.0 < value < 1.0:
+            raise ValueError(f"{name} must lie between 0 and 1, found {value}")
     counted = failures + uncomputed
-    _check(counted, runs, probability=probability, risk=risk)
-    if not independent:
-        return Verdict("ESTIMATE", counted, runs, probability, risk, None, None, None, None, uncomputed)
-    status = _status(counted, runs, probability, risk)
-    # Without them: had they all held, or had they not been flown.
-    others = {_status(failures, runs, probability, risk), _status(failures, runs - uncomputed, probability, risk)}
+    met = log_pass_evidence(counted, flights, probability)
+    missed = log_fail_evidence(failures, flights, probability)
+    status: Status = "PASS" if met >= -log(consumer_risk) else "FAIL" if missed >= -log(producer_risk) else "NOT SHOWN"
     return Verdict(
-        status,
-        counted,
-        runs,
-        probability,
-        risk,
-        success_lower_bound(counted, runs, risk),
-        consumer_risk(counted, runs, probability),
-        producer_risk(counted, runs, probability),
-        {"PASS": 0, "FAIL": None}.get(status, runs_needed(counted, probability, risk)),
-        uncomputed,
-        others != {status},
-        posterior_met(counted, runs, probability),
+        status, counted, flights, probability, consumer_risk, producer_risk, _exp(met), _exp(missed), uncomputed
     )
 
 
-def _status(failures: int, runs: int, probability: float, risk: float) -> Status:
-    if consumer_risk(failures, runs, probability) <= risk:
-        return "PASS"
-    return "FAIL" if producer_risk(failures, runs, probability) <= risk else "NOT SHOWN"
+def _exp(logarithm: float) -> float:
+    return inf if logarithm > 700.0 else exp(logarithm)
+
+
+@dataclass(frozen=True)
+class Extension:
+    """A number of flights with which a campaign may PASS."""
+
+    flights: int  # in all
+    failures: int  # most of the added flights that may fail
+    chance: float  # at the failure rate seen so far
+
+
+def advise(verdict: Verdict) -> Extension | None:
+    """The shortest extension that passes with a fair chance at today's failure rate, or else if no added flight fails.
+
+    None where the failure rate exceeds what is allowed, so that more flights would rather show that.
+    """
+    rate = verdict.failures / verdict.flights if verdict.flights else 0.0
+    if verdict.status == "PASS" or rate >= 1.0 - verdict.probability:
+        return None
+    first = None
+    more = 0
+    while True:
+        flights = flights_to_pass(verdict.failures + more, verdict.probability, verdict.consumer_risk)
+        added = flights - verdict.flights
+        if added > 0:
+            chance = 1.0 if rate == 0.0 else float(betainc(added - more, more + 1, 1.0 - rate)) if added > more else 1.0
+            found = Extension(flights, more, chance)
+            first = first or found
+            if chance >= _WORTH_TRYING:
+                return found
+        if flights > _MOST_ADVISED:
+            return first
+        more += max(1, more // 4)
+
+
+def tolerance_limit(worse: Floats, uncomputed: int, probability: float, consumer_risk: float) -> float | None:
+    """The severity [flight], larger being worse, that a share `probability` of all flights stays below: the (k + 1)-th
+    worst, k being the most failures with which so many flights PASS. None where not even none do.
+
+    Right with a confidence of 1 - `consumer_risk` at any number of flights; a requirement has a PASS where it lies
+    below the limit. A lost flight is +infinity, as are those that were not computed.
+    """
+    rank = most_failures(worse.size + uncomputed, probability, consumer_risk) - uncomputed
+    if rank + uncomputed < 0:
+        return None
+    return inf if rank < 0 else float(-np.partition(-worse, rank)[rank])

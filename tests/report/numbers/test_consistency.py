@@ -115,7 +115,6 @@ def test_another_input(folder):
         {"digests": {}},
         {"controllers": {}},
         {"requirements": []},
-        {"looks": [30]},
     ],
 )
 def test_another_entry_of_the_manifest(folder, entries):

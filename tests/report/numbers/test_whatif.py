@@ -18,7 +18,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.numbers.whatif import make_whatif
-from abhv_mc.statistics.verdicts import clopper_pearson
+from abhv_mc.statistics.binomial import clopper_pearson
 
 RUNS = "1500"
 REQUIREMENT = "[{metric: altitude_error_max_m, below: 1.85, probability: 0.9}]"
@@ -54,7 +54,7 @@ def agree(found, fresh, metrics=("altitude_error_max_m", "speed_error_max_mps", 
                 assert after["low"] <= there[level]["high"] and there[level]["low"] <= after["high"], (metric, level)
             assert after != part["metrics"][metric]["q95"]["before"]
         share, verdict = part["requirements"][0]["failure_share"], numbers["requirements"][0]["controllers"][name]
-        low, high = clopper_pearson(verdict["failures"], verdict["runs"])
+        low, high = clopper_pearson(verdict["failures"], verdict["flights"])
         assert share["after"]["low"] <= high and low <= share["after"]["high"]
 
 

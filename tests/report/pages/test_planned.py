@@ -22,25 +22,22 @@ def plan(folder, **entries):
 def test_flights_for_failures_and_chances(tmp_path):
     numbers = plan(tmp_path)
     first, second = numbers["requirements"]
-    assert first["flights_for_failures"] == {"0": 852, "1": 1440, "2": 1970, "3": 2473}
-    assert (first["most_failures_at_runs"], second["most_failures_at_runs"]) == (0, 5)
-    at_limit = numbers["rates_over_allowed"].index(1.0)
-    assert 0.2 in numbers["rates_over_allowed"] and len(numbers["rates_over_allowed"]) == 41
+    assert first["flights_for_failures"] == {"0": 981, "1": 2235, "2": 3086, "3": 3831}
+    assert (first["most_failures_at_runs"], second["most_failures_at_runs"]) == (0, 2)
+    at_limit, fifth = (numbers["rates_over_allowed"].index(rate) for rate in (1.0, 0.2))
     for entry in (first, second):
-        assert entry["pass_chance"][0] == 1.0 and entry["pass_chance"][at_limit] < 0.12
-        # Exact: that of a fixed campaign by the binomial law, that of looks by their plan.
-        most = entry["most_failures_at_runs"]
-        assert entry["false_pass"] == pytest.approx(binom.cdf(most, 1000, 1.0 - entry["probability"]))
-        assert 0.05 < entry["false_pass"] <= 0.1 and 0.05 < entry["stop_when_proven"]["false_pass"] <= 0.1
-        assert len(entry["stop_when_proven"]["expected_flights"]) == 41
-    low, high = (numbers["together"]["fixed"][end][10] for end in ("low", "high"))
-    assert 0.0 <= low <= high <= min(first["pass_chance"][10], second["pass_chance"][10]) + 1e-12
-    assert numbers["any_false_pass"] == pytest.approx(0.4)  # two requirements on two controllers
+        assert [chance["runs"] for chance in entry["pass_chance"]] == [1000, 2000, 4000]
+        for chance in entry["pass_chance"]:
+            assert chance["at_some_flight"][0] == 1.0 and chance["at_some_flight"][at_limit] <= 0.1
+            assert all(ever >= at - 1e-12 for ever, at in zip(chance["at_some_flight"], chance["at_runs"], strict=True))
+    assert first["pass_chance"][0]["at_runs"][fifth] == pytest.approx(binom.cdf(0, 1000, 0.2 * 0.0027))
+    low, high = (numbers["together"][0]["at_runs"][end][10] for end in ("low", "high"))
+    assert 0.0 <= low <= high <= first["pass_chance"][0]["at_runs"][10] + 1e-12
 
 
 def test_a_family_needs_more_flights(tmp_path):
     numbers = plan(tmp_path, family="{risk: 0.1}")
-    assert numbers["requirements"][0]["flights_for_failures"]["0"] > 852 and numbers["any_false_pass"] == 0.1
+    assert numbers["requirements"][0]["flights_for_failures"]["0"] > 981 and numbers["family_risk"] == 0.1
 
 
 def test_the_command_writes_numbers_and_a_figure(tmp_path, monkeypatch, capsys):
@@ -50,7 +47,7 @@ def test_the_command_writes_numbers_and_a_figure(tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit) as ended:
         main()
     found = capsys.readouterr()
-    assert not ended.value.code and "852" in found.out and "no outcome of 400 flights" in found.err
-    assert "of a false one **" in found.out and "stopping when proven" in found.out
+    assert not ended.value.code and "981" in found.out and "no outcome of 400 flights" in found.err
+    assert "at some flight (and at that number itself)" in found.out
     assert json.loads((tmp_path / "p.json").read_text())["requirements"][0]["most_failures_at_runs"] == -1
     assert (tmp_path / "out/plan.png").read_bytes()[:4] == b"\x89PNG"

@@ -14,7 +14,6 @@ from abhv_mc.campaign.file.requirements import (
     check_margins,
     check_requirements,
     check_stop,
-    find_looks,
     select_requirements,
 )
 from abhv_mc.campaign.file.user_metrics import (
@@ -55,7 +54,6 @@ class CheckedCampaign:
     limits: tuple[float, ...]  # of the requirements, in their metrics' units
     declared: tuple[Metric, ...] = ()  # metrics that it declares
     own_sources: tuple[tuple[str, str], ...] = ()  # name and unit of the channels of its own file
-    looks: tuple[int, ...] = ()  # flights after which a campaign that stops when proven is looked at; the last is runs
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -133,12 +131,11 @@ def check_campaign(document: Document) -> CheckedCampaign:
         if isinstance(item, int) and item >= number:
             where = ("keep", "histories", "flights")
             errors.append(document.error(where, f"flight {item}", f"flights from 0 to {number - 1}"))
-    check_stop(document, model, number, errors)
+    check_stop(document, model, errors)
     check_margins(document, model, number, errors)
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
-    looks = find_looks(model, number)
-    return CheckedCampaign(document, model, number, marginals, copula, sample_file, limits, declared, own, looks)
+    return CheckedCampaign(document, model, number, marginals, copula, sample_file, limits, declared, own)
 
 
 def name_effectors(document: Document) -> Document:

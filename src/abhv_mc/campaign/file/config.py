@@ -1,6 +1,5 @@
 """The campaign file as a model: keys, types and what can be checked within one entry."""
 
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -100,7 +99,10 @@ class Requirement(StrictModel):
         description="share of flights that must meet it, such as 99.73 %"
     )
     consumer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
-        0.10, description="largest chance that a system which just misses the requirement passes"
+        0.10, description="largest chance that a system which just misses the requirement ever passes"
+    )
+    producer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] | None = Field(
+        None, description="largest chance that a system which just meets it ever fails; left out: the consumer's"
     )
     controllers: tuple[str, ...] | None = Field(
         None, description="controllers that have to meet it; left out: the campaign's first"
@@ -156,35 +158,10 @@ class MarginsOfFlights(StrictModel):
         return runs if self.flights is None else min(self.flights, runs)
 
 
-class Stop(StrictModel):
-    """When to stop before ``runs`` flights; in the file, ``when proven`` will do."""
-
-    when: Literal["proven"] = Field(description="once every requirement has passed or failed")
-    looks: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1)] | None = Field(
-        None, description="numbers of flights after which the verdicts are looked at, ascending; left out: chosen"
-    )
-
-    @model_validator(mode="after")
-    def _ascending(self) -> "Stop":
-        looks = self.looks or ()
-        for i, (before, look) in enumerate(pairwise(looks)):
-            if look <= before:
-                raise Refusal(f"{look} after {before}", "numbers of flights that ascend", ("looks", i + 1))
-        return self
-
-
-def _stop(value: Any) -> Any:
-    if isinstance(value, str):
-        if value != "when proven":
-            raise Refusal(describe(value), "'when proven', or nothing")
-        return {"when": "proven"}
-    return value
-
-
 class Family(StrictModel):
     """All pairs of requirement and controller together: the chance of any false PASS among them."""
 
-    method: Literal["holm"] = Field("holm", description="Holm's; Bonferroni's where the campaign stops when proven")
+    method: Literal["holm"] = Field("holm", description="Holm's")
     risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(0.10, description="largest chance of any false PASS")
 
 
@@ -237,9 +214,9 @@ class Campaign(StrictModel):
     margins: MarginsOfFlights | None = Field(
         None, description="stability margins of dispersed flights, as metrics; left out: nominal and corners only"
     )
-    stop: Annotated[
-        Stop | None, BeforeValidator(_stop, json_schema_input_type=Literal["when proven"] | Stop | None)
-    ] = Field(None, description="'when proven' ends the campaign once every requirement has a verdict")
+    stop: Literal["when proven"] | None = Field(
+        None, description="'when proven' ends the campaign once every requirement has passed or failed"
+    )
     tune: Tune | None = Field(
         None, description="what `abhv-mc tune` varies and wants; no flight of the campaign depends on it"
     )

@@ -10,7 +10,6 @@ from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.io.documents import Document, InputError, Refusal, one_of
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
-from abhv_mc.statistics.sequential import choose_common_looks
 
 _MARGIN_METRICS = tuple(signal.name for signal in MARGINS)
 
@@ -66,8 +65,8 @@ def _limit(entry: Requirement, unit: str) -> float:
     return parse_quantity(value or "", dimension_of(unit), bare_unit=unit) / parse_unit(unit)[0]
 
 
-def check_stop(document: Document, model: Campaign, runs: int, errors: list[InputError]) -> None:
-    """Stopping early needs requirements to prove, independent flights, and a last look at all of them."""
+def check_stop(document: Document, model: Campaign, errors: list[InputError]) -> None:
+    """Stopping early needs requirements to prove, and independent flights."""
     if model.stop is None:
         return
     if not model.requirements:
@@ -75,9 +74,6 @@ def check_stop(document: Document, model: Campaign, runs: int, errors: list[Inpu
     if model.sampling.design != INDEPENDENT:
         found = f"'stop' with the design '{model.sampling.design}', whose flights are not independent"
         errors.append(document.key_error(("stop",), found, f"sampling: {INDEPENDENT}, or no 'stop'"))
-    if model.stop.looks is not None and model.stop.looks[-1] != runs:
-        found = f"a last look after {model.stop.looks[-1]} flights"
-        errors.append(document.error(("stop", "looks"), found, f"{runs}, the most flights there may be ('runs')"))
 
 
 def check_margins(document: Document, model: Campaign, runs: int, errors: list[InputError]) -> None:
@@ -99,19 +95,3 @@ def check_margins(document: Document, model: Campaign, runs: int, errors: list[I
         if time != "trim" and not 0.0 <= time <= duration:
             where = ("margins", "at", i)
             errors.append(document.error(where, f"{time:g} s", f"trim, or a time of the mission, 0 to {duration:g} s"))
-
-
-def find_looks(model: Campaign, runs: int) -> tuple[int, ...]:
-    """The looks that the campaign names, or else those that suit all its requirements; () without stop."""
-    if model.stop is None or not model.requirements:
-        return ()
-    if model.stop.looks is not None:
-        return model.stop.looks
-    risks = [entry.consumer_risk for entry in model.requirements]
-    if model.family is not None:
-        # Every requirement is judged on every controller, and each such pair has its share of the family's risk.
-        pairs = len(risks) * len(model.controllers)
-        risks = [min(risk, model.family.risk / pairs) for risk in risks]
-    return choose_common_looks(
-        [(entry.probability, risk) for entry, risk in zip(model.requirements, risks, strict=True)], runs
-    )

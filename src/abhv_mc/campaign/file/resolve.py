@@ -66,8 +66,6 @@ def resolve_campaign(campaign: CheckedCampaign) -> ResolvedCampaign:
         data["metrics"] = read_document(model.metrics).data
     data["runs"] = campaign.runs
     data["seed"] = model.seed
-    if campaign.looks:
-        data["stop"] = {"when": "proven", "looks": list(campaign.looks)}
     if model.sampling.path:
         place = _take(model.sampling.path, "inputs/samples", copies)
         data["sampling"] = {**data["sampling"], "path": place}

@@ -142,24 +142,11 @@ def _count(block: FlightRows, flown: _Flown) -> None:
 
 
 def _verdicts(campaign: CheckedCampaign, manifest: Mapping[str, Any], flown: _Flown, gapless: int) -> Iterator[str]:
-    """Looks and verdicts are those of the flights, of which ``gapless`` have no gap."""
-    complete = manifest.get("state") == COMPLETE
-    looks = tuple(manifest.get("looks") or ())
-    rising = [look for look in sorted(set(looks)) if look <= gapless]
-    possible = [look for look in campaign.looks if look <= gapless] if campaign.looks else rising
-    if list(looks) != possible or (complete and gapless not in looks):
-        yield f"manifest.looks: {list(looks)} in the manifest, which flights without a gap up to {gapless} do not give"
-        return
-    if complete and gapless < campaign.runs and not campaign.looks:
+    """Verdicts are those of the flights, of which ``gapless`` have no gap."""
+    if manifest.get("state") == COMPLETE and gapless < campaign.runs and not campaign.model.stop:
         yield f"manifest.state: complete, but flight {gapless} is missing"
-    left = {name: counts.uncomputed for name, counts in flown.all_counts.items()}  # tried again in the last run, or not
-    tried = {name: np.zeros_like(mask) for name, mask in left.items()}
-    judged = [
-        json.loads(json.dumps(judge_requirements(flown.all_counts, campaign, gapless, looks, untried)))
-        for untried in (tried, left)
-    ]
-    if manifest.get("requirements") not in judged:
-        yield from differences(manifest.get("requirements"), judged[0], "manifest.requirements", "the manifest")
+    judged = json.loads(json.dumps(judge_requirements(flown.all_counts, campaign)))
+    yield from differences(manifest.get("requirements"), judged, "manifest.requirements", "the manifest")
 
 
 # --- histories and envelopes: what of them a metric of the flight or a count says again

@@ -21,8 +21,9 @@ from abhv_mc.report.numbers.metrics import controller_label
 from abhv_mc.report.numbers.plain import plain
 from abhv_mc.report.numbers.results import Results, read_histories
 from abhv_mc.report.numbers.words import count_of, percent
+from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
-from abhv_mc.statistics.verdicts import clopper_pearson, judge
+from abhv_mc.statistics.judgement import Pair, judge_pairs
 from abhv_mc.vehicle.arrays import Floats
 
 _MOST_CASES = 8  # in figures, the most frequent
@@ -95,7 +96,8 @@ def failure_case_numbers(results: Results) -> dict[str, Any]:
             for item in campaign.requirements:
                 if name in item.controllers:
                     missed = int(np.sum(requirement_failures(flights, item) & inside))
-                    verdict = judge(missed, number, item.probability, item.consumer_risk, campaign.independent)
+                    pair = Pair(missed, number, 0, item.probability, item.consumer_risk, item.producer_risk)
+                    verdict = judge_pairs([pair], campaign.independent)[0]
                     cell["requirements"][requirement_words(item)] = {"missed": missed, "status": verdict.status}
             entry["controllers"][name] = cell
         rows.append(entry)

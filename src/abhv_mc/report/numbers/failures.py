@@ -8,7 +8,7 @@ from abhv_mc.report.numbers.metrics import words_of
 from abhv_mc.report.numbers.results import Requirement, Results
 from abhv_mc.statistics.judgement import Pair, judge_pairs
 from abhv_mc.statistics.requirement import requirement_failures as failures
-from abhv_mc.statistics.verdicts import Verdict
+from abhv_mc.statistics.verdicts import Verdict, tolerance_limit
 
 EARLY = "ended early"
 
@@ -33,21 +33,37 @@ def failed_anyhow(flights: ControllerFlights, requirements: tuple[Requirement, .
 def judge_all(results: Results) -> list[dict[str, Verdict]]:
     """Verdicts of each requirement by controller, as the manifest has them: all pairs are one family."""
     names, items = results.controllers, results.campaign.requirements
-    pairs = [_pair(results, results.flights[name], item) for name in names for item in items]
-    verdicts = iter(judge_pairs(pairs, results.rules))
+    pairs = [_pair(results.flights[name], item) for name in names for item in items]
+    verdicts = iter(judge_pairs(pairs, results.campaign.independent, results.campaign.family_risk))
     table = {name: [next(verdicts) for _ in items] for name in names}
     return [{name: table[name][i] for name in names} for i in range(len(items))]
 
 
-def _pair(results: Results, flights: ControllerFlights, requirement: Requirement) -> Pair:
-    """One requirement on one controller, in flight order up to the first flight that is missing."""
-    numbers = np.concatenate([flights.flight, flights.absent])
-    order = np.argsort(numbers, kind="stable")
-    missed = np.concatenate([requirement_failures(flights, requirement), np.zeros(flights.absent.size, np.bool_)])
-    uncomputed = np.arange(numbers.size) >= flights.flight.size
-    gapless = int(np.sum(numbers[order] == np.arange(numbers.size)))
-    kept = order[:gapless] if results.rules.looks or results.campaign.looks else order
-    return Pair(missed[kept], uncomputed[kept], requirement.probability, requirement.consumer_risk)
+def _pair(flights: ControllerFlights, requirement: Requirement) -> Pair:
+    """The counts of one requirement on one controller."""
+    return Pair(
+        int(requirement_failures(flights, requirement).sum()),
+        int(flights.flight.size) + flights.not_computed,
+        flights.not_computed,
+        requirement.probability,
+        requirement.consumer_risk,
+        requirement.producer_risk,
+    )
+
+
+def find_tolerance(flights: ControllerFlights, requirement: Requirement) -> dict[str, float | bool | None]:
+    """What the required share of flights stays within, by the rule of the verdict, and the room to the limit.
+
+    Both are None where the flights are too few, or too many were lost (`beyond_lost`); `room` is a share of the limit.
+    """
+    sign = 1.0 if requirement.below else -1.0
+    worse = sign * flights.metrics[requirement.metric]
+    worse[np.isnan(worse) | (flights.failed & requirement.early_is_failure)] = np.inf
+    found = tolerance_limit(worse, flights.not_computed, requirement.probability, requirement.consumer_risk)
+    if found is None or not np.isfinite(found):
+        return {"tolerance_limit": None, "room": None, "beyond_lost": found is not None}
+    room = (sign * requirement.limit - found) / abs(requirement.limit) if requirement.limit else None
+    return {"tolerance_limit": sign * found, "room": room, "beyond_lost": False}
 
 
 def requirement_words(requirement: Requirement) -> str:

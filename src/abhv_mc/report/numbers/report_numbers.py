@@ -11,7 +11,7 @@ import numpy as np
 from abhv_mc.report.numbers.convergence import convergence_numbers
 from abhv_mc.report.numbers.drivers import driver_numbers
 from abhv_mc.report.numbers.failure_cases import failure_case_numbers
-from abhv_mc.report.numbers.failures import judge_all, requirement_failures, requirement_words
+from abhv_mc.report.numbers.failures import find_tolerance, judge_all, requirement_failures, requirement_words
 from abhv_mc.report.numbers.findings import finding_numbers, left_out
 from abhv_mc.report.numbers.metrics import full_labels, words_of
 from abhv_mc.report.numbers.paired import paired_numbers
@@ -20,10 +20,11 @@ from abhv_mc.report.numbers.results import Requirement, Results
 from abhv_mc.report.numbers.sobol import sobol_numbers
 from abhv_mc.report.numbers.stability import stability_numbers
 from abhv_mc.report.numbers.worst import worst_numbers
+from abhv_mc.statistics.binomial import clopper_pearson, success_lower_bound
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
-from abhv_mc.statistics.judgement import any_false_pass, count_standing, own_risks
-from abhv_mc.statistics.verdict_words import verdict_words
-from abhv_mc.statistics.verdicts import Verdict, clopper_pearson
+from abhv_mc.statistics.family import hold_family
+from abhv_mc.statistics.verdict_words import advice_words, verdict_words
+from abhv_mc.statistics.verdicts import Verdict
 
 FORMAT = 1
 FAMILY_RISK = 0.10  # at which the report asks which PASSes would stand together
@@ -59,29 +60,35 @@ def _requirements(results: Results, judged: list[dict[str, Verdict]]) -> list[di
 
 def _verdict(results: Results, item: Requirement, name: str, verdict: Verdict) -> dict[str, Any]:
     flights = results.flights[name]
-    failures = int(requirement_failures(flights, item).sum()) + flights.not_computed
-    flown = int(flights.flight.size) + flights.not_computed
+    given = results.campaign.independent
     return {
         **plain(verdict),
-        "campaign_failures": failures,
-        "campaign_flights": flown,
-        "ended_early": int(flights.failed.sum()),
-        "words": verdict_words(verdict, failures, flown),
+        "ended_early": int((requirement_failures(flights, item) & flights.failed).sum()),
+        "advice": advice_words(verdict) if verdict.status == "NOT SHOWN" else "",
+        **(plain(find_tolerance(flights, item)) if given else {}),
+        # For one look at a number of flights that was fixed before.
+        "one_look_bound": success_lower_bound(verdict.failures, verdict.flights, item.consumer_risk) if given else None,
+        "words": verdict_words(verdict),
     }
 
 
-def _together(results: Results, judged: list[dict[str, Verdict]]) -> dict[str, Any]:
-    """All verdicts as a family: the bound on the chance of any false PASS, how many false PASSes are expected at most,
-    and how many PASSes would stand if that chance were held; None where no verdict is given."""
-    risks = [item.consumer_risk for item in results.campaign.requirements for _ in results.controllers]
-    if not risks or not results.campaign.independent:
-        return dict.fromkeys(("any_false_pass", "expected_false_passes", "held_together"))
+def _together(results: Results, judged: list[dict[str, Verdict]]) -> dict[str, Any] | None:
+    """All verdicts as a family: how many PASS, and would stand at one risk for all; None where no verdict is given."""
     verdicts = [verdict for row in judged for verdict in row.values()]
-    stand = None if results.rules.plan_looks else count_standing(verdicts, FAMILY_RISK)
+    if not verdicts or not results.campaign.independent:
+        return None
+    risk = results.campaign.family_risk or FAMILY_RISK
+    held = hold_family(verdicts, risk)
+    names = [(i, name) for i, row in enumerate(judged) for name in row]
     return {
-        "any_false_pass": any_false_pass(risks, results.rules),
-        "expected_false_passes": float(sum(own_risks(risks, results.rules))),
-        "held_together": {"risk": FAMILY_RISK, "stand": stand},
+        "risk": risk,
+        "verdicts": len(verdicts),
+        "stand": sum(verdict.status == "PASS" for verdict in held),
+        "dropped": [
+            [i, name]
+            for (i, name), alone, verdict in zip(names, verdicts, held, strict=True)
+            if alone.status == "PASS" and verdict.status != "PASS"
+        ],
     }
 
 
@@ -131,7 +138,7 @@ def make_numbers(results: Results) -> dict[str, Any]:
             **{key: getattr(campaign, key) for key in ("name", "question", "runs", "seed", "sampling")},
             "controllers": list(results.controllers),
             "labels": full_labels(results.folder, results.controllers),
-            "looks": list(campaign.looks),
+            "stops_when_proven": campaign.stops_when_proven,
             "independent_flights": campaign.independent,
             "parameters": list(results.dispersed),
             "dispersions": plain(campaign.dispersions),
@@ -141,9 +148,8 @@ def make_numbers(results: Results) -> dict[str, Any]:
         "digest": manifest.get("digest"),
         "digests": plain(manifest.get("digests") or {}),
         "flights": _flight_counts(results),
-        "looks": list(results.rules.looks),
         "family_risk": results.campaign.family_risk,
-        **_together(results, verdicts),
+        "held_together": _together(results, verdicts),
         "requirements": _requirements(results, verdicts),
         "metrics": _metric_table(results),
         "paired": paired_numbers(results),

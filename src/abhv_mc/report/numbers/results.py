@@ -15,13 +15,12 @@ from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES, METRICS
 from abhv_mc.folder.envelopes import QUANTILE_COLUMNS
 from abhv_mc.folder.hashes import CheckedFolder, data_files
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import COMPLETE, read_manifest
+from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.margins_check import read_margins
 from abhv_mc.folder.table_check import refusing
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.columns import FileColumns, read_table
 from abhv_mc.report.numbers.flights import ControllerFlights, read_flights
-from abhv_mc.statistics.judgement import Rules
 from abhv_mc.vehicle.arrays import Floats
 
 BANDS = ("min", *QUANTILE_COLUMNS, "max")
@@ -39,6 +38,7 @@ class Requirement:
     consumer_risk: float
     controllers: tuple[str, ...]
     early_is_failure: bool = True  # what a flight that ended early counts as
+    producer_risk: float | None = None  # None: the consumer's
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class CampaignFacts:
     requirements: tuple[Requirement, ...]
     margin_flights: int = 0  # of which margins were asked for
     margin_points: tuple[str | float, ...] = ()  # "trim", or s
-    looks: tuple[int, ...] = ()  # where it stops when proven: after which flights the verdicts are looked at
+    stops_when_proven: bool = False
     family_risk: float | None = None  # of any false PASS among all verdicts, where the campaign holds it
 
     @property
@@ -99,16 +99,6 @@ class Results:
         return tuple(name for name in self.campaign.controllers if name in self.flights)
 
     @property
-    def rules(self) -> Rules:
-        """What the verdicts rest on. A folder from before looks were recorded was looked at when it was complete."""
-        looks = self.manifest.get("looks")
-        if looks is None:
-            complete = self.manifest.get("state") == COMPLETE
-            looks = [self.campaign.runs] if complete and not self.campaign.looks else []
-        campaign = self.campaign
-        return Rules(tuple(looks), campaign.looks, campaign.independent, campaign.family_risk)
-
-    @property
     def dispersed(self) -> tuple[str, ...]:
         """The sampled parameters but the seeds of noise, which are no dispersions."""
         return tuple(name for name in self.samples if not is_seed(name))
@@ -147,7 +137,7 @@ def read_facts(path: Path) -> CampaignFacts:
         runs=campaign.runs,
         seed=model.seed,
         sampling=model.sampling.design,
-        looks=campaign.looks,
+        stops_when_proven=model.stop is not None,
         family_risk=model.family.risk if model.family else None,
         margin_flights=model.margins.of(campaign.runs) if model.margins else 0,
         margin_points=model.margins.at if model.margins else (),
@@ -161,6 +151,7 @@ def read_facts(path: Path) -> CampaignFacts:
                 consumer_risk=item.consumer_risk,
                 controllers=item.controllers or controllers[:1],
                 early_is_failure=item.ended_early == "failure",
+                producer_risk=item.producer_risk,
             )
             for item, limit in zip(model.requirements, campaign.limits, strict=True)
         ),

@@ -38,7 +38,22 @@ def _requirements_sentence(numbers: Mapping[str, Any]) -> str:
             kept = sum(entry["controllers"][name]["failures"] == 0 for entry in numbers["requirements"])
             counts = [f"{count_of(kept, len(words))} kept in every flight"]
         parts.append(f"{_label(numbers, name)} {joined(counts)}")
-    return f"Requirements: {'; '.join(parts)}."
+    return f"Requirements: {'; '.join(parts)}.{_together_words(numbers)}"
+
+
+def _together_words(numbers: Mapping[str, Any]) -> str:
+    """How many of several PASS hold at one risk for all verdicts, and which do not."""
+    held = numbers["held_together"]
+    if held is None or held["stand"] + len(held["dropped"]) < 2:
+        return ""
+    risk = f"at most {percent(held['risk'], 2)} chance of any false PASS among {held['verdicts']} verdicts (Holm)"
+    if numbers["family_risk"] or not held["dropped"]:
+        return f" {'They hold' if numbers['family_risk'] else 'All PASS also hold'} together, with {risk}."
+    dropped = [f"{numbers['requirements'][i]['words']} ({_label(numbers, name)})" for i, name in held["dropped"]]
+    return (
+        f" Taken together, with {risk}, {held['stand'] or 'none'} of the {held['stand'] + len(dropped)} PASS would "
+        f"stand; not shown jointly: {joined(dropped)}."
+    )
 
 
 def _standing(pair: Mapping[str, Any], numbers: Mapping[str, Any] | None = None) -> dict[str, list[str]]:

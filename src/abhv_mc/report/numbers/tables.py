@@ -44,14 +44,13 @@ def verdict_rows(numbers: Mapping[str, Any]) -> list[Row]:
                 "controller": controller_label(name),
                 "binds": name in entry["binds"],
                 "status": verdict["status"],
-                "failures": count_of(verdict["failures"], verdict["runs"]),
-                "needed": _needed(verdict),
+                "failures": count_of(verdict["failures"], verdict["flights"]),
+                "advice": verdict["advice"],
+                **dict(zip(("tolerance", "room"), _tolerance(verdict, entry), strict=True)),
                 "ended_early": verdict["ended_early"],
                 "not_computed": verdict["uncomputed"],
-                "provisional": verdict["provisional"],
                 "note": verdict["note"],
-                "met": percent(verdict["met"], 3),
-                **{key: percent(verdict[key]) for key in ("lower_bound", "consumer_risk", "producer_risk")},
+                "one_look_bound": percent(verdict["one_look_bound"]),
             }
             for name, verdict in entry["controllers"].items()
         ]
@@ -60,10 +59,20 @@ def verdict_rows(numbers: Mapping[str, Any]) -> list[Row]:
     return rows
 
 
-def _needed(verdict: Mapping[str, Any]) -> str:
-    if verdict["flights_needed"] is None:
-        return "\N{EM DASH}"
-    return fixed(verdict["flights_needed"], 0) if verdict["flights_needed"] else "not needed"
+def _tolerance(found: Mapping[str, Any], entry: Mapping[str, Any]) -> tuple[str, str]:
+    """The tolerance limit, and the room between it and what is required."""
+    if "tolerance_limit" not in found:
+        return "\N{EM DASH}", "\N{EM DASH}"
+    if found["tolerance_limit"] is None:
+        return ("too many flights lost" if found["beyond_lost"] else "too few flights"), "\N{EM DASH}"
+    unit, room = words_of(entry["metric"]).unit, found["room"]
+    limit = (
+        f"{'<' if entry['below'] else '>'} {significant(found['tolerance_limit'], 4)}\N{NO-BREAK SPACE}{unit}".rstrip()
+    )
+    if room is None:
+        return limit, "\N{EM DASH}"
+    missed = "too much" if entry["below"] else "too little"
+    return limit, f"{percent(abs(room), 2)} {'to spare' if room > 0.0 else missed}"
 
 
 def headline_rows(numbers: Mapping[str, Any]) -> list[Row]:

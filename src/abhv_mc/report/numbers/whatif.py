@@ -15,9 +15,9 @@ from abhv_mc.report.numbers.flights import ControllerFlights, severities
 from abhv_mc.report.numbers.metrics import words_of
 from abhv_mc.report.numbers.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.numbers.results import Results, read_results
+from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
 from abhv_mc.statistics.reweight import Unseen, effective_size, weighted_quantile, weighted_share
-from abhv_mc.statistics.verdicts import clopper_pearson
 from abhv_mc.vehicle.arrays import Floats
 
 FEWEST_EFFECTIVE = 100.0  # flights
@@ -52,7 +52,7 @@ def make_whatif(root: Path, settings: Mapping[str, Mapping[str, Any]]) -> dict[s
     return {
         "before": plain(change.before),
         "after": plain(change.after),
-        "stopped_when_proven": bool(campaign.looks),
+        "stopped_when_proven": campaign.model.stop is not None,
         "controllers": controllers,
     }
 

@@ -1,0 +1,83 @@
+"""Exact binomial statistics for one look at a number of flights that was fixed before.
+
+Sources: Hanson & Beard, "Applying Monte Carlo Simulation to Launch Vehicle Design and Requirements Verification",
+NASA/TP-2010-216447; Clopper & Pearson 1934; McNemar 1947 in its exact form. All of it needs independent flights.
+"""
+
+from functools import lru_cache
+
+from scipy.special import betainc, betaincinv
+
+
+def _check(failures: int, runs: int, **probabilities: float) -> None:
+    if not 0 <= failures <= runs:
+        raise ValueError(f"failures must lie in 0..{runs}, found {failures}")
+    for name, value in probabilities.items():
+        if not 0.0 < value < 1.0:
+            raise ValueError(f"{name} must lie between 0 and 1, found {value}")
+
+
+def consumer_risk(failures: int, runs: int, probability: float) -> float:
+    """Chance of at most `failures` in `runs` flights when the success probability is only `probability`."""
+    _check(failures, runs, probability=probability)
+    return 1.0 if failures == runs else float(betainc(runs - failures, failures + 1, probability))
+
+
+def success_lower_bound(failures: int, runs: int, consumer_risk: float) -> float:
+    """One-sided Clopper-Pearson lower bound on the success probability, wrong with probability `consumer_risk`."""
+    _check(failures, runs, consumer_risk=consumer_risk)
+    return 0.0 if failures == runs else float(betaincinv(runs - failures, failures + 1, consumer_risk))
+
+
+def _first(low: int, holds) -> int:  # type: ignore[no-untyped-def]
+    """Smallest integer >= low where `holds` is true; `holds` must be monotone."""
+    high = max(low, 1)
+    while not holds(high):
+        low, high = high + 1, 2 * high
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (low, middle) if holds(middle) else (middle + 1, high)
+    return low
+
+
+@lru_cache(maxsize=4096)
+def runs_needed(failures: int, probability: float, consumer_risk: float) -> int:
+    """Fewest flights with which `failures` failures still prove `probability` at `consumer_risk`."""
+    _check(failures, failures, probability=probability, consumer_risk=consumer_risk)
+    return _first(
+        failures + 1, lambda runs: float(betainc(runs - failures, failures + 1, probability)) <= consumer_risk
+    )
+
+
+@lru_cache(maxsize=4096)
+def quantile_upper_rank(runs: int, probability: float, confidence: float) -> int | None:
+    """Rank (1-based, ascending) of the flight that bounds the `probability` quantile from above.
+
+    None where even the largest of `runs` values does not reach `confidence`.
+    """
+    _check(0, runs, probability=probability, confidence=confidence)
+    if runs == 0 or 1.0 - probability**runs < confidence:
+        return None
+    # P(at most rank - 1 values lie below the quantile), exactly.
+    return _first(
+        1, lambda rank: rank >= runs or float(betainc(runs - rank + 1, rank, 1.0 - probability)) >= confidence
+    )
+
+
+def mcnemar_exact(b: int, c: int) -> float:
+    """Two-sided exact p-value of McNemar's test; `b` and `c` count the pairs where only one of the two failed."""
+    if b < 0 or c < 0:
+        raise ValueError(f"counts cannot be negative, found {b} and {c}")
+    least, pairs = min(b, c), b + c
+    return 1.0 if 2 * least >= pairs else min(1.0, 2.0 * float(betainc(pairs - least, least + 1, 0.5)))
+
+
+def clopper_pearson(failures: int, runs: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Two-sided exact interval on the failure probability."""
+    _check(failures, runs, confidence=confidence)
+    tail = (1.0 - confidence) / 2.0
+    if runs == 0:
+        return 0.0, 1.0
+    low = 0.0 if failures == 0 else float(betaincinv(failures, runs - failures + 1, tail))
+    high = 1.0 if failures == runs else float(betaincinv(failures + 1, runs - failures, 1.0 - tail))
+    return low, high

@@ -1,0 +1,108 @@
+"""Evidence of k failures in n flights about a failure probability q: e-values that hold at any number of flights.
+
+Against the allowed failure probability q0 = 1 - `probability` the evidence that a requirement is met is a mixture of
+likelihood ratios,
+
+    E_pass = integral over 0 < q < q0 of (q/q0)^k ((1-q)/(1-q0))^(n-k) q^(-3/4) q0^(-1/4) / 4 dq,
+
+and that it is missed the same over q0 < q < 1 with weights proportional to q^(-5/4). By Ville's inequality a system
+that just misses (meets) it ever brings E_pass (E_fail) to 1/risk with at most that probability, whenever and however
+often one looks (Robbins 1970; Howard, Ramdas, McAuliffe & Sekhon 2021; Ramdas, Gruenwald, Vovk & Shafer 2023).
+"""
+
+from collections.abc import Callable
+from functools import lru_cache
+from math import log, log1p
+
+from scipy.special import betainc, betaincc, betaln
+
+_FEWEST_TO_FAIL = 2  # failures: a single one shows no rate
+_ENOUGH = 1e-300  # of an incomplete beta function, below which its logarithm is lost
+MOST_FLIGHTS = 2**40  # that are ever advised
+
+
+def _log_part(a: float, b: float, x: float, upper: bool = False) -> float:
+    """Logarithm of the integral of q^(a-1) (1-q)^(b-1) over 0..x (or x..1) divided by x^a (1-x)^b."""
+    part = float(betaincc(a, b, x) if upper else betainc(a, b, x))
+    if part > _ENOUGH:
+        return log(part) + float(betaln(a, b)) - a * log(x) - b * log1p(-x)
+    return _log_far(b, a, 1.0 - x) if upper else _log_far(a, b, x)
+
+
+def _log_far(a: float, b: float, x: float) -> float:
+    """The same where x lies far below the mean a/(a + b): continued fraction (NIST DLMF 8.17.22), Lentz's method."""
+    tiny, c, fraction, m = 1e-30, 1.0, 1.0, 0
+    d = 1.0 / (1.0 - (a + b) * x / (a + 1.0))
+    fraction = d
+    while True:
+        m += 1
+        even = m * (b - m) * x / ((a + 2 * m - 1.0) * (a + 2 * m))
+        odd = -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1.0))
+        for term in (even, odd):
+            d = 1.0 / (1.0 + term * d or tiny)
+            c = 1.0 + term / c or tiny
+            fraction *= c * d
+        if abs(c * d - 1.0) < 1e-15:
+            return log(fraction / a)
+
+
+def log_pass_evidence(failures: int, flights: int, probability: float) -> float:
+    """Logarithm of E_pass; relative error of E_pass below 1e-7 up to 1e7 flights."""
+    allowed = 1.0 - probability
+    a, b = failures + 0.25, flights - failures + 1.0
+    return _log_part(a, b, allowed) + log1p(-allowed) - log(4.0)
+
+
+def log_fail_evidence(failures: int, flights: int, probability: float) -> float:
+    """Logarithm of E_fail; minus infinity with fewer than two failures, which never show a miss."""
+    if failures < _FEWEST_TO_FAIL:
+        return float("-inf")
+    allowed = 1.0 - probability
+    a, b = failures - 0.25, flights - failures + 1.0
+    weight = 4.0 * (1.0 - allowed**0.25)
+    return _log_part(a, b, allowed, upper=True) + log1p(-allowed) - log(weight)
+
+
+def _first(low: int, high: int, holds: Callable[[int], bool]) -> int:
+    """Smallest integer of low..high where `holds`, which holds at `high` and from the first on."""
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (low, middle) if holds(middle) else (middle + 1, high)
+    return low
+
+
+@lru_cache(maxsize=65536)
+def flights_to_pass(failures: int, probability: float, risk: float) -> int:
+    """Fewest flights with which so many failures PASS."""
+
+    def passes(flights: int) -> bool:
+        return log_pass_evidence(failures, flights, probability) >= -log(risk)
+
+    low, high = failures + 1, max(2 * failures, 16)
+    while not passes(high):
+        low, high = high + 1, 2 * high
+    return _first(low, high, passes)
+
+
+@lru_cache(maxsize=65536)
+def flights_to_fail(failures: int, probability: float, risk: float) -> int:
+    """Most flights with which so many failures FAIL; 0 where not even failures alone do."""
+
+    def holds_out(flights: int) -> bool:
+        return log_fail_evidence(failures, flights, probability) < -log(risk)
+
+    if failures < _FEWEST_TO_FAIL or holds_out(failures):
+        return 0
+    low, high = failures + 1, 2 * failures
+    while not holds_out(high):
+        low, high = high + 1, 2 * high
+    return _first(low, high, holds_out) - 1
+
+
+def most_failures(flights: int, probability: float, risk: float) -> int:
+    """Most failures with which so many flights PASS; -1 where not even none do."""
+
+    def fails_to_pass(failures: int) -> bool:
+        return failures > flights or log_pass_evidence(failures, flights, probability) < -log(risk)
+
+    return _first(0, flights + 1, fails_to_pass) - 1

@@ -1,0 +1,106 @@
+"""Exact acceptance statistics against the published oracles and against scipy's own distributions."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import binom, binomtest
+
+from abhv_mc.statistics import (
+    clopper_pearson,
+    consumer_risk,
+    mcnemar_exact,
+    quantile_upper_rank,
+    runs_needed,
+    success_lower_bound,
+)
+
+PROBABILITIES = st.sampled_from([0.5, 0.9, 0.95, 0.99, 0.9973, 0.99865])
+
+
+@pytest.mark.parametrize(
+    ("failures", "runs", "probability", "risk"),
+    [
+        (0, 1000, 0.9973, 0.06696055432972337),
+        (0, 1000, 0.99865, 0.2590039229282369),
+        (2, 2000, 0.9973, 0.09445549106897905),
+        (3, 2000, 0.9973, 0.2129065477161615),
+    ],
+)
+def test_consumer_risk_oracles(failures, runs, probability, risk):
+    # Hanson & Beard, NASA/TP-2010-216447, worked through in exact arithmetic
+    assert consumer_risk(failures, runs, probability) == pytest.approx(risk, rel=1e-11)
+
+
+def test_lower_bound_oracle():
+    assert success_lower_bound(0, 1000, 0.10) == pytest.approx(0.9977000638225533, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("probability", "runs"), [(0.99, [230, 388, 531]), (0.9973, [852, 1440, 1970])]
+)  # NASA/TP-2010-216447, consumer risk 10 %
+def test_runs_needed_oracles(probability, runs):
+    assert [runs_needed(k, probability, 0.10) for k in range(3)] == runs
+
+
+@pytest.mark.parametrize(
+    ("runs", "probability", "rank"),
+    [(1000, 0.9973, 1000), (2000, 0.9973, 1998), (1000, 0.99865, None), (0, 0.5, None)],
+)
+def test_quantile_upper_rank_oracles(runs, probability, rank):
+    assert quantile_upper_rank(runs, probability, 0.90) == rank
+
+
+def test_mcnemar_oracle():
+    assert mcnemar_exact(3, 12) == 0.03515625
+    assert mcnemar_exact(0, 0) == 1.0
+    assert mcnemar_exact(5, 5) == 1.0
+
+
+@given(st.integers(0, 60), st.integers(0, 60))
+def test_mcnemar_is_scipys_binomial_test(b, c):
+    expected = binomtest(b, b + c, 0.5).pvalue if b + c else 1.0
+    assert mcnemar_exact(b, c) == pytest.approx(expected, rel=1e-9)
+    assert mcnemar_exact(b, c) == mcnemar_exact(c, b)
+
+
+@given(st.integers(0, 40), st.integers(1, 4000), PROBABILITIES)
+def test_risks_are_binomial_tails(failures, runs, probability):
+    failures = min(failures, runs)
+    law = binom(runs, 1.0 - probability)
+    assert consumer_risk(failures, runs, probability) == pytest.approx(law.cdf(failures), rel=1e-7, abs=1e-12)
+
+
+@given(st.integers(0, 40), st.integers(1, 4000), st.sampled_from([0.01, 0.1, 0.5]))
+def test_lower_bound_is_scipys_one_sided_interval(failures, runs, risk):
+    failures = min(failures, runs)
+    bound = success_lower_bound(failures, runs, risk)
+    scipys = binomtest(runs - failures, runs, 0.5, alternative="greater").proportion_ci(1.0 - risk).low
+    assert bound == pytest.approx(scipys, abs=1e-10)
+
+
+@given(st.integers(0, 30), PROBABILITIES, st.sampled_from([0.05, 0.1, 0.3]))
+def test_runs_needed_is_the_first_that_is_enough(failures, probability, risk):
+    runs = runs_needed(failures, probability, risk)
+    assert consumer_risk(failures, runs, probability) <= risk
+    assert consumer_risk(failures, max(runs - 1, failures), probability) > risk
+
+
+@given(st.integers(1, 3000), PROBABILITIES, st.sampled_from([0.6, 0.9, 0.975]))
+def test_upper_rank_is_the_smallest_with_its_confidence(runs, probability, confidence):
+    rank = quantile_upper_rank(runs, probability, confidence)
+    covered = binom.cdf(np.arange(runs), runs, probability)  # of ranks 1..runs
+    enough = np.flatnonzero(covered >= confidence)
+    assert rank == (enough[0] + 1 if enough.size else None)
+
+
+def test_clopper_pearson_is_scipys():
+    for failures, runs in [(0, 10), (3, 50), (50, 50)]:
+        interval = binomtest(failures, runs).proportion_ci(0.95, method="exact")
+        assert clopper_pearson(failures, runs) == pytest.approx((interval.low, interval.high), abs=1e-12)
+
+
+@pytest.mark.parametrize("call", [lambda: consumer_risk(3, 2, 0.9), lambda: runs_needed(0, 1.0, 0.1)])
+def test_impossible_arguments_are_refused(call):
+    with pytest.raises(ValueError, match="must lie"):
+        call()
