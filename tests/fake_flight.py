@@ -6,6 +6,7 @@ else. Density below ``LOST_BELOW`` ends a flight early.
 
 import time
 import typing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from abhv_mc.execution.engine import Engine
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.flight.metrics import METRICS, NO_METRICS, Statistic
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import NO_SOURCES, FlightBlock, FlightPlan, Limits, Timing
+from abhv_mc.flight.plan import NO_SOURCES, FlightBlock, FlightPlan, Limits, Recording, Timing, recording_of
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.air_profile import no_profile
 from abhv_mc.plant.effectiveness import make_effectiveness
@@ -83,13 +84,12 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
     return make_plan(name, float(text.partition("gain:")[2]))
 
 
-def fly(plan: FlightPlan, parameters: np.ndarray, record_every: int | None = None) -> FlightBlock:
+def fly(plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int | None = None) -> FlightBlock:
     """Fly rows of parameters."""
     density, lift, drag = parameters[:, DENSITY], parameters[:, LIFT], parameters[:, DRAG]
     error = np.sin(40.0 * density) + np.cos(9.0 * lift) * drag
     lost = density < LOST_BELOW
     metrics = error[:, None] * plan.gains[0, 0] + np.arange(len(METRICS)) + np.abs(error[:, None])
-    every = record_every or TICKS + 1
     ticks = np.arange(TICKS + 1) * plan.timing.tick
     end = np.where(lost, 1.0, TICKS * plan.timing.tick)
     shape = 1.0 + 0.01 * np.arange(len(CHANNELS))
@@ -104,13 +104,29 @@ def fly(plan: FlightPlan, parameters: np.ndarray, record_every: int | None = Non
                 metrics[:, row] = np.maximum(values, 0.0 if metric.never_negative else -np.inf)
             elif metric.statistic == Statistic.FINAL:
                 metrics[:, row] = last[:, column]
-    times = ticks[::every] if record_every else np.empty(0)
-    history = history[:, ::every] if record_every else history[:, :0]
     outcome = np.where(lost, Outcome.SIDESLIP_LIMIT, Outcome.OK).astype(np.int64)
-    return FlightBlock(outcome, end, metrics, history, times)
+    return record(FlightBlock(outcome, end, metrics, history, ticks), recording_of(record_every))
 
 
-def fly_slowly(plan: FlightPlan, parameters: np.ndarray, record_every: int | None = None) -> FlightBlock:
+def record(block: FlightBlock, recording: Recording) -> FlightBlock:
+    """Of a block that holds every channel at every tick, what was asked for."""
+    if not recording.every:
+        return replace(block, history=block.history[:, :0], times=np.empty(0))
+    whole = block.history[:, :, list(recording.channels)]
+    kept = replace(block, history=whole[:, :: recording.every], times=block.times[:: recording.every])
+    if not recording.extremes:
+        return kept
+    return replace(kept, low=around(whole, recording.every, np.fmin), high=around(whole, recording.every, np.fmax))
+
+
+def around(whole: np.ndarray, every: int, extreme: np.ufunc) -> np.ndarray:
+    """Extremes ``[sample, channel]`` of all flights, of the ticks from the sample before to the one after each."""
+    samples = range(0, whole.shape[1], every)
+    pieces = [whole[:, max(0, k - every) : k + every + 1] for k in samples]
+    return np.stack([extreme.reduce(piece, axis=(0, 1)) for piece in pieces]) + np.float32(0.0)
+
+
+def fly_slowly(plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int | None = None) -> FlightBlock:
     """The same, slow enough to be interrupted."""
     time.sleep(0.02)
     return fly(plan, parameters, record_every)

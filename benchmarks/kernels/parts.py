@@ -26,7 +26,7 @@ from abhv_mc.flight.fly import fly
 from abhv_mc.flight.kernel import evaluate, observe_tick, start_lanes
 from abhv_mc.flight.memory import has_width, make_memory
 from abhv_mc.flight.navigation import navigate
-from abhv_mc.flight.plan import LANES, FlightPlan
+from abhv_mc.flight.plan import LANES, FlightPlan, Recording
 from abhv_mc.flight.sensors import active_sensor_errors, sense
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
@@ -147,7 +147,7 @@ def time_of_one(operation: Callable[..., None]) -> float:
 
 def time_of(part: int, calls: int, plans: dict[str, FlightPlan], parameters: Floats) -> float:
     """Seconds of processor time for ``calls`` calls with all lanes, median."""
-    tlc, lqr = (make_kernel_plan(plans[law], parameters, 0) for law in BOTH)
+    tlc, lqr = (make_kernel_plan(plans[law], parameters, Recording(0)) for law in BOTH)
     memory = make_memory(LANES)
     run_part(tlc, lqr, memory, part, 1)
     return median(measure_time(lambda: run_part(tlc, lqr, memory, part, calls)) for _ in range(REPEATS))

@@ -13,6 +13,7 @@ from numba.cuda.typing.typeof import typeof
 
 from abhv_mc.flight.arguments import make_kernel_plan, make_results
 from abhv_mc.flight.gpu import kernel_of
+from abhv_mc.flight.plan import Recording
 from abhv_mc.jit_cuda import uncontracted
 
 COMPUTE = (9, 0)  # Hopper
@@ -24,7 +25,7 @@ libdevice = next(Path(next(iter(nvidia.__path__))).rglob("libdevice.10.bc"))
 libs.get_cuda_paths = lambda: {"libdevice": SimpleNamespace(info=str(libdevice))}
 
 plan, parameters = pickle.loads(Path(sys.argv[1]).read_bytes())  # noqa: S301
-arguments = make_kernel_plan(plan, parameters, 10), make_results(plan, len(parameters), 10, False)
+arguments = make_kernel_plan(plan, parameters, Recording(10)), make_results(plan, len(parameters), Recording(10), False)
 kernel = kernel_of(plan)
 assert not kernel.targetoptions["lto"]  # a launch compiles through PTX, as here
 with uncontracted():

@@ -9,6 +9,7 @@ import pytest
 from abhv_mc.flight.arguments import check_written, make_kernel_plan, make_results
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.memory import make_memory
+from abhv_mc.flight.plan import Recording
 from abhv_mc.flight.prepare import prepare
 
 WIDTH = 4
@@ -68,7 +69,7 @@ def test_arrays_in_another_layout_fly_the_same(plan, change):
 
 
 def test_the_kernel_gets_only_arrays_it_can_rely_on(plan):
-    made = make_kernel_plan(with_arrays(plan, misaligned), nominal_parameters(), 0)
+    made = make_kernel_plan(with_arrays(plan, misaligned), nominal_parameters(), Recording(0))
     for array in (made.vehicle.tables.data, made.vehicle.effector_mix, made.reference, made.gains, made.initial_state):
         assert array.flags.aligned and array.flags.c_contiguous and array.flags.writeable
 
@@ -111,7 +112,11 @@ def test_wrong_parameters_are_refused(plan, parameters, sentence):
 
 @pytest.fixture
 def arguments(plan):
-    return make_kernel_plan(plan, nominal_parameters(2), 1), make_memory(WIDTH), make_results(plan, 2, 1, True)
+    return (
+        make_kernel_plan(plan, nominal_parameters(2), Recording(1)),
+        make_memory(WIDTH),
+        make_results(plan, 2, Recording(1), True),
+    )
 
 
 def test_arrays_of_the_engine_itself_pass(arguments):
@@ -141,7 +146,7 @@ def test_a_written_array_that_overlaps_the_plan_is_refused(arguments):
 def test_arrays_that_are_only_read_may_share_memory(plan, arguments):
     _, memory, results = arguments
     shared = dataclasses.replace(plan, trim_tables=plan.vehicle.tables)
-    check_written(make_kernel_plan(shared, nominal_parameters(2), 1), memory, results)
+    check_written(make_kernel_plan(shared, nominal_parameters(2), Recording(1)), memory, results)
 
 
 @pytest.mark.parametrize("change", [misaligned, np.asfortranarray, read_only])

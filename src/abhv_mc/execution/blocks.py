@@ -10,12 +10,13 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan
+from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan, Recording
 
 T = TypeVar("T")
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Fly = Callable[[FlightPlan, Floats, int | None], FlightBlock]
+Recorded = Recording | int | None  # as flight.fly takes it
+Fly = Callable[[FlightPlan, Floats, Recorded], FlightBlock]
 
 _SMALL, _LARGE = 128, 256  # flights of a block: enough for every lane, few enough to lose
 _MANY = 100_000
@@ -67,9 +68,11 @@ def _uniform_runs(rows: Mask, envelope: Mask, size: int, cut: int) -> Iterator[t
             yield first, stop
 
 
-def fly_block(fly: Fly, plan: FlightPlan, block: Block, parameters: Floats, every: int) -> tuple[Block, FlightBlock]:
+def fly_block(
+    fly: Fly, plan: FlightPlan, block: Block, parameters: Floats, recording: Recording
+) -> tuple[Block, FlightBlock]:
     """What a worker does: nothing but flying; it touches no file."""
-    return block, fly(plan, parameters, every if block.envelope else None)
+    return block, fly(plan, parameters, recording if block.envelope else None)
 
 
 class Backpressure:

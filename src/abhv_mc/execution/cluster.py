@@ -20,9 +20,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.execution.blocks import Fly
+from abhv_mc.execution.blocks import Fly, Recorded
 from abhv_mc.execution.engine import Engine
-from abhv_mc.execution.every_tick import fly_every_tick
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, time_limit
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
@@ -59,7 +58,7 @@ def with_code(plan: FlightPlan, code: Code) -> FlightPlan:
 
 
 def fly_remote(
-    fly: Fly, source: str, arrays: Arrays, code: Code, parameters: Floats, every: int | None, limit: float
+    fly: Fly, source: str, arrays: Arrays, code: Code, parameters: Floats, recorded: Recorded, limit: float
 ) -> FlightBlock | str:
     """What a worker of the cluster does: the block, or in words why it cannot fly it.
 
@@ -81,7 +80,7 @@ def fly_remote(
     watch.daemon = True
     watch.start()
     try:
-        return fly_every_tick(fly, plan, parameters, every)
+        return fly(plan, parameters, recorded)
     finally:
         watch.cancel()
 
@@ -100,9 +99,9 @@ class Cluster:
         """Blocks to have under way."""
         return max(_FEWEST, _PER_THREAD * sum(self._client.nthreads().values()))
 
-    def fly(self, plan: FlightPlan, parameters: Floats, every: int | None = None) -> FlightBlock:
+    def fly(self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
-        return fly_with_retries(lambda rows: self._attempt(plan, rows, every), plan, parameters, every)
+        return fly_with_retries(lambda rows: self._attempt(plan, rows, recorded), plan, parameters, recorded)
 
     def _hold(self, plan: FlightPlan) -> "Future":
         """The plan on the cluster: held anew where Dask gave it up, as it does after workers that died with it."""
@@ -115,13 +114,15 @@ class Cluster:
                 self._plans[id(plan)] = held, plan
             return held
 
-    def _attempt(self, plan: FlightPlan, parameters: Floats, every: int | None) -> FlightBlock:
+    def _attempt(self, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
         from distributed import CancelledError, KilledWorker
 
         engine, limit = self._engine, time_limit(len(parameters), self.limit)
         source = engine.source if engine.checked else ""
         held, code = self._hold(plan), (plan.source, plan.channels_source)
-        future = self._client.submit(fly_remote, engine.fly, source, held, code, parameters, every, limit, pure=False)
+        future = self._client.submit(
+            fly_remote, engine.fly, source, held, code, parameters, recorded, limit, pure=False
+        )
         try:
             answer: FlightBlock | str = future.result()
         except KilledWorker as error:

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.config import PROCESSES, Execution
-from abhv_mc.execution.blocks import Fly
+from abhv_mc.execution.blocks import Fly, Recorded
 from abhv_mc.execution.cluster import Cluster
 from abhv_mc.execution.engine import Engine
-from abhv_mc.execution.every_tick import fly_every_tick
 from abhv_mc.execution.pool import WorkerPool
 from abhv_mc.execution.retry import FlightLostError, fly_with_retries
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
@@ -51,15 +50,13 @@ def open_executor(
 
 
 def _in_this_process(engine: Engine) -> Fly:
-    def fly(plan: FlightPlan, parameters: Floats, every: int | None = None) -> FlightBlock:
+    def fly(plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         def attempt(rows: Floats) -> FlightBlock:
             try:
-                if engine.device != "cpu":  # its memory has no room for every tick of so many flights
-                    return engine.fly(plan, rows, every)
-                return fly_every_tick(engine.fly, plan, rows, every)
+                return engine.fly(plan, rows, recorded)
             except Exception as error:
                 raise FlightLostError(f"{type(error).__name__}: {error}") from error
 
-        return fly_with_retries(attempt, plan, parameters, every)
+        return fly_with_retries(attempt, plan, parameters, recorded)
 
     return fly

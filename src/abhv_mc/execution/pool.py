@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.execution.blocks import Fly
+from abhv_mc.execution.blocks import Fly, Recorded
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, time_limit
 from abhv_mc.execution.worker import Environment, serve, set_environment
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
@@ -77,11 +77,11 @@ class _Worker:
         self._plans: set[int] = set()  # keys of those it has
         self.has_flown = False
 
-    def fly(self, key: int, plan: FlightPlan, parameters: Floats, every: int | None, limit: float) -> FlightBlock:
+    def fly(self, key: int, plan: FlightPlan, parameters: Floats, recorded: Recorded, limit: float) -> FlightBlock:
         """Raises FlightLostError, and _NotBegunError where the process ended before these flights began."""
         known = key in self._plans
         try:
-            self._connection.send((key, None if known else plan, parameters, every))
+            self._connection.send((key, None if known else plan, parameters, recorded))
             self._plans.add(key)
             answer = self._receive(max(limit, _RESPONSE_LIMIT) if known else _COMPILE_LIMIT)
         except (ConnectionError, FlightLostError):
@@ -132,19 +132,19 @@ class WorkerPool:
         self._last_end = ""
         self._closed = False
 
-    def fly(self, plan: FlightPlan, parameters: Floats, every: int | None = None) -> FlightBlock:
+    def fly(self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
         with self._lock:
             key, _ = self._plans.setdefault(id(plan), (len(self._plans), plan))
-        return fly_with_retries(lambda rows: self._attempt(key, plan, rows, every), plan, parameters, every)
+        return fly_with_retries(lambda rows: self._attempt(key, plan, rows, recorded), plan, parameters, recorded)
 
-    def _attempt(self, key: int, plan: FlightPlan, parameters: Floats, every: int | None) -> FlightBlock:
+    def _attempt(self, key: int, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
         worker = self._idle.get()
         try:
             while True:
                 worker = worker or self._start()
                 try:
-                    block = worker.fly(key, plan, parameters, every, time_limit(len(parameters), self._limit))
+                    block = worker.fly(key, plan, parameters, recorded, time_limit(len(parameters), self._limit))
                 except _NotBegunError as end:
                     self._remove(worker, str(end))
                     worker = None

@@ -10,10 +10,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.execution.every_tick import join_binned
-from abhv_mc.flight.channels import CHANNELS
+from abhv_mc.execution.blocks import Recorded
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.plan import FlightBlock, FlightPlan, recording_of
 from abhv_mc.stability.metrics import count_metrics
 
 Floats = NDArray[np.float64]
@@ -36,13 +35,13 @@ def time_limit(flights: int, one: float) -> float:
     return one * math.ceil(flights / PIECE)
 
 
-def fly_with_retries(attempt: Attempt, plan: FlightPlan, parameters: Floats, every: int | None) -> FlightBlock:
+def fly_with_retries(attempt: Attempt, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
     """What ``attempt`` makes of the rows, with ``failed_to_run`` for those that are lost alone, too.
 
     Raises UnusableError where not one of PIECE or more flights could be computed.
     """
     reasons: list[str] = []
-    block = _fly(attempt, plan, parameters, every, _PIECES, reasons)
+    block = _fly(attempt, plan, parameters, recorded, _PIECES, reasons)
     if reasons:
         if len(parameters) >= PIECE and (block.outcome == Outcome.FAILED_TO_RUN).all():
             raise UnusableError(f"none of {len(parameters)} flights could be computed here: {reasons[-1]}")
@@ -55,7 +54,7 @@ def _fly(
     attempt: Attempt,
     plan: FlightPlan,
     parameters: Floats,
-    every: int | None,
+    recorded: Recorded,
     sizes: tuple[int, ...],
     reasons: list[str],
 ) -> FlightBlock:
@@ -64,23 +63,34 @@ def _fly(
     except FlightLostError as error:
         if not sizes:
             reasons.append(str(error))
-            return make_failed(plan, every)
+            return make_failed(plan, recorded)
         pieces = np.split(parameters, range(sizes[0], len(parameters), sizes[0]))
-        return join_blocks([_fly(attempt, plan, piece, every, sizes[1:], reasons) for piece in pieces])
+        return join_blocks([_fly(attempt, plan, piece, recorded, sizes[1:], reasons) for piece in pieces])
 
 
-def make_failed(plan: FlightPlan, every: int | None) -> FlightBlock:
+def make_failed(plan: FlightPlan, recorded: Recorded) -> FlightBlock:
     """The row of one flight that could not be computed."""
-    times = np.arange(plan.timing.ticks // every + 1) * every * plan.timing.tick if every else np.empty(0)
+    recording = recording_of(recorded)
+    times = np.arange(recording.count_samples(plan.timing)) * (recording.every * plan.timing.tick)
     return FlightBlock(
         outcome=np.array([Outcome.FAILED_TO_RUN], np.int64),
         end_time=np.full(1, np.nan),
         metrics=np.full((1, count_metrics(plan)), np.nan),
-        history=np.full((1, len(times), len(CHANNELS)), np.nan, np.float32),
+        history=np.full((1, len(times), len(recording.channels)), np.nan, np.float32),
         times=times.astype(np.float64),
     )
 
 
 def join_blocks(blocks: list[FlightBlock]) -> FlightBlock:
     """Blocks one after another as one; whole states, which a failed flight has none of, are left out."""
-    return join_binned(blocks)
+    parts = {
+        name: np.concatenate([getattr(block, name) for block in blocks])
+        for name in ("outcome", "end_time", "metrics", "history")
+    }
+    low = _reduce(np.fmin, [block.low for block in blocks if block.low is not None])
+    high = _reduce(np.fmax, [block.high for block in blocks if block.high is not None])
+    return FlightBlock(**parts, times=blocks[0].times, low=low, high=high)
+
+
+def _reduce(extreme: np.ufunc, ends: list[NDArray[np.float32]]) -> NDArray[np.float32] | None:
+    return extreme.reduce(ends) if ends else None

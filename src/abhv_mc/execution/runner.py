@@ -17,7 +17,6 @@ from abhv_mc.execution.blocks import Backpressure, Block, Mask, choose_batch, cl
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.completion import Completion, find_blocks
 from abhv_mc.execution.engine import Engine, check_source, make_engine
-from abhv_mc.execution.every_tick import BinnedBlock
 from abhv_mc.execution.executor import Executor, open_executor
 from abhv_mc.execution.flight_counts import count_flights, flight_values, judge_requirements
 from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
@@ -157,8 +156,8 @@ class _Run:
         for name, plan in self.plans.items():
 
             def pilot(number: int, plan: Any = plan) -> NDArray[np.float32]:
-                block = self.fly(plan, self._parameters(0, number), self.cells.every)
-                return self.cells.cut(block.history)
+                block = self.fly(plan, self._parameters(0, number), self.cells.recording._replace(extremes=False))
+                return self.cells.flatten(block.history)
 
             self.collectors[name] = make_collector(
                 self.folder.envelope_states, name, self.campaign.runs, self.cells, pilot
@@ -203,7 +202,7 @@ class _Run:
                 self._plan_of(block.controller, block.first) if block.rows else self.plans[block.controller],
                 block,
                 self._parameters(block.first, block.stop),
-                self.cells.every,
+                self.cells.recording,
             )
             for block in cut_blocks(missing, self.batch, self.with_margins)
         )
@@ -224,7 +223,7 @@ class _Run:
         """Write a finished block and count it."""
         if block.envelope:
             collector = self.collectors[block.controller]
-            history = self.cells.cut(flown.history)
+            history = self.cells.flatten(flown.history)
             collector.add(block.first, history, self._extremes(flown, history))
             collector.covered[block.first : block.stop] &= flown.outcome != Outcome.FAILED_TO_RUN
         if block.rows:
@@ -245,8 +244,8 @@ class _Run:
 
     def _extremes(self, flown: FlightBlock, history: NDArray[np.float32]) -> NDArray[np.float32]:
         """Smallest and largest values ``[side, cell]`` of a block: of every tick, or of the samples from a GPU."""
-        if isinstance(flown, BinnedBlock) and flown.low is not None and flown.high is not None:
-            return self.cells.cut(np.stack([flown.low, flown.high]))
+        if flown.low is not None and flown.high is not None:
+            return self.cells.flatten(np.stack([flown.low, flown.high]))
         return np.stack([np.fmin.reduce(history, axis=0), np.fmax.reduce(history, axis=0)])
 
     def _make_values(self, flown: FlightBlock) -> NDArray[np.float64]:

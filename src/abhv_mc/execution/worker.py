@@ -7,7 +7,6 @@ from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 
 from abhv_mc.execution.blocks import Fly
-from abhv_mc.execution.every_tick import fly_every_tick
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 
@@ -24,7 +23,7 @@ def set_environment(wanted: Environment) -> Environment:
 
 
 def serve(connection: Connection, fly: Fly, environment: Environment) -> None:
-    """Answer jobs (key of the plan, plan when it is new, parameters, every) until the parent hangs up.
+    """Answer jobs (key of the plan, plan when it is new, parameters, what to record) until the parent hangs up.
 
     Each is answered twice: None when the flights start, for the parent's clock, then the block or what was raised.
     ``environment``: variables that the parent has, but not the process that this one was forked from.
@@ -36,7 +35,7 @@ def serve(connection: Connection, fly: Fly, environment: Environment) -> None:
     plans: dict[int, FlightPlan] = {}
     while True:
         try:
-            key, plan, parameters, every = connection.recv()
+            key, plan, parameters, recorded = connection.recv()
         except (EOFError, OSError):
             return
         try:
@@ -44,7 +43,7 @@ def serve(connection: Connection, fly: Fly, environment: Environment) -> None:
                 plans[key] = plan
                 fly(plan, nominal_parameters(), None)  # loads or compiles, which is no flight's time
             connection.send(None)
-            answer: FlightBlock | str = fly_every_tick(fly, plans[key], parameters, every)
+            answer: FlightBlock | str = fly(plans[key], parameters, recorded)
         except BrokenPipeError:
             return
         except Exception as error:

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from abhv_mc.control.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.control.laws.recorded import RECORDED_GAINS
-from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.compile_metrics import compile_metrics, known_sources
 from abhv_mc.flight.counting import Counted
 from abhv_mc.flight.memory import Memory
 from abhv_mc.flight.observe import Observed, make_observed
-from abhv_mc.flight.plan import FlightPlan, Timing
+from abhv_mc.flight.plan import FlightPlan, Recording, Timing
 from abhv_mc.plant.air_profile import PROFILE
 from abhv_mc.plant.effectiveness import Effectiveness
 from abhv_mc.plant.state import N_PARAMETERS, N_STATES
@@ -80,21 +79,26 @@ class KernelResults(NamedTuple):
     end_tick: NDArray[np.int64]  # [flight]
     history: NDArray[np.float32]  # [flight, sample, channel]
     states: Floats  # [flight, sample, state]; no samples where not asked for
+    low: Floats  # [sample, channel] least and greatest values of all flights, from the sample to the tick before the
+    high: Floats  # next, the first above the second where nobody flew; no samples where not asked for
 
 
-def make_results(plan: FlightPlan, flights: int, every: int, keep_states: bool) -> KernelResults:
-    """Room for the results; ``every`` counts ticks between samples, 0 for none."""
-    samples = plan.timing.ticks // every + 1 if every else 0
+def make_results(plan: FlightPlan, flights: int, recording: Recording, keep_states: bool) -> KernelResults:
+    """Room for the results."""
+    samples, channels = recording.count_samples(plan.timing), len(recording.channels)
+    bins = (samples if recording.extremes else 0, channels)
     return KernelResults(
         np.empty((flights, len(plan.metrics))),
         np.empty(flights, dtype=np.int64),
         np.empty(flights, dtype=np.int64),
-        np.full((flights, samples, len(CHANNELS)), np.nan, dtype=np.float32),
+        np.full((flights, samples, channels), np.nan, dtype=np.float32),
         np.full((flights, samples if keep_states else 0, N_STATES), np.nan),
+        np.full(bins, np.inf),
+        np.full(bins, -np.inf),
     )
 
 
-def make_kernel_plan(plan: FlightPlan, parameters: Floats, every: int) -> KernelPlan:
+def make_kernel_plan(plan: FlightPlan, parameters: Floats, recording: Recording) -> KernelPlan:
     """A plan as the kernel takes it, its arrays copied where they are not contiguous, aligned and writable.
 
     Raises ValueError for an array of the wrong type or shape.
@@ -108,8 +112,8 @@ def make_kernel_plan(plan: FlightPlan, parameters: Floats, every: int) -> Kernel
             plan.effectiveness,
             plan.earth,
             plan.timing,
-            every,
-            make_observed(plan.limits),
+            recording.every,
+            make_observed(plan.limits, recording.channels),
             np.zeros(terms, np.int64),
             plan.initial_state,
             plan.reference,
@@ -178,8 +182,11 @@ def check_written(plan: KernelPlan, memory: Memory, results: KernelResults) -> N
     check_shape(results.outcome, (flights,), "results.outcome")
     check_shape(results.end_tick, (flights,), "results.end_tick")
     samples = plan.timing.ticks // plan.record_every + 1 if plan.record_every else 0
-    check_shape(results.history, (flights, samples, len(CHANNELS)), "results.history")
+    channels = plan.observed.channel_row.size
+    check_shape(results.history, (flights, samples, channels), "results.history")
     check_shape(results.states, (flights, samples if results.states.size else 0, N_STATES), "results.states")
+    check_shape(results.low, (samples if results.low.size else 0, channels), "results.low")
+    check_shape(results.high, results.low.shape, "results.high")
     written = []
     for value, of in ((memory, "memory"), (results, "results")):
         for name, array, kind in _arrays(value, of):

@@ -1,15 +1,17 @@
 """Fly a plan under many dispersions: the one place where Python enters the compiled flight."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from abhv_mc.flight.arguments import KernelPlan, KernelResults, check_written, make_kernel_plan, make_results
+from abhv_mc.flight.extremes import join_bins
 from abhv_mc.flight.kernel import make_fly_lanes
 from abhv_mc.flight.memory import Memory, make_memory
-from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan
+from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan, Recording, recording_of
 from abhv_mc.flight.user_law import open_law
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.vehicle.arrays import Floats
@@ -30,41 +32,46 @@ def check_parameters(parameters: Floats) -> Floats:
     return given.astype(np.float64, copy=False)
 
 
-def make_block(plan: FlightPlan, results: KernelResults, every: int) -> FlightBlock:
+def make_block(plan: FlightPlan, results: KernelResults, recording: Recording) -> FlightBlock:
     """Filled results as what :func:`fly` returns."""
     tick = plan.timing.tick
     end_time = np.asarray(results.end_tick * tick, dtype=np.float64)
-    times = np.asarray(np.arange(results.history.shape[1]) * every * tick, dtype=np.float64)
-    return FlightBlock(results.outcome, end_time, results.metrics, results.history, times, results.states)
+    times = np.asarray(np.arange(results.history.shape[1]) * recording.every * tick, dtype=np.float64)
+    block = FlightBlock(results.outcome, end_time, results.metrics, results.history, times, results.states)
+    if not recording.extremes:
+        return block
+    low, high = join_bins(results.low, results.high, results.history)
+    return replace(block, low=low, high=high)
 
 
 def fly(
     plan: FlightPlan,
     parameters: Floats,
-    record_every: int | None = None,
+    record_every: Recording | int | None = None,
     lanes: int = LANES,
     keep_states: bool = False,
 ) -> FlightBlock:
     """Fly every row of ``parameters`` [flight, parameter] (order of PARAMETERS).
 
-    ``record_every`` counts control ticks between the recorded samples (None: no history); ``keep_states`` adds the
-    whole state in double precision to them. A flight depends on its row and the plan alone: not on the other rows,
-    nor on how many fly side by side (``lanes``). Releases the interpreter's lock, so threads may call it side by side.
+    ``record_every``: what is recorded, or control ticks between samples of every channel (None: no history);
+    ``keep_states`` adds the whole state in double precision to them. A flight depends on its row and the plan alone:
+    not on the other rows, nor on how many fly side by side (``lanes``). Releases the interpreter's lock, so threads may
+    call it side by side.
     Raises ValueError for an array of the wrong type or shape.
     """
     parameters = check_parameters(parameters)
-    every = record_every or 0
-    results = make_results(plan, len(parameters), every, keep_states)
-    kernel_plan, memory, results = flight_arguments(plan, parameters, results, every, lanes)
+    recording = recording_of(record_every)
+    results = make_results(plan, len(parameters), recording, keep_states)
+    kernel_plan, memory, results = flight_arguments(plan, parameters, results, recording, lanes)
     with open_law(plan, lanes) as own:
         compiled_flight(lanes)(kernel_plan._replace(own=own), memory, results)
-    return make_block(plan, results, every)
+    return make_block(plan, results, recording)
 
 
 def flight_arguments(
-    plan: FlightPlan, parameters: Floats, results: KernelResults, every: int, lanes: int
+    plan: FlightPlan, parameters: Floats, results: KernelResults, recording: Recording, lanes: int
 ) -> tuple[KernelPlan, Memory, KernelResults]:
     """What the compiled flight takes, checked. Raises ValueError, see :mod:`abhv_mc.flight.arguments`."""
-    arguments = make_kernel_plan(plan, parameters, every), make_memory(lanes), results
+    arguments = make_kernel_plan(plan, parameters, recording), make_memory(lanes), results
     check_written(*arguments)
     return arguments

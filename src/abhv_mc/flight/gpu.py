@@ -18,7 +18,7 @@ from abhv_mc.flight.counting import MAX_REGISTERS
 from abhv_mc.flight.fly import check_parameters, make_block
 from abhv_mc.flight.kernel import fly_groups
 from abhv_mc.flight.memory import O_ROWS, Z_ROWS, Memory
-from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording, recording_of
 from abhv_mc.io.input_error import Refusal
 from abhv_mc.jit_cuda import cuda, device_kernel, find_device, uncontracted
 from abhv_mc.plant import state as s
@@ -64,6 +64,7 @@ def make_flight_kernel(
             memory = Memory(
                 cuda.local.array((Z_ROWS, 1), np.float64),
                 cuda.local.array((O_ROWS, 1), np.float64),
+                cuda.local.array((1, 1), np.float64),  # threads share no extremes
                 cuda.local.array((table_rows, 1), np.float64),
                 cells,
                 trim_cells,
@@ -112,7 +113,7 @@ def to_device(value: Any) -> Any:
 def fly_on_gpu(
     plan: FlightPlan,
     parameters: Floats,
-    record_every: int | None = None,
+    record_every: Recording | int | None = None,
     keep_states: bool = False,
     threads: int = THREADS,
     max_registers: int | None = None,
@@ -120,18 +121,18 @@ def fly_on_gpu(
     """What :func:`abhv_mc.flight.fly.fly` does, on the GPU; results do not depend on ``threads`` (of a block).
 
     Threads of the host take turns. Raises Refusal where there is no GPU, ValueError for an array of the wrong
-    type or shape.
+    type or shape. Of extremes nothing is recorded: they would be shared by all threads.
     """
     find_device()
     if plan.law == "python" or plan.channels_hash:
         what = "a law" if plan.law == "python" else "channels"
         found = f"'{plan.controller}' with {what} of one's own, which is compiled for the processor only"
         raise Refusal(found, "--device cpu, or the laws and channels of the program")
-    every = record_every or 0
-    host_plan = make_kernel_plan(plan, check_parameters(parameters), every)
+    recording = recording_of(record_every)._replace(extremes=False)
+    host_plan = make_kernel_plan(plan, check_parameters(parameters), recording)
     parameters = host_plan.parameters
     flights = len(parameters)
-    results = make_results(plan, flights, every, keep_states)
+    results = make_results(plan, flights, recording, keep_states)
     bytes_per_flight = parameters[:1].nbytes + sum(array[:1].nbytes for array in results)
     piece = max(threads, int(_MEMORY // max(bytes_per_flight, 1)))
     with _one_at_a_time, uncontracted():
@@ -146,4 +147,4 @@ def fly_on_gpu(
             for there, here in zip(device, host, strict=True):
                 if here.size:
                     there.copy_to_host(here)
-    return make_block(plan, results, every)
+    return make_block(plan, results, recording)

@@ -15,6 +15,7 @@ from abhv_mc.control.laws.user import own_tick
 from abhv_mc.flight import observe
 from abhv_mc.flight.arguments import LQR, PYTHON, RECORDED, TLC
 from abhv_mc.flight.counting import count_tick, finish_counting
+from abhv_mc.flight.extremes import follow_extremes, keep_extremes
 from abhv_mc.flight.memory import Z_ROWS, has_width, restore_lanes, save_lane
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.observe import (
@@ -92,6 +93,16 @@ def record_tick(plan, memory, results, flights, n, tick):
 
 
 @lanes
+def bin_tick(plan, memory, results, width, tick, first, last):
+    """Extremes at a control tick, where asked for; ``first`` and ``last``: of those that the lanes fly together."""
+    every = plan.record_every
+    if results.low.shape[0] > 0:
+        follow_extremes(memory.Z, memory.E, plan.observed, width, first or tick % every == 0)
+        if last or (tick + 1) % every == 0:
+            keep_extremes(memory.E, plan.observed, results.low[tick // every], results.high[tick // every], width)
+
+
+@lanes
 def fly_ticks(plan, memory, results, width, law, first_tick, end, flights, n):
     """One group of flights from ``first_tick`` to before tick ``end``, or until all of them have ended."""
     Z, O, step, steps_per_tick = memory.Z, memory.O, plan.timing.step, plan.timing.steps_per_tick
@@ -116,6 +127,7 @@ def fly_ticks(plan, memory, results, width, law, first_tick, end, flights, n):
                 observe_tick(plan, memory, width, tick)
                 record_tick(plan, memory, results, flights, n, tick)
                 flying = tick < plan.timing.ticks and any_lane(O, width, observe.ALIVE, 1, 0.0)
+                bin_tick(plan, memory, results, width, tick, tick == first_tick, not flying or tick + 1 == end)
                 if not flying:
                     break
             if stage == 0:

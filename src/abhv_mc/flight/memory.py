@@ -6,6 +6,7 @@ import numpy as np
 
 from abhv_mc.control.laws.trim_lookup import TrimCells, make_trim_cells
 from abhv_mc.flight import observe
+from abhv_mc.flight.extremes import E_ROWS
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.lane_memory import aligned_zeros
 from abhv_mc.plant import state as s
@@ -24,6 +25,7 @@ class Memory(NamedTuple):
 
     Z: Floats  # [row, lane] state, parameters, air data, ... see abhv_mc.plant.state
     O: Floats  # [row, lane] end of the flight and metrics, see abhv_mc.flight.observe
+    E: Floats  # [2 channel + side, lane] extremes of a bin, see abhv_mc.flight.extremes
     T: Floats  # [table row, lane]
     cells: TableCells
     trim: TrimCells
@@ -37,6 +39,7 @@ def make_memory(width: int) -> Memory:
     return Memory(
         aligned_zeros((Z_ROWS, width)),
         aligned_zeros((O_ROWS, width)),
+        aligned_zeros((E_ROWS, width)),
         aligned_zeros((s.MAX_TABLE_ROWS, width)),
         make_cells(width),
         make_trim_cells(width),
@@ -52,6 +55,7 @@ def has_width(memory, width):
     return (
         memory.Z.shape[1] == width
         and memory.O.shape[1] == width
+        and memory.E.shape[1] == width
         and memory.T.shape[1] == width
         and memory.cells.cell.shape[1] == width
         and memory.cells.fraction.shape[1] == width

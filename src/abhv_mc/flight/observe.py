@@ -95,8 +95,8 @@ class Observed(NamedTuple):
     channel_factor: Floats  # [channel]
 
 
-def make_observed(limits: Limits) -> Observed:
-    """The tables for one plan's limits."""
+def make_observed(limits: Limits, channels: tuple[int, ...]) -> Observed:
+    """The tables for one plan's limits and the recorded ``channels`` of CHANNELS."""
     bounded = [limit for limit in LIMITS if any(map(math.isfinite, limit.bounds(limits)))]  # perhaps none
     bounds = np.array([limit.bounds(limits) for limit in bounded], np.float64).reshape(-1, 2)
     return Observed(
@@ -104,15 +104,16 @@ def make_observed(limits: Limits) -> Observed:
         np.array([float(limit.outcome) or _FLOWN for limit in bounded], np.float64),
         bounds[:, 0].copy(),
         bounds[:, 1].copy(),
-        *_channel_table(),
+        *_channel_tables(channels),
     )
 
 
 @cache
-def _channel_table() -> tuple[Any, ...]:
+def _channel_tables(channels: tuple[int, ...]) -> tuple[Any, ...]:
+    recorded = [CHANNELS[i] for i in channels]
     return (
-        np.array([find_row(channel.source) for channel in CHANNELS]),
-        np.array([find_factor(channel.source, channel.unit) for channel in CHANNELS]),
+        np.array([find_row(channel.source) for channel in recorded], np.int64),
+        np.array([find_factor(channel.source, channel.unit) for channel in recorded], np.float64),
     )
 
 
@@ -175,7 +176,7 @@ def check_limit(verdict, value, low, high, outcome, width):
 
 @lanes
 def record(Z, observed, history, flights, n, sample):
-    """The channels at this tick, in the order of CHANNELS, of the lanes' ``flights`` that still fly."""
+    """The recorded channels at this tick, of the lanes' ``flights`` that still fly."""
     for lane in range(n):
         if Z[s.COUNTED, lane] > 0.0:
             row = history[flights[lane], sample]

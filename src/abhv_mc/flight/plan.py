@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.flight import outcome
+from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRICS, NO_METRICS, Metric, unpack_metrics
 from abhv_mc.plant.air_profile import no_profile
 from abhv_mc.plant.effectiveness import Effectiveness
 from abhv_mc.user_code.source import OwnSource
-from abhv_mc.vehicle.arrays import Floats, Tables
+from abhv_mc.vehicle.arrays import Floats, Singles, Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth
 
@@ -19,6 +20,23 @@ Limits = outcome.Limits
 
 NO_SOURCES: NDArray[np.str_] = np.empty((0, 2), dtype=np.str_)
 LANES = 32  # flights of a group: batched lanes
+
+
+class Recording(NamedTuple):
+    """What is recorded of flights."""
+
+    every: int  # control ticks between samples, 0 for none
+    channels: tuple[int, ...] = tuple(range(len(CHANNELS)))  # of CHANNELS
+    extremes: bool = False  # over every control tick around each sample, of all flights together
+
+    def count_samples(self, timing: "Timing") -> int:
+        """Samples of a whole flight."""
+        return timing.ticks // self.every + 1 if self.every else 0
+
+
+def recording_of(asked: Recording | int | None) -> Recording:
+    """What is asked for; a number stands for samples of every channel so many control ticks apart, None for nothing."""
+    return asked if isinstance(asked, Recording) else Recording(asked or 0)
 
 
 class Timing(NamedTuple):
@@ -78,6 +96,8 @@ class FlightBlock:
     outcome: NDArray[np.int64]  # [flight] values of Outcome
     end_time: Floats  # [flight] s
     metrics: Floats  # [flight, metric] in the order of the plan's metrics
-    history: NDArray[np.float32]  # [flight, time, channel] in the order of CHANNELS; NaN after the end
+    history: Singles  # [flight, time, channel] the recorded channels; NaN after the end
     times: Floats  # [time] s
     states: Floats = field(default_factory=lambda: np.empty((0, 0, 0)))  # [flight, time, state], where asked for
+    low: Singles | None = None  # [time, channel] least and greatest value of these flights at any control tick from
+    high: Singles | None = None  # the time before to the one after, NaN where nobody flew; None where not asked for

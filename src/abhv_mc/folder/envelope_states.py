@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.flight.plan import Recording
 from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.folder.envelopes import QUANTILES, EnvelopeTable
 from abhv_mc.folder.flights import DamagedFileError, parse_block_name
@@ -58,11 +59,14 @@ class Cells:
     def count(self) -> int:
         return len(self.times) * len(self.channels)
 
-    def cut(self, history: Singles) -> Singles:
-        """``[flight, cell]`` of a history ``[flight, time, channel]`` of all channels."""
-        if len(self.columns) < history.shape[2]:
-            history = history[:, :, list(self.columns)]
-        return np.ascontiguousarray(history).reshape(len(history), self.count)
+    @property
+    def recording(self) -> Recording:
+        """What flights record for them."""
+        return Recording(self.every, self.columns, extremes=True)
+
+    def flatten(self, history: Singles) -> Singles:
+        """``[flight, cell]`` of recorded values ``[flight, time, channel]``."""
+        return history.reshape(len(history), self.count)
 
 
 class Collector(Protocol):

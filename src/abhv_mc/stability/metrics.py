@@ -8,7 +8,7 @@ import numpy as np
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording
 from abhv_mc.vehicle.arrays import Floats
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def count_metrics(plan: FlightPlan) -> int:
     return len(plan.metrics) + (len(MARGIN_VALUES) if isinstance(plan, MarginPlan) else 0)
 
 
-def fly_with_margins(plan: FlightPlan, parameters: Floats, record_every: int | None = None) -> FlightBlock:
+def fly_with_margins(plan: FlightPlan, parameters: Floats, record_every: Recording | int | None = None) -> FlightBlock:
     """As :func:`abhv_mc.flight.fly.fly`; flights of a :class:`MarginPlan` are linearised too.
 
     A flight's margins depend on its own row alone.

@@ -15,7 +15,7 @@ from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.kernel import control, evaluate
 from abhv_mc.flight.memory import Z_ROWS, has_width, make_memory
 from abhv_mc.flight.navigation import navigate
-from abhv_mc.flight.plan import LANES, FlightPlan
+from abhv_mc.flight.plan import LANES, FlightPlan, Recording
 from abhv_mc.flight.sensors import active_sensor_errors, sense
 from abhv_mc.flight.user_law import PYTHON, law_memory, open_law
 from abhv_mc.jit import kernel, lanes
@@ -151,7 +151,7 @@ def plant_rates(plan: FlightPlan, parameters: Floats, flight: Ints, states: Floa
     """
     points = len(states)
     rates, variables = np.empty((points, s.AILERON)), np.empty((points, len(VARIABLES)))
-    arguments = make_kernel_plan(plan, parameters, 0), make_memory(LANES), np.asarray(flight, dtype=np.int64)
+    arguments = make_kernel_plan(plan, parameters, Recording(0)), make_memory(LANES), np.asarray(flight, dtype=np.int64)
     probe_plant(*arguments, np.ascontiguousarray(states), np.arange(points), rates, variables)
     return rates, variables
 
@@ -211,7 +211,11 @@ def _run_law(
 ) -> tuple[Floats, Floats]:
     after, seen = np.empty_like(before), np.empty((len(before), _N_SEEN))
     with open_law(plan, LANES, memory_in_rows=True) as own:
-        arguments = make_kernel_plan(plan, nominal_parameters(), 0)._replace(own=own), make_memory(LANES), *ticks
+        arguments = (
+            make_kernel_plan(plan, nominal_parameters(), Recording(0))._replace(own=own),
+            make_memory(LANES),
+            *ticks,
+        )
         probe_law(*arguments, np.ascontiguousarray(states), rows, np.arange(len(before)), before, after, seen)
     return after, seen
 

@@ -11,6 +11,7 @@ from abhv_mc import array_types
 
 Floats = array_types.Floats
 Ints = array_types.Ints
+Singles = array_types.Singles
 
 # What a table axis or a build-up term may depend on, SI and radians.
 # The effectors are the vehicle's own surfaces, mixed from the three axis deflections.

@@ -1,0 +1,81 @@
+"""Extremes over every tick that the kernel keeps are those of whole histories, to the bit."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from fake_flight import around
+
+from abhv_mc.flight.channels import CHANNELS
+from abhv_mc.flight.extremes import join_bins
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.kernel import COMPACTION
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import LANES, Recording
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+
+TICKS = COMPACTION + 111  # lanes are compacted once, in the middle of a bin of some widths
+FLIGHTS = 2 * LANES + 5
+
+
+@pytest.fixture(scope="module")
+def plans(repository):
+    configs = repository / "configs"
+    vehicle, mission = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
+    made = {name: prepare(vehicle, mission, configs / "control" / f"{name}.yaml", name) for name in ("tlc", "lqr")}
+    return {
+        name: dataclasses.replace(plan, timing=plan.timing._replace(ticks=TICKS), limits=tight(plan.limits))
+        for name, plan in made.items()
+    }
+
+
+def tight(limits):
+    return limits._replace(altitude_max=20_001.5)  # some flights end on the way
+
+
+@pytest.fixture(scope="module")
+def dispersed():
+    generator = np.random.default_rng(18)
+    rows = nominal_parameters(FLIGHTS)
+    for name, width in (("aero.lift", 0.2), ("initial.sideslip", 0.003), ("wind.east", 8.0), ("initial.bank", 0.3)):
+        rows[:, PARAMETER_INDEX[name]] += generator.uniform(-width, width, FLIGHTS)
+    rows[::13, PARAMETER_INDEX["failure.rudder.stuck_time"]] = 4.0
+    rows[7, PARAMETER_INDEX["mass.total"]] = np.nan  # breaks before its first sample counts
+    return rows
+
+
+@pytest.mark.parametrize("law", ["tlc", "lqr"])
+@pytest.mark.parametrize("every", [1, 7, 20, 300, TICKS + 1])
+def test_extremes_are_those_of_whole_histories(plans, dispersed, law, every):
+    whole = fly(plans[law], dispersed, 1)
+    ends = np.unique(whole.end_time)
+    assert (whole.outcome == Outcome.NOT_FINITE).any()
+    assert ((ends > 0.1) & (ends < 6.0)).any() and (whole.outcome == Outcome.OK).any()
+    for channels in (tuple(range(len(CHANNELS))), (11, 3, 3, 0)):
+        recording = Recording(every, channels, extremes=True)
+        for lanes, rows in ((LANES, slice(None)), (3, slice(0, 20)), (1, slice(4, 9))):
+            found = fly(plans[law], dispersed[rows], recording, lanes=lanes)
+            history = whole.history[rows][:, :, channels]
+            np.testing.assert_array_equal(found.history, history[:, ::every])
+            for side, extreme in ((found.low, np.fmin), (found.high, np.fmax)):
+                expected = around(history, every, extreme)
+                assert side.dtype == np.float32
+                assert side.tobytes() == expected.tobytes()  # -0 and 0 are one
+
+
+def test_nothing_else_changes_where_extremes_are_kept(plans, dispersed):
+    plain, found = fly(plans["tlc"], dispersed), fly(plans["tlc"], dispersed, Recording(20, (5,), extremes=True))
+    for name in ("outcome", "end_time", "metrics"):
+        assert getattr(plain, name).tobytes() == getattr(found, name).tobytes()
+    assert plain.low is None
+    assert fly(plans["tlc"], dispersed, Recording(20, (5,))).low is None
+
+
+def test_no_value_and_infinite_ones_are_told_apart():
+    low, high = np.array([[np.inf, np.inf, -0.0]] * 3), np.array([[-np.inf, np.inf, -0.0]] * 3)
+    history = np.array([[[np.nan, np.inf, -0.0]] * 3], np.float32)
+    found = join_bins(low, high, history)
+    for side in found:
+        np.testing.assert_array_equal(side, [[np.nan, np.inf, 0.0]] * 3)
+        assert not np.signbit(side[:, 2]).any()
