@@ -40,9 +40,9 @@ def test_quantiles_are_covered(law, size):
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("size", [30, 100, 1000])
-@pytest.mark.parametrize(("together", "scale"), [(0.0, 1.0), (0.8, 3.0)])
+@pytest.mark.parametrize(("together", "scale"), [(0.0, 1.0), (0.8, 3.0), (-1.0, 1.0)])
 def test_differences_of_quantiles_are_covered(law, size, together, scale):
-    """99.73 % differences of 30 to 100 flights held the truth in 8 to 24 % of campaigns, and were shown closed."""
+    """With errors on opposite sides 86 % held the truth; at 99.73 % of 30 to 100 flights 8 to 24 %, and were closed."""
     a, b = draw_pairs(law, size, together, 52)
     b = scale * b
     found = [quantile_differences(one, other, LEVELS) for one, other in zip(a, b, strict=True)]

@@ -1,5 +1,8 @@
 """The rule for verdicts: its published thresholds, its limits of error, and what it says beside the counts."""
 
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -94,3 +97,12 @@ def test_at_the_limit_hardly_any_system_ever_passes_or_fails():
         passed += bool(np.any((fails_at[:300] > needed) & (needed <= 100_000)))
         failed += bool(np.any((fails_at[:399] <= enough) & (fails_at[:399] <= 100_000)))
     assert 0.07 < passed / systems <= 0.105 + 0.02 and 0.03 < failed / systems <= 0.105
+
+
+@pytest.mark.parametrize("user", ["extend", "new_seed", "follow"])
+def test_impatient_users_pass_hardly_more_bad_systems(user):
+    """Ten rounds each; 24.9 % by extensions and 34.6 % by advised new campaigns were brought to a PASS."""
+    spec = spec_from_file_location("verdict_errors", Path(__file__).parents[2] / "benchmarks/verdict_errors.py")
+    script = module_from_spec(spec)
+    spec.loader.exec_module(script)
+    assert script.persuade(getattr(script, user), 1000) <= 0.11

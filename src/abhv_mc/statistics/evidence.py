@@ -63,6 +63,11 @@ def log_fail_evidence(failures: int, flights: int, probability: float) -> float:
     return _log_part(a, b, allowed, upper=True) + log1p(-allowed) - log(weight)
 
 
+def log_coin_evidence(heads: int, tails: int) -> float:
+    """Logarithm of the mean likelihood ratio of all chances of heads above one half against a fair coin."""
+    return _log_part(tails + 1.0, heads + 1.0, 0.5) - log(2.0)
+
+
 def _first(low: int, high: int, holds: Callable[[int], bool]) -> int:
     """Smallest integer of low..high where `holds`, which holds at `high` and from the first on."""
     while low < high:

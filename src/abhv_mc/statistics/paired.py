@@ -27,7 +27,6 @@ class PairedMetric:
     a_better: int
     b_better: int
     ties: int
-    a_share: Interval  # share of the flights on which `a` is better, ties as half
     median_difference: Interval  # of the pairs, exact
     quantile_differences: list[Interval]  # at `levels`, open where the flights do not bound them
     levels: tuple[float, ...]
@@ -43,23 +42,11 @@ def compare_metric(a: Floats, b: Floats, levels: tuple[float, ...] = LEVELS, con
         a_better=a_better,
         b_better=b_better,
         ties=a.size - a_better - b_better,
-        a_share=better_share(a_better, b_better, a.size, confidence),
         median_difference=paired_median_difference(a, b, confidence),
         quantile_differences=quantile_differences(a, b, levels, confidence),
         levels=levels,
         pairing_gain=pairing_gain(a, b),
     )
-
-
-def better_share(a_better: int, b_better: int, pairs: int, confidence: float = 0.95) -> Interval:
-    """Share of the `pairs` on which `a` is better, a tie counting as half, with the exact interval of the sign test.
-
-    Half a pair that is left over widens the interval at both ends.
-    """
-    twice = pairs + a_better - b_better
-    low = clopper_pearson(twice // 2, pairs, confidence)[0]
-    high = clopper_pearson((twice + 1) // 2, pairs, confidence)[1]
-    return Interval(twice / (2 * pairs), low, high)
 
 
 def pairing_gain(a: Floats, b: Floats) -> float | None:

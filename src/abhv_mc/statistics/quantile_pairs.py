@@ -52,7 +52,7 @@ def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: f
         beyond_a, beyond_b = a < high_a, b < high_b
     share = min(probability, 1.0 - probability)
     both = max(float(np.sum(beyond_a & beyond_b)) - _CAUTION, 0.0) / a.size
-    return float(np.clip((both - share**2) / (share * (1.0 - share)), 0.0, 0.999))
+    return float(np.clip((both - share**2) / (share * (1.0 - share)), -0.999, 0.999))
 
 
 def quantile_difference(a: Floats, b: Floats, probability: float, confidence: float = 0.95) -> Interval:

@@ -2,7 +2,8 @@
 
 Each flight counts by the ratio of the densities; ratios are normalized by their sum (Owen, "Monte Carlo theory,
 methods and examples", 2013, chapter 9). Intervals are those of counted flights with the number of flights replaced by
-the effective one: Kish's, or less where the weights of what is estimated vary more than the rest.
+the effective one (Kish's, or less where the weights of what is estimated vary more than the rest); the end on the bad
+side by the effective number of the flights that are bad.
 """
 
 from collections.abc import Sequence
@@ -63,21 +64,33 @@ def _effective_at(flags: NDArray[np.bool_], share: float, weights: Floats) -> fl
     return min(share * (1.0 - share) * float(np.sum(weights)) ** 2 / spread, effective_size(weights))
 
 
-def _ends(share: float, flights: float, confidence: float) -> tuple[float, float]:
-    """Clopper-Pearson's interval on a share of an effective number of flights, whole or not."""
-    tail = (1.0 - confidence) / 2.0
+def _low_end(share: float, flights: float, tail: float) -> float:
+    """Clopper-Pearson's lower end on a share of an effective number of flights, whole or not."""
     inside, outside = share * flights, (1.0 - share) * flights
-    low = 0.0 if inside <= 0.0 else float(betaincinv(inside, outside + 1.0, tail))
-    high = 1.0 if outside <= 0.0 else float(betaincinv(inside + 1.0, outside, 1.0 - tail))
-    return low, high
+    return 0.0 if inside <= 0.0 else float(betaincinv(inside, outside + 1.0, tail))
+
+
+def _high_end(counted: Floats, heaviest: float, tail: float) -> float:
+    """Clopper-Pearson's upper end from the effective number of the flights that count, not of all.
+
+    One more flight may count, as heavy as the `heaviest` that does (Fay & Feuer 1997): `counted` are the parts [flight]
+    of all weight that those which count have. Chance leaves out heavy flights more often than not.
+    """
+    total, squares = float(counted.sum()) + heaviest, float(np.sum(counted**2)) + heaviest**2
+    events, each = total**2 / squares, squares / total  # effective number, and the share that each stands for
+    rest = 1.0 / each - events + 1.0
+    return 1.0 if rest <= 0.0 else float(betaincinv(events, rest, 1.0 - tail))
 
 
 def weighted_share(
     flags: NDArray[np.bool_], weights: Floats, unseen: float = 0.0, confidence: float = 0.95
 ) -> Interval:
     """Share of the flights with `flags`; `unseen` is the probability that the flights do not reach, all counted in."""
-    share = float(weights[flags].sum() / weights.sum())
-    low, high = _ends(share, _effective_at(flags, share, weights), confidence)
+    tail, parts = (1.0 - confidence) / 2.0, weights / weights.sum()
+    counted = parts[flags]
+    share = float(counted.sum())
+    low = _low_end(share, _effective_at(flags, share, weights), tail)
+    high = _high_end(counted, float((counted if counted.size else parts).max()), tail)
     return Interval(share, low, min(high + unseen, 1.0))
 
 
@@ -91,23 +104,35 @@ def weighted_quantile(
     kept = weights > 0.0
     order = np.argsort(values[kept], kind="stable")
     ascending, mass = values[kept][order], weights[kept][order]
-    total = float(mass.sum())
-    reached = np.cumsum(mass) / total  # share at or below each value
-    value = _between(ascending, reached - mass / total, probability)
+    parts = mass / mass.sum()
+    reached = np.cumsum(parts)  # share at or below each value
+    value = _between(ascending, reached - parts, probability)
     n = _effective_at(ascending <= value, probability, mass)
     tail = (1.0 - confidence) / 2.0
-    low, high = -np.inf, np.inf
+    low = -np.inf
     # As with order statistics, no value bounds a quantile that so few flights may well not reach.
     if (1.0 - probability) ** n <= tail:
         below = 1.0  # where so few flights lie below the quantile, all of them
         if 1.0 - probability**n > tail:
             below = brentq(lambda rank: betainc(n - rank + 1.0, rank, 1.0 - probability) - tail, 1.0, n) / n
         low = float(ascending[max(int(np.searchsorted(reached, below * _UP, side="right")) - 1, 0)])
-    if probability**n <= tail:
-        above = brentq(lambda rank: betainc(rank, n - rank + 1.0, probability) - tail, 1e-9, n) / n + unseen
-        if above <= 1.0:
-            high = float(ascending[min(int(np.searchsorted(reached, above / _UP)), reached.size - 1)])
-    return Interval(value, low, high)
+    return Interval(value, low, _high_quantile(ascending, parts, 1.0 - probability - unseen, tail))
+
+
+def _high_quantile(ascending: Floats, parts: Floats, allowed: float, tail: float) -> float:
+    """The smallest value beyond which at most a share `allowed` lies; infinite where none is."""
+
+    def enough(first: int) -> bool:
+        beyond = parts[first:]
+        return _high_end(beyond, float((beyond if beyond.size else parts).max()), tail) <= allowed * _UP
+
+    low, high = 0, parts.size  # number of flights at or below
+    if not enough(high):
+        return np.inf
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (low, middle) if enough(middle) else (middle + 1, high)
+    return float(ascending[max(low - 1, 0)])
 
 
 def _between(ascending: Floats, start: Floats, probability: float) -> float:

@@ -1,17 +1,21 @@
-"""Who is better in a metric: closer in the median, not worse in the tails, and losing no more flights.
+"""Who is better in a metric: closer on more of the flights, not shown worse in the tails, and losing no more flights.
 
-A campaign that compares several metrics with several rivals names some winner by chance more often than each of its
-intervals says; so each holds at a risk divided by the comparisons (Bonferroni).
+That one is closer on more than half of the flights that differ is shown by a mean of likelihood ratios against a fair
+coin, over all larger chances alike: it holds at any number of flights. A campaign that compares several metrics with
+several rivals names some winner by chance more often than each comparison does; so each holds at a share of the risk
+(Bonferroni).
 """
 
 from dataclasses import dataclass
+from math import log
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.statistics.estimates import Floats, Interval, pair_differences
-from abhv_mc.statistics.paired import better_share, compare_failures
+from abhv_mc.statistics.evidence import log_coin_evidence
+from abhv_mc.statistics.paired import compare_failures
 from abhv_mc.statistics.quantile_pairs import quantile_difference
 
 Side = Literal["a", "b", ""]
@@ -25,11 +29,10 @@ TAILS = (0.95, 0.9973)  # quantiles in which a winner is not worse
 class Decision:
     """One metric of `a` against `b` on the same flights."""
 
-    closer: Side  # in the median, '' where that is not shown
-    share: Interval  # of the flights on which `a` is better, ties as half, at the family's confidence
-    worse: tuple[float, ...]  # quantiles in which the closer one is worse
-    uncompared: tuple[float, ...]  # quantiles that so few flights do not compare
-    loses_more: bool  # whether the closer one loses more flights
+    closer: Side  # on more than half of the flights that differ, '' where that is not shown
+    worse: tuple[float, ...] = ()  # quantiles in which the closer one is shown to be worse
+    uncompared: tuple[float, ...] = ()  # quantiles that so few flights do not compare
+    loses_more: bool = False  # whether the closer one is shown to lose more flights
 
     @property
     def winner(self) -> Side:
@@ -47,24 +50,16 @@ def decide(a: Floats, b: Floats, lost_a: Flags, lost_b: Flags, comparisons: int,
         raise ValueError(f"comparisons must be at least 1, found {comparisons}")
     confidence = 1.0 - risk / comparisons
     difference = pair_differences(a, b)
-    share = better_share(int(np.sum(difference < 0.0)), int(np.sum(difference > 0.0)), a.size, confidence)
-    closer: Side = "a" if share.low > 0.5 else "b" if share.high < 0.5 else ""
-    if not closer:
-        return Decision("", share, (), (), False)
-    if closer == "b":
+    better, worse = int(np.sum(difference < 0.0)), int(np.sum(difference > 0.0))
+    if log_coin_evidence(max(better, worse), min(better, worse)) < log(2.0 * comparisons / risk):  # either may win
+        return Decision("")
+    if better < worse:
         a, b, lost_a, lost_b = b, a, lost_b, lost_a
     # From here on `a` is the one that is better on more flights.
-    if _worse(quantile_difference(a, b, 0.5, confidence)) or _medians(a, b) > 0.0:
-        return Decision("", share, (), (), False)
-    worse, uncompared = _tails(a, b, confidence)
+    tails, uncompared = _tails(a, b, confidence)
     lost = compare_failures(lost_a, lost_b)
-    return Decision(closer, share, worse, uncompared, lost.only_a > lost.only_b and lost.p_value <= risk)
-
-
-def _medians(a: Floats, b: Floats) -> float:
-    """Sign of the difference of the medians."""
-    high_a, high_b = float(np.median(a)), float(np.median(b))
-    return float(high_a > high_b) - float(high_a < high_b)
+    more = lost.only_a > lost.only_b and lost.p_value <= risk
+    return Decision("a" if better > worse else "b", tails, uncompared, more)
 
 
 def _worse(difference: Interval) -> bool:

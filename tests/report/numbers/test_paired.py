@@ -36,7 +36,6 @@ def winner_when_better_in(results, count, controllers):
 def test_winners_allow_for_all_metrics_and_rivals_of_the_first_screen(results):
     """With its own 95 % each, some winner was named in 29 to 34 % of campaigns without any difference."""
     names = results.controllers
-    # Of 120 in 200, the interval begins at 52.9 % with 95 %, at 50.7 % with 99 % (for five metrics), and at 49.9 % with
-    # 99.5 % (for two rivals, too).
+    # 120 of 200 are evidence of 8 against a fair coin, 130 of 1400; either may win in five metrics: 200 are asked for.
     assert winner_when_better_in(results, 120, names) == {None}
     assert winner_when_better_in(results, 130, names) == {names[0]}

@@ -15,8 +15,8 @@ def test_the_first_sentence_says_who_wins_and_at_what_usage(report_json):
         name: cell["q50"]["value"]
         for name, cell in report_json["metrics"]["speed_error_max_mps"]["controllers"].items()
     }
-    assert "TLC has the smaller errors (medians) in angle of attack (" in first
-    assert f"and speed ({medians['tlc']:.1f} against {medians['lqr']:.1f} m/s)" in first
+    assert "TLC is closer on more flights in angle of attack (closer on" in first
+    assert f"medians {medians['tlc']:.1f} and {medians['lqr']:.1f} m/s)" in first
     assert "no difference is shown in altitude" in first
     usage = "TLC uses 10\u202f% more aileron, 10\u202f% more rudder and 10\u202f% more elevator"
     assert f"{usage} (rms, median of the flights' ratios)" in first
@@ -37,7 +37,7 @@ def test_tails_and_lost_flights_that_contradict_the_median_make_no_winner(report
         pair["metrics"]["sideslip_rms_deg"] |= {"winner": None, "mixed": True, "closer": "tlc", "loses_more": True}
     first = summary_sentences(numbers)[0]
     assert first.startswith("Mixed: ")
-    assert "undecided in sideslip (TLC has the smaller median but more flights lost)" in first
+    assert "undecided in sideslip (TLC is closer on more flights but has more flights lost)" in first
     assert "no difference is shown in altitude" in first
 
 
@@ -69,7 +69,7 @@ def test_the_strongest_rival_comes_first(report_json):
     for metric in ("sideslip_rms_deg", "speed_error_max_mps"):
         pair["metrics"][metric] |= {"winner": "lqr_retuned", "mixed": False}
     sentences = summary_sentences(numbers)
-    assert sentences[0].startswith("Mixed: against LQR retuned") and "the larger errors (medians) in" in sentences[0]
+    assert sentences[0].startswith("Mixed: against LQR retuned") and "further off on more flights in" in sentences[0]
     assert any(text.startswith("Against LQR, on the same") for text in sentences[1:])
 
 

@@ -74,7 +74,9 @@ def compare_folders(
     pairs = []
     for one, other in _pairs(a, b, controllers):
         names = (f"{folder_a}: {one}", f"{folder_b}: {other}")
-        found = pair_numbers(a.flights[one], b.flights[other], names, metrics, requirements)
+        found = pair_numbers(
+            a.flights[one], b.flights[other], names, metrics, requirements, independent=a.campaign.independent
+        )
         if found is not None:
             gates = {
                 metric: _gate(a.flights[one], b.flights[other], metric, m) for metric, m in (margins or {}).items()

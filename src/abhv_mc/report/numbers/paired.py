@@ -12,7 +12,7 @@ from abhv_mc.report.numbers.metrics import FOLLOWING, HEADLINE, HOLDING, USAGE, 
 from abhv_mc.report.numbers.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.numbers.results import Requirement, Results
 from abhv_mc.statistics.paired import compare_failures, compare_metric, compare_usage, median_ratio
-from abhv_mc.statistics.winner import decide
+from abhv_mc.statistics.winner import Decision, decide
 from abhv_mc.vehicle.arrays import Floats
 
 _LISTED = 10  # flights where only one failed
@@ -29,6 +29,7 @@ def paired_numbers(results: Results) -> dict[str, Any]:
             results.metrics,
             results.campaign.requirements,
             rivals=len(list(results.pairs)),
+            independent=results.campaign.independent,
         )
         if found is not None:
             pairs[f"{a} - {b}"] = found
@@ -42,10 +43,12 @@ def pair_numbers(
     metrics: Iterable[str],
     requirements: Sequence[Requirement],
     rivals: int = 1,
+    independent: bool = True,
 ) -> dict[str, Any] | None:
     """Every metric, every requirement and the control usage of `a` against `b`; None without a common flight.
 
-    Winners allow for all `rivals` and for all metrics of the first screen.
+    Winners allow for all `rivals` and for all metrics of the first screen; flights that are not `independent` draws
+    name none.
     """
     rows_a, rows_b = common_rows(flights_a, flights_b)
     if not rows_a.size:
@@ -65,7 +68,7 @@ def pair_numbers(
                 metric,
                 names,
                 lost,
-                compared,
+                compared if independent else None,
             )
             for metric in metrics
         },
@@ -91,9 +94,10 @@ def _metric(
     metric: str,
     names: tuple[str, str],
     lost: tuple[NDArray[np.bool_], NDArray[np.bool_]],
-    compared: int,
+    compared: int | None,
 ) -> dict[str, Any]:
-    found, decision = compare_metric(a, b), decide(a, b, *lost, compared)
+    found = compare_metric(a, b)
+    decision = decide(a, b, *lost, compared) if compared else Decision("")
     sense = words_of(metric).sense
     levels = zip(found.levels, found.quantile_differences, strict=True)
     return {

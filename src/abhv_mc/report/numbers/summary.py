@@ -59,7 +59,7 @@ def _together_words(numbers: Mapping[str, Any]) -> str:
 def _standing(pair: Mapping[str, Any], numbers: Mapping[str, Any] | None = None) -> dict[str, list[str]]:
     """What the first controller of a pair is better in, worse in, mixed, and where no difference is shown.
 
-    With the campaign's numbers, the medians stand beside what one is better in.
+    With the campaign's numbers, the shares of flights that were tested stand beside what one is better in.
     """
     found: dict[str, list[str]] = {"better": [], "worse": [], "mixed": [], "open": []}
     for metric in (*FOLLOWING, *HOLDING):
@@ -71,29 +71,33 @@ def _standing(pair: Mapping[str, Any], numbers: Mapping[str, Any] | None = None)
                 won = "mixed"
                 words += f" ({_contradiction(entry, numbers)})" if numbers else ""
             elif numbers and won != "open":
-                words += _medians(pair, metric, numbers)
+                words += _counts(pair, metric, numbers)
             found[won].append(words)
     return found
 
 
-def _medians(pair: Mapping[str, Any], metric: str, numbers: Mapping[str, Any]) -> str:
-    """' (0.07 against 0.08 deg)'; '' where one of them lost so many flights that there is no median."""
+def _counts(pair: Mapping[str, Any], metric: str, numbers: Mapping[str, Any]) -> str:
+    """' (closer on 83 %, further on 17 %; medians 0.07 and 0.08 deg)', what was tested first."""
+    entry, of = pair["metrics"][metric], pair["pairs"]
+    shares = [("closer", entry["a_better"]), ("further", entry["b_better"])]
+    words = [f"{word} on {percent(count / of, 2)}" for word, count in shares]
+    words += [f"equal on {percent(entry['ties'] / of, 2)}"] if entry["ties"] else []
     cells = [numbers["metrics"][metric]["controllers"][pair[side]]["q50"] for side in ("a", "b")]
-    if any(cell["value"] is None for cell in cells):
-        return ""
+    if any(cell["value"] is None for cell in cells):  # so many flights were lost that there is no median
+        return f" ({', '.join(words)})"
     for digits in (2, 3, 4):  # as many as tell them apart
         a, b = (significant(cell["value"], digits) for cell in cells)
         if a != b:
             break
-    return f" ({a} against {b} {words_of(metric).unit})"
+    return f" ({', '.join(words)}; medians {a} and {b} {words_of(metric).unit})"
 
 
 def _contradiction(entry: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
-    """Why the controller that is closer in the median is no winner."""
+    """Why the controller that is closer on more flights is no winner."""
     closer = _label(numbers, entry["closer"]) if entry.get("closer") else "one"
-    reasons = [f"larger {100.0 * level:.4g} % quantile" for level in entry.get("worse_tails", [])[:1]]
+    reasons = [f"a larger {100.0 * level:.4g} % quantile" for level in entry.get("worse_tails", [])[:1]]
     reasons += ["more flights lost"] if entry.get("loses_more") else []
-    return f"{closer} has the smaller median but {joined(reasons)}" if reasons else f"{closer} in the median alone"
+    return f"{closer} is closer on more flights but has {joined(reasons)}"
 
 
 def _verdict_of(pair: Mapping[str, Any]) -> str:
@@ -124,6 +128,9 @@ def _pair_sentences(numbers: Mapping[str, Any]) -> list[str]:
     pairs = [pair for pair in _by_strength(numbers) if any(_standing(pair).values())]
     if not pairs:
         return []
+    if not numbers["campaign"]["independent_flights"]:
+        design = numbers["campaign"]["sampling"]
+        return [f"No winner is named: the flights of a {design} design are not independent draws."]
     verdicts = {_verdict_of(pair) for pair in pairs}
     name = _label(numbers, pairs[0]["a"])
     overall = {"better": f"{name} is better: ", "worse": f"{name} is worse: ", "open": "No difference is shown: "}
@@ -135,13 +142,13 @@ def _pair_sentences(numbers: Mapping[str, Any]) -> list[str]:
 def _pair_sentence(pair: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
     found, first = _standing(pair, numbers), _label(numbers, pair["a"])
     words = {
-        "better": "it has the smaller errors (medians) in",
-        "worse": "it has the larger errors (medians) in",
+        "better": "it is closer on more flights in",
+        "worse": "it is further off on more flights in",
         "mixed": "undecided in",
         "open": "no difference is shown in",
     }
     parts = [f"{words[side]} {joined(found[side])}" for side in words if found[side]]
-    text = "; ".join(parts).replace("it has", f"{first} has", 1) + _tails_words(pair)
+    text = "; ".join(parts).replace("it is", f"{first} is", 1) + _tails_words(pair)
     flights = f"on the same {fixed(pair['pairs'], 0)} flights"
     return f"against {_label(numbers, pair['b'])}, {flights}, {text}{_usage_words(pair, first)}."
 

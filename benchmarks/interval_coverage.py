@@ -1,0 +1,72 @@
+"""How often intervals miss the truth on each side: python benchmarks/interval_coverage.py
+
+`whatif` in widened tails, and differences of quantiles of dependent pairs.
+"""
+
+import numpy as np
+from scipy import stats
+
+from abhv_mc.statistics.quantile_pairs import quantile_differences
+from abhv_mc.statistics.reweight import effective_size, join_unseen, unseen_of_range, weighted_share
+
+CAMPAIGNS = 2000
+LEVELS = 0.5, 0.95, 0.9973
+
+
+def whatif(words, fails, inputs, scale, flights, truth):
+    """Print what share of campaigns is answered, and how often the answer misses on each side."""
+    draw = np.random.default_rng(7)
+    old, new = stats.norm(), stats.norm(0.0, scale)
+    limit = np.quantile(fails(scale * draw.standard_normal((2_000_000, inputs))), 1.0 - truth)
+    answered = low = high = 0
+    for _ in range(CAMPAIGNS):
+        x = draw.standard_normal((flights, inputs))
+        weights = np.exp(0.5 * np.sum(x**2, axis=1) * (1.0 - scale**-2)) / scale**inputs
+        parts = []
+        for column in x.T:
+            ends = np.array([column.min(), column.max()])
+            beyond = float(new.cdf(ends[0])), float(new.sf(ends[1]))
+            parts.append(unseen_of_range(beyond, tuple(new.pdf(ends) / old.pdf(ends)), flights))
+        unseen = join_unseen(parts)
+        if max(unseen.single, unseen.joint) > 0.01 or effective_size(weights) < 100:
+            continue
+        found = weighted_share(fails(x) > limit, weights, unseen.joint)
+        answered, low, high = answered + 1, low + (found.low > truth), high + (found.high < truth)
+    print(
+        f"whatif {words}, sigma x {scale}, {inputs} inputs, P {truth:g}: answers {answered / CAMPAIGNS:.2f}, "
+        f"truth below {low / answered:.3f}, above {high / answered:.3f}"
+    )
+
+
+def differences(words, law, size, together):
+    """Print how often the difference of quantiles lies outside its interval, on each side, at its worst level."""
+    normal = np.random.default_rng(8).standard_normal((2, CAMPAIGNS, size))
+    normal[1] = together * normal[0] + np.sqrt(1.0 - together**2) * normal[1]
+    a, b = law(stats.norm.cdf(normal))
+    b = 2.0 * b
+    missed = np.zeros((2, len(LEVELS)))
+    for one, other in zip(a, b, strict=True):
+        for k, found in enumerate(quantile_differences(one, other, LEVELS)):
+            truth = -float(law(LEVELS[k]))
+            missed[:, k] += truth < found.low, truth > found.high
+    print(f"difference, {words}, {size} pairs, correlation {together:+.1f}: {missed.max(axis=1) / CAMPAIGNS}")
+
+
+def main():
+    """All cases."""
+    whatif("sum", lambda x: x.sum(axis=1), 3, 1.2, 2000, 3.8e-3)
+    whatif("sum", lambda x: x.sum(axis=1), 3, 1.2, 2000, 1e-3)
+    whatif("sum", lambda x: x.sum(axis=1), 3, 1.2, 2000, 2e-2)
+    whatif("one", lambda x: x[:, 0], 3, 1.2, 2000, 3.8e-3)
+    whatif("radius", lambda x: np.sum(x**2, axis=1), 3, 1.2, 2000, 3.8e-3)
+    whatif("sum", lambda x: x.sum(axis=1), 5, 1.1, 1000, 3.8e-3)
+    laws = {"normal": stats.norm.ppf, "t3": stats.t(3).ppf, "lognormal": stats.lognorm(1.0).ppf}
+    laws["discrete"] = lambda p: np.floor(2.0 * stats.lognorm(1.0).ppf(p))
+    for words, law in laws.items():
+        for size in (30, 100, 1000):
+            for together in (-1.0, -0.5, 0.0, 0.5, 0.9, 1.0):
+                differences(words, law, size, together)
+
+
+if __name__ == "__main__":
+    main()
