@@ -17,12 +17,22 @@ Importing this package is cheap: what is heavy is imported where it is used.
 from typing import Any
 
 __version__ = "0.1.0"
-__all__ = ["Campaign", "CampaignResults", "__version__", "fly", "linearize", "margins", "open_results", "trim"]
+__all__ = [
+    "Campaign",
+    "CampaignResults",
+    "__version__",
+    "fly",
+    "fly_on",
+    "linearize",
+    "margins",
+    "open_results",
+    "trim",
+]
 
 _HOMES = {
     **dict.fromkeys(("Campaign", "CampaignResults", "open_results"), "abhv_mc.notebook"),
     **dict.fromkeys(("fly", "trim"), "abhv_mc.flying"),
-    **dict.fromkeys(("linearize", "margins"), "abhv_mc.linearising"),
+    **dict.fromkeys(("fly_on", "linearize", "margins"), "abhv_mc.linearising"),
 }
 
 

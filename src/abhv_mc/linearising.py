@@ -104,7 +104,8 @@ def find_point(setup: Setup, name: str, time: "Time", bank: float, parameters: "
 
     from abhv_mc.flight.prepare import prepare
     from abhv_mc.stability.nodes import near_nodes
-    from abhv_mc.stability.points import flown_points, make_steady_plan, trim_points
+    from abhv_mc.stability.points import flown_points
+    from abhv_mc.stability.steady import make_steady_plan, trim_points
 
     warnings = []
     if time == "trim":
@@ -116,7 +117,7 @@ def find_point(setup: Setup, name: str, time: "Time", bank: float, parameters: "
             wanted = "surfaces with moments of their own, and a weight that they can hold"
             raise InputError(_path(setup.files[0]), None, None, words, wanted) from None
         if found.faults[0]:
-            wanted = "a start that this vehicle can be trimmed at"
+            wanted = "a start that this vehicle can be trimmed at, or a time of the flight instead of the trim"
             raise InputError(_path(setup.files[1]), None, None, f"a start at which {found.faults[0]}", wanted)
     else:
         if not 0.0 <= time <= setup.mission.duration:
@@ -129,7 +130,7 @@ def find_point(setup: Setup, name: str, time: "Time", bank: float, parameters: "
             raise InputError(asked, None, None, f"{time:g} s: {found.faults[0]}", wanted)
         if found.faults[0]:
             warnings.append(f"{name} at {time:g} s: {found.faults[0]}; what is linearised knows no limits")
-    warnings += [f"{name}: {words}" for words in near_nodes(plan, parameters, found.points)]
+    warnings += [f"{name}: {words}" for words in near_nodes(plan, found.points)]
     return Place(plan, found.points, warnings)
 
 
@@ -165,8 +166,8 @@ def linearize(
     from abhv_mc.stability.linearize import linearise
     from abhv_mc.stability.model_file import make_model
 
-    place, parameters = _place(mission, vehicle, controller, at, bank, dispersions)
-    model = make_model(place.plan, parameters, place.points, linearise(place.plan, parameters, place.points))
+    place, _ = _place(mission, vehicle, controller, at, bank, dispersions)
+    model = make_model(place.plan, place.points, linearise(place.plan, place.points))
     point = pd.Series(model["point"]["states"], model["plant"]["states"], name="point")
     point.attrs["units"] = dict(zip(model["plant"]["states"], model["plant"]["state_units"], strict=True))
     return LinearModel(
@@ -195,26 +196,70 @@ def margins(
 
     A row for each loop (``aileron``, ``rudder``, ``elevator``, ``equivalence_ratio``), broken at its actuator with the
     others closed, and the row ``all`` for all inputs at once, which alone has the disk margin. A margin that nothing
-    ends is infinite; all are not-a-number where the closed loop is unstable. ``attrs`` hold ``units`` of the columns,
+    ends is infinite; all are not-a-number where the closed loop is unstable, and those of a loop that is not there:
+    ``attrs["reasons"]`` says why (``stuck``, or ``no effect``). ``attrs`` hold also ``units`` of the columns,
     ``stable``, the ``poles`` of the closed loop (1/s, fastest growing first) and ``warnings``.
     """
     import pandas as pd
 
     from abhv_mc.stability.analysis import analyse
     from abhv_mc.stability.linearize import linearise
-    from abhv_mc.stability.rows import margin_values
+    from abhv_mc.stability.rows import cut_loops, margin_values
 
-    place, parameters = _place(mission, vehicle, controller, at, bank, dispersions)
-    stability = analyse(linearise(place.plan, parameters, place.points), _FREQUENCIES)
+    place, _ = _place(mission, vehicle, controller, at, bank, dispersions)
+    stability = analyse(linearise(place.plan, place.points), _FREQUENCIES)
     table = pd.DataFrame.from_dict(margin_values(stability), orient="index", columns=list(_MARGIN_UNITS))
     table.index.name = "loop"
     table.attrs = {
         "units": dict(_MARGIN_UNITS),
         "stable": bool(stability.stable[0]),
         "poles": stability.poles[0].tolist(),
+        "reasons": cut_loops(stability),
         "warnings": place.warnings,
     }
     return table
+
+
+def fly_on(
+    mission: Input,
+    vehicle: Input = "ghame_x",
+    controller: Input = "tlc",
+    at: Quantity = 0.0,
+    *,
+    disturbance: Mapping[str, float] | None = None,
+    duration: Quantity = 1.0,
+    dispersions: Mapping[str, Quantity] | None = None,
+) -> "pd.DataFrame":
+    """Go on with a flight from what it is at a time, disturbed: the full flight that a linear model approximates.
+
+    at: the time (s, or text with a unit). disturbance: what is added to states of ``linearize(...).closed`` there, by
+    name, SI and radians. The table has the time as its index and those states as columns (old measurements left out),
+    in double precision. Other arguments and errors as of :func:`linearize`.
+    """
+    import numpy as np
+    import pandas as pd
+
+    from abhv_mc.flying import make_flight_plan
+    from abhv_mc.io.documents import one_of
+    from abhv_mc.stability.disturbed import fly_disturbed
+    from abhv_mc.stability.linearize import PLANT_STATES
+    from abhv_mc.stability.probe import law_memory_rows
+
+    plan = make_flight_plan(mission, vehicle, controller)
+    names = [*PLANT_STATES, *(f"law_{name}" for name in law_memory_rows(plan))]
+    change = np.zeros(len(names))
+    for name, value in (disturbance or {}).items():
+        if name not in names:
+            raise InputError("disturbance", None, None, f"'{name}'", one_of(names, name))
+        change[names.index(name)] = value
+    tick, ticks = (
+        round(to_si(time, TIME, word) / plan.timing.tick) for time, word in ((at, "at"), (duration, "duration"))
+    )
+    if not 0 <= tick <= plan.timing.ticks:
+        raise InputError("at", None, None, f"{at}", f"a time of the mission, 0 to {plan.timing.duration:g} s")
+    states = fly_disturbed(plan, make_parameters(dispersions), tick, change, ticks)
+    times = (tick + np.arange(len(states))) * plan.timing.tick
+    return pd.DataFrame(states, columns=names, index=pd.Index(times, name="time"))
 
 
 def _place(

@@ -8,15 +8,14 @@ from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.prepare import make_plan
-from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.analysis import analyse
-from abhv_mc.stability.linearize import linearise
-from abhv_mc.stability.points import make_steady_plan, trim_points
-from abhv_mc.stability.probe import replay_law
+from abhv_mc.stability.disturbed import fly_disturbed
+from abhv_mc.stability.linearize import PLANT_STATES, closed_loop, linearise, memory_count
+from abhv_mc.stability.points import flown_points
+from abhv_mc.stability.steady import make_steady_plan, trim_points
 
 
 def read(controller, mission="level", vehicle="ghame_x"):
@@ -51,7 +50,7 @@ def linear_at_trim(controller, delay=0.0):
     plan, dispersions = steady_plan(controller), parameters(sensor__delay=delay)
     found = trim_points(plan, dispersions)
     assert found.faults == [""]
-    return linearise(plan, dispersions, found.points)
+    return linearise(plan, found.points)
 
 
 @cache
@@ -64,12 +63,27 @@ def decibels(gain):
         return 20.0 * np.log10(gain)
 
 
-def differences(plan, dispersions, tick, states):
-    """What tells two flights apart, in the order of the closed loop's states."""
-    delay = round(dispersions[0, s.parameter_row("sensor.delay") - s.P] / plan.timing.tick)
-    now = states[:, tick]
-    _, memory = replay_law(plan, dispersions, states, tick)
-    actuators = now[:, [14, 17, 15, 18, 16, 19, 20, 21]]
-    old = [path.make_path(states[:, tick - age]) for age in range(1, delay + 1)]
-    everything = np.hstack([path.make_path(now), actuators, memory, *old])
-    return everything[1] - everything[0]
+CHANGE = {
+    "speed": 0.005,
+    "angle_of_attack": 1e-6,
+    "sideslip": 1e-6,
+    "bank": 3e-6,
+    "roll_rate": 1e-6,
+    "pitch_rate": 1e-6,
+}
+
+
+def assert_predicted(plan, dispersions, first, ticks, every=1):
+    """The product of the ticks' linear maps against a full flight from the kept state, 0.2 % of each state's swing."""
+    delay = round(dispersions[0, PARAMETER_INDEX["sensor.delay"]] / plan.timing.tick)
+    change = np.zeros(18 + memory_count(plan))
+    change[[PLANT_STATES.index(name) for name in CHANGE]] = list(CHANGE.values())
+    flown = fly_disturbed(plan, dispersions, first, change, ticks)
+    flown -= fly_disturbed(plan, dispersions, first, 0.0 * change, ticks)
+    expected = np.concatenate([change, np.zeros(10 * delay)])
+    for tick in range(first, first + ticks, every):
+        linear = linearise(plan, flown_points(plan, dispersions, (tick + every // 2) * plan.timing.tick).points)
+        expected = np.linalg.matrix_power(closed_loop(linear, 0), every) @ expected
+    scale = np.abs(flown).max(axis=0)[:18]
+    scale[10:16:2], scale[11:17:2] = scale[10:16:2].max(), scale[11:17:2].max()  # surfaces are compared with each other
+    np.testing.assert_allclose(flown[-1, :18] / scale, expected[:18] / scale, rtol=0.0, atol=2e-3)

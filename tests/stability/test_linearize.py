@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from stability.systems import (
+    assert_predicted,
     decibels,
-    differences,
     flight_plan,
     linear_at_trim,
     parameters,
@@ -16,13 +16,13 @@ from stability.systems import (
 from abhv_mc.control.design.tlc_design import velocity_loop
 from abhv_mc.control.design.trim_tables import LONGEST
 from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.flight.fly import fly
+from abhv_mc.flight.fly import fly, fly_until
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.analysis import analyse
-from abhv_mc.stability.linearize import INPUTS, closed_loop, linearise
-from abhv_mc.stability.points import flown_points, make_steady_plan, trim_points
-from abhv_mc.stability.probe import plant_rates, replay_law
+from abhv_mc.stability.linearize import INPUTS, linearise
+from abhv_mc.stability.probe import ask_plant, begin, law_at
+from abhv_mc.stability.steady import make_steady_plan, trim_points
 
 # An independent simulator: gain down and up (dB), phase (deg), delay (ms), sensitivity of each loop; None for none.
 WORKED = {
@@ -67,7 +67,7 @@ def test_tlcs_throttle_differs_from_the_simulators_by_the_cells_of_its_own_trim_
 
     def throttle():
         plan = make_steady_plan(*read("tlc"), "tlc")
-        linear = linearise(plan, parameters(), trim_points(plan, parameters()).points)
+        linear = linearise(plan, trim_points(plan, parameters()).points)
         B, speed, pitch = linear.plant_B[0], path.SPEED, path.Q
         # Of the compiled engine: the acceleration with the throttle, the elevator holding the pitching moment.
         engine = B[speed, 3] - B[speed, 2] * B[pitch, 3] / B[pitch, 2]
@@ -114,7 +114,7 @@ def test_the_trim_is_at_rest_on_the_turning_earth():
     assert found.faults == ["", ""]
     p = found.points
     states = path.make_states(p.path, p.controls, p.latitude, p.mass)
-    rates, _ = plant_rates(plan, dispersions, np.arange(2), states)
+    rates = ask_plant(plan, p.lane, 1, np.arange(2), states).rates
     np.testing.assert_allclose(path.path_rates(states, rates), 0.0, atol=1e-9)
     reference = plan.reference[0]
     # Not the reference's own trim, whose Earth is still.
@@ -129,29 +129,16 @@ def test_a_banked_trim_turns_as_its_reference_does():
     assert found.faults == [""]
     assert np.rad2deg(plan.reference[0, 9]) == pytest.approx(46.0, abs=1e-6)
     states = path.make_states(*found.points[:4])
-    rates = path.path_rates(states, plant_rates(plan, parameters(), np.zeros(1, np.int64), states)[0])
+    rates = path.path_rates(states, ask_plant(plan, found.points.lane, 1, np.zeros(1, np.int64), states).rates)
     assert plan.reference[0, 7] == pytest.approx(9.8 / 1400.0, rel=0.1)
     np.testing.assert_allclose(rates[0, path.CHI], plan.reference[0, 7], atol=1e-10)
 
 
-@pytest.mark.parametrize(("controller", "delay"), [("tlc", 0.0), ("lqr_retuned", 0.0), ("tlc", 0.03), ("lqr", 0.02)])
+@pytest.mark.parametrize(("controller", "delay"), [("lqr_retuned", 0.0), ("tlc", 0.03), ("lqr", 0.02)])
 def test_a_small_disturbance_flies_as_the_linear_model_says(controller, delay):
-    plan = flight_plan(controller, 3.0)
     # Without fuel flow: a difference of the throttle is one of the mass too, which is no state of the model.
-    common = {"sensor__delay": delay, "propulsion__specific_impulse": 1e9}
-    errors = {"bank": 2e-5, "sideslip": 1e-5, "angle_of_attack": 1e-5, "speed": 0.01}
-    dispersions = parameters(2, **common)
-    dispersions[1] = parameters(**common, **{f"initial__{name}": value for name, value in errors.items()})
-    states = fly(plan, dispersions, record_every=1, keep_states=True).states
-    before, after = (differences(plan, dispersions, tick, states) for tick in (100, 200))
-    expected = before
-    for tick in range(100, 200, 5):  # the flight settles meanwhile, so that its linear model changes
-        found = flown_points(plan, dispersions[:1], (tick + 2) * plan.timing.tick)
-        A = closed_loop(linearise(plan, dispersions[:1], found.points), 0)
-        assert len(A) == len(expected)
-        expected = np.linalg.matrix_power(A, 5) @ expected
-    scale = np.maximum(np.abs(before), np.abs(after)) + 1e-3 * np.abs(after[4:10]).max()
-    np.testing.assert_allclose(after[:18] / scale[:18], expected[:18] / scale[:18], atol=2e-3)
+    dispersions = parameters(sensor__delay=delay, propulsion__specific_impulse=1e9)
+    assert_predicted(flight_plan(controller, 3.0), dispersions, 100, 100, every=4)
 
 
 NEUTRAL = [
@@ -170,7 +157,7 @@ NEUTRAL = [
 def test_flights_begin_to_cycle_where_the_gain_margin_ends(vehicle, mission, controller, surface, side):
     inputs = read(controller, mission, vehicle)
     steady = make_steady_plan(*inputs, controller)
-    margins = analyse(linearise(steady, parameters(), trim_points(steady, parameters()).points)).margins
+    margins = analyse(linearise(steady, trim_points(steady, parameters()).points)).margins
     neutral = getattr(margins, side)[0, INPUTS.index(surface)]
     factors = neutral * np.array([0.97, 1.03])
     dispersions = parameters(2, initial__bank=np.deg2rad(0.01), **{f"control__{surface}_effectiveness": factors})
@@ -182,10 +169,10 @@ def test_flights_begin_to_cycle_where_the_gain_margin_ends(vehicle, mission, con
 
 def test_the_memory_of_the_law_is_as_flown():
     plan = flight_plan("tlc", 3.0)
-    flown = fly(plan, parameters(sensor__noise_seed=0.3, sensor__roll_rate_noise=1e-4), 1, keep_states=True)
+    flown = fly(plan, parameters(sensor__noise_seed=0.3, sensor__roll_rate_noise=1e-4), 1)
     for tick in (1, 57, 300):
         noisy = parameters(sensor__noise_seed=0.3, sensor__roll_rate_noise=1e-4)
-        _, memory = replay_law(plan, noisy, flown.states, tick)
+        memory = law_at(plan, begin(plan, fly_until(plan, noisy, tick))[0], tick)
         last = flown.history[0, tick - 1, [CHANNEL_INDEX[f"{name}_command_deg"] for name in path_names()]]
         np.testing.assert_allclose(np.rad2deg(memory[0, 15:18]), last, rtol=1e-6, atol=1e-7)
 
@@ -201,11 +188,11 @@ def test_slopes_end_at_the_tables_nodes():
     points = point._replace(
         **{
             name: np.repeat(getattr(point, name), 4, axis=0)
-            for name in ("path", "controls", "latitude", "mass", "measured", "memory")
+            for name in ("path", "controls", "latitude", "mass", "measured", "memory", "lane")
         }
     )
     points.controls[:, 3] = eta
-    thrust = linearise(plan, parameters(4), points).plant_B[:, 1, 3]
+    thrust = linearise(plan, points).plant_B[:, 1, 3]
     np.testing.assert_allclose(thrust[:2], thrust[2:], rtol=1e-3)
     assert thrust[0] / thrust[1] > 1.02
 
@@ -213,6 +200,6 @@ def test_slopes_end_at_the_tables_nodes():
 def test_the_linear_model_is_the_same_whatever_is_linearised_beside_it():
     plan, dispersions = steady_plan("tlc"), parameters(3, aero__drag=np.array([1.0, 1.1, 0.9]))
     points = trim_points(plan, dispersions).points
-    together = linearise(plan, dispersions, points)
+    together = linearise(plan, points)
     np.testing.assert_allclose(together.A[0], linear_at_trim("tlc").A[0], rtol=1e-7, atol=1e-9)
     assert np.abs(together.A[1] - together.A[0]).max() > 1e-6

@@ -45,7 +45,6 @@ def command(
 
     At a time of the flight the reference is frozen: such margins are indicative.
     """
-    from abhv_mc.flight.fly import nominal_parameters
     from abhv_mc.stability.analysis import analyse
     from abhv_mc.stability.linearize import linearise
     from abhv_mc.stability.rows import make_rows
@@ -58,7 +57,7 @@ def command(
     for name, setup in setups.items():
         for time in times:
             place = take_point(setup, name, time, angle)
-            linear = linearise(place.plan, nominal_parameters(), place.points)
+            linear = linearise(place.plan, place.points)
             stability = analyse(linear, _FREQUENCIES)
             here = make_rows(name, None if time == "trim" else time, stability)
             words = "at the trim" if time == "trim" else f"at {time:g} s, reference frozen"
@@ -169,7 +168,8 @@ def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") 
         return
     table = new_table(("loop",), (heading for _, heading, _ in _COLUMNS), title, padding=(0, 1, 0, 0))
     for row in rows[:-1]:
-        values = (f"{row[key]:.{digits}f}" if row[key] is not None else "none" for key, _, digits in _COLUMNS)
+        none = row.get("reason", "none")
+        values = (f"{row[key]:.{digits}f}" if row[key] is not None else none for key, _, digits in _COLUMNS)
         table.add_row(row["loop"], *values)
     print_table(table)
     everything = rows[-1]

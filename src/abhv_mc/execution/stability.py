@@ -41,7 +41,7 @@ def describe_stability(campaign: CheckedCampaign, plans: Mapping[str, FlightPlan
     from abhv_mc.control.mission import read_mission
     from abhv_mc.flight.prepare import own_parts_of
     from abhv_mc.plant.vehicles import load_vehicle
-    from abhv_mc.stability.points import make_steady_plan
+    from abhv_mc.stability.steady import make_steady_plan
 
     model = campaign.model
     vehicle, mission = load_vehicle(model.vehicle), read_mission(model.mission)
@@ -62,13 +62,13 @@ def describe_stability(campaign: CheckedCampaign, plans: Mapping[str, FlightPlan
 def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
     from abhv_mc.stability.analysis import NO_SLOPES, analyse
     from abhv_mc.stability.linearize import linearise
-    from abhv_mc.stability.points import trim_points
     from abhv_mc.stability.rows import make_rows
+    from abhv_mc.stability.steady import trim_points
 
     points = trim_points(steady, parameters)
     if points.faults[0]:
         return {"fault": points.faults[0]}
-    stability = analyse(linearise(steady, parameters, points.points))
+    stability = analyse(linearise(steady, points.points))
     if not stability.poles[0].size:
         return {"fault": NO_SLOPES}
     table = [make_rows(name, None, stability, i) for i in range(len(parameters))]

@@ -17,7 +17,7 @@ from abhv_mc.control.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAIN
 from abhv_mc.control.laws.recorded import RECORDED_GAINS
 from abhv_mc.flight.compile_metrics import compile_metrics, known_sources
 from abhv_mc.flight.counting import Counted
-from abhv_mc.flight.memory import Memory
+from abhv_mc.flight.memory import SAVED_ROWS, Memory
 from abhv_mc.flight.observe import Observed, make_observed
 from abhv_mc.flight.plan import FlightPlan, Recording, Timing
 from abhv_mc.plant.air_profile import PROFILE
@@ -68,6 +68,8 @@ class KernelPlan(NamedTuple):
     profile: Floats  # [knot, column] nominal air, see abhv_mc.plant.air_profile; no knots: still standard air
     parameters: Floats  # [flight, parameter]
     counted: Counted
+    first_tick: int  # at which the flights start
+    start: Floats  # [flight, row] their memories then, see abhv_mc.flight.fly; no flights: the mission's start
     own: OwnLaw = OwnLaw(0, 0, 0)
 
 
@@ -81,10 +83,20 @@ class KernelResults(NamedTuple):
     states: Floats  # [flight, sample, state]; no samples where not asked for
     low: Floats  # [sample, channel] least and greatest values of all flights, from the sample to the tick before the
     high: Floats  # next, the first above the second where nobody flew; no samples where not asked for
+    kept: Floats  # [flight, row] memories before the last tick; no rows where not asked for
 
 
-def make_results(plan: FlightPlan, flights: int, recording: Recording, keep_states: bool) -> KernelResults:
-    """Room for the results."""
+class Kept(NamedTuple):
+    """Flights at a control tick, before its measurement: all that the kernel carries from tick to tick."""
+
+    tick: int
+    rows: Floats  # [flight, row] rows of the lane memory (abhv_mc.plant.state), then the observer's
+
+
+def make_results(
+    plan: FlightPlan, flights: int, recording: Recording, keep_states: bool, keep: bool = False
+) -> KernelResults:
+    """Room for the results; ``keep``: memories are kept."""
     samples, channels = recording.count_samples(plan.timing), len(recording.channels)
     bins = (samples if recording.extremes else 0, channels)
     return KernelResults(
@@ -95,10 +107,13 @@ def make_results(plan: FlightPlan, flights: int, recording: Recording, keep_stat
         np.full((flights, samples if keep_states else 0, N_STATES), np.nan),
         np.full(bins, np.inf),
         np.full(bins, -np.inf),
+        np.empty((flights, SAVED_ROWS if keep else 0)),
     )
 
 
-def make_kernel_plan(plan: FlightPlan, parameters: Floats, recording: Recording) -> KernelPlan:
+def make_kernel_plan(
+    plan: FlightPlan, parameters: Floats, recording: Recording, start: Kept | None = None
+) -> KernelPlan:
     """A plan as the kernel takes it, its arrays copied where they are not contiguous, aligned and writable.
 
     Raises ValueError for an array of the wrong type or shape.
@@ -122,6 +137,8 @@ def make_kernel_plan(plan: FlightPlan, parameters: Floats, recording: Recording)
             plan.profile,
             parameters,
             compile_metrics(plan.metrics, known_sources(plan.own_sources)),
+            start.tick if start else 0,
+            start.rows if start else np.empty((0, SAVED_ROWS)),
         ),
         KernelPlan,
         "plan",
@@ -129,6 +146,7 @@ def make_kernel_plan(plan: FlightPlan, parameters: Floats, recording: Recording)
     columns, settings = _COLUMNS[plan.law]
     check_shape(made.initial_state, (N_STATES,), "plan.initial_state")
     check_shape(made.parameters, (None, N_PARAMETERS), "parameters")
+    check_shape(made.start, (len(made.parameters) if start else 0, SAVED_ROWS), "start")
     check_shape(made.reference, (None, len(REFERENCE)), "plan.reference")
     check_shape(made.gains, (None, columns), "plan.gains")
     check_shape(made.settings, (settings,), "plan.settings")
@@ -187,6 +205,7 @@ def check_written(plan: KernelPlan, memory: Memory, results: KernelResults) -> N
     check_shape(results.states, (flights, samples if results.states.size else 0, N_STATES), "results.states")
     check_shape(results.low, (samples if results.low.size else 0, channels), "results.low")
     check_shape(results.high, results.low.shape, "results.high")
+    check_shape(results.kept, (flights, SAVED_ROWS if results.kept.size else 0), "results.kept")
     written = []
     for value, of in ((memory, "memory"), (results, "results")):
         for name, array, kind in _arrays(value, of):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.flight.arguments import KernelPlan, KernelResults, check_written, make_kernel_plan, make_results
+from abhv_mc.flight.arguments import Kept, KernelPlan, KernelResults, check_written, make_kernel_plan, make_results
 from abhv_mc.flight.extremes import join_bins
 from abhv_mc.flight.kernel import make_fly_lanes
 from abhv_mc.flight.memory import Memory, make_memory
@@ -50,28 +50,50 @@ def fly(
     record_every: Recording | int | None = None,
     lanes: int = LANES,
     keep_states: bool = False,
+    start: Kept | None = None,
 ) -> FlightBlock:
     """Fly every row of ``parameters`` [flight, parameter] (order of PARAMETERS).
 
     ``record_every``: what is recorded, or control ticks between samples of every channel (None: no history);
     ``keep_states`` adds the whole state in double precision to them. A flight depends on its row and the plan alone:
-    not on the other rows, nor on how many fly side by side (``lanes``). Releases the interpreter's lock, so threads may
-    call it side by side.
+    not on the other rows, nor on how many fly side by side (``lanes``). With ``start``, of :func:`fly_until`, flights
+    go on from there: the rows of its memories say what their dispersions are, and samples before it are not-a-number.
+    Releases the interpreter's lock, so threads may call it side by side.
     Raises ValueError for an array of the wrong type or shape.
     """
     parameters = check_parameters(parameters)
     recording = recording_of(record_every)
     results = make_results(plan, len(parameters), recording, keep_states)
-    kernel_plan, memory, results = flight_arguments(plan, parameters, results, recording, lanes)
-    with open_law(plan, lanes) as own:
+    kernel_plan, memory, results = flight_arguments(plan, parameters, results, recording, lanes, start)
+    with open_law(plan, lanes, memory_in_rows=start is not None) as own:
         compiled_flight(lanes)(kernel_plan._replace(own=own), memory, results)
     return make_block(plan, results, recording)
 
 
+def fly_until(plan: FlightPlan, parameters: Floats, tick: int, start: Kept | None = None) -> Kept:
+    """Fly up to a control tick and keep what the kernel then knows of each flight, in double precision.
+
+    ``start``: flights to go on with instead of new ones (then ``parameters`` are theirs). A flight that ended before
+    has the memory of its end, in which nothing is promised but that its lane is no longer alive. Raises InputError for
+    a law in plain Python whose memory is no named tuple of numbers.
+    """
+    shorter = replace(plan, timing=plan.timing._replace(ticks=tick))
+    results = make_results(shorter, len(parameters), Recording(0), False, keep=True)
+    kernel_plan, memory, results = flight_arguments(shorter, parameters, results, Recording(0), LANES, start)
+    with open_law(plan, LANES, memory_in_rows=True) as own:
+        compiled_flight(LANES)(kernel_plan._replace(own=own), memory, results)
+    return Kept(tick, results.kept)
+
+
 def flight_arguments(
-    plan: FlightPlan, parameters: Floats, results: KernelResults, recording: Recording, lanes: int
+    plan: FlightPlan,
+    parameters: Floats,
+    results: KernelResults,
+    recording: Recording,
+    lanes: int,
+    start: Kept | None = None,
 ) -> tuple[KernelPlan, Memory, KernelResults]:
     """What the compiled flight takes, checked. Raises ValueError, see :mod:`abhv_mc.flight.arguments`."""
-    arguments = make_kernel_plan(plan, parameters, recording), make_memory(lanes), results
+    arguments = make_kernel_plan(plan, parameters, recording, start), make_memory(lanes), results
     check_written(*arguments)
     return arguments

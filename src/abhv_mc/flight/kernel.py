@@ -7,6 +7,7 @@ tuples: the plan, which is only read (:class:`abhv_mc.flight.arguments.KernelPla
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 from abhv_mc.control.laws.lqr import lqr_tick
 from abhv_mc.control.laws.recorded import recorded_tick
@@ -25,7 +26,7 @@ from abhv_mc.flight.observe import (
     record_states,
     start_observing,
 )
-from abhv_mc.flight.sensors import active_sensor_errors, sense
+from abhv_mc.flight.sensors import SensorErrors, active_sensor_errors, sense
 from abhv_mc.flight.start import start_flights
 from abhv_mc.jit import kernel, lanes
 from abhv_mc.jit_pointer import call_address
@@ -34,11 +35,51 @@ from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuat
 from abhv_mc.plant.aerodynamics import build_up, look_up
 from abhv_mc.plant.air_data import air_data, deflections, move_air
 from abhv_mc.plant.air_profile import nominal_density, nominal_wind
-from abhv_mc.plant.disturbance import active_disturbances, any_lane, disturb
+from abhv_mc.plant.disturbance import Disturbances, active_disturbances, any_lane, disturb
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
-from abhv_mc.plant.failures import fail_plant, fail_sensors, possible_failures, start_failures, watch_inlet
+from abhv_mc.plant.failures import (
+    Failures,
+    fail_plant,
+    fail_sensors,
+    possible_failures,
+    start_failures,
+    watch_inlet,
+)
 
 COMPACTION = 500  # ticks after which lanes of flights that have ended are given to others
+
+
+class Active(NamedTuple):
+    """What any lane meets in its flight; the rest is never computed."""
+
+    disturbances: Disturbances
+    sensor_errors: SensorErrors
+    failures: Failures
+    windy: bool  # the air moves
+
+
+@lanes
+def find_active(Z, width, plan):
+    """From the parameters, which are constant over a flight, the vehicle and the mission."""
+    disturbances = active_disturbances(Z, width)
+    return Active(
+        disturbances,
+        active_sensor_errors(Z, width),
+        possible_failures(Z, width, plan.vehicle.constants),
+        disturbances.windy or plan.profile.shape[0] > 0,
+    )
+
+
+@lanes
+def begin_tick(plan, memory, width, active, tick):
+    """Motion, air and measurement at a control tick."""
+    Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
+    navigate(Z, width, tick_length, tick == 0)
+    disturb(Z, width, active.disturbances, tick * tick_length, tick_length, tick == 0)
+    nominal_density(Z, width, plan.profile)
+    sense(Z, width, active.sensor_errors, tick_length, tick)
+    if active.failures.sensors:
+        fail_sensors(Z, width, tick * tick_length)
 
 
 @lanes
@@ -107,22 +148,16 @@ def fly_ticks(plan, memory, results, width, law, first_tick, end, flights, n):
     """One group of flights from ``first_tick`` to before tick ``end``, or until all of them have ended."""
     Z, O, step, steps_per_tick = memory.Z, memory.O, plan.timing.step, plan.timing.steps_per_tick
     tick_length = step * steps_per_tick
-    disturbances, sensor_errors = active_disturbances(Z, width), active_sensor_errors(Z, width)
-    failures = possible_failures(Z, width, plan.vehicle.constants)
-    windy = disturbances.windy or plan.profile.shape[0] > 0
+    active = find_active(Z, width, plan)
+    failures = active.failures
     for tick in range(first_tick, end):
-        navigate(Z, width, tick_length, tick == 0)
-        disturb(Z, width, disturbances, tick * tick_length, tick_length, tick == 0)
-        nominal_density(Z, width, plan.profile)
-        sense(Z, width, sensor_errors, tick_length, tick)
-        if failures.sensors:
-            fail_sensors(Z, width, tick * tick_length)
+        begin_tick(plan, memory, width, active, tick)
         control(plan, memory, width, law, tick)
         fail_plant(Z, width, failures, plan.vehicle, tick * tick_length, tick_length)
         flying = True
         for evaluation in range(4 * steps_per_tick):  # one loop, so that its code is there once
             stage = evaluation % 4
-            evaluate(plan, memory, width, runge_kutta_stage(stage, step), windy, failures.effectors)
+            evaluate(plan, memory, width, runge_kutta_stage(stage, step), active.windy, failures.effectors)
             if evaluation == 0:
                 observe_tick(plan, memory, width, tick)
                 record_tick(plan, memory, results, flights, n, tick)
@@ -144,30 +179,35 @@ def fly_ticks(plan, memory, results, width, law, first_tick, end, flights, n):
 def fly_groups(plan, memory, results, width, law, first_flight, last_flight):
     """Flights from ``first_flight`` to before ``last_flight``, in groups of ``width`` lanes.
 
+    They start at the mission's start, or from the plan's kept memories; where the results are to keep memories, they
+    fly up to the last tick, whose measurement is left to whoever goes on from there.
     As many flights as the memory can save fly some ticks group by group; then the lanes are compacted: those of flights
     that have ended go to flights that still fly.
     """
-    saved, order, ticks = memory.saved, memory.order, plan.timing.ticks
+    saved, order, keeps = memory.saved, memory.order, results.kept.shape[1] > 0
+    start, last = plan.first_tick, plan.timing.ticks if keeps else plan.timing.ticks + 1
     compacted = 1 < width < last_flight - first_flight  # otherwise there is one group, or no lane to give away
     for first in range(first_flight, last_flight, saved.shape[0]):
         flying = min(saved.shape[0], last_flight - first)
         for i in range(flying):
             order[i] = first + i
-        for first_tick in range(0, ticks + 1, COMPACTION if compacted else ticks + 1):
-            end = min(first_tick + COMPACTION, ticks + 1) if compacted else ticks + 1
+        for first_tick in range(start, max(last, start + 1), COMPACTION if compacted else max(last, 1)):
+            end = min(first_tick + COMPACTION, last) if compacted else last
             still_flying = 0
             for group in range(0, flying, width):
                 n = min(width, flying - group)
                 flights = order[group : group + n]
-                if first_tick == 0:
-                    start_lanes(plan, memory, width, flights, n)
+                if first_tick > start:
+                    restore_lanes(memory, width, saved, group, n)
+                elif plan.start.shape[0] > 0:
+                    restore_lanes(memory, width, plan.start, first + group, n)
                 else:
-                    restore_lanes(memory, width, group, n)
+                    start_lanes(plan, memory, width, flights, n)
                 fly_ticks(plan, memory, results, width, law, first_tick, end, flights, n)
                 for lane in range(n):
                     flight = flights[lane]
-                    if memory.O[observe.ALIVE, lane] > 0.0 and end <= ticks:
-                        save_lane(memory, lane, still_flying)  # at or before its own place, already restored
+                    if memory.O[observe.ALIVE, lane] > 0.0 and end < last:
+                        save_lane(memory, lane, saved[still_flying])  # at or before its own place, already restored
                         order[still_flying] = flight
                         still_flying += 1
                     else:
@@ -182,6 +222,8 @@ def fly_groups(plan, memory, results, width, law, first_flight, last_flight):
                         )
                         results.outcome[flight] = int(memory.O[observe.OUTCOME, lane])
                         results.end_tick[flight] = int(memory.O[observe.END, lane])
+                        if keeps:
+                            save_lane(memory, lane, results.kept[flight])
             flying = still_flying
 
 

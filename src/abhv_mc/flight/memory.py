@@ -69,9 +69,8 @@ def has_width(memory, width):
 
 
 @lanes
-def save_lane(memory, lane, place):
-    """Save everything that a flight carries from tick to tick."""
-    row = memory.saved[place]
+def save_lane(memory, lane, row):
+    """Save everything that a flight carries from tick to tick, to ``row`` [SAVED_ROWS]."""
     for i in range(Z_ROWS):
         row[i] = memory.Z[i, lane]
     for i in range(O_ROWS):
@@ -79,10 +78,10 @@ def save_lane(memory, lane, place):
 
 
 @lanes
-def restore_lanes(memory, width, first, n):
-    """Saved flights back into the lanes; spare lanes repeat the last."""
+def restore_lanes(memory, width, saved, first, n):
+    """Flights from ``saved`` [flight, SAVED_ROWS] back into the lanes; spare lanes repeat the last."""
     for lane in range(width):
-        row = memory.saved[first + min(lane, n - 1)]
+        row = saved[first + min(lane, n - 1)]
         for i in range(Z_ROWS):
             memory.Z[i, lane] = row[i]
         for i in range(O_ROWS):

@@ -30,7 +30,7 @@ from abhv_mc.search.controller_numbers import ControllerNumbers
 from abhv_mc.search.methods.evaluation import Floats
 from abhv_mc.search.space import Space
 from abhv_mc.stability.analysis import Time, margins_of_flights
-from abhv_mc.stability.points import make_steady_plan
+from abhv_mc.stability.steady import make_steady_plan
 from abhv_mc.vehicle.model import Vehicle
 
 MOST_CORNERED = 7  # dispersions whose corners' margins are found: 128 vehicles

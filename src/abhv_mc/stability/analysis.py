@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.stability.linearize import Linear, closed_loop, linearise
 from abhv_mc.stability.margins import Margins, find_margins
-from abhv_mc.stability.points import Found, flown_points, trim_points
+from abhv_mc.stability.points import AT_LIMIT, Found, flown_points
 from abhv_mc.stability.responses import loop_gains, make_loops
 from abhv_mc.stability.search import frequency_grid
-from abhv_mc.vehicle.arrays import Floats
+from abhv_mc.stability.steady import trim_points
+from abhv_mc.vehicle.arrays import Floats, Ints
 
 FREQUENCIES = 200
 GROWTH = 1e-5  # 1/s: a pole that grows slower is taken for neutral, as rounding cannot tell
@@ -33,6 +34,7 @@ class Stability(NamedTuple):
     poles: list[NDArray[np.complex128]]  # of the closed loop, as of a continuous one, 1/s, fastest growing first;
     # none where the law, one of the user's own, has no slopes at the point
     margins: Margins  # nan for systems that are not stable
+    cut: Ints  # [system, input] where an input has no loop, see abhv_mc.stability.linearize
 
 
 class FlightMargins(NamedTuple):
@@ -65,7 +67,7 @@ def analyse(linear: Linear, frequencies: int = FREQUENCIES) -> Stability:
         found = find_margins(lambda i, w: loop_gains(loops, chosen[i], w), grid, linear.period)
         for into, value in zip(margins, found, strict=True):
             into[chosen] = value
-    return Stability(stable, poles, margins)
+    return Stability(stable, poles, margins, linear.cut)
 
 
 def _shapes(systems: int, inputs: int) -> list[tuple[int, ...]]:
@@ -101,7 +103,7 @@ def margins_of_flights(
 ) -> FlightMargins:
     """Least margins of flights with ``parameters`` [flight, parameter] over ``times``.
 
-    ``steady`` is the plan of :func:`abhv_mc.stability.points.make_steady_plan` for the same files. Unstable, ended
+    ``steady`` is the plan of :func:`abhv_mc.stability.steady.make_steady_plan` for the same files. Unstable, ended
     before or behind a limit at any of the times: 0. Without a crossing: 60 dB, 180 deg, 1000 ms.
     """
     count = len(parameters)
@@ -111,9 +113,10 @@ def margins_of_flights(
         some = parameters[first : first + _TOGETHER]
         for time, words in zip(times, faults, strict=True):
             of, found = points_at(plan, steady, some, time)
-            stability = analyse(linearise(of, some, found.points), frequencies)
+            stability = analyse(linearise(of, found.points), frequencies)
             for i, (fault, stable) in enumerate(zip(found.faults, stability.stable, strict=True)):
-                words.append(fault or ("" if stable else "unstable" if stability.poles[i].size else NO_SLOPES))
+                grows = "" if stable else "unstable" if stability.poles[i].size else NO_SLOPES
+                words.append("; ".join(filter(None, (fault, grows))) if fault in ("", AT_LIMIT) else fault)
                 values = np.zeros(4) if words[-1] else _least(stability.margins, i)
                 least[:, first + i] = np.minimum(least[:, first + i], values)
     gain, phase, delay, disk = least

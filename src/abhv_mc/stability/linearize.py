@@ -10,10 +10,11 @@ import numpy as np
 
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.sensors import MAX_DELAY_TICKS
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.plant import state as s
+from abhv_mc.plant.parameters import NEVER
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.differences import Slopes, cells_of, differentiate
-from abhv_mc.stability.probe import law_memory_rows, law_tick, plant_rates
+from abhv_mc.stability.probe import ask_plant, law_memory_rows, law_tick
 from abhv_mc.vehicle.arrays import VARIABLES, Floats, Ints
 
 INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
@@ -22,6 +23,15 @@ PLANT_STATES = (*path.COORDINATES, *ACTUATOR_STATES)
 _STEPS = np.array([0.5, 0.02, *[2e-5] * 8, *[2e-5] * 4])  # of the path coordinates and the actuators' positions
 _CHANGE = 2e-5  # rad: what a step in the law's memory is to change in a command
 _NO_CHANGE = 1e-14  # of one that the memory changes at a later tick only
+_N_PATH = len(path.COORDINATES)
+_TURNING = (path.CHI, path.BANK)  # measured between -180 and 180 deg
+_AIR_SIDESLIP = _N_PATH  # behind the rates, in what plant_slopes gives
+_WHOLE = 1e-7  # how near to a whole number a slope of the measurement is taken for one
+_FELT = 1e-8  # slope of a rate over a control, of which rounding leaves some
+
+# Why an input has no loop.
+STUCK, NO_EFFECT = 1, 2
+REASONS = {STUCK: "stuck", NO_EFFECT: "no effect"}
 
 
 class Points(NamedTuple):
@@ -33,6 +43,7 @@ class Points(NamedTuple):
     mass: Floats  # [point]
     measured: Floats  # [point, 10] what the law sees
     memory: Floats  # [point, memory] of the law before its tick
+    lane: Floats  # [point, row] the kernel's memory in the tick: dispersions, wind, what has failed
     tick: int  # row of the reference and of the gains
 
 
@@ -49,48 +60,85 @@ class Linear(NamedTuple):
     law_C: Floats  # [point, 4, memory] commands
     law_D: Floats  # [point, 4, 10]
     delay: Ints  # [point] age of the measurement, control periods
+    sense: Floats  # [point, 10, 18] measurement, delay apart; a frozen one is a row of zeros
+    cut: Ints  # [point, 4] STUCK or NO_EFFECT where an input has no loop, else 0
 
 
-def linearise(plan: FlightPlan, parameters: Floats, points: Points) -> Linear:
-    """Linear models at points of flights with ``parameters`` [point, parameter]."""
-    dt = plan.timing.tick
-    plant = plant_slopes(plan, parameters, points.path, points.controls, points)
-    plant_A, plant_B = plant.slope[:, :, :10], plant.slope[:, :, 10:]
-    A, B = hold(plan, parameters, plant_A, plant_B)
+def linearise(plan: FlightPlan, points: Points) -> Linear:
+    """Linear models at points of flights."""
+    plant = plant_slopes(plan, points)
+    plant_A, plant_B = plant.slope[:, :_N_PATH, :10], plant.slope[:, :_N_PATH, 10:]
+    held_B = np.zeros_like(plant_B)
+    if (points.lane[:, s.SLOW_EFFECTOR : s.SLOW_EFFECTOR + 4] != NEVER).any():
+        held_B = plant_slopes(plan, points, held=True).slope[:, :_N_PATH, 10:] - plant_B
+    A, B = hold(plan, points.lane, plant_A, plant_B, held_B)
+    felt = np.abs(plant_B).max(axis=1) + np.abs(held_B).max(axis=1)
+    cut = np.where(felt < _FELT, NO_EFFECT, 0)
+    stuck = points.lane[:, s.STUCK_SURFACE : s.STUCK_SURFACE + 3] != NEVER
+    cut[:, :3][stuck] = STUCK
+    for i, name in enumerate(INPUTS[:3]):
+        here = stuck[:, i] & (points.lane[:, s.parameter_row(f"failure.{name}.stuck_at")] == NEVER)
+        B[stuck[:, i], :, i] = 0.0
+        A[here, :, 11 + 2 * i] = 0.0  # its rate is taken from it at every tick
     law = law_slopes(plan, points)
-    m = points.memory.shape[1]
-    age = (parameters[:, PARAMETER_INDEX["sensor.delay"]] / dt + 0.5).astype(np.int64)
+    m, n = points.memory.shape[1], points.measured.shape[1]
+    age = (points.lane[:, s.parameter_row("sensor.delay")] / plan.timing.tick + 0.5).astype(np.int64)
     return Linear(
-        dt,
+        plan.timing.tick,
         plant_A,
         plant_B,
         A,
         B,
-        law.slope[:, :m, 10:],
-        law.slope[:, :m, :10],
-        law.slope[:, m:, 10:],
-        law.slope[:, m:, :10],
+        law.slope[:, :m, n:],
+        law.slope[:, :m, :n],
+        law.slope[:, m:, n:],
+        law.slope[:, m:, :n],
         np.minimum(age, MAX_DELAY_TICKS),
+        _sensing(plant.slope[:, _AIR_SIDESLIP + 1 :]),
+        cut,
     )
 
 
-def plant_slopes(plan: FlightPlan, parameters: Floats, at: Floats, controls: Floats, fixed: Points) -> Slopes:
-    """Rates of the path coordinates [point, 10] and their slopes [point, 10, 14] over these and the controls."""
+def _sensing(slope: Floats) -> Floats:
+    """Measurement of the plant's 18 states from its slopes [point, measured, 14], cleared of the last digits."""
+    whole = np.round(slope)
+    clean = np.where(np.abs(slope - whole) < _WHOLE, whole, slope)
+    sense = np.zeros((*slope.shape[:2], 18))
+    sense[:, :, :10], sense[:, :, 10::2] = clean[:, :, :10], clean[:, :, 10:]
+    return sense
+
+
+def plant_slopes(plan: FlightPlan, points: Points, held: bool = False) -> Slopes:
+    """Rates of the path coordinates, sideslip to the air and measurement [point, 10 + 1 + 10], and their slopes.
+
+    Slopes [point, 21, 14] are over the path coordinates and the controls; ``held`` as in
+    :func:`abhv_mc.stability.probe.ask_plant`.
+    """
 
     def rates(x: Floats, point: Ints) -> tuple[Floats, Ints]:
-        states = path.make_states(x[:, :10], x[:, 10:], fixed.latitude[point], fixed.mass[point])
-        found, variables = plant_rates(plan, parameters, point, states)
-        return path.path_rates(states, found), cells_of(plan.vehicle.tables, variables)
+        states = path.make_states(x[:, :10], x[:, 10:], points.latitude[point], points.mass[point])
+        answer = ask_plant(plan, points.lane, points.tick, point, states, held)
+        measured = answer.measured
+        for angle in _TURNING:  # without the step at half a turn
+            measured[:, angle] = x[:, angle] + _wrapped(measured[:, angle] - x[:, angle])
+        sideslip = answer.variables[:, [VARIABLES.index("sideslip")]]
+        values = np.hstack([path.path_rates(states, answer.rates), sideslip, measured])
+        return values, cells_of(plan.vehicle.tables, answer.variables)
 
-    points = np.hstack([at, controls])
-    return differentiate(rates, points, np.broadcast_to(_STEPS, points.shape))
+    at = np.hstack([points.path, points.controls])
+    return differentiate(rates, at, np.broadcast_to(_STEPS, at.shape))
+
+
+def _wrapped(angle: Floats) -> Floats:
+    return np.asarray(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
 
 
 def law_slopes(plan: FlightPlan, points: Points) -> Slopes:
     """The law's memory after its tick and its commands, and their slopes over the measurement and the memory."""
+    n = points.measured.shape[1]
 
     def tick(x: Floats, point: Ints) -> tuple[Floats, Ints]:
-        answer = law_tick(plan, points.tick, x[:, :10], x[:, 10:])
+        answer = law_tick(plan, points.tick, x[:, :n], x[:, n:])
         trimmed = answer.variables.copy()  # guidance looks the trim up where it sends the vehicle to
         trimmed[:, VARIABLES.index("angle_of_attack")] = answer.guidance[:, 1]
         trimmed[:, VARIABLES.index("equivalence_ratio")] = answer.command[:, 3]
@@ -118,16 +166,19 @@ def memory_steps(plan: FlightPlan, points: Points) -> Floats:
     return np.asarray(np.where(change > _NO_CHANGE, steps * factor, steps))
 
 
-def actuator_matrices(plan: FlightPlan, parameters: Floats) -> tuple[Floats, Floats]:
-    """A [point, 8, 8] and B [point, 8, 4] of surfaces and engine: position and rate of each towards its command."""
+def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
+    """A [point, 8, 8] and B [point, 8, 4] of surfaces and engine: position and rate of each towards its command.
+
+    ``lane`` [point, row] is the kernel's memory of the points.
+    """
     c = plan.vehicle.constants
 
     def factor(name: str) -> Floats:
-        return parameters[:, PARAMETER_INDEX[name]]
+        return lane[:, s.parameter_row(name)]
 
     surface = c.surface_bandwidth * factor("actuator.bandwidth"), c.surface_damping * factor("actuator.damping")
     engine = c.engine_bandwidth * factor("engine.bandwidth"), c.engine_damping * factor("engine.damping")
-    A, B = np.zeros((len(parameters), 8, 8)), np.zeros((len(parameters), 8, 4))
+    A, B = np.zeros((len(lane), 8, 8)), np.zeros((len(lane), 8, 4))
     for i, (bandwidth, damping) in enumerate((surface, surface, surface, engine)):
         A[:, 2 * i, 2 * i + 1] = 1.0
         A[:, 2 * i + 1, 2 * i], A[:, 2 * i + 1, 2 * i + 1] = -(bandwidth**2), -2.0 * damping * bandwidth
@@ -135,22 +186,28 @@ def actuator_matrices(plan: FlightPlan, parameters: Floats) -> tuple[Floats, Flo
     return A, B
 
 
-def hold(plan: FlightPlan, parameters: Floats, plant_A: Floats, plant_B: Floats) -> tuple[Floats, Floats]:
-    """Plant and actuators under held commands: discrete A [point, 18, 18] and B [point, 18, 4]."""
+def hold(plan: FlightPlan, lane: Floats, plant_A: Floats, plant_B: Floats, held_B: Floats) -> tuple[Floats, Floats]:
+    """Plant and actuators under held commands: discrete A [point, 18, 18] and B [point, 18, 4].
+
+    ``held_B`` [point, 10, 4] is what positions do that are held over the tick as they were at its beginning.
+    """
     from scipy.linalg import expm
 
-    actuator_A, actuator_B = actuator_matrices(plan, parameters)
-    together = np.zeros((len(plant_A), 22, 22))
+    actuator_A, actuator_B = actuator_matrices(plan, lane)
+    size = 26 if held_B.any() else 22
+    together = np.zeros((len(plant_A), size, size))
     together[:, :10, :10] = plant_A
     together[:, :10, 10:18:2] = plant_B
     together[:, 10:18, 10:18] = actuator_A
-    together[:, 10:18, 18:] = actuator_B
+    together[:, 10:18, 18:22] = actuator_B
+    together[:, :10, 22:] = held_B[:, :, : size - 22]
     # Rates in units of the position times their bandwidth: the exponential's argument is then small.
-    scale = np.ones((len(plant_A), 22))
+    scale = np.ones((len(plant_A), size))
     scale[:, 11:18:2] = np.sqrt(actuator_B[:, 1::2].sum(axis=-1))
     balanced = together * scale[:, None, :] / scale[:, :, None]
     end = expm(plan.timing.tick * balanced) * scale[:, :, None] / scale[:, None, :]
-    return np.ascontiguousarray(end[:, :18, :18]), np.ascontiguousarray(end[:, :18, 18:])
+    end[:, :18, 10:18:2][:, :, : size - 22] += end[:, :18, 22:]
+    return np.ascontiguousarray(end[:, :18, :18]), np.ascontiguousarray(end[:, :18, 18:22])
 
 
 def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
@@ -159,19 +216,21 @@ def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
     States are the plant's 18, the law's memory and, newest first, the old measurements that a delay keeps.
     """
     m, d = linear.law_A.shape[1], int(linear.delay[point])
-    n = 18 + m + 10 * d
-    seen = np.zeros((10, n))  # the measurement that the law sees, of the whole state
+    sense = linear.sense[point]
+    measured = len(sense)
+    n = 18 + m + measured * d
+    seen = np.zeros((measured, n))  # the measurement that the law sees, of the whole state
     if d:
-        seen[:, n - 10 :] = np.eye(10)
+        seen[:, n - measured :] = np.eye(measured)
     else:
-        seen[:, :10] = np.eye(10)
+        seen[:, :18] = sense
     A, B = np.zeros((n, n)), np.zeros((n, 4))
     A[:18, :18], B[:18] = linear.A[point], linear.B[point]
     A[18 : 18 + m] = linear.law_B[point] @ seen
     A[18 : 18 + m, 18 : 18 + m] += linear.law_A[point]
     if d:
-        A[18 + m : 28 + m, :10] = np.eye(10)
-        A[28 + m :, 18 + m : n - 10] = np.eye(10 * (d - 1))
+        A[18 + m : 18 + m + measured, :18] = sense
+        A[18 + m + measured :, 18 + m : n - measured] = np.eye(measured * (d - 1))
     C = -linear.law_D[point] @ seen
     C[:, 18 : 18 + m] -= linear.law_C[point]
     return A, B, C

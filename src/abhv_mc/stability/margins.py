@@ -136,9 +136,9 @@ def _gain_margins(at: Single, grid: Floats, gains: Complexes, period: float) -> 
 
 
 def _phase_margins(at: Single, grid: Floats, gains: Complexes) -> tuple[Floats, Floats, Floats]:
-    size = np.log(np.abs(gains))
+    size = _log_size(gains)
     loop, interval = changes_of_sign(size)
-    where = refine_crossings(lambda i, w: np.log(np.abs(at(i, w).L)), size, grid, loop, interval)
+    where = refine_crossings(lambda i, w: _log_size(at(i, w).L), size, grid, loop, interval)
     angle = np.angle(at(loop, where).L) + np.pi  # 0 .. 2 pi
     phase, delay = np.full(len(grid), np.inf), np.full(len(grid), np.inf)
     crossover = np.full(len(grid), np.nan)
@@ -148,6 +148,11 @@ def _phase_margins(at: Single, grid: Floats, gains: Complexes) -> tuple[Floats, 
             phase[i], crossover[i] = distance, w
         delay[i] = min(delay[i], turn / w)
     return phase, crossover, delay
+
+
+def _log_size(gains: Complexes) -> Floats:
+    """Where there is no loop, its gain is zero."""
+    return np.asarray(np.log(np.maximum(np.abs(gains), 1e-300)))
 
 
 def _largest_mu(response: Response, omega: Floats, S: Complexes) -> tuple[Floats, Floats]:

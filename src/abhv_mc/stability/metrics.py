@@ -23,7 +23,7 @@ _DIGITS = 6  # that are kept of a margin, which is not known better: the last bi
 class MarginPlan(FlightPlan):
     """A plan whose flights are linearised too: their metrics have the columns of MARGIN_VALUES at the end."""
 
-    steady: FlightPlan  # of :func:`abhv_mc.stability.points.make_steady_plan`
+    steady: FlightPlan  # of :func:`abhv_mc.stability.steady.make_steady_plan`
     margin_times: Floats  # [time] s, AT_TRIM for the trim
 
 
@@ -63,5 +63,5 @@ def _find(plan: MarginPlan, parameters: Floats) -> Floats:
     times: list[Time] = ["trim" if time == AT_TRIM else time for time in plan.margin_times.tolist()]
     found = margins_of_flights(plan, plan.steady, rows, times)
     faults = np.array(found.faults)  # [time, flight]
-    columns = [found.table, (faults == "unstable").sum(axis=0), (np.char.find(faults, "limit") >= 0).sum(axis=0)]
+    columns = [found.table, *((np.char.find(faults, word) >= 0).sum(axis=0) for word in ("unstable", "limit"))]
     return np.array([[float(f"{value:.{_DIGITS}g}") for value in row] for row in np.column_stack(columns)[:count]])

@@ -12,14 +12,13 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.linearize import INPUTS, PLANT_STATES, Linear, Points, actuator_matrices, closed_loop, open_loop
 from abhv_mc.stability.probe import law_memory_rows
-from abhv_mc.vehicle.arrays import Floats
 
 FORMATS = (".npz", ".mat", ".json")
 _INPUT_UNITS = ("rad", "rad", "rad", "-")
 _ACTUATOR_UNITS = [unit for each in _INPUT_UNITS for unit in (each, "rad/s" if each == "rad" else "1/s")]
 
 
-def make_model(plan: FlightPlan, parameters: Floats, points: Points, linear: Linear) -> dict[str, Any]:
+def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, Any]:
     """Matrices and names of the first point: arrays, and lists of text.
 
     ``plant``: measurement from commands; ``loop``: minus the law's commands from what goes into the actuators, all
@@ -29,7 +28,7 @@ def make_model(plan: FlightPlan, parameters: Floats, points: Points, linear: Lin
     m, d = linear.law_A.shape[1], int(linear.delay[0])
     memory = [f"law_{name}" for name in law_memory_rows(plan)]
     old = [f"{name}_{age}_ago" for age in range(1, d + 1) for name in path.COORDINATES]
-    actuator_A, actuator_B = actuator_matrices(plan, parameters[:1])
+    actuator_A, actuator_B = actuator_matrices(plan, points.lane[:1])
     A, B = np.zeros((18, 18)), np.zeros((18, 4))
     A[:10, :10], A[:10, 10::2] = linear.plant_A[0], linear.plant_B[0]
     A[10:, 10:], B[10:] = actuator_A[0], actuator_B[0]

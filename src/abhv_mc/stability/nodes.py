@@ -5,17 +5,17 @@ import numpy as np
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.linearize import Points
-from abhv_mc.stability.probe import law_tick, plant_rates
+from abhv_mc.stability.probe import ask_plant, law_tick
 from abhv_mc.vehicle.arrays import VARIABLES, Floats, Tables
 
 _NEAR = 0.02  # of the cell's length
 _DEGREES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
 
 
-def near_nodes(plan: FlightPlan, parameters: Floats, points: Points) -> list[str]:
+def near_nodes(plan: FlightPlan, points: Points) -> list[str]:
     """A sentence for each variable of the first point that lies close to a node of the plant's or guidance's tables."""
     states = path.make_states(points.path[:1], points.controls[:1], points.latitude[:1], points.mass[:1])
-    _, variables = plant_rates(plan, parameters[:1], np.zeros(1, np.int64), states)
+    variables = ask_plant(plan, points.lane[:1], points.tick, np.zeros(1, np.int64), states).variables
     answer = law_tick(plan, points.tick, points.measured[:1], points.memory[:1])
     guided = answer.variables.copy()
     guided[:, VARIABLES.index("angle_of_attack")] = answer.guidance[:, 1]

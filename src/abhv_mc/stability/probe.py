@@ -1,6 +1,7 @@
 """The compiled plant and laws asked at single points: rates of a state, and one tick of a law's own code.
 
-Linearising takes differences of these, so that what is linearised is what flies. Many points are asked abreast.
+Linearising takes differences of these, so that what is linearised is what flies; they begin with the kernel's own
+memory of a flight, so that it is the vehicle as it is at the tick. Many points are asked abreast.
 """
 
 from dataclasses import replace
@@ -10,20 +11,20 @@ import numpy as np
 
 from abhv_mc.control.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
 from abhv_mc.control.laws.user import FAULT
-from abhv_mc.flight.arguments import make_kernel_plan
+from abhv_mc.flight.arguments import Kept, make_kernel_plan
 from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.flight.kernel import control, evaluate
+from abhv_mc.flight.kernel import begin_tick, control, evaluate, find_active
 from abhv_mc.flight.memory import Z_ROWS, has_width, make_memory
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.plan import LANES, FlightPlan, Recording
-from abhv_mc.flight.sensors import active_sensor_errors, sense
 from abhv_mc.flight.user_law import PYTHON, law_memory, open_law
 from abhv_mc.jit import kernel, lanes
 from abhv_mc.plant import state as s
+from abhv_mc.plant.air_profile import nominal_density
 from abhv_mc.plant.disturbance import density_profile
 from abhv_mc.plant.equations import Stage
-from abhv_mc.plant.failures import start_failures
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.plant.failures import fail_plant, fail_sensors
+from abhv_mc.plant.parameters import NEVER
 from abhv_mc.plant.state import SUM, XS, X
 from abhv_mc.vehicle.arrays import VARIABLES, Floats, Ints
 
@@ -50,7 +51,6 @@ _MEMORY: dict[str, dict[str, int]] = {
     },
     "lqr": {},
 }
-_MASS = PARAMETER_INDEX["mass.total"]
 _WIDE = 1e6  # beyond any command: a law linearised without its limits
 _N_SEEN = len(VARIABLES) + 7  # variables of the tables, then the guidance's commands, then those to the actuators
 
@@ -64,6 +64,14 @@ class LawTick(NamedTuple):
     guidance: Floats  # [point, 3] commanded flight path angle, angle of attack, bank
 
 
+class PlantAnswer(NamedTuple):
+    """What the plant makes of states, and the sensors."""
+
+    rates: Floats  # [point, 14] of the states before the actuators'
+    variables: Floats  # [point, variable] of the tables
+    measured: Floats  # [point, 10] without bias, noise and delay; a frozen measurement as it is
+
+
 @lanes
 def _load(Z, row, width, values, numbers, start, n):
     """Columns of ``values[numbers[start + lane]]`` into the rows from ``row``; spare lanes repeat the last."""
@@ -74,46 +82,73 @@ def _load(Z, row, width, values, numbers, start, n):
 
 
 @kernel
-def probe_plant(plan, memory, flight, states, numbers, rates, variables):
-    """Rates [point, state before the actuators] and variables [point, variable] of ``states`` [point, state].
+def probe_begin(plan, memory, before, numbers, tick, sensed, acting):
+    """The tick's beginning, from the lane memory ``before`` [point, row] it.
 
-    ``flight`` [point] says whose of the plan's parameters; ``numbers`` [point] counts the points.
+    ``sensed`` [point, row] is the memory with the tick's measurement, ``acting`` with what has failed in the plant.
     """
     if has_width(memory, LANES):
         Z, width = memory.Z, memory.Z.shape[1]
+        tick_length = plan.timing.step * plan.timing.steps_per_tick
+        for start in range(0, before.shape[0], width):
+            n = min(width, before.shape[0] - start)
+            _load(Z, 0, width, before, numbers, start, n)
+            active = find_active(Z, width, plan)
+            begin_tick(plan, memory, width, active, tick)
+            for lane in range(n):
+                for i in range(before.shape[1]):
+                    sensed[start + lane, i] = Z[i, lane]
+            fail_plant(Z, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
+            for lane in range(n):
+                for i in range(before.shape[1]):
+                    acting[start + lane, i] = Z[i, lane]
+
+
+@kernel
+def probe_plant(plan, memory, held, acting, flight, states, numbers, tick, answer):
+    """Fill ``answer`` for ``states`` [point, state] of flights with the lane memory ``acting`` [flight, row].
+
+    ``flight`` [point] says whose; ``numbers`` [point] counts the points. Slow effectors stay where they are or, with
+    ``held``, are where the state's mix puts them at the beginning of a tick.
+    """
+    if has_width(memory, LANES):
+        Z, width = memory.Z, memory.Z.shape[1]
+        rates, variables, measured = answer.rates, answer.variables, answer.measured
+        tick_length = plan.timing.step * plan.timing.steps_per_tick
         for start in range(0, states.shape[0], width):
             n = min(width, states.shape[0] - start)
-            _load(Z, s.P, width, plan.parameters, flight, start, n)
+            _load(Z, 0, width, acting, flight, start, n)
             _load(Z, X, width, states, numbers, start, n)
             _load(Z, XS, width, states, numbers, start, n)
+            active = find_active(Z, width, plan)
             for lane in range(width):
-                Z[s.PER_MASS_FACTOR, lane] = 1.0 / Z[s.P + _MASS, lane]
-                Z[s.GUST_U, lane] = 0.0
-                Z[s.GUST_V, lane] = 0.0
-                Z[s.GUST_W, lane] = 0.0
                 for i in range(s.AILERON):
                     Z[SUM + i, lane] = 0.0
+            navigate(Z, width, tick_length, tick == 0)
+            if active.failures.sensors:
+                fail_sensors(Z, width, tick * tick_length)
             density_profile(Z, width)
-            start_failures(Z, width)
-            evaluate(plan, memory, width, Stage(1.0, 0.0), True, False)
+            nominal_density(Z, width, plan.profile)
+            if held:
+                for e in range(4):
+                    for lane in range(width):
+                        Z[s.SLOW_EFFECTOR + e, lane] = NEVER
+                fail_plant(Z, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
+            evaluate(plan, memory, width, Stage(1.0, 0.0), True, True)
             for lane in range(n):
                 for i in range(rates.shape[1]):
                     rates[start + lane, i] = Z[SUM + i, lane]
                 for i in range(variables.shape[1]):
                     variables[start + lane, i] = Z[s.VAR + i, lane]
+                for i in range(measured.shape[1]):
+                    measured[start + lane, i] = Z[s.MEASURED + i, lane]
 
 
 @kernel
-def probe_law(plan, memory, first_tick, end, states, rows, numbers, before, after, seen):
-    """Ticks of the plan's law from the memory rows ``before`` [point, row] to ``after``.
-
-    With ``states`` [point, tick, state] the flight is followed from ``first_tick`` up to the measurement of tick
-    ``end``; without, the law makes one tick of the measurement that is among the rows.
-    """
+def probe_law(plan, memory, tick, rows, numbers, before, after, seen):
+    """A tick of the plan's law from the memory rows ``before`` [point, row] to ``after``; the measurement is there."""
     if has_width(memory, LANES):
         Z, width = memory.Z, memory.Z.shape[1]
-        replaying = states.shape[1] > 0
-        tick_length = plan.timing.step * plan.timing.steps_per_tick
         for start in range(0, before.shape[0], width):
             n = min(width, before.shape[0] - start)
             for lane in range(width):
@@ -121,18 +156,7 @@ def probe_law(plan, memory, first_tick, end, states, rows, numbers, before, afte
                 for i in range(rows.size):
                     Z[rows[i], lane] = before[source, i]
                 Z[s.P, lane] = 1.0  # the factor of the nominal vehicle's terms
-            sensor_errors = active_sensor_errors(Z, width)
-            for tick in range(first_tick, end + 1):
-                if replaying:
-                    for lane in range(width):
-                        source = numbers[start + min(lane, n - 1)]
-                        for i in range(s.N_STATES):
-                            Z[X + i, lane] = states[source, tick, i]
-                    navigate(Z, width, tick_length, tick == 0)
-                    sense(Z, width, sensor_errors, tick_length, tick)
-                    if tick == end:
-                        break
-                control(plan, memory, width, plan.law, tick)
+            control(plan, memory, width, plan.law, tick)
             for lane in range(n):
                 for i in range(rows.size):
                     after[start + lane, i] = Z[rows[i], lane]
@@ -144,16 +168,31 @@ def probe_law(plan, memory, first_tick, end, states, rows, numbers, before, afte
                     seen[start + lane, s.N_VARIABLES + 3 + i] = Z[s.CMD + i, lane]
 
 
-def plant_rates(plan: FlightPlan, parameters: Floats, flight: Ints, states: Floats) -> tuple[Floats, Floats]:
-    """Rates [point, 14] of the states before the actuators', and the tables' variables [point, variable].
+def begin(plan: FlightPlan, kept: Kept) -> tuple[Floats, Floats]:
+    """Lane memories [flight, row] of kept flights with the measurement of their tick, and with what then has failed."""
+    before = np.ascontiguousarray(kept.rows[:, :Z_ROWS])
+    sensed, acting = np.empty_like(before), np.empty_like(before)
+    arguments = make_kernel_plan(plan, nominal_parameters(), Recording(0)), make_memory(LANES)
+    probe_begin(*arguments, before, np.arange(len(before)), kept.tick, sensed, acting)
+    return sensed, acting
 
-    ``parameters`` [flight, parameter]; ``flight`` [point]; ``states`` [point, state].
+
+def ask_plant(
+    plan: FlightPlan, lane: Floats, tick: int, flight: Ints, states: Floats, held: bool = False
+) -> PlantAnswer:
+    """The plants of flights with the memory ``lane`` [flight, row] at ``states`` [point, state] of ``flight`` [point].
+
+    ``held``: effectors that failures made slow, and that are held over a tick, are where the state's mix puts them.
     """
     points = len(states)
-    rates, variables = np.empty((points, s.AILERON)), np.empty((points, len(VARIABLES)))
-    arguments = make_kernel_plan(plan, parameters, Recording(0)), make_memory(LANES), np.asarray(flight, dtype=np.int64)
-    probe_plant(*arguments, np.ascontiguousarray(states), np.arange(points), rates, variables)
-    return rates, variables
+    answer = PlantAnswer(
+        np.empty((points, s.AILERON)), np.empty((points, len(VARIABLES))), np.empty((points, s.N_MEASURED))
+    )
+    arguments = make_kernel_plan(plan, nominal_parameters(), Recording(0)), make_memory(LANES), held
+    rows = np.ascontiguousarray(lane[:, : s.LAW])
+    numbers = np.asarray(flight, dtype=np.int64), np.ascontiguousarray(states), np.arange(points)
+    probe_plant(*arguments, rows, *numbers, tick, answer)
+    return answer
 
 
 def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
@@ -176,47 +215,39 @@ def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> L
     rows = np.array([*range(s.MEASURED, s.MEASURED + s.N_MEASURED), *law_memory_rows(plan).values(), FAULT], np.int64)
     free, later = _without_limits(plan, tick), max(tick, 1)
     before = np.hstack([measured, memory, np.zeros((len(measured), 1))])
-    after, seen = _run_law(free, (later, later), np.empty((0, 0, 0)), rows, before)
+    after, seen = _run_law(free, later, rows, before)
     variables, guidance, command = np.split(seen, [len(VARIABLES), len(VARIABLES) + 3], axis=1)
     command[after[:, -1] > 0.0] = np.nan
     return LawTick(after[:, s.N_MEASURED : -1], command, variables, guidance)
 
 
-def replay_law(plan: FlightPlan, parameters: Floats, states: Floats, tick: int) -> tuple[Floats, Floats]:
-    """Measurement [flight, 10] of ``tick`` and the law's memory [flight, memory] then, as flown.
+def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
+    """The law's memory [flight, memory] before its tick, from lane memories of :func:`begin`.
 
-    ``states`` [flight, tick, state] were recorded at every tick up to this one at least. The memory of tick 0 is that
-    of a flight that has always been at its start: its differentiators are at rest.
+    That of tick 0 is of a flight that has always been at its start: its differentiators are at rest.
     """
-    rows = np.arange(Z_ROWS)
-    before = np.zeros((len(states), Z_ROWS))
-    before[:, s.P : s.P + s.N_PARAMETERS] = parameters
-    controls = (s.AILERON, s.RUDDER, s.ELEVATOR, s.ETA)
-    before[:, s.CMD : s.CMD + 4] = plan.initial_state[list(controls)]
     kept = law_memory_rows(plan)
+    memory = sensed[:, list(kept.values())]
+    if tick > 0:
+        return memory
     if plan.law == PYTHON:
-        before[:, list(kept.values())] = [start for _, start in law_memory(plan).values()]
-    after, _ = _run_law(plan, (0, tick), states, rows, before)
-    measured = after[:, s.MEASURED : s.MEASURED + s.N_MEASURED]
-    memory = after[:, list(kept.values())]
-    if tick == 0 and plan.law == "tlc":
-        later, _ = _run_law(plan, (0, 1), np.repeat(states[:, :1], 2, axis=1), rows, before)
-        resting = [name.startswith("differentiator") for name in kept]
-        memory[:, resting] = later[:, list(kept.values())][:, resting]
-    return measured, memory
+        memory[:] = [start for _, start in law_memory(plan).values()]
+    rows = np.arange(Z_ROWS)
+    resting = [name.startswith("differentiator") for name in kept]
+    if any(resting):
+        memory[:, resting] = _run_law(plan, 0, rows, sensed)[0][:, list(kept.values())][:, resting]
+    return memory
 
 
-def _run_law(
-    plan: FlightPlan, ticks: tuple[int, int], states: Floats, rows: Ints, before: Floats
-) -> tuple[Floats, Floats]:
+def _run_law(plan: FlightPlan, tick: int, rows: Ints, before: Floats) -> tuple[Floats, Floats]:
     after, seen = np.empty_like(before), np.empty((len(before), _N_SEEN))
     with open_law(plan, LANES, memory_in_rows=True) as own:
         arguments = (
             make_kernel_plan(plan, nominal_parameters(), Recording(0))._replace(own=own),
             make_memory(LANES),
-            *ticks,
+            tick,
         )
-        probe_law(*arguments, np.ascontiguousarray(states), rows, np.arange(len(before)), before, after, seen)
+        probe_law(*arguments, rows, np.arange(len(before)), np.ascontiguousarray(before), after, seen)
     return after, seen
 
 
@@ -233,13 +264,3 @@ def _without_limits(plan: FlightPlan, tick: int) -> FlightPlan:
         return free
     reference, gains = (np.repeat(each[:1], 2, axis=0) for each in (plan.reference, plan.gains))
     return replace(free, timing=plan.timing._replace(ticks=1), reference=reference, gains=gains)
-
-
-def undisturbed(parameters: Floats) -> Floats:
-    """The same dispersions [flight, parameter] in air at rest."""
-    calm = parameters.copy()
-    nominal = nominal_parameters()[0]
-    for name, i in PARAMETER_INDEX.items():
-        if name.startswith("wind."):
-            calm[:, i] = nominal[i]
-    return calm

@@ -32,12 +32,11 @@ class Loops(NamedTuple):
 
 def make_loops(linear: Linear) -> Loops:
     """The loops of linear models."""
-    count, states = linear.A.shape[:2]
-    C = np.zeros((count, linear.law_D.shape[2], states))
-    C[:] = np.eye(*C.shape[1:])
-    plant = _hessenberg(linear.A, linear.B, C)
-    law = _hessenberg(linear.law_A, linear.law_B, linear.law_C)
-    return Loops(*plant, *law, np.ascontiguousarray(linear.law_D), linear.delay, linear.period)
+    closes = (linear.cut == 0)[:, :, None]  # what commands a stuck surface belongs to no loop
+    plant = _hessenberg(linear.A, linear.B, linear.sense)
+    law = _hessenberg(linear.law_A, linear.law_B, np.where(closes, linear.law_C, 0.0))
+    law_D = np.where(closes, linear.law_D, 0.0)
+    return Loops(*plant, *law, np.ascontiguousarray(law_D), linear.delay, linear.period)
 
 
 def _hessenberg(A: Floats, B: Floats, C: Floats) -> tuple[Floats, Floats, Floats]:

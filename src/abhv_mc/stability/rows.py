@@ -5,15 +5,26 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.stability.analysis import Stability
-from abhv_mc.stability.linearize import INPUTS
+from abhv_mc.stability.linearize import INPUTS, REASONS
 from abhv_mc.stability.margins import disk_gain_and_phase
+
+_LOOP = (
+    "gain_margin_low_db",
+    "gain_margin_high_db",
+    "phase_margin_deg",
+    "delay_margin_ms",
+    "sensitivity_peak",
+    "crossover_rad_s",
+)
 
 
 def margin_values(stability: Stability, system: int = 0) -> dict[str, dict[str, float]]:
     """The margins of each loop and of ``all`` at once, by name.
 
-    Infinite where nothing makes a loop unstable, not-a-number where the closed loop is unstable as it is.
+    Infinite where nothing makes a loop unstable, not-a-number where the closed loop is unstable as it is, and where
+    there is no loop (:func:`cut_loops`).
     """
+    cut = stability.cut[system]
     m = stability.margins
     with np.errstate(divide="ignore", invalid="ignore"):
         low, high = 20.0 * np.log10(m.gain_low[system]), 20.0 * np.log10(m.gain_high[system])
@@ -28,6 +39,8 @@ def margin_values(stability: Stability, system: int = 0) -> dict[str, dict[str, 
             "sensitivity_peak": float(m.sensitivity[system, i]),
             "crossover_rad_s": float(m.crossover[system, i]),
         }
+        if not cut[i]
+        else dict.fromkeys(_LOOP, np.nan)
         for i, name in enumerate(INPUTS)
     }
     values["all"] = {
@@ -39,17 +52,23 @@ def margin_values(stability: Stability, system: int = 0) -> dict[str, dict[str, 
     return values
 
 
+def cut_loops(stability: Stability, system: int = 0) -> dict[str, str]:
+    """Why an input has no loop: ``stuck``, or ``no effect`` (as of an engine without fuel)."""
+    return {name: REASONS[int(why)] for name, why in zip(INPUTS, stability.cut[system], strict=True) if why}
+
+
 def make_rows(controller: str, time: float | None, stability: Stability, system: int = 0) -> list[dict[str, Any]]:
     """A row for each loop and one, ``all``, for all at once; ``time`` (s) is None at the trim.
 
-    What is infinite, or without meaning because the closed loop is unstable, is None. The row ``all`` of an unstable
-    loop has its growing poles (1/s, real and imaginary part).
+    What is infinite, or without meaning because the closed loop is unstable, is None. The row of a loop that is not
+    there has its ``reason``, the row ``all`` of an unstable loop its growing poles (1/s, real and imaginary part).
     """
-    stable = bool(stability.stable[system])
+    stable, reasons = bool(stability.stable[system]), cut_loops(stability, system)
     rows: list[dict[str, Any]] = [
         {"controller": controller, "time_s": time, "loop": loop}
         | {key: value if np.isfinite(value) else None for key, value in values.items()}
         | {"stable": stable}
+        | ({"reason": reasons[loop]} if loop in reasons else {})
         for loop, values in margin_values(stability, system).items()
     ]
     if not stable:

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.flight.failure_case import NO_FAILURE, failure_cases, failure_times
+from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.plant.parameters import FAILURE_TIMES
 from abhv_mc.report.figures.failure_cases import CaseBand, CasePanel, plot_bands, plot_survival
 from abhv_mc.report.figures.paper import FigureText, off_reference
 from abhv_mc.report.numbers.columns import read_table
 from abhv_mc.report.numbers.failures import requirement_failures, requirement_words
+from abhv_mc.report.numbers.flights import ControllerFlights
 from abhv_mc.report.numbers.metrics import controller_label
 from abhv_mc.report.numbers.plain import plain
 from abhv_mc.report.numbers.results import Results, read_histories
@@ -92,6 +94,7 @@ def failure_case_numbers(results: Results) -> dict[str, Any]:
                 "survived": plain(Interval(1.0 - failures / number, 1.0 - bounds[1], 1.0 - bounds[0])),
                 "median_time_to_loss_s": _median(after[after >= 0.0]) if case != NO_FAILURE else None,
                 "requirements": {},
+                "margins": _margins(flights, inside),
             }
             for item in campaign.requirements:
                 if name in item.controllers:
@@ -102,6 +105,16 @@ def failure_case_numbers(results: Results) -> dict[str, Any]:
             entry["controllers"][name] = cell
         rows.append(entry)
     return {"cases": rows, "end_s": float(results.reference["time"][-1])}
+
+
+def _margins(flights: ControllerFlights, inside: NDArray[np.bool_]) -> dict[str, Any] | None:
+    """Least gain margins of a case's flights, where they were asked for."""
+    values = flights.metrics.get(MARGIN_NAMES[0], np.empty(0))
+    known = inside & np.isfinite(values) if values.size else np.zeros(0, bool)
+    if not known.any():
+        return None
+    unstable = flights.metrics[MARGIN_FAULTS[0].name][known] > 0
+    return {"flights": int(known.sum()), "unstable": int(unstable.sum()), "median_db": float(np.median(values[known]))}
 
 
 def _median(times: Floats) -> float | None:
@@ -125,11 +138,19 @@ def failure_case_rows(numbers: dict[str, Any]) -> list[dict[str, Any]]:
                     "verdicts": [
                         f"{words}: missed by {found['missed']}, {found['status'].replace('_', ' ')}"
                         for words, found in cell["requirements"].items()
-                    ],
+                    ]
+                    + _margin_words(cell.get("margins")),
                 }
             )
         rows.append({"case": entry["case"], "flights": entry["flights"], "cells": cells})
     return rows
+
+
+def _margin_words(margins: dict[str, Any] | None) -> list[str]:
+    if margins is None:
+        return []
+    unstable = count_of(margins["unstable"], margins["flights"])
+    return [f"least gain margin {margins['median_db']:.1f} dB in the median, unstable at a point {unstable}"]
 
 
 def failure_case_sentence(numbers: dict[str, Any], labels: Mapping[str, str]) -> str:

@@ -1,0 +1,191 @@
+"""Steady flight: the plan of a level or turning flight for all time, and the true vehicles' trims under it."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.control import columns as ref
+from abhv_mc.control.controller_file import Controller
+from abhv_mc.control.design.guidance_trim import GuidancePoints, GuidanceTrim, trim_along
+from abhv_mc.control.design.reference import make_mission_trim_tables
+from abhv_mc.control.mission import Level, Mission
+from abhv_mc.flight.arguments import Kept
+from abhv_mc.flight.fly import fly_until, nominal_parameters
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.prepare import OwnParts, make_gains, make_plan
+from abhv_mc.io.input_error import InputError
+from abhv_mc.plant import state as s
+from abhv_mc.plant.parameters import NEVER, PARAMETER_INDEX
+from abhv_mc.stability import path_coordinates as path
+from abhv_mc.stability.linearize import Points, law_slopes, memory_count, plant_slopes
+from abhv_mc.stability.points import Found
+from abhv_mc.stability.probe import begin, law_memory_rows
+from abhv_mc.user_code.design import DesignModel
+from abhv_mc.vehicle.arrays import Floats
+from abhv_mc.vehicle.model import Vehicle
+
+_ITERATIONS = 25
+_AT_REST = 1e-12  # what the law's memory at a trim may change by in a tick
+_GROWS = 1e-7  # what it changes by where the law finds no equilibrium: a sideslip of 6e-4 deg, integrated
+_RESTING = 1e5  # how much more that counts than the controls, where not both can be met
+_BALANCED = 1e-9  # rad/s2 and so on: what a trim may leave of any rate
+_UNKNOWNS = (path.ALPHA, path.BETA, path.BANK, path.P, path.Q, path.R, 10, 11, 12, 13)
+_SURFACES = slice(6, 9)  # among them
+_LARGEST = np.array([0.05, 0.05, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.3])  # a Newton step of the unknowns
+_WANTED = slice(1, 11)  # of what plant_slopes gives: all rates but the altitude's, and the sideslip to the air
+_BEYOND = "the trim is beyond the limits of surfaces or engine"
+
+
+def make_steady_plan(
+    vehicle: Vehicle,
+    mission: Mission,
+    controller: Controller,
+    name: str,
+    bank: float = 0.0,
+    own: OwnParts | None = None,
+) -> FlightPlan:
+    """A plan whose reference is steady flight at the mission's start for all time, with the gains that belong to it.
+
+    ``bank`` (rad) is the guidance trim's in a steady turn; 0 asks for straight flight, whatever bank that takes.
+    ``own`` is the law of a controller of the user's own. Raises InputError where no steady turn has that bank.
+    """
+    level = mission.model_copy(update={"manoeuvre": Level(kind="level"), "duration": 2.0 / controller.rate})
+    plan = make_plan(vehicle, level, controller, name, own=own)
+    trim_tables = make_mission_trim_tables(mission, vehicle)
+    row = plan.reference[0].copy()
+    heading_rate = _turn_of_bank(vehicle, plan, row, bank) if bank else 0.0
+    nominal = _trim_turn(vehicle, plan, row, heading_rate)
+    row[ref.HEADING_RATE] = heading_rate
+    row[ref.ANGLE_OF_ATTACK], row[ref.BANK] = nominal.angle_of_attack[0], nominal.bank[0]
+    row[ref.EQUIVALENCE_RATIO], row[ref.ELEVATOR] = nominal.equivalence_ratio[0], nominal.elevator[0]
+    reference = np.tile(row, (3, 1))
+    reference[:, ref.TIME] = plan.reference[:3, ref.TIME]
+    _, gains = make_gains(controller, own, DesignModel(vehicle, level, reference, trim_tables))
+    return replace(plan, reference=reference, gains=gains, trim_tables=trim_tables)
+
+
+def _trim_turn(vehicle: Vehicle, plan: FlightPlan, row: Floats, heading_rate: float) -> GuidanceTrim:
+    one = np.ones(1)
+    points = GuidancePoints(
+        row[ref.SPEED] * one,
+        row[ref.DENSITY] * one,
+        row[ref.SOUND_SPEED] * one,
+        row[ref.GRAVITY] * one,
+        row[ref.RADIUS] * one,
+        row[ref.LATITUDE] * one,
+        0.0 * one,
+        row[ref.HEADING] * one,
+        0.0 * one,
+        0.0 * one,
+        row[ref.SPEED] * heading_rate * one,
+    )
+    return trim_along(vehicle, plan.trim_tables, points, vehicle.constants.mass_start, plan.timing.tick)
+
+
+def _turn_of_bank(vehicle: Vehicle, plan: FlightPlan, row: Floats, bank: float) -> float:
+    """Heading rate of the steady turn whose guidance trim has the bank, rad/s."""
+    from scipy.optimize import brentq
+
+    def off(heading_rate: float) -> float:
+        return float(_trim_turn(vehicle, plan, row, heading_rate).bank[0] - bank)
+
+    guess = float(row[ref.GRAVITY] / row[ref.SPEED] * np.tan(bank))
+    ends = sorted((0.2 * guess, 2.0 * guess))
+    if off(ends[0]) * off(ends[1]) > 0.0:
+        wanted = "a bank at which this vehicle can turn steadily"
+        raise InputError("--bank", None, None, f"{np.rad2deg(bank):g} deg", wanted)
+    return float(brentq(off, *ends, xtol=1e-14))
+
+
+def steady_air(parameters: Floats) -> Floats:
+    """The same dispersions [flight, parameter] without gusts and turbulence; steady wind stays."""
+    steady, nominal = parameters.copy(), nominal_parameters()[0]
+    for name, i in PARAMETER_INDEX.items():
+        if name.startswith(("wind.gust", "wind.turbulence")):
+            steady[:, i] = nominal[i]
+    return steady
+
+
+def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
+    """The true plants' trims under a plan of :func:`make_steady_plan`: ``parameters`` [flight, parameter].
+
+    In the steady wind, and with what has failed at the start. Altitude, speed and heading are the reference's, flight
+    path angle and sideslip to the air zero; all else is such that nothing but the heading changes. A stuck aileron or
+    rudder leaves the sideslip free. The law is at rest there: errors zero, integrals whatever holds the trim; a law
+    that finds no rest is a fault.
+    """
+    row, constants = plan.reference[0], plan.vehicle.constants
+    _, begun = begin(plan, fly_until(plan, steady_air(parameters), 0))
+    _, lane = begin(plan, Kept(1, begun))  # a measurement that fails at the start is frozen from the second tick on
+    count, nothing = len(lane), np.empty((len(lane), 0))
+    held = lane[:, s.STUCK_SURFACE : s.STUCK_SURFACE + 3]
+    stuck = held != NEVER
+    at = np.zeros((count, 14))
+    at[:, path.ALTITUDE], at[:, path.SPEED], at[:, path.CHI] = row[ref.ALTITUDE], row[ref.SPEED], row[ref.HEADING]
+    at[:, path.ALPHA], at[:, path.BANK] = row[ref.ANGLE_OF_ATTACK], row[ref.BANK]
+    at[:, 12:] = row[ref.ELEVATOR], row[ref.EQUIVALENCE_RATIO]
+    at[:, 10:13] = np.where(stuck, held, at[:, 10:13])
+    latitude, mass = lane[:, s.X + s.LATITUDE], lane[:, s.X + s.MASS]
+    points = Points(at[:, :10], at[:, 10:], latitude, mass, nothing, nothing, lane, 1)
+    holds = np.hstack([np.ones((count, 9), bool), ~stuck[:, :2].any(axis=1, keepdims=True), stuck])
+    for _ in range(_ITERATIONS):
+        found = plant_slopes(plan, points._replace(path=at[:, :10], controls=at[:, 10:]))
+        left = np.hstack([found.value[:, _WANTED], np.where(stuck, at[:, 10:13] - held, 0.0)])
+        left[:, path.CHI - 1] -= row[ref.HEADING_RATE]
+        left[~holds] = 0.0
+        J = np.zeros((*left.shape, len(_UNKNOWNS)))
+        J[:, :10] = found.slope[:, _WANTED][:, :, list(_UNKNOWNS)]
+        J[:, 10:, _SURFACES] = np.eye(3)
+        J[~holds] = 0.0
+        moving = np.isfinite(J).all(axis=(1, 2)) & ~(np.abs(left).max(axis=1) < 0.01 * _BALANCED)
+        if not moving.any():
+            break
+        step = np.einsum("pij,pj->pi", np.linalg.pinv(J[moving], rcond=1e-13), left[moving])
+        at[np.ix_(moving, _UNKNOWNS)] -= np.clip(step, -_LARGEST, _LARGEST)
+    limit = constants.surface_limit * lane[:, s.parameter_row("actuator.deflection_limit")]
+    eta_max = constants.equivalence_ratio_max * lane[:, s.parameter_row("engine.equivalence_ratio_limit")]
+    beyond = (np.abs(at[:, 10:13]) > limit[:, None]).any(axis=1)
+    beyond |= (at[:, 13] > eta_max) | (at[:, 13] < constants.equivalence_ratio_min)
+    off = ~(np.abs(left).max(axis=1) < _BALANCED)
+    measured = found.value[:, _WANTED.stop :].copy()
+    frozen = (found.slope[:, _WANTED.stop :] == 0.0).all(axis=2)
+    measured[frozen] = at[:, :10][frozen]  # it failed in this steady flight
+    points = points._replace(path=at[:, :10], controls=at[:, 10:], measured=measured)
+    memory, grows = _memory_at_rest(plan, points)
+    beta = np.rad2deg(measured[:, path.BETA])
+    faults = [
+        "no trim was found" if o else _BEYOND if b else _unsettled(plan.controller, angle) if g else ""
+        for o, b, g, angle in zip(off.tolist(), beyond.tolist(), grows.tolist(), beta.tolist(), strict=True)
+    ]
+    return Found(points._replace(memory=memory), faults)
+
+
+def _unsettled(controller: str, sideslip: float) -> str:
+    words = f"{controller} finds no equilibrium, as what it integrates goes on growing"
+    return f"{words} (it measures {sideslip:.3g} deg of sideslip)" if abs(sideslip) > 1e-4 else words
+
+
+def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, NDArray[np.bool_]]:
+    """The law's memory [point, memory] that stays as it is and whose commands are the points' controls.
+
+    Where no memory does both, as of a law without integrals, it stays as it is and comes closest to the controls.
+    Also whether no memory stays as it is, [point].
+    """
+    count = memory_count(plan)
+    memory, grows = np.zeros((len(points.path), count)), np.zeros(len(points.path), bool)
+    last = [s.CMD <= row < s.CMD + 4 for row in law_memory_rows(plan).values()]
+    memory[:, last] = points.controls[:, : sum(last)]
+    for _ in range(8 if count else 0):
+        law = law_slopes(plan, points._replace(memory=memory))
+        left = law.value - np.hstack([memory, points.controls])
+        grows = np.abs(left[:, :count]).max(axis=1) > _GROWS
+        if np.abs(left).max() < _AT_REST:
+            break
+        J = law.slope[:, :, points.measured.shape[1] :].copy()
+        J[:, :count] -= np.eye(count)
+        left[:, :count] *= _RESTING
+        J[:, :count] *= _RESTING
+        known = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(left).all(axis=1)  # a law of the user's own may fail
+        memory[known] -= np.einsum("pij,pj->pi", np.linalg.pinv(J[known], rcond=1e-13), left[known])
+    return memory, grows

@@ -1,0 +1,120 @@
+"""Linearisation starts from the flight as the kernel's memory holds it: failures, sensors, wind, the engine."""
+
+import numpy as np
+import pytest
+from stability.systems import assert_predicted, flight_plan, parameters, read, steady_plan
+
+from abhv_mc.flight.prepare import make_plan
+from abhv_mc.stability.analysis import analyse, margins_of_flights
+from abhv_mc.stability.linearize import NO_EFFECT, STUCK, closed_loop, linearise
+from abhv_mc.stability.points import flown_points
+from abhv_mc.stability.rows import make_rows
+from abhv_mc.stability.steady import trim_points
+
+# A difference of the throttle is one of the mass too, which is no state of the model: no fuel flow.
+CALM = {"propulsion__specific_impulse": 1e9}
+UNSTART = {"failure__engine__drag_increment": 1e-3, "failure__engine__pitching_moment_increment": 1e-5}
+CASES = {
+    "aileron loss": {"failure__aileron__loss_time": 1.0, "failure__aileron__effectiveness": 0.8},
+    "rudder loss": {"failure__rudder__loss_time": 1.0, "failure__rudder__effectiveness": 0.7},
+    "elevator stuck": {"failure__elevator__stuck_time": 1.99},
+    "rudder stuck elsewhere": {"failure__rudder__stuck_time": 1.95, "failure__rudder__stuck_at": 2e-4},
+    "aileron slow": {"failure__aileron__slow_time": 1.0, "failure__aileron__rate_limit": 0.5},
+    "pitch rate frozen": {"failure__sensor__pitch_rate__time": 1.9},
+    "bank off": {"failure__sensor__bank__time": 1.9, "failure__sensor__bank__bias": 1e-4},
+    "engine weak": {"failure__engine__time": 1.0, "failure__engine__thrust": 0.9, **UNSTART},
+    "crosswind": {"wind__north": 1.0, "wind__shear_north": 2e-5},
+    "delayed and frozen": {"sensor__delay": 0.03, "failure__sensor__sideslip__time": 1.9},
+    "dense at 20 km": {"atmosphere__density_at_20km": 1.02},
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_maps_of_the_ticks_predict_the_flight_after_a_failure(case):
+    plan = flight_plan("tlc", 4.0)
+    assert_predicted(plan, parameters(**CALM, **CASES[case]), 200, 100)
+
+
+def test_a_slow_effector_is_held_over_each_tick():
+    inputs = read("lqr_retuned", "level_mach15", "winged_cone")
+    plan = make_plan(inputs[0], inputs[1].model_copy(update={"duration": 4.0}), inputs[2], "lqr_retuned")
+    slow = {"failure__effector_0__slow_time": 1.0, "failure__effector_0__rate_limit": 0.5}
+    assert_predicted(plan, parameters(**CALM, **slow), 200, 100, every=4)
+
+
+def test_each_ticks_map_is_the_next_ticks_along_the_s():
+    """The reference moves on meanwhile, so that the map of one tick is only nearly that of the next."""
+    vehicle, mission, law = read("tlc", "s_manoeuvre")
+    plan = make_plan(vehicle, mission.model_copy(update={"duration": 12.0}), law, "tlc")
+    for tick in (300, 1000):
+        maps = [
+            closed_loop(linearise(plan, flown_points(plan, parameters(), t * 0.01).points), 0) for t in (tick, tick + 1)
+        ]
+        np.testing.assert_allclose(maps[0], maps[1], rtol=0.0, atol=2e-3 * np.abs(maps[0]).max())
+        assert_predicted(plan, parameters(**CALM), tick, 20)
+
+
+def growing_pole(stability, system=0):
+    assert not stability.stable[system]
+    return stability.poles[system][0].real
+
+
+def test_a_loss_in_flight_grows_as_the_same_loss_at_the_trim():
+    plan, steady = flight_plan("tlc"), steady_plan("tlc")
+    factor = parameters(control__aileron_effectiveness=0.5)
+    expected = growing_pole(analyse(linearise(steady, trim_points(steady, factor).points)))
+    assert expected == pytest.approx(4.19, abs=0.01)
+    loss = parameters(failure__aileron__loss_time=29.0, failure__aileron__effectiveness=0.5)
+    found = growing_pole(analyse(linearise(plan, flown_points(plan, loss, 30.0).points)))
+    assert found == pytest.approx(expected, rel=0.03)
+
+
+def test_failures_and_factors_have_as_many_unstable_points():
+    plan, steady = flight_plan("tlc", 3.0), steady_plan("tlc")
+    left = np.linspace(0.6, 0.95, 12)
+    lost = parameters(12, failure__aileron__loss_time=np.linspace(1.5, 1.9, 12), failure__aileron__effectiveness=left)
+    factor = parameters(12, control__aileron_effectiveness=left)
+    faults = [margins_of_flights(plan, steady, flights, [2.0]).faults[0] for flights in (lost, factor)]
+    unstable = [["unstable" in words for words in flown] for flown in faults]
+    assert unstable[0] == unstable[1] and 0 < sum(unstable[0]) < 12
+
+
+def test_a_stuck_surface_and_an_engine_that_is_out_have_no_loop():
+    plan = flight_plan("lqr_retuned", 3.0)
+    failed = parameters(2, failure__elevator__stuck_time=1.9)
+    failed[1] = parameters(failure__engine__time=1.9)
+    linear = linearise(plan, flown_points(plan, failed, 2.0).points)
+    np.testing.assert_array_equal(linear.cut, [[0, 0, STUCK, 0], [0, 0, 0, NO_EFFECT]])
+    stability = analyse(linear)
+    for system, (loop, reason) in enumerate((("elevator", "stuck"), ("equivalence_ratio", "no effect"))):
+        row = next(row for row in make_rows("lqr_retuned", 2.0, stability, system) if row["loop"] == loop)
+        assert row["reason"] == reason and row["phase_margin_deg"] is None
+
+
+def test_a_frozen_measurement_has_no_path_through_the_law():
+    plan = flight_plan("tlc", 3.0)
+    frozen = linearise(plan, flown_points(plan, parameters(failure__sensor__pitch_rate__time=1.9), 2.0).points)
+    np.testing.assert_array_equal(frozen.sense[0, 8], 0.0)
+    np.testing.assert_array_equal(frozen.sense[0, :8], np.eye(10, 18)[:8])
+
+
+def test_the_trim_is_that_of_the_failed_vehicle_in_its_wind():
+    steady = steady_plan("tlc")
+    cases = parameters(4, wind__east=np.array([-60.0, 0.0, 0.0, 0.0]))
+    cases[1] = parameters(failure__rudder__loss_time=0.0, failure__rudder__effectiveness=0.5)
+    cases[2] = parameters(wind__north=20.0)
+    cases[3] = parameters(failure__engine__time=0.0)
+    found = trim_points(steady, cases)
+    assert found.faults[:2] == ["", ""]
+    # 60 m/s of head wind: less angle of attack and more elevator at the same speed over the ground.
+    calm = trim_points(steady, parameters())
+    assert found.points.path[0, 4] < calm.points.path[0, 4] - 1e-4
+    assert found.points.controls[0, 2] < calm.points.controls[0, 2] - 1e-3
+    np.testing.assert_allclose(found.points.controls[1, 1], 2.0 * calm.points.controls[0, 1], rtol=1e-6)
+    # The crab angle is a sideslip to the ground, which the law does not leave alone.
+    assert np.rad2deg(found.points.path[2, 5]) == pytest.approx(-0.82, abs=0.01)
+    assert (
+        found.faults[2]
+        == "tlc finds no equilibrium, as what it integrates goes on growing (it measures -0.818 deg of sideslip)"
+    )
+    assert found.faults[3] == "no trim was found"
