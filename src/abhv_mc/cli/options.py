@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from abhv_mc.campaign import MOST_WORKERS
-from abhv_mc.cli.outputs import json_file
+from abhv_mc.cli.outputs import json_file, output_file
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import find_input
 
@@ -88,6 +88,11 @@ Json = Annotated[
     typer.Option(
         "--json", callback=json_file, metavar="FILE", help="Write the figures as JSON; - for standard output."
     ),
+]
+
+Junit = Annotated[
+    Path | None,
+    typer.Option("--junit", callback=output_file, metavar="FILE.xml", help="Write the verdicts as JUnit XML."),
 ]
 
 

@@ -14,6 +14,7 @@ from abhv_mc.cli.options import (
     Controllers,
     Fresh,
     Json,
+    Junit,
     NoReport,
     Runs,
     Scheduler,
@@ -63,6 +64,7 @@ def command(
     no_report: NoReport = False,
     fresh: Fresh = False,
     json: Json = None,
+    junit: Junit = None,
     trust_code: TrustCode = False,
 ) -> None:
     """Fly a campaign, resuming what its folder already holds, and make the report.
@@ -90,13 +92,15 @@ def command(
     try:
         with mirrored(out) if out else nullcontext() as folder:
             request = Request(campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code)
-            finish(run_campaign(request, engine), no_report or part is not None, json, out)
+            finish(run_campaign(request, engine), no_report or part is not None, json, out, junit)
     except UnusableError as error:
         say(error, file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE) from None
 
 
-def finish(result: "RunResult", no_report: bool, json: Path | None = None, place: Path | None = None) -> None:
+def finish(
+    result: "RunResult", no_report: bool, json: Path | None = None, place: Path | None = None, junit: Path | None = None
+) -> None:
     """Say what came of it, make the report, and end with the exit code that it deserves.
 
     ``place`` is what the user calls the folder: perhaps an address.
@@ -107,6 +111,10 @@ def finish(result: "RunResult", no_report: bool, json: Path | None = None, place
     named = parse_address(place or "") or str(result.folder)
     told = sys.stderr if json == Path("-") else None
     show(result.manifest | {"folder": named}, json, lambda: _print_result(result, named))
+    if junit is not None:
+        from abhv_mc.report.pages.matrix import make_junit, verdict_cases
+
+        junit.write_text(make_junit(result.manifest["name"], verdict_cases(result.manifest["requirements"])), "utf-8")
     announce_warnings(result.manifest["warnings"])
     if not result.complete:
         say("incomplete: the same command goes on where this one ended", file=sys.stderr)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from abhv_mc.cli.options import Folder, Json
+from abhv_mc.cli.options import Folder, Json, Junit
 from abhv_mc.cli.printing import say, show
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ def nesc(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Holds Atmos_NN_Name/Atmos_NN_sim_MM.csv[.gz].")],
     json: Json = None,
     tolerance_scale: _Scale = 1.0,
+    junit: Junit = None,
 ) -> None:
     """Fly NASA's atmospheric check-cases 1 to 10, those that DIR has, and compare with each simulator given.
 
@@ -65,7 +66,7 @@ def nesc(
     from abhv_mc.verification.nesc import verify_nesc
 
     scale = _prepare(tolerance_scale)
-    _show(verify_nesc(folder, scale), json)
+    _show(verify_nesc(folder, scale), json, junit)
 
 
 @app.command("ghame6")
@@ -73,6 +74,7 @@ def ghame6(
     file: Annotated[Path, typer.Argument(metavar="FILE.csv[.gz]", help="A flight of CADAC++ GHAME6.")],
     json: Json = None,
     tolerance_scale: _Scale = 1.0,
+    junit: Junit = None,
 ) -> None:
     """Replay the recorded surfaces and throttle of a CADAC++ flight and compare the states.
 
@@ -81,7 +83,7 @@ def ghame6(
     from abhv_mc.verification.ghame6 import verify_ghame6
 
     scale = _prepare(tolerance_scale)
-    _show(verify_ghame6(file, scale), json)
+    _show(verify_ghame6(file, scale), json, junit)
 
 
 @app.command("all")
@@ -96,6 +98,7 @@ def everything(
     ] = None,
     json: Json = None,
     tolerance_scale: _Scale = 1.0,
+    junit: Junit = None,
 ) -> None:
     """Show all that is held against published data as one table: others' flights, and the numbers of papers."""
     from abhv_mc.verification.everything import verify_everything
@@ -103,7 +106,7 @@ def everything(
     scale = _prepare(tolerance_scale)
     if references is None and _REFERENCES.is_dir():
         references = _REFERENCES
-    _show(verify_everything(references, scale), json)
+    _show(verify_everything(references, scale), json, junit)
 
 
 def _prepare(scale: float) -> float:
@@ -119,11 +122,23 @@ def _prepare(scale: float) -> float:
     return scale
 
 
-def _show(rows: "list[Row]", json: Path | None) -> None:
-    """Print one table, write the JSON, and exit 1 where a row is not as it should be."""
+def _show(rows: "list[Row]", json: Path | None, junit: Path | None) -> None:
+    """Print one table, write JSON and JUnit XML, and exit 1 where a row is not as it should be."""
     from abhv_mc.verification.rows import all_ok, rows_record
 
     show(rows_record(rows), json, lambda: _print_rows(rows))
+    if junit is not None:
+        from abhv_mc.report.pages.matrix import Case, make_junit
+
+        cases = [
+            Case(
+                f"{row.case} {row.quantity}, against {row.simulator}",
+                "PASS" if row.ok else "FAIL",
+                f"differs by {row.difference:.2e} {row.unit}, tolerance {row.tolerance:.2e}",
+            )
+            for row in rows
+        ]
+        junit.write_text(make_junit("verification", cases), "utf-8")
     if not all_ok(rows):
         raise typer.Exit(1)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign
-from abhv_mc.campaign.file.config import Requirement
+from abhv_mc.campaign.file.config import TRACED, Requirement
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import MARGIN_VALUES
@@ -165,6 +165,7 @@ def judge_requirements(all_counts: Mapping[str, FlightCounts], campaign: Checked
     """Failure counts and verdicts of the requirements that bind, as the manifest holds them."""
     return [
         {
+            **{key: text for key in TRACED if (text := getattr(count.requirement, key)) is not None},
             "metric": count.requirement.metric,
             "below" if count.requirement.below is not None else "above": count.limit,
             "probability": count.requirement.probability,

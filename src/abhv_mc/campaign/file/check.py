@@ -10,6 +10,7 @@ import numpy as np
 
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.mistakes import find_more
+from abhv_mc.campaign.file.requirement_table import read_requirements
 from abhv_mc.campaign.file.requirements import (
     check_margins,
     check_requirements,
@@ -95,7 +96,7 @@ def read_campaign(
 
     Raises :class:`InputError` with everything that is wrong, each with line and column.
     """
-    document = read_document(path)
+    document = read_requirements(read_document(path))
     if controllers is not None:  # what is left out must be right, too; said with the places of the whole file
         check_campaign(document)
     return check_campaign(_override(document, runs, seed, controllers))
@@ -103,7 +104,7 @@ def read_campaign(
 
 def check_campaign(document: Document) -> CheckedCampaign:
     """Check a campaign that was read already. Raises :class:`InputError` as :func:`read_campaign` does."""
-    document = name_effectors(document)
+    document = name_effectors(read_requirements(document))
     try:
         model = validate(document, Campaign)
     except InputErrors as refused:

@@ -15,6 +15,7 @@ from abhv_mc.folder.manifest_check import Name
 from abhv_mc.io.documents import File, Refusal, StrictModel, describe, one_of
 from abhv_mc.io.units import TIME, Fraction, Time, parse_quantity
 
+TRACED = ("id", "text", "source", "rationale")  # where a requirement comes from; no flight depends on it
 PROCESSES, THREADS = "processes", "threads"
 
 _LARGEST_BATCH = 2**20
@@ -110,6 +111,10 @@ class Requirement(StrictModel):
     ended_early: Literal["failure", "as_measured"] = Field(
         "failure", description="what a flight that ended early counts as"
     )
+    id: str | None = Field(None, description="its number where it comes from, such as GNC-12; shown everywhere")
+    text: str | None = Field(None, description="the requirement in words, as its source has it")
+    source: str | None = Field(None, description="the document that it comes from")
+    rationale: str | None = Field(None, description="why it is required")
 
     @property
     def early_is_failure(self) -> bool:
@@ -208,9 +213,9 @@ class Campaign(StrictModel):
         Annotated[dict[MetricName, MetricEntry], Tag("entries")] | Annotated[File, Tag("file")],
         Discriminator(_metrics_kind),
     ] = Field({}, description="metrics of one's own by name, or a file that holds them")
-    requirements: tuple[Requirement, ...] = Field(
-        (), description="what the flights have to meet, with which probability"
-    )
+    requirements: Annotated[
+        tuple[Requirement, ...], BeforeValidator(lambda value: value, json_schema_input_type=list[Requirement] | str)
+    ] = Field((), description="what the flights have to meet, with which probability; or a CSV file of these")
     margins: MarginsOfFlights | None = Field(
         None, description="stability margins of dispersed flights, as metrics; left out: nominal and corners only"
     )

@@ -38,8 +38,11 @@ def check_requirements(
     document: Document, model: Campaign, metrics: Mapping[str, Metric], errors: list[InputError]
 ) -> Iterator[float]:
     """The limit of each requirement, in its metric's unit."""
+    ids = [entry.id for entry in model.requirements]
     for i, entry in enumerate(model.requirements):
         where = ("requirements", i)
+        if entry.id is not None and entry.id in ids[:i]:
+            errors.append(document.error((*where, "id"), f"the id '{entry.id}' a second time", "an id for each"))
         for j, name in enumerate(entry.controllers or ()):
             if name not in model.controllers:
                 found = f"controller '{name}'"

@@ -49,8 +49,10 @@ def _flight_counts(results: Results) -> dict[str, Any]:
 def _requirements(results: Results, judged: list[dict[str, Verdict]]) -> list[dict[str, Any]]:
     return [
         {
+            **item.traced,
             **{key: getattr(item, key) for key in ("metric", "below", "limit", "probability", "consumer_risk")},
             "words": requirement_words(item),
+            "unit": words_of(item.metric).unit,
             "binds": list(item.controllers),
             "controllers": {name: _verdict(results, item, name, verdict) for name, verdict in verdicts.items()},
         }

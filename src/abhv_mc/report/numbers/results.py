@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES, METRICS
 from abhv_mc.folder.envelopes import QUANTILE_COLUMNS
@@ -39,6 +40,7 @@ class Requirement:
     controllers: tuple[str, ...]
     early_is_failure: bool = True  # what a flight that ended early counts as
     producer_risk: float | None = None  # None: the consumer's
+    traced: dict[str, str] = field(default_factory=dict)  # id, text, source and rationale, as far as they are given
 
 
 @dataclass(frozen=True)
@@ -152,6 +154,7 @@ def read_facts(path: Path) -> CampaignFacts:
                 controllers=item.controllers or controllers[:1],
                 early_is_failure=item.ended_early == "failure",
                 producer_risk=item.producer_risk,
+                traced={key: text for key in TRACED if (text := getattr(item, key)) is not None},
             )
             for item, limit in zip(model.requirements, campaign.limits, strict=True)
         ),

@@ -98,6 +98,7 @@ def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
     from abhv_mc.report.figures.style import write_png
     from abhv_mc.report.numbers.report_numbers import make_numbers
     from abhv_mc.report.pages.gallery import make_figures
+    from abhv_mc.report.pages.matrix import MATRIX_FILE, make_matrix
     from abhv_mc.report.pages.page import PageFigure, make_markdown, make_page
     from abhv_mc.report.pages.searched import refuse_search
 
@@ -121,6 +122,8 @@ def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
     write_text(
         page, make_page(results, numbers, figures) if format == "html" else make_markdown(results, numbers, figures)
     )
+    if numbers["requirements"]:
+        write_text(folder / MATRIX_FILE, make_matrix(numbers))
     report = folder / "report.json"
     names = [*_read_pages(report, numbers), page.name]
     pictures = [path.relative_to(folder).as_posix() for path in sorted(kept)]

@@ -1,0 +1,76 @@
+"""Verdicts as other programs read them: a verification matrix (CSV), and JUnit XML for pipelines."""
+
+import csv
+import io
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+from abhv_mc.campaign.file.config import TRACED
+
+MATRIX_FILE = "verification_matrix.csv"
+_COLUMNS = (
+    *TRACED, "metric", "side", "limit", "unit", "probability", "controller", "binding", "verdict", "failures",
+    "flights", "tolerance_limit", "consumer_risk", "words",
+)  # fmt: skip
+
+
+def make_matrix(numbers: Mapping[str, Any]) -> str:
+    """A row for each requirement and controller, from a report's numbers."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, _COLUMNS, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    for entry in numbers["requirements"]:
+        for name, verdict in entry["controllers"].items():
+            row = {
+                **entry,
+                "side": "below" if entry["below"] else "above",
+                "controller": name,
+                "binding": "yes" if name in entry["binds"] else "no",
+                "verdict": verdict["status"],
+                "failures": verdict["failures"],
+                "flights": verdict["flights"],
+                "tolerance_limit": verdict.get("tolerance_limit"),
+                "words": verdict["words"],
+            }
+            writer.writerow(row)
+    return text.getvalue()
+
+
+class Case(NamedTuple):
+    """One test as a pipeline shows it."""
+
+    name: str
+    status: str  # "PASS", "FAIL", or why it is neither
+    words: str
+
+
+def verdict_cases(entries: Iterable[Mapping[str, Any]]) -> list[Case]:
+    """The binding requirements, as a campaign's manifest has them."""
+    cases = []
+    for entry in entries:
+        side = "below" if "below" in entry else "above"
+        asked = f"{entry['metric']} {side} {entry[side]:g} in {100.0 * entry['probability']:g} %"
+        name = " ".join(filter(None, (entry.get("id"), asked, f"({entry['controller']})")))
+        cases.append(Case(name, entry["verdict"], entry["words"]))
+    return cases
+
+
+def make_junit(suite: str, cases: Iterable[Case]) -> str:
+    """JUnit XML: what failed is a failure, what is neither shown nor failed is skipped."""
+    listed = list(cases)
+    failed = sum(case.status == "FAIL" for case in listed)
+    skipped = sum(case.status not in ("PASS", "FAIL") for case in listed)
+    facts = {"name": suite, "tests": str(len(listed)), "failures": str(failed), "errors": "0", "skipped": str(skipped)}
+    root = ElementTree.Element("testsuites", facts)
+    holder = ElementTree.SubElement(root, "testsuite", facts)
+    for case in listed:
+        element = ElementTree.SubElement(holder, "testcase", {"classname": suite, "name": case.name, "time": "0"})
+        if case.status == "FAIL":
+            ElementTree.SubElement(element, "failure", {"message": case.words})
+        elif case.status != "PASS":
+            ElementTree.SubElement(element, "skipped", {"message": case.words})
+        else:
+            ElementTree.SubElement(element, "system-out").text = case.words
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
