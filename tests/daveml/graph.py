@@ -16,7 +16,7 @@ class Graph:
     """Values of a file's variables by varID, for inputs by varID."""
 
     def __init__(self, path: Path) -> None:
-        root = ElementTree.parse(path).getroot()  # noqa: S314
+        root = ElementTree.parse(path).getroot()
         self.variables = {node.get("varID"): node for node in root.iter(f"{D}variableDef")}
         self.functions = {node.find(f"{D}dependentVarRef").get("varID"): node for node in root.iter(f"{D}function")}
         self.tables = {node.get("gtID"): node for node in root.iter(f"{D}griddedTableDef")}
