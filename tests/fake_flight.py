@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.control.columns import REFERENCE, TLC_GAINS, TLC_SETTINGS
+from abhv_mc.control.design.trim_tables import rebuild_trim_tables
 from abhv_mc.execution.engine import Engine
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.flight.metrics import METRICS, NO_METRICS, Statistic
@@ -22,8 +23,10 @@ from abhv_mc.plant.air_profile import no_profile
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.state import N_STATES
-from abhv_mc.vehicle.arrays import BuildUp
-from abhv_mc.vehicle.pack import Axis, Table, pack_tables
+from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.shipped import shipped_configs
+from abhv_mc.vehicle.arrays import CHUNK
+from abhv_mc.vehicle.model import Vehicle
 
 DENSITY, LIFT, DRAG = (PARAMETER_INDEX[name] for name in ("atmosphere.density", "aero.lift", "aero.drag"))
 LOST_BELOW = 0.91
@@ -35,14 +38,11 @@ _EXTREMES = {
 }
 
 
-def make_plan(name: str, gain: float = 1.0) -> FlightPlan:
+def make_plan(name: str, gain: float = 1.0, vehicle: Vehicle | None = None) -> FlightPlan:
     """A plan whose arrays are small and whose first gain the fake flight reads."""
     plan = _fill(FlightPlan)
-    axes = tuple(Axis(variable, np.array([0.0, 1.0])) for variable in range(1, 4))
-    tables, _ = pack_tables([Table(axes, np.zeros((2, 2, 2)))], {})
-    vehicle = plan.vehicle._replace(
-        tables=tables, build_up=BuildUp(*(np.zeros(0, np.int64) for _ in range(4))), effector_mix=np.zeros((4, 3))
-    )
+    vehicle = vehicle or load_vehicle(shipped_configs() / "vehicle/nesc/brick.yaml")
+    trim_tables = rebuild_trim_tables(np.tile([0.0, 1.0], 3), np.tile([1.0, 0.0], 3), np.zeros(8 * CHUNK))
     parts = {field: getattr(plan, field) for field in typing.get_type_hints(FlightPlan)}
     parts |= {
         "controller": name,
@@ -50,7 +50,7 @@ def make_plan(name: str, gain: float = 1.0) -> FlightPlan:
         "timing": Timing(0.05, 2, TICKS),
         "limits": Limits(0.0, 1e5, -1.0, 1.0, 1.0),
         "vehicle": vehicle,
-        "trim_tables": tables,
+        "trim_tables": trim_tables,
         "effectiveness": make_effectiveness(vehicle),
         "initial_state": np.zeros(N_STATES),
         "reference": np.zeros((TICKS + 1, len(REFERENCE))),
@@ -81,7 +81,7 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
     text = controller.read_text(encoding="utf-8")
     if "gain:" not in text:
         raise InputError(controller, 1, 1, "no gain", "gain: 1.0")
-    return make_plan(name, float(text.partition("gain:")[2]))
+    return make_plan(name, float(text.partition("gain:")[2]), load_vehicle(vehicle))
 
 
 def fly(plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int | None = None) -> FlightBlock:
@@ -140,8 +140,11 @@ def write_campaign(folder: Path, **entries: str) -> Path:
     """A campaign file with its inputs; ``entries`` replace or add top-level entries, as YAML text."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "tables").mkdir(exist_ok=True)
-    (folder / "tables/cl.csv").write_text("mach,value\n1,2\n", encoding="utf-8")
-    (folder / "vehicle.yaml").write_text("file: tables/cl.csv\n", encoding="utf-8")
+    (folder / "tables/cl.csv").write_text("mach,value\n1,2\n2,3\n", encoding="utf-8")
+    brick = (shipped_configs() / "vehicle/nesc/brick.yaml").read_text(encoding="utf-8")
+    brick = brick.replace("tables:\n", "tables:\n  lift: {file: tables/cl.csv}\n")
+    lift = "aerodynamics:\n  lift:\n    - {table: lift}\n"
+    (folder / "vehicle.yaml").write_text(brick.replace("aerodynamics:\n", lift), encoding="utf-8")
     (folder / "mission.yaml").write_text("kind: level\n", encoding="utf-8")
     (folder / "one.yaml").write_text("gain: 1.0\n", encoding="utf-8")
     (folder / "two.yaml").write_text("gain: 2.0\n", encoding="utf-8")

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
-from abhv_mc.campaign.file.resolve import find_references
+from abhv_mc.campaign.file.references import find_references
 from abhv_mc.flying import check_count, check_mapping, make_document
-from abhv_mc.folder.hashes import CheckedFolder, data_files
+from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
+from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import COMPLETE
 from abhv_mc.io.documents import write_document
 
@@ -109,9 +110,9 @@ class CampaignResults:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder if str(folder).startswith("~") else folder.absolute()  # see CampaignFolder on '~'
-        self._checked = CheckedFolder(self.folder)
-        self._paths, self.manifest = self._checked.folder, self._checked.manifest
+        self.folder = folder.absolute()
+        self._paths = CampaignFolder(self.folder)
+        self.manifest = read_checked(self._paths)
 
     @property
     def complete(self) -> bool:
@@ -162,7 +163,7 @@ class CampaignResults:
         from abhv_mc.report.numbers.report_numbers import make_numbers
 
         numbers = make_numbers(self._results)
-        self._checked.refuse_changes()
+        refuse_changes(self._paths, self.manifest)
         return numbers
 
     @property
@@ -204,7 +205,7 @@ class CampaignResults:
         from abhv_mc.report.pages.gallery import make_figures
 
         figures = {text.name: figure for text, figure in make_figures(self._results, self.numbers)}
-        self._checked.refuse_changes()
+        refuse_changes(self._paths, self.manifest)
         return figures
 
     @property
@@ -222,7 +223,7 @@ class CampaignResults:
         """Write the report into the folder and give the path of the page."""
         from abhv_mc.report.pages.build import build_report
 
-        self._checked.refuse_changes()
+        refuse_changes(self._paths, self.manifest)
         return build_report(self.folder, format)
 
     def query(self, sql: str) -> "pd.DataFrame":
@@ -235,7 +236,7 @@ class CampaignResults:
         from abhv_mc.folder.sql import ask
 
         table = ask(self.folder, sql, lambda answer: answer.df())
-        self._checked.refuse_changes()
+        refuse_changes(self._paths, self.manifest)
         return pd.DataFrame() if table is None else table
 
     def replay(self, flight: int, controller: str | None = None) -> "pd.DataFrame":
@@ -250,7 +251,7 @@ class CampaignResults:
         from abhv_mc.flight.channels import CHANNEL_INDEX
 
         again = replay_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly)
-        self._checked.refuse_changes()
+        refuse_changes(self._paths, self.manifest)
         if again.differences:
             raise RuntimeError(f"flight {flight} differs from the stored one: {'; '.join(again.differences)}")
         table = pd.DataFrame(again.block.history[0], columns=list(CHANNEL_INDEX)).dropna(how="all")
@@ -262,7 +263,7 @@ class CampaignResults:
         from abhv_mc.analysis.explain import explain_flight
         from abhv_mc.execution.engine import make_engine
 
-        self._checked.refuse_changes()
+        refuse_changes(self._paths, self.manifest)
         return explain_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly, requirement)
 
     @staticmethod
@@ -288,7 +289,7 @@ class CampaignResults:
         for key, value in check_mapping(settings, "settings").items():
             name, _, entry = str(key).rpartition(".")
             nested.setdefault(name, {})[entry] = value
-        self._checked.refuse_changes()
+        refuse_changes(self._paths, self.manifest)
         found = make_whatif(self.folder, nested)
         rows = []
         for name, part in found["controllers"].items():
@@ -307,7 +308,7 @@ class CampaignResults:
         from abhv_mc.report.numbers.results import read_results
 
         results = read_results(self.folder)
-        self._checked.refuse_changes()
+        refuse_changes(self._paths, self.manifest)
         return results
 
     def _files_in(self, part: Path) -> list[Path]:
@@ -317,13 +318,13 @@ class CampaignResults:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        from abhv_mc.folder.table_check import refusing
+        from abhv_mc.folder.columns import explain_damage
 
         tables = []
         for file in files:
-            with refusing(file):
+            with explain_damage(file):
                 tables.append(pq.read_table(file, partitioning=None))
-        self._checked.refuse_changes()
+        refuse_changes(self._paths, self.manifest)
         whole = pa.concat_tables(tables, promote_options="default")
         table = whole.to_pandas(ignore_metadata=True)  # which may call a column by another one's name
         units = {

@@ -10,8 +10,6 @@ import pytest
 from search.line_flight import LINE, METRIC, fly_line, write_line
 from search.tuned_flight import ENGINE, write_tuned
 
-from abhv_mc.folder.manifest import read_manifest, write_manifest
-
 
 @pytest.fixture(autouse=True)
 def fake_engine(monkeypatch, tmp_path):
@@ -134,12 +132,7 @@ def test_report_and_verify_know_a_searchs_folder(abhv_mc, campaign, words, key):
     assert abhv_mc(*shlex.split(command))[0] == 0  # the command that it names makes the page again
     assert Path("out/report.html").read_bytes() == before
     code, out, _ = abhv_mc("verify", "campaign", "out")
-    assert code == 0 and "follow from them" in out
-    manifest = read_manifest(Path("out/manifest.json"))
-    manifest["result"][key] += 1
-    write_manifest(Path("out/manifest.json"), manifest)
-    code, out, _ = abhv_mc("verify", "campaign", "out")
-    assert code == 1 and out.startswith(f"{key}: ")
+    assert code == 0 and "as the search wrote it" in out
     first = min(Path("out/flights").glob("*.parquet"))
     first.write_bytes(first.read_bytes()[:-100])
     code, out, _ = abhv_mc("verify", "campaign", "out")

@@ -1,4 +1,4 @@
-"""Any file of a campaign's folder cut short, altered or gone: the same command mends it, or says what to do."""
+"""Any file of a campaign's folder altered or gone: flights are flown again, any other file is named with what helps."""
 
 import shutil
 from dataclasses import replace
@@ -9,21 +9,19 @@ from fake_flight import ENGINE, fly, write_campaign
 
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder import envelope_states as collector
+from abhv_mc.folder.hashes import read_checked
+from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.input_error import InputError
 
-DAMAGES = {
-    "cut short": lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]),
-    "altered": lambda path: path.write_bytes(flip(path.read_bytes())),
-    "gone": lambda path: path.unlink(),
-}
 KEEP = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: [altitude_m, bank_deg]}}"
 
 
-def flip(content):
-    """Eight bytes in the middle."""
-    middle = len(content) // 3
-    return content[:middle] + bytes(byte ^ 0xFF for byte in content[middle : middle + 8]) + content[middle + 8 :]
+def flip_a_bit(path):
+    content = path.read_bytes()
+    place = len(content) // 3
+    path.write_bytes(content[:place] + bytes([content[place] ^ 16]) + content[place + 1 :])
 
 
 def interrupted_after(number):
@@ -37,64 +35,64 @@ def interrupted_after(number):
     return replace(ENGINE, fly=some)
 
 
-@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("damage", [flip_a_bit, lambda path: path.unlink()], ids=["a flipped bit", "gone"])
 @pytest.mark.parametrize(
     ("exact", "complete"), [(4096, False), (0, False), (4096, True)], ids=["exact", "histograms", "complete"]
 )
-def test_a_damaged_file_is_mended_or_explained(tmp_path, exact, complete, damage, monkeypatch, capfd):
+def test_flights_are_flown_again_and_other_damage_is_named(tmp_path, exact, complete, damage, monkeypatch, capfd):
     monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
     campaign = write_campaign(tmp_path / "f", runs="120", keep=KEEP, execution="{batch: 30}")
     whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
     run_campaign(Request(campaign, tmp_path / "base"), ENGINE if complete else interrupted_after(8))
     files = [path.relative_to(tmp_path / "base") for path in sorted((tmp_path / "base").rglob("*")) if path.is_file()]
-    explained = {}
+    again = set()
     for file in files:
         out = tmp_path / "out"
         shutil.copytree(tmp_path / "base", out)
-        DAMAGES[damage](out / file)
-        try:
+        damage(out / file)
+        if file.name == "manifest.json" and not (out / file).exists():
+            with pytest.raises(InputError, match="--fresh"):
+                run_campaign(Request(campaign, out), ENGINE)
+        elif file.parts[0] in ("flights", "envelope_states", ".lock"):
+            again.add(file.parts[0])
             result = run_campaign(Request(campaign, out), ENGINE)
-        except InputError as error:
-            explained[file.as_posix()] = str(error)
-            result = run_campaign(Request(campaign, out, fresh=True), ENGINE)
-        assert result.complete and result.manifest["digest"] == whole["digest"], file
-        for name in ("envelopes.parquet", "samples.parquet"):
-            assert pq.read_table(out / name).equals(pq.read_table(tmp_path / "whole" / name)), (file, name)
-        for path in (tmp_path / "whole/inputs").rglob("*.yaml"):
-            assert path.read_bytes() == (out / path.relative_to(tmp_path / "whole")).read_bytes(), file
+            assert result.complete and result.manifest["digest"] == whole["digest"], file
+            for name in ("envelopes.parquet", "histories/one-000000.parquet"):
+                assert pq.read_table(out / name).equals(pq.read_table(tmp_path / "whole" / name)), (file, name)
+        else:
+            with pytest.raises(InputError, match=f"{file}: .*--fresh"):
+                run_campaign(Request(campaign, out), ENGINE)
+            with pytest.raises(InputError, match=str(file)):
+                read_checked(CampaignFolder(out))
+            assert run_campaign(Request(campaign, out, fresh=True), ENGINE).manifest["digest"] == whole["digest"]
         shutil.rmtree(out)
-    assert any(file.parts[0] == "flights" for file in files)
-    assert any(file.parts[0] == "histories" if complete else file.parts[0] == "envelope_states" for file in files)
-    # What nothing else in the folder tells, and another machine might compute otherwise.
-    assert all("--fresh" in said for said in explained.values())
-    assert explained.keys() <= {"manifest.json", "plans/one.npz", "plans/two.npz"}
+    assert again == {"flights", ".lock"} | (set() if complete else {"envelope_states"})
 
 
-@pytest.mark.parametrize("damage", ["cut short", "altered"])
-def test_damaged_states_are_left_out_where_blocks_have_another_size_now(tmp_path, damage, capfd):
-    campaign = write_campaign(tmp_path / "f", runs="120", keep=KEEP, execution="{batch: 60}")
-    run_campaign(Request(campaign, tmp_path / "whole"), ENGINE)
-    run_campaign(Request(campaign, tmp_path / "out"), interrupted_after(6))  # both nominal flights, four blocks
-    for path in (tmp_path / "out/envelope_states").rglob("*.npy"):
-        DAMAGES[damage](path)
-    write_campaign(tmp_path / "f", runs="120", keep=KEEP, execution="{batch: 48}")
-    assert run_campaign(Request(campaign, tmp_path / "out"), ENGINE).complete
-    tables = [pq.read_table(tmp_path / out / "envelopes.parquet") for out in ("whole", "out")]
-    assert tables[0].equals(tables[1])
+def test_a_block_with_a_flight_that_could_not_be_computed_is_flown_again(tmp_path, capfd):
+    def fail(plan, parameters, every=None):
+        block = fly(plan, parameters, every)
+        if len(parameters) == 30:  # no trial
+            block.outcome[1] = Outcome.FAILED_TO_RUN
+        return block
+
+    campaign = write_campaign(tmp_path / "f", runs="60", keep=KEEP, execution="{batch: 30}")
+    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    first = run_campaign(Request(campaign, tmp_path / "out"), replace(ENGINE, fly=fail)).manifest
+    assert first["runs_failed"] == 2 and first["digest"] != whole["digest"]
+    again = run_campaign(Request(campaign, tmp_path / "out"), ENGINE).manifest
+    assert again["runs_failed"] == 0 and again["digest"] == whole["digest"]
+    assert pq.read_table(tmp_path / "out/envelopes.parquet").equals(pq.read_table(tmp_path / "whole/envelopes.parquet"))
 
 
-def test_damaged_histories_of_a_complete_campaign_are_flown_again(tmp_path, capfd):
-    campaign = write_campaign(tmp_path / "f", runs="120", keep=KEEP)
+@pytest.mark.parametrize("entry", ["", '"format": 2,', '"format": "1",'])
+def test_a_folder_of_another_format_is_refused(tmp_path, entry, capfd):
+    campaign = write_campaign(tmp_path / "f", runs="30")
     run_campaign(Request(campaign, tmp_path / "out"), ENGINE)
-    path = tmp_path / "out/histories/two-000000.parquet"
-    table = pq.read_table(path)
-    DAMAGES["cut short"](path)
-    flown = []
-
-    def fly_noting(plan, parameters, every=None):
-        flown.append((plan.controller, len(parameters)))
-        return fly(plan, parameters, every)
-
-    assert run_campaign(Request(campaign, tmp_path / "out"), replace(ENGINE, fly=fly_noting)).complete
-    assert pq.read_table(path).equals(table)
-    assert flown == [("two", 3)]
+    path = tmp_path / "out/manifest.json"
+    path.write_text(path.read_text().replace('"format": 1,', entry))
+    for read in (lambda: run_campaign(Request(campaign, tmp_path / "out"), ENGINE),
+                 lambda: read_checked(CampaignFolder(tmp_path / "out"))):  # fmt: skip
+        with pytest.raises(InputError, match="format"):
+            read()
+    assert run_campaign(Request(campaign, tmp_path / "out", fresh=True), ENGINE).complete

@@ -1,7 +1,5 @@
 """What is read of a folder is of one campaign, however long its reader takes."""
 
-import errno
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -115,19 +113,6 @@ def test_a_run_that_finds_nothing_to_do_disturbs_nobody(request_):
     results = open_results(request_.out)
     run_campaign(request_, ENGINE)
     assert len(results.samples) == 60
-
-
-def test_a_folder_whose_files_nobody_here_may_list_is_not_taken_for_an_empty_one(request_, monkeypatch):
-    scandir = os.scandir
-
-    def refuse(path="."):
-        if str(path).endswith("histories"):
-            raise PermissionError(errno.EACCES, "Permission denied", str(path))
-        return scandir(path)
-
-    monkeypatch.setattr(os, "scandir", refuse)
-    with pytest.raises(InputError, match="histories: found a folder that may not be read"):
-        read_results(request_.out)
 
 
 def test_two_reports_of_one_folder_at_the_same_moment(request_, monkeypatch):

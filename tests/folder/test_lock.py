@@ -1,6 +1,5 @@
-"""The lock of a folder: who holds it, and file systems that know no locks."""
+"""The lock of a folder: one holder, who is named."""
 
-import errno
 import fcntl
 import threading
 
@@ -26,15 +25,3 @@ def test_a_look_at_the_lock_keeps_nobody_from_taking_it(tmp_path):
     threading.Timer(0.1, look.close).start()
     with hold_lock(tmp_path / ".lock"):
         assert look.closed
-
-
-@pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP])
-def test_a_file_system_without_locks_is_named_as_such(tmp_path, monkeypatch, number):
-    def refuse(*_):
-        raise OSError(number, "no locks")
-
-    monkeypatch.setattr(fcntl, "flock", refuse)
-    with pytest.raises(InputError, match="file system without locks") as refused, hold_lock(tmp_path / ".lock"):
-        pass
-    assert "-o DIR" in str(refused.value)
-    assert lock_holder(tmp_path / ".lock") is None

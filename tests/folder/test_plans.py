@@ -1,18 +1,24 @@
-"""Stored plans: every bit back, nothing executed."""
+"""Stored plans: every bit back, no index from the file, nothing executed."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from fake_flight import make_plan
 
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.folder.plans import flatten, read_plan, write_plan
+from abhv_mc.folder.plans import flatten, read_plan, stored_parts, write_plan
 from abhv_mc.io.input_error import InputError
+
+
+def read(path, plan):
+    return read_plan(path, plan.vehicle)
 
 
 def test_every_part_comes_back_with_its_type(tmp_path):
     plan = make_plan("one", 1.0 / 3.0)
     write_plan(tmp_path / "one.npz", plan)
-    back = read_plan(tmp_path / "one.npz")
+    back = read(tmp_path / "one.npz", plan)
     assert isinstance(back, FlightPlan) and isinstance(back.vehicle, type(plan.vehicle))
     assert isinstance(back.timing.ticks, int) and isinstance(back.timing.step, float)
     assert back.controller == "one" and isinstance(back.controller, str)
@@ -23,17 +29,49 @@ def test_every_part_comes_back_with_its_type(tmp_path):
         assert value.tobytes() == new[name].tobytes(), name
 
 
+def test_index_arrays_are_never_read(tmp_path):
+    """Compiled code follows them without a look at their bounds."""
+    plan = make_plan("one")
+    assert not [name for name, value in stored_parts(plan).items() if value.ndim and value.dtype.kind in "iu"]
+    hostile = {name: np.full_like(v, 10**9) for name, v in flatten(plan).items() if v.ndim and v.dtype.kind in "iu"}
+    np.savez(tmp_path / "one.npz", **{**stored_parts(plan), **hostile})
+    back = flatten(read(tmp_path / "one.npz", plan))
+    assert len(hostile) > 10
+    assert all(np.array_equal(back[name], flatten(plan)[name]) for name in hostile)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["vehicle.tables.data", "vehicle.tables.grid", "trim_tables.data", "trim_tables.grid", "gains", "initial_state",
+     "reference", "settings", "profile", "vehicle.effector_mix"],
+)  # fmt: skip
+def test_arrays_of_another_shape_are_refused(tmp_path, name):
+    plan = make_plan("one")
+    parts = stored_parts(plan)
+    changed = parts[name][:, :-1] if parts[name].ndim == 2 else parts[name][:-1]
+    np.savez(tmp_path / "one.npz", **{**parts, name: changed})
+    with pytest.raises(InputError, match="damaged plan"):
+        read(tmp_path / "one.npz", plan)
+
+
+def test_ticks_that_the_arrays_do_not_have_are_refused(tmp_path):
+    plan = make_plan("one")
+    write_plan(tmp_path / "one.npz", replace(plan, timing=plan.timing._replace(ticks=plan.timing.ticks + 1)))
+    with pytest.raises(InputError, match="reference: shape"):
+        read(tmp_path / "one.npz", plan)
+
+
 def test_pickles_are_not_opened(tmp_path):
     with (tmp_path / "bad.npz").open("wb") as file:
         np.savez(file, controller=np.array([object()], dtype=object))
     with pytest.raises(InputError, match="damaged plan"):
-        read_plan(tmp_path / "bad.npz")
+        read(tmp_path / "bad.npz", make_plan("one"))
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 nothing"])
 def test_damaged_or_missing_plans_are_named(tmp_path, content):
     (tmp_path / "bad.npz").write_bytes(content)
     with pytest.raises(InputError, match="damaged plan"):
-        read_plan(tmp_path / "bad.npz")
+        read(tmp_path / "bad.npz", make_plan("one"))
     with pytest.raises(InputError, match="no such file"):
-        read_plan(tmp_path / "none.npz")
+        read(tmp_path / "none.npz", make_plan("one"))

@@ -12,7 +12,7 @@ from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.envelopes import QUANTILES, EnvelopeTable, write_envelopes
 from abhv_mc.folder.flights import VALUES, FlightRows, flights_schema, write_block
 from abhv_mc.folder.histories import write_histories, write_nominal
-from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import write_manifest
 
 CONTROLLERS = ("tlc", "lqr", "lqr_retuned")
@@ -208,6 +208,9 @@ def write_campaign(folder: Path, runs: int = 60, sampling: str = "random", faili
         "wall_time_s": 12.5,
         "digest": str(sum(digests.values(), Digest())),
         "digests": {name: str(digest) for name, digest in digests.items()},
+    }
+    manifest["files"] = {
+        path.relative_to(folder).as_posix(): hash_file(path) for path in folder.rglob("*") if path.is_file()
     }
     write_manifest(paths.manifest, manifest)
     return folder

@@ -10,15 +10,15 @@ from abhv_mc.analysis.replay import find_row
 from abhv_mc.analysis.shrink import shrink
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
-from abhv_mc.campaign.file.resolve import read_own_campaign
-from abhv_mc.campaign.file.user_code import read_trusted_plan
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.blocks import Fly
 from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.folder.hashes import read_checked
+from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.plans import read_trusted_plan
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
@@ -88,15 +88,14 @@ def explain_flight(
     else the first requirement that it missed. Raises InputError for a flight that is not there or did not fail.
     """
     folder = CampaignFolder(root)
-    inputs = [path for path in folder.inputs.rglob("*") if path.is_file()]
-    read_checked(folder, [folder.campaign, *inputs])
-    campaign = read_own_campaign(folder)
+    read_checked(folder, [folder.campaign, *folder.input_files()])
+    campaign = read_folder_campaign(folder)
     if controller not in campaign.model.controllers:
         raise InputError(root, None, None, f"no controller '{controller}'", one_of(campaign.model.controllers))
     row = find_row(folder, controller, flight)
-    read_checked(folder, [folder.plan(controller)])
     failure = _find_failure(root, campaign, row, requirement)
-    plan = read_trusted_plan(folder, controller, trust_code)
+    read_checked(folder, [folder.plan(controller)])
+    plan = read_trusted_plan(folder, campaign, controller, trust_code)
     names = campaign.names
     nominal = np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in names])
     values, seeds = row.samples[0, : len(names)], row.samples[:, len(names) :]  # the noise stays as it was flown

@@ -5,15 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.campaign.file.user_code import read_trusted_plan
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.blocks import Fly
 from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flights import DamagedFileError, FlightRows, parse_block_name, read_block
 from abhv_mc.folder.hashes import read_checked
+from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import read_whole_manifest
+from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.plans import read_trusted_plan
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError, one_of
 
@@ -47,12 +48,12 @@ def replay_flight(
     Raises InputError for a flight that the folder does not hold.
     """
     folder = CampaignFolder(root)
-    names = list(read_whole_manifest(folder.manifest).get("controllers", {}))
+    names = list(read_manifest(folder.manifest)["controllers"])
     if controller not in names:
         raise InputError(root, None, None, f"no controller '{controller}'", one_of(names, controller))
     row = find_row(folder, controller, flight)
-    read_checked(folder, [folder.plan(controller)])
-    plan = read_trusted_plan(folder, controller, trust_code)
+    read_checked(folder, [folder.campaign, folder.plan(controller), *folder.input_files()])
+    plan = read_trusted_plan(folder, read_folder_campaign(folder), controller, trust_code)
     reader = SampleReader(folder.samples)
     block = fly(plan, full_rows(reader.names, row.samples), every)
     values = np.append(block.metrics[0], block.end_time[0])

@@ -19,7 +19,7 @@ def campaigns(
     json: Json = None,
 ) -> None:
     """List the campaigns in a folder: state, flights, controllers, when, and the digest's first digits."""
-    from abhv_mc.execution.status import find_campaigns
+    from abhv_mc.folder.status import find_campaigns
 
     if not folder.is_dir() and folder != _DEFAULT:
         raise InputError(folder, None, None, "no such folder", "one that holds campaigns' folders")

@@ -28,12 +28,9 @@ def command(
     from abhv_mc.cli.run import finish
     from abhv_mc.execution.merge import merge_campaign
     from abhv_mc.folder.layout import CampaignFolder
-    from abhv_mc.folder.manifest import read_whole_manifest
-    from abhv_mc.io.input_error import InputError
+    from abhv_mc.folder.manifest import read_manifest
 
-    manifest = read_whole_manifest(CampaignFolder(parts[0]).manifest)
-    if not isinstance(manifest.get("name"), str):
-        raise InputError(parts[0], None, None, "another kind of manifest", "a campaign's")
+    manifest = read_manifest(CampaignFolder(parts[0]).manifest)
     engine = None
     if manifest.get("machine", {}).get("device", "cpu") != "cpu":
         from abhv_mc.execution.gpu import make_gpu_engine

@@ -10,7 +10,7 @@ def command(
 ) -> None:
     """Say how far a campaign is, who flies it, and what was found so far."""
     from abhv_mc.cli.run import describe_outcomes, print_requirements
-    from abhv_mc.execution.status import read_status
+    from abhv_mc.folder.status import read_status
 
     status = read_status(folder)
 

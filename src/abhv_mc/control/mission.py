@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Discriminator, Field, PlainSerializer, Tag
 from abhv_mc.control.air_file import DENSITY, WIND, join_air, read_air_table
 from abhv_mc.control.trajectory_file import read_trajectory
 from abhv_mc.io.documents import File, Refusal, StrictModel, read_document, validate
+from abhv_mc.io.input_files import made_once
 from abhv_mc.io.units import Angle, AngularRate, Length, Mass, Pressure, Speed, Time, parse_in_unit
 from abhv_mc.vehicle.limits import LoadLimits
 from abhv_mc.world.earth import WGS84, Earth
@@ -286,6 +287,10 @@ class Mission(StrictModel):
 
 def read_mission(path: str | Path) -> Mission:
     """Read and check a mission file and what it refers to. Raises :class:`abhv_mc.io.documents.InputError`."""
+    return made_once("mission", Path(path), lambda: _read_mission(path))
+
+
+def _read_mission(path: str | Path) -> Mission:
     mission = validate(read_document(path), Mission)
     if isinstance(mission.manoeuvre, Recorded):
         read_trajectory(mission.manoeuvre.file, mission.duration)

@@ -1,21 +1,21 @@
-"""The plans that a campaign flies: made from its files, taken from another folder, or mended in its own."""
+"""The plans that a campaign flies: made from its files, or taken from another folder."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.feasibility import asked_in_vain
-from abhv_mc.campaign.file.resolve import ResolvedCampaign
-from abhv_mc.campaign.file.user_code import check_own_code, read_trusted_plan
+from abhv_mc.campaign.file.user_code import check_own_code
 from abhv_mc.campaign.file.user_metrics import pack_sources
 from abhv_mc.execution.engine import Engine, check_source
 from abhv_mc.flight.metrics import pack_metrics
 from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.flight.user_law import open_law
-from abhv_mc.folder.hashes import FileHashes, read_checked
+from abhv_mc.folder.hashes import read_checked
+from abhv_mc.folder.inputs import FolderInputs
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.plans import pack_plan, write_plan
+from abhv_mc.folder.plans import read_trusted_plan
 from abhv_mc.io.documents import Document, InputError
 from abhv_mc.user_code.closure import check_closure
 from abhv_mc.user_code.source import read_source
@@ -53,13 +53,8 @@ def _declare(campaign: CheckedCampaign, plan: FlightPlan) -> FlightPlan:
     return replace(plan, declared=pack_metrics(campaign.declared), own_sources=pack_sources(campaign.own_sources))
 
 
-def make_plan(campaign: CheckedCampaign, name: str, engine: Engine) -> FlightPlan:
-    """The plan of one controller."""
-    return make_plans(campaign, [name], engine)[name]
-
-
 def take_plans(
-    root: Path | None, campaign: CheckedCampaign, resolved: ResolvedCampaign, engine: Engine, trust_code: bool
+    root: Path | None, campaign: CheckedCampaign, inputs: FolderInputs, engine: Engine, trust_code: bool
 ) -> dict[str, FlightPlan]:
     """The plans of another folder of the same inputs; empty without one. Raises InputError where it does not fit."""
     if root is None:
@@ -67,26 +62,11 @@ def take_plans(
     source, names = CampaignFolder(root), campaign.model.controllers
     manifest = read_checked(source, [source.plan(name) for name in names])
     check_source(source, manifest, engine)
-    held = manifest.get("inputs") or {}
-    for place, content in resolved.hashes.items():
-        if held.get(place) != content and not place.startswith("inputs/samples/"):
+    flown = manifest["inputs"]
+    for place, content in inputs.hashes.items():
+        if flown.get(place) != content and not place.startswith("inputs/samples/"):
             raise InputError(root, None, None, f"plans made from another {place}", "plans of this campaign's files")
-    return {name: _declare(campaign, read_trusted_plan(source, name, trust_code)) for name in names}
-
-
-def restore_plan(
-    folder: CampaignFolder, name: str, files: FileHashes, make: Callable[[], FlightPlan], trust_code: bool = False
-) -> FlightPlan:
-    """The stored plan; where it is damaged, a new one that is the same to the bit. Raises InputError without one."""
-    path = folder.plan(name)
-    if not files.holds(path) and files.knows(path):
-        again = make()
-        if not files.is_content(path, pack_plan(again)):
-            found = "a damaged plan, and here it comes out otherwise"
-            wish = "the plan as it was written: restore it, or --fresh to delete what was flown and fly it anew"
-            raise InputError(path, None, None, found, wish)
-        write_plan(path, again)
-    return read_trusted_plan(folder, name, trust_code)
+    return {name: _declare(campaign, read_trusted_plan(source, campaign, name, trust_code)) for name in names}
 
 
 def find_warnings(plans: dict[str, FlightPlan], campaign: CheckedCampaign) -> list[str]:

@@ -58,7 +58,7 @@ class HistoryFile:
 
     @property
     def whole(self) -> bool:
-        return self.files.holds(self.path) and history_metadata(self.path).get("kept") == self.mark
+        return self.files.knows(self.path) and history_metadata(self.path).get("kept") == self.mark
 
 
 def list_histories(

@@ -15,23 +15,22 @@ from numpy.typing import NDArray
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.blocks import Backpressure, Block, Mask, choose_batch, closing_quietly, cut_blocks, fly_block
 from abhv_mc.execution.cluster import connect_cluster
-from abhv_mc.execution.completion import Completion, find_blocks
+from abhv_mc.execution.completion import Completion
 from abhv_mc.execution.engine import Engine, check_source, make_engine
 from abhv_mc.execution.executor import Executor, open_executor
 from abhv_mc.execution.flight_counts import count_flights, flight_values, judge_requirements
 from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
 from abhv_mc.execution.plans import record_every
 from abhv_mc.execution.progress import Progress
-from abhv_mc.execution.refly import fly_again, refly_blocks
 from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
 from abhv_mc.execution.setup import OpenCampaign, Request, open_campaign
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
-from abhv_mc.folder.digest import Digest
+from abhv_mc.folder.blocks import read_flown_blocks
 from abhv_mc.folder.envelope_states import Cells, Collector, make_collector
-from abhv_mc.folder.envelopes import is_whole, write_envelopes
+from abhv_mc.folder.envelopes import write_envelopes
 from abhv_mc.folder.flights import FlightRows, flights_schema, write_block
 from abhv_mc.folder.layout import write_text
 from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
@@ -50,11 +49,6 @@ class RunResult:
     @property
     def complete(self) -> bool:
         return self.manifest["state"] == COMPLETE
-
-
-def healed_of(manifest: dict[str, Any]) -> Digest:
-    """Digest of the flights that could be computed when they were tried again, and not before."""
-    return Digest(int(manifest.get("healed") or "0", 16))
 
 
 def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
@@ -94,51 +88,42 @@ class _Run:
         self.schema = flights_schema(self.samples.names, provenance, values)
         self.margin_plans = opened.margin_plans
         self.with_margins = model.margins.of(self.campaign.runs) if model.margins else 0
-        self.healed = healed_of(self.manifest)
         self.start, self.wall_before = time.monotonic(), float(self.manifest.get("wall_time_s", 0.0))
 
     def run(self) -> RunResult:
         """Fly and finish."""
-        self._take_stock()
-        self.completion.left = {name: counts.uncomputed.copy() for name, counts in self.completion.all_counts.items()}
-        flown = (
-            self.manifest["state"] == COMPLETE
-            and self.completion.whole()
-            and not any(self.completion.to_retry().values())
-            and (self.sharded or self._has_envelopes())
-        )
-        if self.files.knows(self.folder.margins) and not self.files.holds(self.folder.margins):
-            flown = False
-        if not (flown and (self.sharded or all(file.whole for file in self._list_histories()))):
-            check_source(self.folder, self.manifest, self.engine)
-            try:
-                if not flown:
-                    self._fly()
-                whole = self.completion.whole()
-                if whole:
-                    self._finish()
-                self._write_manifest(COMPLETE if whole else INTERRUPTED)
-            except KeyboardInterrupt:
-                with interrupts_deferred():
-                    self._save()
-                    self._write_manifest(INTERRUPTED)
-            except BaseException:
-                with contextlib.suppress(Exception):  # the error counts, not that the full disk takes no manifest
-                    self._write_manifest(INTERRUPTED)
-                raise
-        elif self.manifest.get("files", self.files.listed()) != self.files.listed():
-            self._write_manifest(COMPLETE)  # what was mended may have other bytes, written by another library
+        runs = dict.fromkeys(self.completion.done, self.campaign.runs)
+        for rows in read_flown_blocks(self.folder, runs, self.samples, self.columns, self.files):
+            self.completion.add(rows, rows.digest())
+        if self.manifest["state"] == COMPLETE and self.completion.whole() and self._has_products():
+            if json.loads(json.dumps(self._judge())) != self.manifest["requirements"]:  # with another controller first
+                self._write_manifest(COMPLETE)
+            return RunResult(self.folder.root, self.manifest)
+        check_source(self.folder, self.manifest, self.engine)
+        try:
+            if not (self.completion.whole() and self.files.knows(self.folder.envelopes)):
+                self._fly()
+            whole = self.completion.whole()
+            if whole:
+                self._finish()
+            self._write_manifest(COMPLETE if whole else INTERRUPTED)
+        except KeyboardInterrupt:
+            with interrupts_deferred():
+                self._save()
+                self._write_manifest(INTERRUPTED)
+        except BaseException:
+            with contextlib.suppress(Exception):  # the error counts, not that the full disk takes no manifest
+                self._write_manifest(INTERRUPTED)
+            raise
         return RunResult(self.folder.root, self.manifest)
 
-    def _has_envelopes(self) -> bool:
-        return self.files.holds(self.folder.envelopes) and is_whole(self.folder.envelopes)
-
-    def _take_stock(self) -> None:
-        """Count every block that is there."""
-        names = tuple(self.completion.done)
-        self.completion.count(
-            find_blocks(self.folder, names, self.campaign.runs, self.samples, self.columns, self.files)
-        )
+    def _has_products(self) -> bool:
+        """Whether all is there that follows from the flights; a shard makes nothing of them."""
+        if self.sharded:
+            return True
+        margins = self.engine.find_stability is None or self.files.knows(self.folder.margins)
+        histories = all(file.whole for file in self._list_histories())
+        return margins and histories and self.files.knows(self.folder.envelopes)
 
     def _make_cells(self) -> Cells:
         keep = self.campaign.model.keep.envelopes
@@ -162,25 +147,8 @@ class _Run:
             self.collectors[name] = make_collector(
                 self.folder.envelope_states, name, self.campaign.runs, self.cells, pilot
             )
-        while True:
-            if any((again := self.completion.to_retry()).values()):
-                self._try_again(again)
-            elif missing := self.completion.find_missing(self.collectors):
-                self._fly_missing(missing)
-            else:
-                break
-
-    def _try_again(self, again: dict[str, list[int]]) -> None:
-        """Fly once more what could not be computed; what can be now takes its place in its block."""
-        self._write_manifest(RUNNING)
-        for name, flights in again.items():
-            self.completion.tried[name][flights] = True
-        found = fly_again(self.fly, self._plan_of, again, self._parameters, self._make_values, self.workers)
-        with interrupts_deferred():
-            for name, rows in found.items():
-                self.healed += refly_blocks(self.folder.flights, name, self.samples.names, rows, self.schema)
-            if found:
-                self._take_stock()
+        while missing := self.completion.find_missing(self.collectors):
+            self._fly_missing(missing)
 
     def _plan_of(self, controller: str, flight: int) -> FlightPlan:
         """The plan of a flight's row: with margins where the flight is to have them."""
@@ -266,6 +234,12 @@ class _Run:
         if self.sharded:
             self._save()
             return
+        # Whoever goes on after a kill makes anew what may be replaced from here on.
+        whole = {file.path for file in self._list_histories() if file.whole}
+        self.files.forget(self.folder.margins, *(set(self.folder.histories.glob("*.parquet")) - whole))
+        if self.collectors:
+            self.files.forget(self.folder.envelopes)
+        self._write_manifest(RUNNING)
         if self.collectors:
             tables = {name: self.collectors[name].table() for name in self.plans}
             write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables)
@@ -279,9 +253,6 @@ class _Run:
                 collector.save()  # the next run tries these flights again, and adds them
             else:
                 collector.finish()
-        if not self.folder.envelope_states.is_dir():
-            self.files.forget(self.folder.envelope_states)
-        self.files.check_presence()
 
     def _write_stability(self) -> None:
         """The margins in steady flight, of all controllers of the folder."""
@@ -294,6 +265,10 @@ class _Run:
             self.folder, replace(self.campaign, runs=self.completion.goal()), self.completion.all_counts, self.files
         )
 
+    def _judge(self) -> list[dict[str, Any]]:
+        """Counts and verdicts of the requirements; a shard alone judges nothing."""
+        return [] if self.sharded else judge_requirements(self.completion.all_counts, self.campaign)
+
     def _write_manifest(self, state: str) -> None:
         counted, gapless = count_flights(self.completion.all_counts, self.completion.done)
         self.manifest |= counted | {
@@ -302,10 +277,7 @@ class _Run:
             "wall_time_s": round(self.wall_before + time.monotonic() - self.start, 3),
         }
         self.manifest["files"] = self.files.listed()
-        if self.healed.value:
-            self.manifest["healed"] = str(self.healed)
-        judged = [] if self.sharded else judge_requirements(self.completion.all_counts, self.campaign)
-        self.manifest["requirements"] = judged
+        self.manifest["requirements"] = self._judge()
         if self.campaign.model.stop:
             self.manifest["stopped_at"] = gapless if state == COMPLETE else None
         write_manifest(self.folder.manifest, self.manifest)

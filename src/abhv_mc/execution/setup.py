@@ -1,11 +1,8 @@
 """Before a campaign flies: everything checked, then its folder made, or found and proven to be the same campaign."""
 
-import contextlib
 import sys
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,39 +11,26 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES
-from abhv_mc.campaign.file.resolve import (
-    ResolvedCampaign,
-    check_inputs,
-    describe_changes,
-    merge_campaigns,
-    read_held,
-    read_own_campaign,
-    refuse_changes,
-    resolve_campaign,
-    restore_folder,
-)
 from abhv_mc.campaign.file.user_code import check_own_code
 from abhv_mc.execution.engine import Engine, check_source
 from abhv_mc.execution.margin_plans import make_margin_plans
-from abhv_mc.execution.plans import find_warnings, make_plan, make_plans, record_every, restore_plan, take_plans
+from abhv_mc.execution.plans import find_warnings, make_plans, record_every, take_plans
 from abhv_mc.execution.pool import start_fork_server
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.folder.hashes import FileHashes, record_hashes, refuse_links
+from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.histories import write_nominal, write_reference
+from abhv_mc.folder.inputs import FolderInputs, collect_inputs, describe_changes, merge_inputs, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.lock import hold_lock
-from abhv_mc.folder.manifest import COMPLETE, RUNNING, read_whole_manifest, write_manifest
-from abhv_mc.folder.plans import write_plan
+from abhv_mc.folder.manifest import COMPLETE, RUNNING, write_manifest
+from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
+from abhv_mc.folder.plans import read_trusted_plan, write_plan
 from abhv_mc.folder.provenance import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
-from abhv_mc.folder.table_check import check_table
 from abhv_mc.io.documents import InputError
+from abhv_mc.io.input_files import reading_once
 from abhv_mc.stability.metrics import MarginPlan
 from abhv_mc.user_code.trust import trust
-
-_NEEDED = {"name", "campaign_hash", "source_hash", "inputs", "versions", "controllers"}  # to go on with a folder
-Prepare = Callable[[Path, Path, Path, str], FlightPlan]
 
 
 @dataclass(frozen=True)
@@ -90,50 +74,30 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
 
     Raises InputError before anything is written when something is wrong.
     """
-    wanted = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
-    folder = CampaignFolder(request.out or Path("reports") / wanted.model.name)
-    for source in check_own_code(wanted, request.trust_code):
+    stack.enter_context(reading_once())
+    asked = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
+    folder = CampaignFolder(request.out or Path("reports") / asked.model.name)
+    for source in check_own_code(asked, request.trust_code):
         trust(source)  # his own file: he has flown it
-    _check_shard(request, wanted)
-    started = folder.manifest.exists()
-    if not started:
-        folder.refuse_strange(request.fresh)
-    else:
-        stack.enter_context(hold_lock(folder.lock))
-    refuse_links(folder.root)
-    asked = tuple(wanted.model.controllers)
-    if started and not request.fresh:
-        held = read_whole_manifest(folder.manifest).get("files")
-        files = stack.enter_context(record_hashes(folder.root, held or {}))
-        if held is None:
-            files.adopt()
-        return replace(_resume(folder, wanted, engine, request, files), asked=asked)
+    _check_shard(request, asked)
+    inputs = collect_inputs(asked)
+    flown = open_folder(folder, request.fresh, stack)
+    if flown is not None:
+        return _resume(flown, asked, inputs, engine, request)
     _start_workers(request, engine)
-    resolved = resolve_campaign(wanted)
-    plans = take_plans(request.plans_from, wanted, resolved, engine, request.trust_code)
-    plans = plans or make_plans(wanted, asked, engine)
-    nominal = _probe_dispersions(wanted, plans, engine)
-    margin_plans = make_margin_plans(wanted, plans, engine.device)
-    refuse_changes(wanted, resolved)
-    if not started:
-        stack.enter_context(hold_lock(folder.lock))
-        if folder.manifest.exists():
-            found = "a campaign that another process has started meanwhile"
-            raise InputError(folder.root, None, None, found, "the same command once more")
-    folder.clear()
-    files = stack.enter_context(record_hashes(folder.root, {}))
-    resolved.write(folder)
-    for name, plan in plans.items():
-        write_plan(folder.plan(name), plan)
-    campaign = read_own_campaign(folder)  # whoever edits his files from now on changes nothing here
-    _write_samples(folder, campaign, files)
-    _write_nominal(folder, campaign, plans, nominal)
-    manifest = _new_manifest(campaign, resolved, engine) | {"warnings": find_warnings(plans, campaign)}
+    plans = take_plans(request.plans_from, asked, inputs, engine, request.trust_code)
+    plans = plans or make_plans(asked, asked.model.controllers, engine)
+    nominal = _fly_nominal(asked, plans, engine)
+    margin_plans = make_margin_plans(asked, plans, engine.device)
+    files = begin_folder(folder, inputs, plans, stack)
+    _write_samples(folder, asked)
+    _write_nominal(folder, asked, plans, nominal)
+    manifest = _new_manifest(asked, inputs, engine) | {"warnings": find_warnings(plans, asked)}
     if request.shard is not None:
         manifest["shard"] = list(request.shard)
     manifest["files"] = files.listed()
     write_manifest(folder.manifest, manifest)
-    return OpenCampaign(folder, campaign, plans, manifest, asked, files, margin_plans)
+    return OpenCampaign(folder, asked, plans, manifest, tuple(plans), files, margin_plans)
 
 
 def _start_workers(request: Request, engine: Engine) -> None:
@@ -155,79 +119,90 @@ def _check_shard(request: Request, campaign: CheckedCampaign) -> None:
 
 
 def _resume(
-    folder: CampaignFolder, wanted: CheckedCampaign, engine: Engine, request: Request, files: FileHashes
+    flown: FlownFolder, asked: CheckedCampaign, inputs: FolderInputs, engine: Engine, request: Request
 ) -> OpenCampaign:
     """Go on with a folder that holds the same campaign, perhaps with fewer flights or controllers."""
-    shard = request.shard
-    manifest = read_whole_manifest(folder.manifest)
-    if "search" in manifest:
-        raise InputError(folder.root, None, None, "a folder that holds a search's flights", "another folder (-o DIR)")
-    if not manifest.keys() >= _NEEDED:
-        raise InputError(folder.manifest, None, None, "another kind of manifest", "a campaign's")
-    held_shard = manifest.get("shard")
-    if held_shard != (list(shard) if shard else None):
-        words = "the whole campaign" if held_shard is None else f"shard {held_shard[0]}/{held_shard[1]}"
-        raise InputError(folder.root, None, None, f"a folder that holds {words}", "that, or another folder (-o DIR)")
-    resolved = resolve_campaign(wanted)
-    restore_folder(folder, manifest, resolved, files)
-    held = read_held(folder, manifest)
-    changes = describe_changes(held, resolved, wanted.extensible)
+    folder, manifest, files = flown.folder, flown.manifest, flown.files
+    before = read_folder_inputs(folder, manifest)
+    _check_same(flown, before, asked, inputs, request)
+    added = [name for name in asked.model.controllers if name not in before.data["controllers"]]
+    longer = asked.runs > before.data["runs"]
+    merged = merge_inputs(before, inputs, selected=request.controllers is not None)
+    judged_anew = next(iter(merged.data["controllers"])) != next(iter(before.data["controllers"]))
+    changed = added or longer or judged_anew or not files.knows(folder.campaign)  # the last: killed while it grew
+    with_nominal = not added and files.knows(folder.nominal) and files.knows(folder.reference)
+    if added or longer or not with_nominal or manifest["state"] != COMPLETE:
+        check_source(folder, manifest, engine)
+        _start_workers(request, engine)
+    new = make_plans(asked, added, engine)
+    if new:
+        _fly_nominal(asked, new, engine)  # refuses what cannot fly, before anything is written
+    if longer and files.knows(folder.samples):
+        _check_drawn(folder, asked)
+    if changed:
+        inputs.write_copies(folder)
+        for name, plan in new.items():
+            write_plan(folder.plan(name), plan)
+        # What is about to be replaced is listed no more: a run that goes on after a kill makes it anew.
+        files.forget(folder.campaign)
+        if added or longer:
+            files.forget(folder.envelopes, folder.margins)
+        if longer:
+            files.forget(folder.samples)
+        if added:
+            files.forget(folder.nominal, folder.reference)
+        manifest |= {"inputs": merged.hashes, "campaign_hash": merged.identity, "files": files.listed()}
+        if added or longer:
+            manifest |= {"state": RUNNING, "runs_planned": asked.runs}
+        write_manifest(folder.manifest, manifest)
+        merged.write_campaign(folder)
+    campaign = _join(asked, inputs, merged if changed else before)
+    if not files.knows(folder.samples):
+        _write_samples(folder, campaign)
+    flying = campaign.model.controllers
+    plans = {name: new.get(name) or read_trusted_plan(folder, campaign, name, request.trust_code) for name in flying}
+    if changed:
+        manifest["warnings"] = find_warnings(plans, campaign)
+    if not with_nominal:
+        _write_nominal(folder, campaign, plans, _fly_nominal(campaign, plans, engine))
+    if manifest["files"] != files.listed():
+        manifest["files"] = files.listed()
+        write_manifest(folder.manifest, manifest)
+    margin_plans = make_margin_plans(campaign, plans, engine.device)
+    return OpenCampaign(folder, campaign, plans, manifest, tuple(asked.model.controllers), files, margin_plans)
+
+
+def _join(asked: CheckedCampaign, inputs: FolderInputs, merged: FolderInputs) -> CheckedCampaign:
+    """The campaign of the folder, with the controllers that were flown before."""
+    if (merged.data, list(merged.data["controllers"])) == (inputs.data, list(inputs.data["controllers"])):
+        return asked
+    campaign = check_campaign(merged.document)
+    return replace(campaign, model=campaign.model.model_copy(update={"execution": asked.model.execution}))
+
+
+def _check_same(
+    flown: FlownFolder, before: FolderInputs, asked: CheckedCampaign, inputs: FolderInputs, request: Request
+) -> None:
+    """Raises InputError for a folder that holds something else than the beginning of what is asked for."""
+    root, shard = flown.folder.root, flown.manifest.get("shard")
+    if "search" in flown.manifest:
+        raise InputError(root, None, None, "a folder that holds a search's flights", "another folder (-o DIR)")
+    if shard != (list(request.shard) if request.shard else None):
+        words = "the whole campaign" if shard is None else f"shard {shard[0]}/{shard[1]}"
+        raise InputError(root, None, None, f"a folder that holds {words}", "that, or another folder (-o DIR)")
+    changes = describe_changes(before, inputs, asked.extensible)
     if changes:
         found = "a folder that holds another campaign:\n  " + "\n  ".join(changes)
         wish = "the same campaign, another folder (-o DIR), or --fresh to delete what was flown"
-        raise InputError(folder.root, None, None, found, wish)
-    folder.sweep()
-    added = [name for name in wanted.model.controllers if name not in held.data["controllers"]]
-    longer = wanted.runs > held.data["runs"]
-    if longer and shard is not None:
-        raise InputError(
-            folder.root, None, None, "a shard of fewer flights", "another folder (-o DIR): shards do not grow"
-        )
-    intact = files.holds(folder.campaign)
-    if not intact and wanted.runs < held.data["runs"]:
-        wish = f"the same campaign with {held.data['runs']} runs, which mends it"
-        raise InputError(folder.campaign, None, None, "a damaged file", wish)
-    longer = longer or not intact  # or killed while it grew
-    with_nominal = files.holds(folder.nominal) and files.holds(folder.reference)
-    if added or longer or not with_nominal or manifest.get("state") != COMPLETE:
-        check_source(folder, manifest, engine)
-        _start_workers(request, engine)
-    if added:
-        new = make_plans(wanted, added, engine)
-        _probe_dispersions(wanted, new, engine)
-        refuse_changes(wanted, resolved)
-        for name, plan in new.items():
-            write_plan(folder.plan(name), plan)
-    merged = merge_campaigns(held, resolved, selected=request.controllers is not None)
-    judged_anew = next(iter(merged.data["controllers"])) != next(iter(held.data["controllers"]))
-    if added or longer or judged_anew:
-        held = merged
-        held.write(folder)
-        manifest |= {"inputs": held.hashes, "campaign_hash": held.identity}
-    if added or longer:
-        manifest |= {"state": RUNNING, "runs_planned": wanted.runs}
-    check_inputs(folder, manifest)
-    campaign = check_campaign(held.document)
-    campaign = replace(campaign, model=campaign.model.model_copy(update={"execution": wanted.model.execution}))
-    _write_samples(folder, campaign, files)
-    if added or longer:
-        manifest["files"] = files.listed()
-        write_manifest(folder.manifest, manifest)
-    plans = {
-        name: restore_plan(folder, name, files, partial(make_plan, campaign, name, engine), request.trust_code)
-        for name in campaign.model.controllers
-    }
-    if added or longer or "warnings" not in manifest:
-        manifest["warnings"] = find_warnings(plans, campaign)
-    if added or not with_nominal:
-        _write_nominal(folder, campaign, plans, _probe_dispersions(campaign, plans, engine))
-    return OpenCampaign(folder, campaign, plans, manifest, (), files, make_margin_plans(campaign, plans, engine.device))
+        raise InputError(root, None, None, found, wish)
+    if shard and asked.runs > before.data["runs"]:
+        raise InputError(root, None, None, "a shard of fewer flights", "another folder (-o DIR): shards do not grow")
 
 
-def _probe_dispersions(
+def _fly_nominal(
     campaign: CheckedCampaign, plans: dict[str, FlightPlan], engine: Engine
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]]:
-    """Fly the trials; times and history ``[time, channel]`` of each controller's nominal flight."""
+    """Fly the probes of the dispersions; times and history ``[time, channel]`` of each controller's nominal flight."""
     first = next(iter(plans.values()))
     record_every(campaign.document, first, campaign.model.keep.envelopes.rate, "envelopes")
     every = record_every(campaign.document, first, campaign.model.keep.histories.rate, "histories")
@@ -249,35 +224,24 @@ def _write_nominal(
     write_reference(folder.reference, first, every)
 
 
-def _write_samples(folder: CampaignFolder, campaign: CheckedCampaign, files: FileHashes) -> None:
-    """Draw the samples where the folder does not hold them; those that it holds must stay."""
+def _write_samples(folder: CampaignFolder, campaign: CheckedCampaign) -> None:
+    """Draw the samples."""
     source = campaign.make_samples()
-    held = None
-    try:
-        if not files.holds(folder.samples):
-            raise OSError("not as it was written")
-        with contextlib.suppress(InputError):
-            check_table(folder.samples)
-            held = SampleReader(folder.samples)
-        if held is None:
-            raise OSError("no table of samples")
-        held.verify()
-        if held.names == tuple(source.names) and held.flights == campaign.runs:
-            return
-        shared = min(held.flights, campaign.runs)
-        pieces = ((first, min(first + ROW_GROUP, shared)) for first in range(0, shared, ROW_GROUP))
-        if held.names != tuple(source.names) or not all(
-            np.array_equal(held.rows(*piece), source.draw(*piece)) for piece in pieces
-        ):
-            found = "samples that this version of the program does not draw"
-            raise InputError(folder.samples, None, None, found, "the versions that the manifest names, or --fresh")
-    except (OSError, ValueError):  # missing or truncated
-        held = None
     provenance = {"seed": str(campaign.model.seed), "design": campaign.model.sampling.design}
     write_samples(folder.samples, source.names, campaign.runs, source.draw, provenance)
 
 
-def _new_manifest(campaign: CheckedCampaign, resolved: ResolvedCampaign, engine: Engine) -> dict[str, Any]:
+def _check_drawn(folder: CampaignFolder, campaign: CheckedCampaign) -> None:
+    """Raises InputError where this version of the program draws other samples than those that were flown."""
+    source, flown = campaign.make_samples(), SampleReader(folder.samples)
+    for first in range(0, flown.flights, ROW_GROUP):
+        part = first, min(first + ROW_GROUP, flown.flights)
+        if not np.array_equal(flown.rows(*part), source.draw(*part)):
+            found = "samples that this version of the program does not draw"
+            raise InputError(folder.samples, None, None, found, "the versions that the manifest names, or --fresh")
+
+
+def _new_manifest(campaign: CheckedCampaign, inputs: FolderInputs, engine: Engine) -> dict[str, Any]:
     from datetime import UTC, datetime
 
     return {
@@ -287,7 +251,7 @@ def _new_manifest(campaign: CheckedCampaign, resolved: ResolvedCampaign, engine:
         "runs_done": 0,
         "runs_failed": 0,
         "seed": campaign.model.seed,
-        "campaign_hash": resolved.identity,
+        "campaign_hash": inputs.identity,
         "source_hash": engine.source,
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "wall_time_s": 0.0,
@@ -300,5 +264,5 @@ def _new_manifest(campaign: CheckedCampaign, resolved: ResolvedCampaign, engine:
         "commit": find_commit(),
         "machine": find_machine() | {"device": engine.device},
         "command": sys.argv[1:],
-        "inputs": resolved.hashes,
+        "inputs": inputs.hashes,
     }

@@ -20,8 +20,8 @@ from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.folder.envelopes import QUANTILES, EnvelopeTable
 from abhv_mc.folder.flights import DamagedFileError, parse_block_name
 from abhv_mc.folder.histogram import BINS, KEPT, Histograms, make_bins
-from abhv_mc.folder.layout import FolderLostError, write_whole
-from abhv_mc.folder.packed import open_packed
+from abhv_mc.folder.layout import write_whole
+from abhv_mc.io.input_error import InputError
 
 EXACT_FLIGHTS = 4096
 PILOT_FLIGHTS = 128  # flights 0 .. 127 set the bins
@@ -127,7 +127,9 @@ class ExactCollector:
         for path, (first, stop) in sorted(self._blocks.items()):
             block = read_array(path)
             if block is None:
-                raise FolderLostError(f"{path}: damaged or deleted meanwhile. The same command makes it anew.")
+                raise InputError(
+                    path, None, None, "damaged or deleted meanwhile", "the same command, which makes it anew"
+                )
             values = block[:-2]
             seen = _widen(seen, block[-2:])
             fresh = ~taken[first:stop] & _computed(values)  # blocks of two sizes may overlap after a resume
@@ -232,7 +234,7 @@ def _read_state(path: Path) -> dict[str, NDArray] | None:
     Compiled code follows the edges of the bins without a look.
     """
     try:
-        with open_packed(path) as stored:
+        with np.load(path, allow_pickle=False) as stored:
             state = {name: stored[name] for name in _STATE}
     except Exception:  # those of numpy and zipfile on damaged files are of many kinds, SyntaxError among them
         return None

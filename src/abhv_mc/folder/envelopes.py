@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from abhv_mc.folder.flights import make_field, write_parquet
@@ -60,13 +59,3 @@ def write_envelopes(path: Path, times: Floats, channels: Sequence[str], tables: 
     ]
     table = pa.Table.from_arrays(arrays, schema=pa.schema(fields))
     write_parquet(path, table, ["time", *columns], ["controller", "channel"])
-
-
-def is_whole(path: Path) -> bool:
-    """Whether the envelopes are there as they were written."""
-    try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            file.read()
-    except (pa.ArrowException, OSError):
-        return False
-    return True

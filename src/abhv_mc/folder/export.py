@@ -7,10 +7,10 @@ import pyarrow as pa
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
 
+from abhv_mc.folder.columns import explain_damage
 from abhv_mc.folder.database import table_files
-from abhv_mc.folder.hashes import CheckedFolder
-from abhv_mc.folder.layout import write_whole
-from abhv_mc.folder.table_check import refusing
+from abhv_mc.folder.hashes import read_checked, refuse_changes
+from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.io.input_error import InputError
 
 
@@ -20,8 +20,9 @@ def export_csv(root: Path, out: Path) -> Iterator[Path]:
     Raises InputError without a campaign, for a table whose files have different columns, and where a run has changed
     the campaign meanwhile: what is there then belongs together no more.
     """
-    checked = CheckedFolder(root)
-    for name, files in table_files(checked).items():
+    folder = CampaignFolder(root)
+    manifest = read_checked(folder)
+    for name, files in table_files(folder, manifest).items():
 
         def write(aside: Path, files: list[Path] = files) -> None:
             schema = pq.read_schema(files[0]).remove_metadata()
@@ -33,15 +34,15 @@ def export_csv(root: Path, out: Path) -> Iterator[Path]:
         try:
             write_whole(path, write)
         except (InputError, OSError):
-            checked.refuse_changes()  # which tells more
+            refuse_changes(folder, manifest)  # which tells more
             raise
         yield path
-    checked.refuse_changes()
+    refuse_changes(folder, manifest)
 
 
 def _read(files: list[Path], schema: pa.Schema) -> Iterator[pa.RecordBatch]:
     for file in files:
-        with refusing(file), pq.ParquetFile(file) as part:
+        with explain_damage(file), pq.ParquetFile(file) as part:
             if not part.schema_arrow.equals(schema):
                 raise InputError(file, None, None, f"other columns than in {files[0].name}", "the same")
             for batch in part.iter_batches():

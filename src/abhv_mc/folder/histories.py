@@ -49,11 +49,8 @@ def write_histories(
 
 
 def history_metadata(path: Path) -> dict[str, str]:
-    """What :func:`write_histories` was given as metadata; empty where the file is missing or damaged."""
-    try:
-        metadata = pq.read_schema(path).metadata or {}
-    except (pa.ArrowException, OSError):
-        return {}
+    """What :func:`write_histories` was given as metadata."""
+    metadata = pq.read_schema(path).metadata or {}
     prefix = b"abhv_mc."
     return {k.removeprefix(prefix).decode(): v.decode() for k, v in metadata.items() if k.startswith(prefix)}
 

@@ -24,21 +24,13 @@ class StorageFullError(Exception):
 
 
 class FolderLostError(Exception):
-    """Files of the campaign went while it flew; the same command makes them anew."""
+    """A file that was needed has gone meanwhile; the same command makes it anew."""
 
 
 class CampaignFolder:
     """Paths of a campaign's folder."""
 
     def __init__(self, root: Path) -> None:
-        try:
-            str(root).encode()
-        except UnicodeEncodeError:
-            raise InputError(root, None, None, "a name that is not UTF-8", "another name of the folder") from None
-        if "\0" in str(root):
-            raise InputError(root, None, None, "a name with a null character", "another name of the folder")
-        if str(root).startswith("~"):  # pyarrow makes a home folder of it, as shells do; nobody else does
-            raise InputError(root, None, None, "a name that begins with '~'", "the path written out")
         # pyarrow takes a relative path with a colon for an address.
         self.root = root = root.absolute() if ":" in str(root) else root
         self.campaign = root / "campaign.yaml"
@@ -58,6 +50,10 @@ class CampaignFolder:
 
     def plan(self, controller: str) -> Path:
         return self.plans / f"{controller}.npz"
+
+    def input_files(self) -> list[Path]:
+        """The copies of the campaign's input files."""
+        return [path for path in sorted(self.inputs.rglob("*")) if path.is_file()]
 
     @property
     def report(self) -> tuple[Path, ...]:

@@ -1,28 +1,40 @@
-"""Flight plans as .npz without pickle: nested named tuples and dataclasses as a flat set of named arrays."""
+"""Flight plans as .npz without pickle: the numbers of nested named tuples and dataclasses as named arrays.
+
+Compiled code follows a plan's index arrays without a look at their bounds. So no file holds them: they are rebuilt from
+the campaign's inputs, and what is read are floating-point numbers, of the shapes that belong to them.
+"""
 
 import dataclasses
 import io
 import typing
-from collections.abc import Mapping
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.control.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
+from abhv_mc.control.controller_file import read_controller
+from abhv_mc.control.design.trim_tables import rebuild_trim_tables
+from abhv_mc.control.law_file import UserController
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.folder.layout import write_bytes
-from abhv_mc.folder.packed import open_packed
-from abhv_mc.folder.plan_check import find_fault
+from abhv_mc.folder.layout import CampaignFolder, write_bytes
 from abhv_mc.io.input_error import InputError
+from abhv_mc.plant.air_profile import PROFILE
+from abhv_mc.plant.effectiveness import make_effectiveness
+from abhv_mc.plant.state import N_STATES
+from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.law_source import read_law_source
+from abhv_mc.user_code.source import OwnSource, read_source
+from abhv_mc.user_code.trust import check_trusted
+from abhv_mc.vehicle.model import Vehicle
 
 T = TypeVar("T")
-_WISH = "a plan as it was written: restore it, or run with --fresh to delete what was flown and fly it anew"
-_KINDS = {bool: "b", int: "i", float: "f", str: "U"}  # numpy's kind of each scalar
-_BOUNDS = (
-    "limits.",
-    "vehicle.constants.inlet.",
-    "vehicle.constants.bounds.",
-)  # may be infinite
+_WISH = "a copy of the plan as it was, or the campaign flown anew: another folder (-o DIR), or --fresh"
+_COLUMNS = {"tlc": (len(TLC_GAINS), len(TLC_SETTINGS)), "lqr": (len(LQR_GAINS), len(LQR_SETTINGS))}
+_REBUILT = "effectiveness."  # follows from the vehicle
 
 
 def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
@@ -36,63 +48,121 @@ def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
 
 
 def rebuild(kind: type[T], flat: Mapping[str, np.ndarray], prefix: str = "") -> T:
-    """The record of type ``kind`` from what :func:`flatten` gave, with contiguous arrays and finite numbers.
+    """The record of type ``kind`` from what :func:`flatten` gave, with contiguous arrays.
 
-    Bounds alone may be infinite. Raises KeyError for a missing part and ValueError for one of another type.
+    Raises KeyError for a missing part and ValueError for one that is no such number or array.
     """
     if _is_record(kind):
         hints = typing.get_type_hints(kind)
         parts = {name: rebuild(hints[name], flat, f"{prefix}.{name}" if prefix else name) for name in _fields(kind)}
         return kind(**parts)
     value = flat[prefix]
-    if kind in _KINDS:
-        if value.dtype.kind != _KINDS[kind] or value.ndim or (kind is float and not _is_number(value, prefix)):
-            raise ValueError(f"{prefix}: {value.dtype} {value.shape} instead of one finite {kind.__name__}")
+    if kind in (bool, int, float, str):
         return kind(value.item())  # type: ignore[call-arg]
     if typing.get_origin(kind) is tuple:  # of floats
-        count = len(typing.get_args(kind))
-        if value.dtype != np.float64 or value.shape != (count,) or not _is_number(value, prefix):
-            raise ValueError(f"{prefix}: {value.dtype} {value.shape} instead of {count} finite floats")
         return tuple(value.tolist())  # type: ignore[return-value]
     wanted = np.dtype(typing.get_args(typing.get_args(kind)[1])[0])
-    if value.dtype != wanted and not (wanted.kind == "U" == value.dtype.kind):
-        raise ValueError(f"{prefix}: {value.dtype} instead of {wanted}")
-    if wanted.kind == "f" and not _is_number(value, prefix):
-        raise ValueError(f"{prefix}: a number that is not finite")
-    return np.require(value, requirements=["C", "A"])  # type: ignore[return-value]
-
-
-def _is_number(value: np.ndarray, name: str) -> bool:
-    bound = name.removeprefix("steady.").startswith(_BOUNDS)  # the plan of steady flight within one with margins
-    return not np.isnan(value).any() if bound else bool(np.isfinite(value).all())
+    return np.require(value, None if wanted.kind == "U" else wanted, ["C", "A"])  # type: ignore[return-value]
 
 
 def write_plan(path: Path, plan: FlightPlan) -> None:
-    """Store a plan."""
-
-    write_bytes(path, pack_plan(plan), durable=True)
-
-
-def pack_plan(plan: FlightPlan) -> bytes:
-    """A plan as the content of its file; equal plans have equal content."""
+    """Store a plan's numbers and words."""
     content = io.BytesIO()
-    np.savez_compressed(content, **flatten(plan))  # type: ignore[arg-type]
-    return content.getvalue()
+    np.savez_compressed(content, **stored_parts(plan))  # type: ignore[arg-type]
+    write_bytes(path, content.getvalue(), durable=True)
 
 
-def read_plan(path: Path) -> FlightPlan:
-    """A stored plan, equal to the bit. Raises InputError."""
+def stored_parts(plan: FlightPlan) -> dict[str, np.ndarray]:
+    """What of a plan is stored: no array of whole numbers, and nothing that follows from the rest."""
+    numbers = {name: value for name, value in flatten(plan).items() if value.ndim == 0 or value.dtype.kind in "fU"}
+    return {name: value for name, value in numbers.items() if not name.startswith(_REBUILT)}
+
+
+def read_plan(path: Path, vehicle: Vehicle) -> FlightPlan:
+    """A stored plan, equal to the bit. ``vehicle`` is of the campaign that wrote it.
+
+    Raises InputError where it is missing, damaged, or of another vehicle.
+    """
     try:
-        with open_packed(path) as stored:
-            plan = rebuild(FlightPlan, stored)
-            fault = find_fault(plan)
-            if fault is not None:
-                raise ValueError(fault)
-            return plan
+        return _rebuild_plan(read_stored_parts(path), vehicle)
+    except (KeyError, ValueError, TypeError) as error:
+        raise InputError(path, None, None, f"a damaged plan ({error})", _WISH) from None
+
+
+def read_stored_parts(path: Path) -> dict[str, np.ndarray]:
+    """What :func:`stored_parts` gave. Raises InputError."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            return dict(stored)
     except FileNotFoundError:
         raise InputError(path, None, None, "no such file", _WISH) from None
-    except Exception as error:  # those of numpy and zipfile on damaged files are of many kinds, SyntaxError among them
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(path, None, None, f"a damaged plan ({error})", _WISH) from None
+
+
+def _rebuild_plan(stored: dict[str, np.ndarray], vehicle: Vehicle) -> FlightPlan:
+    flat = {name: value for name, value in stored.items() if value.ndim == 0 or value.dtype.kind in "fU"}
+    for name, value in flatten(vehicle, "vehicle").items():
+        if value.dtype.kind == "f":
+            _check_shape(name, flat[name], value.shape)
+        else:
+            flat[name] = value
+    numbers = (flat[f"trim_tables.{name}"] for name in ("grid", "inverse_step", "data"))
+    flat |= flatten(rebuild_trim_tables(*numbers), "trim_tables")
+    flat |= flatten(make_effectiveness(rebuild(Vehicle, flat, "vehicle")), "effectiveness")
+    plan = rebuild(FlightPlan, flat)
+    own = plan.gain_names.size, plan.settings.size  # a law of the user's says how many
+    gains, settings = _COLUMNS.get(plan.law, own)
+    rows = plan.timing.ticks + 1
+    shapes = {
+        "initial_state": (N_STATES,),
+        "reference": (rows, len(REFERENCE)),
+        "gains": (rows, gains),
+        "settings": (settings,),
+        "profile": (len(plan.profile), len(PROFILE)),
+    }
+    for name, shape in shapes.items():
+        _check_shape(name, getattr(plan, name), shape)
+    return plan
+
+
+def _check_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
+    if array.shape != shape:
+        raise ValueError(f"{name}: shape {array.shape} instead of {shape}")
+
+
+def read_trusted_plan(
+    folder: CampaignFolder, campaign: CheckedCampaign, controller: str, trusted: bool = False
+) -> FlightPlan:
+    """The stored plan of one of a folder's controllers with the code that it needs, from the folder's copies.
+
+    Raises InputError where the code is missing, or is not in the user's list of what he has flown.
+    """
+    plan = read_plan(folder.plan(controller), load_vehicle(campaign.model.vehicle))
+    if plan.source_hash:
+        place = folder.inputs / "controllers" / controller
+        plan = dataclasses.replace(plan, source=_take(_read_laws(place), place, plan.source_hash, trusted))
+    if plan.channels_hash:
+        place = folder.inputs / "channels"
+        sources = map(read_source, sorted(place.rglob("*.py")))
+        plan = dataclasses.replace(plan, channels_source=_take(sources, place, plan.channels_hash, trusted))
+    return plan
+
+
+def _read_laws(place: Path) -> Iterator[OwnSource]:
+    """The code of every controller file in a folder."""
+    for path in sorted(place.rglob("*.y*ml")):
+        controller = read_controller(path)
+        if isinstance(controller, UserController):
+            yield read_law_source(controller)
+
+
+def _take(sources: Iterable[OwnSource], place: Path, digest: str, trusted: bool) -> OwnSource:
+    for source in sources:
+        if source.hash == digest:
+            check_trusted(source, trusted)
+            return source
+    raise InputError(place, None, None, "no copy of the code that was flown", _WISH)
 
 
 def _is_record(kind: Any) -> bool:

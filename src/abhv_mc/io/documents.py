@@ -23,8 +23,9 @@ from pydantic import (
     model_validator,
 )
 
-from abhv_mc.io.document_reader import MAX_BYTES, MAX_DEPTH, Place, Places, Plain, compose
+from abhv_mc.io.document_reader import MAX_DEPTH, Place, Places, Plain, compose
 from abhv_mc.io.input_error import InputError, InputErrors, Refusal, describe, one_of
+from abhv_mc.io.input_files import read_input
 
 __all__ = [
     "Document",
@@ -88,8 +89,7 @@ def read_document(path: "str | Path | Document") -> Document:
         return path
     path = Path(path)
     try:
-        with path.open("rb") as file:
-            raw = file.read(MAX_BYTES + 1)  # a device has no end
+        raw = read_input(path)
     except FileNotFoundError:
         raise InputError(path, None, None, "no such file", "a YAML file") from None
     except ValueError:

@@ -5,12 +5,14 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.input_files import read_input
 from abhv_mc.io.unit_pattern import NUMBER
 
 _DECIMAL = re.compile(NUMBER)
@@ -28,10 +30,9 @@ class NumberTable:
     def error(self, row: int, name: str, found: str, wanted: str) -> InputError:
         """What is wrong with the number in that row under that name, at its place in the file."""
         line = self.lines[row]
-        with self.path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            header = next(reader)
-            cells = next(cells for cells in reader if reader.line_num >= line)
+        reader = csv.reader(_lines_of(self.path))
+        header = next(reader)
+        cells = next(cells for cells in reader if reader.line_num >= line)
         place = [cell.strip() for cell in header].index(name)
         return InputError(self.path, line, _column(cells, place), found, wanted)
 
@@ -56,27 +57,30 @@ def read_number_table(
     rows: list[list[float]] = []
     lines: list[int] = []
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            header = [name.strip() for name in next(reader, [])]
-            names = tuple(header if wanted is None else wanted)
-            missing = [name for name in names if name not in header]
-            if missing:
-                raise InputError(path, 1, 1, f"no column {', '.join(missing)}", f"the columns {', '.join(names)}")
-            twice = [name for name in names if header.count(name) > 1]
-            if twice:
-                raise InputError(path, 1, None, f"the column {twice[0]} twice", "each column once")
-            places = [(header.index(name), math.inf if wanted is None else wanted[name]) for name in names]
-            for cells in reader:
-                if not cells:
-                    continue
-                if wanted is None and len(cells) != len(header):
-                    raise InputError(path, reader.line_num, None, f"{len(cells)} cells", f"{len(header)} cells")
-                rows.append([_number(path, reader.line_num, cells, place, most) for place, most in places])
-                lines.append(reader.line_num)
+        reader = csv.reader(_lines_of(path))
+        header = [name.strip() for name in next(reader, [])]
+        names = tuple(header if wanted is None else wanted)
+        missing = [name for name in names if name not in header]
+        if missing:
+            raise InputError(path, 1, 1, f"no column {', '.join(missing)}", f"the columns {', '.join(names)}")
+        twice = [name for name in names if header.count(name) > 1]
+        if twice:
+            raise InputError(path, 1, None, f"the column {twice[0]} twice", "each column once")
+        places = [(header.index(name), math.inf if wanted is None else wanted[name]) for name in names]
+        for cells in reader:
+            if not cells:
+                continue
+            if wanted is None and len(cells) != len(header):
+                raise InputError(path, reader.line_num, None, f"{len(cells)} cells", f"{len(header)} cells")
+            rows.append([_number(path, reader.line_num, cells, place, most) for place, most in places])
+            lines.append(reader.line_num)
     except (UnicodeDecodeError, csv.Error, OSError) as error:
         raise InputError(path, None, None, str(error), "a CSV file of numbers in UTF-8") from None
     return NumberTable(path, names, np.array(rows, dtype=np.float64).reshape(len(rows), len(names)), tuple(lines))
+
+
+def _lines_of(path: Path) -> StringIO:
+    return StringIO(read_input(path).decode("utf-8-sig"), newline="")
 
 
 def _number(path: Path, line: int, cells: list[str], place: int, most: float) -> float:

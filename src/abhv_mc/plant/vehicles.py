@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from abhv_mc.io.documents import InputError
+from abhv_mc.io.input_files import made_once
 from abhv_mc.plant.effectiveness import count_rows
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.state import MAX_AXES, MAX_TABLE_ROWS
@@ -12,6 +13,10 @@ from abhv_mc.vehicle.model import Vehicle
 
 def load_vehicle(path: str | Path) -> Vehicle:
     """Read and pack a vehicle file. Raises :class:`abhv_mc.io.documents.InputError`."""
+    return made_once("vehicle", Path(path), lambda: _load(path))
+
+
+def _load(path: str | Path) -> Vehicle:
     vehicle = read_vehicle(path, PARAMETER_INDEX)
     rows, axes = count_rows(vehicle), vehicle.tables.axis_variable.size
     if rows > MAX_TABLE_ROWS:

@@ -17,27 +17,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
-from abhv_mc.campaign.file.resolve import ResolvedCampaign, read_held, refuse_changes, resolve_campaign
 from abhv_mc.campaign.file.user_code import check_own_code
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.blocks import choose_batch
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.engine import Engine, check_source
 from abhv_mc.execution.executor import Executor, open_executor
-from abhv_mc.execution.plans import restore_plan
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.folder.flights import DamagedFileError, FlightRows, block_path, flights_schema, read_block, write_block
-from abhv_mc.folder.hashes import FileHashes, record_hashes, refuse_links
-from abhv_mc.folder.layout import CampaignFolder, hash_file
-from abhv_mc.folder.lock import hold_lock
-from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, read_whole_manifest, write_manifest
-from abhv_mc.folder.plans import write_plan
+from abhv_mc.folder.blocks import read_own_block
+from abhv_mc.folder.flights import DamagedFileError, FlightRows, block_path, flights_schema, write_block
+from abhv_mc.folder.inputs import FolderInputs, collect_inputs, read_folder_inputs
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
+from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
+from abhv_mc.folder.plans import read_trusted_plan
 from abhv_mc.folder.provenance import find_commit, find_machine, find_versions
 from abhv_mc.folder.samples import write_samples
 from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.io.input_files import reading_once
 from abhv_mc.search.methods.evaluation import Floats
 from abhv_mc.search.severity import not_computed, rank_distinct
 from abhv_mc.search.space import Space, make_space
@@ -87,21 +87,19 @@ class SearchFlights:
 
     def __init__(
         self,
-        folder: CampaignFolder,
+        flown: FlownFolder,
         campaign: CheckedCampaign,
         plan: FlightPlan,
         executor: Executor,
         threads: ThreadPoolExecutor,
-        files: FileHashes,
     ) -> None:
         """``threads``: one more than the executor has workers, for the block that is being written."""
         self._threads, self._writing = threads, Future[Any]()
         self._writing.set_result(None)
-        self.folder, self.campaign, self.plan, self.executor = folder, campaign, plan, executor
-        self.files = files
+        self.folder, self.manifest, self.files = flown.folder, flown.manifest, flown.files
+        self.campaign, self.plan, self.executor = campaign, plan, executor
         self.space: Space = make_space(campaign)
         self.seed = campaign.model.seed
-        self.manifest = read_whole_manifest(folder.manifest)
         provenance = {"seed": str(self.seed), "campaign_hash": self.manifest["campaign_hash"]}
         self.schema = flights_schema(self.space.columns, provenance)
         self.blocks: list[FlightRows] = []
@@ -147,12 +145,9 @@ class SearchFlights:
         """The stored block of exactly these samples; None where there is none, or the machine failed on some of it."""
         path = block_path(self.folder.flights, self.plan.controller, first, first + len(samples))
         with contextlib.suppress(DamagedFileError):
-            if path.exists() and (self.files.holds(path) or not self.files.knows(path)):
-                rows = read_block(path, self.space.columns)
-                if not self.files.knows(path):  # it landed after the last manifest, and holds what it says
-                    self.files.note(path, hash_file(path))
-                if np.array_equal(rows.samples, samples) and not not_computed(rows).any():
-                    return rows
+            rows = read_own_block(path, self.space.columns, self.files)
+            if np.array_equal(rows.samples, samples) and not not_computed(rows).any():
+                return rows
         return None
 
     def _fly(self, first: int, samples: Floats) -> FlightRows:
@@ -225,47 +220,27 @@ def open_search(
     beginning of the same search.
     """
     with ExitStack() as stack:
-        folder = CampaignFolder(request.out)
+        stack.enter_context(reading_once())
         campaign, name = read_searched(request.campaign, request.controller, request.seed)
         make_space(campaign)
-        started = folder.manifest.exists()
-        if not started:
-            folder.refuse_strange(request.fresh)
-        resolved = resolve_campaign(campaign)
+        folder, inputs = CampaignFolder(request.out), collect_inputs(campaign)
         settings = {**settings, "controller": name}
-        if started:
-            stack.enter_context(hold_lock(folder.lock))
-        refuse_links(folder.root)
-        model = campaign.model
-
-        def prepare() -> FlightPlan:
-            return engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
-
-        if started and not request.fresh:
-            held = _check_same(folder, settings, resolved, engine)
-            files = stack.enter_context(record_hashes(folder.root, held or {}))
-            if held is None:
-                files.adopt()
-            folder.sweep()
-            if not all(files.holds(path) for path in (folder.campaign, *map(folder.root.joinpath, resolved.hashes))):
-                resolved.write(folder)
-            plan = restore_plan(folder, name, files, prepare)
+        flown = open_folder(folder, request.fresh, stack)
+        if flown is not None:
+            _check_same(flown, settings, inputs, engine)
+            manifest, files = flown.manifest, flown.files
+            plan = read_trusted_plan(folder, campaign, name)
         else:
-            plan = prepare()
+            model = campaign.model
+            plan = engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
             fly_probes(campaign, {name: plan}, engine.fly, plan.timing.ticks)
-            refuse_changes(campaign, resolved)
-            if not started:
-                stack.enter_context(hold_lock(folder.lock))
-            folder.clear()
-            files = stack.enter_context(record_hashes(folder.root, {}))
-            resolved.write(folder)
-            write_plan(folder.plan(name), plan)
+            files = begin_folder(folder, inputs, {name: plan}, stack)
             manifest = {
                 "name": campaign.model.name,
                 "state": RUNNING,
                 "search": settings,
-                "campaign_hash": resolved.identity,
-                "inputs": resolved.hashes,
+                "campaign_hash": inputs.identity,
+                "inputs": inputs.hashes,
                 "seed": campaign.model.seed,
                 "source_hash": engine.source,
                 "versions": find_versions(),
@@ -277,7 +252,7 @@ def open_search(
         cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
         executor = stack.enter_context(open_executor(engine, campaign.model.execution, request.workers, cluster))
         threads = stack.enter_context(ThreadPoolExecutor(executor.workers + 1))
-        search = SearchFlights(folder, campaign, plan, executor, threads, files)
+        search = SearchFlights(FlownFolder(folder, manifest, files), campaign, plan, executor, threads)
         with Progress("flights", flights) as search.progress:
             try:
                 yield search
@@ -286,25 +261,20 @@ def open_search(
                 raise
 
 
-def _check_same(
-    folder: CampaignFolder, settings: dict[str, Any], wanted: ResolvedCampaign, engine: Engine
-) -> dict[str, str] | None:
-    """Raise InputError where the folder does not hold the beginning of the same search; gives its files' hashes."""
-    manifest = read_whole_manifest(folder.manifest)
-    held = manifest.get("search")
+def _check_same(flown: FlownFolder, settings: dict[str, Any], asked: FolderInputs, engine: Engine) -> None:
+    """Raise InputError where the folder does not hold the beginning of the same search."""
+    root, manifest = flown.folder.root, flown.manifest
+    before = manifest.get("search")
     wish = "the same search, another folder (-o DIR), or --fresh to delete what was flown"
-    if not isinstance(held, dict):
-        raise InputError(folder.root, None, None, "a folder that holds a campaign's flights", wish)
-    same = manifest.get("campaign_hash") == wanted.identity
-    with contextlib.suppress(InputError):  # a damaged file, which is written anew
-        before, now = (list(of.data.get("dispersions") or ()) for of in (read_held(folder, manifest), wanted))
-        same = same and before == now  # also in their order: they are the axes of the search
-    if not same:
-        raise InputError(folder.root, None, None, "a folder that holds a search of another campaign", wish)
-    changes = [f"{key}: {held.get(key)} -> {value}" for key, value in settings.items() if held.get(key) != value]
-    if changes and changes[0].startswith("flights:") and len(changes) == 1:
+    if before is None:
+        raise InputError(root, None, None, "a folder that holds a campaign's flights", wish)
+    parts = (asked, read_folder_inputs(flown.folder, manifest))
+    axes = [list(part.data.get("dispersions") or ()) for part in parts]  # of the search, in their order
+    if manifest["campaign_hash"] != asked.identity or axes[0] != axes[1]:
+        raise InputError(root, None, None, "a folder that holds a search of another campaign", wish)
+    changes = [f"{key}: {before.get(key)} -> {value}" for key, value in settings.items() if before.get(key) != value]
+    if len(changes) == 1 and changes[0].startswith("flights:"):
         wish = "another folder (-o DIR): where a search goes depends on how many flights it has from its beginning"
     if changes:
-        raise InputError(folder.root, None, None, "a folder that holds another search: " + ", ".join(changes), wish)
-    check_source(folder, manifest, engine)
-    return manifest.get("files")
+        raise InputError(root, None, None, "a folder that holds another search: " + ", ".join(changes), wish)
+    check_source(flown.folder, manifest, engine)

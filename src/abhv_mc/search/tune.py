@@ -12,16 +12,17 @@ import numpy as np
 
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import THREADS
-from abhv_mc.campaign.file.resolve import resolve_campaign
 from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.engine import Engine, make_engine
 from abhv_mc.execution.executor import open_executor
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_NAMES, METRIC_INDEX
+from abhv_mc.folder.inputs import collect_inputs
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.io.documents import Document, InputError, one_of, read_document, validate
+from abhv_mc.io.input_files import reading_once
 from abhv_mc.search.controller_numbers import ControllerNumbers, read_controller_numbers
 from abhv_mc.search.methods.evaluation import Floats
 from abhv_mc.search.methods.tune import Scores, Tuning, Validation, tune
@@ -164,7 +165,11 @@ def tune_controller(
     Every candidate's flights are kept beside the new file until it is written, so that the same command goes on after
     an interruption; ``tell`` is called with the result just before. Raises InputError for a request that is wrong.
     """
-    engine = engine or make_engine()
+    with reading_once():
+        return _tune(request, engine or make_engine(), tell)
+
+
+def _tune(request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None] | None) -> TuneFound:
     campaign, name = read_searched(request.campaign, request.controller, request.seed)
     model = campaign.model
     block, document, where = read_tune_block(campaign, request.block)
@@ -181,8 +186,7 @@ def tune_controller(
     # Threads: every candidate has a plan of its own, which worker processes would have to be sent and would keep. A
     # crash in compiled code ends the program; the same command then goes on with what is kept.
     execution = model.execution.model_copy(update={"isolation": THREADS})
-    resolved = resolve_campaign(campaign)
-    text = json.dumps([resolved.identity, name, block.model_dump(), model.seed, engine.source])
+    text = json.dumps([collect_inputs(campaign).identity, name, block.model_dump(), model.seed, engine.source])
     kept = request.out.with_suffix(_KEPT)
     with hold_lock(kept / ".lock"), ExitStack() as stack:
         cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
@@ -190,7 +194,7 @@ def tune_controller(
         identity = hashlib.sha256(text.encode()).hexdigest()
         vehicles = cornered_vehicles(space, block)
         beside = kept, identity, engine, executor
-        trials = Trials(campaign, resolved, name, space, numbers, *beside, vehicles, block.margins_at)
+        trials = Trials(campaign, name, space, numbers, *beside, vehicles, block.margins_at)
         flown = trials.draw(model.seed, block.flights)
         (start,) = trials.measure(np.zeros((1, len(block.free))), flown)
         bounds = [bound_of(limit, start) for limit in block.limits]

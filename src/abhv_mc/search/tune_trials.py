@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.campaign.file.check import CheckedCampaign
-from abhv_mc.campaign.file.resolve import ResolvedCampaign, refuse_changes
 from abhv_mc.campaign.file.tuning import Tune
 from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
 from abhv_mc.campaign.sampling.samples import DrawnSamples, full_rows
@@ -70,7 +69,6 @@ class Trials:
     """Flies candidates of one campaign and controller."""
 
     campaign: CheckedCampaign
-    resolved: ResolvedCampaign  # its files as they were at the start
     name: str  # of the controller
     space: Space
     numbers: ControllerNumbers
@@ -109,7 +107,6 @@ class Trials:
         if kept is not None and kept.shape == (len(parameters), columns) and kept.dtype == np.float64:
             return np.array(kept)
         values = make()
-        refuse_changes(self.campaign, self.resolved)  # before the flights of another vehicle are kept as this one's
         write_array(path, values)
         return values
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.input_files import read_input
 from abhv_mc.user_code.unpack import in_its_folder, unpack
 
 MODULE = "abhv_mc_own_"  # how the modules that are made of such files are called
@@ -73,11 +74,10 @@ class Module:
 def read_source(path: Path, files: Mapping[str, Path] | None = None) -> OwnSource:
     """Read a user's file as it is, without running it, and the ``files`` that it declares. Raises InputError."""
     try:
-        with path.open("rb") as file:
-            content = file.read(MAX_BYTES + 1)
+        content = read_input(path)
         if len(content) > MAX_BYTES:
             raise InputError(path, None, None, f"more than {MAX_BYTES} bytes", "a Python file")
-        declared = tuple((name, place.read_bytes()) for name, place in (files or {}).items())
+        declared = tuple((name, read_input(place)) for name, place in (files or {}).items())
         return OwnSource(content.decode(), str(path), declared if len(declared) > 1 else ())
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(path, None, None, f"a file that cannot be read ({error})", "a Python file") from None

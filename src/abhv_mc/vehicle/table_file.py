@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.io.input_error import InputError, Refusal, one_of
+from abhv_mc.io.input_files import read_input
 from abhv_mc.io.unit_pattern import NUMBER
 from abhv_mc.io.units import ANGLE, LENGTH, MASS, parse_unit
 from abhv_mc.vehicle.arrays import MAX_DIMENSIONS, VARIABLES, Floats
@@ -83,7 +84,7 @@ class Rows:
 def read_rows(path: Path) -> Rows:
     """Read a CSV file of cells of equal count. Raises :class:`InputError`."""
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_input(path).decode("utf-8-sig")
     except OSError as error:
         raise InputError(path, None, None, f"a file that cannot be read ({error.strerror})", "a CSV file") from None
     except UnicodeDecodeError:

@@ -4,6 +4,7 @@ import pytest
 from report.synthetic import CONTROLLERS, write_campaign
 
 from abhv_mc.flight.metrics import METRICS
+from abhv_mc.folder.layout import hash_file
 from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.results import read_histories, read_results
@@ -36,6 +37,9 @@ def test_flights_that_could_not_be_computed_say_nothing(tmp_path):
     outcome[3] = "failed_to_run"
     position = table.column_names.index("outcome")
     pq.write_table(table.set_column(position, table.schema.field("outcome"), [outcome]), path)
+    manifest = read_manifest(folder / "manifest.json")
+    files = manifest["files"] | {f"flights/{path.name}": hash_file(path)}
+    write_manifest(folder / "manifest.json", manifest | {"files": files})
     flights = read_results(folder).flights["tlc"]
     assert flights.not_computed == 1
     assert 3 not in flights.flight

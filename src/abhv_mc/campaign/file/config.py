@@ -11,7 +11,6 @@ from abhv_mc.campaign.file.tuning import Tune
 from abhv_mc.campaign.file.user_metrics import MetricEntry, MetricName
 from abhv_mc.campaign.sampling.designs import DESIGNS
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
-from abhv_mc.folder.manifest_check import Name
 from abhv_mc.io.documents import File, Refusal, StrictModel, describe, one_of
 from abhv_mc.io.units import TIME, Fraction, Time, parse_quantity
 
@@ -39,6 +38,7 @@ Workers = Annotated[int | None, _auto_up_to(MOST_WORKERS)]
 Batch = Annotated[int | None, _auto_up_to(_LARGEST_BATCH)]
 
 
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
 DesignName = Literal["random", "lhs", "sobol", "halton", "saltelli", "corners", "grid", "one_at_a_time", "file"]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.inputs import MODELS, find_kind
-from abhv_mc.campaign.file.resolve import find_references
+from abhv_mc.campaign.file.references import find_references
 from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.shipped import shipped_configs, shipped_files

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.input_files import read_input
 from abhv_mc.io.number_table import read_number_table
 
 
@@ -52,7 +53,7 @@ def _read_parquet(path: Path) -> dict[str, NDArray[np.float64]]:
     import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(path.absolute())  # a relative one with a colon is taken for an address
+        table = pq.read_table(pa.BufferReader(read_input(path)))
         return {name: table[name].cast(pa.float64()).to_numpy() for name in table.column_names}
     except (pa.ArrowException, OSError) as error:
         raise InputError(path, None, None, str(error).splitlines()[0], "a Parquet file of numbers") from None

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.control.design.design_model import Surroundings, wrench_at
 from abhv_mc.control.design.design_tables import coefficients_at, fixed_values, table_rows, thrust_at, variables_at
-from abhv_mc.vehicle.arrays import FIXED_TABLE_ROWS, VARIABLES, Floats, Tables
+from abhv_mc.vehicle.arrays import CHUNK, FIXED_TABLE_ROWS, VARIABLES, Floats, Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.vehicle.pack import Axis, Table, pack_tables
 from abhv_mc.world.atmosphere import atmosphere
@@ -75,10 +75,24 @@ def make_trim_tables(
     shape = tuple(axis.grid.size for axis in axes)
     nothing = np.zeros(mach.size)
     values = (elevator, c["lift"], c["drag"], thrust, fixed["specific_impulse"], np.where(trimmed, 0.0, 1.0), nothing)
-    entries = [Table(axes, np.ascontiguousarray(value).reshape(shape)) for value in values]
+    return _pack(axes, [np.ascontiguousarray(value).reshape(shape) for value in values])
+
+
+def rebuild_trim_tables(grid: Floats, inverse_step: Floats, data: Floats) -> Tables:
+    """Trim tables from their numbers alone, as :class:`Tables` holds them. Raises ValueError where these do not fit."""
+    grids = np.split(grid, np.flatnonzero(inverse_step == 0.0) + 1)[: len(LONGEST)]  # 0 stands at an axis's last node
+    axes = tuple(Axis(VARIABLES.index(name), nodes) for name, nodes in zip(LONGEST, grids, strict=True))
+    if any(axis.grid.size < 2 for axis in axes):
+        raise ValueError("trim_tables: an axis of one node")
+    nodes = data.reshape(*(axis.grid.size for axis in axes), CHUNK)
+    return _pack(axes, [np.ascontiguousarray(nodes[..., i]) for i in range(len(TRIM_ROWS) + 1)])
+
+
+def _pack(axes: tuple[Axis, ...], values: list[Floats]) -> Tables:
+    """The tables of TRIM_ROWS and one of zeros, for what the trim has no use for."""
     impulse, zero = TRIM_ROWS.index("specific_impulse"), len(TRIM_ROWS)
     fixed_entries = {name: impulse if name == "specific_impulse" else zero for name in FIXED_TABLE_ROWS}
-    packed, packed_rows = pack_tables(entries, fixed_entries)
+    packed, packed_rows = pack_tables([Table(axes, value) for value in values], fixed_entries)
     if not np.array_equal(packed_rows, np.arange(len(values))):
         raise RuntimeError("trim rows are not packed in order")
     return packed

@@ -92,7 +92,7 @@ class _Collected:
 def read_flights(folder: Path, known: Collection[Path] | None = None) -> dict[str, ControllerFlights]:
     """All blocks of a folder, each read once; controllers without a computed flight are left out.
 
-    With ``known``, only those among them; :func:`abhv_mc.folder.table_check.check_table` has been through them.
+    With ``known``, only those among them, which are as they were written.
 
     Raises InputError where there is no flight, or where a block is unreadable or not like the others.
     """

@@ -1,5 +1,6 @@
 """A campaign's folder as plain arrays: what every table, figure and page of a report is made from."""
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,12 +14,12 @@ from numpy.typing import NDArray
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES, METRICS
+from abhv_mc.folder.columns import explain_damage
 from abhv_mc.folder.envelopes import QUANTILE_COLUMNS
-from abhv_mc.folder.hashes import CheckedFolder, data_files
+from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
+from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.margins_check import read_margins
-from abhv_mc.folder.table_check import refusing
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.columns import FileColumns, read_table
 from abhv_mc.report.numbers.flights import ControllerFlights, read_flights
@@ -88,12 +89,11 @@ class Results:
     reference: dict[str, Floats]  # "time" and REFERENCE_CHANNELS -> [time]
     nominal: dict[str, dict[str, Floats]]  # controller -> "time" and CHANNELS -> [time]
     stability: dict[str, Any] = field(default_factory=dict)  # margins in steady flight; empty where none were found
-    checked: CheckedFolder | None = None
 
     def refuse_changes(self) -> None:
         """For the end of whatever is made of them. Raises InputError where a run has changed the folder meanwhile."""
-        if self.checked is not None:
-            self.checked.refuse_changes()
+        if "files" in self.manifest:  # one that is made up holds none
+            refuse_changes(CampaignFolder(self.folder), self.manifest)
 
     @property
     def controllers(self) -> tuple[str, ...]:
@@ -127,9 +127,7 @@ class Results:
 
 def read_facts(path: Path) -> CampaignFacts:
     """The resolved campaign file of a folder. Raises InputError where it is missing or is not one."""
-    from abhv_mc.campaign.file.resolve import read_own_campaign
-
-    campaign = read_own_campaign(CampaignFolder(path.parent))
+    campaign = read_folder_campaign(CampaignFolder(path.parent))
     model, plain = campaign.model, campaign.document.data
     controllers = tuple(model.controllers)
     return CampaignFacts(
@@ -188,8 +186,8 @@ def _read_nominal(path: Path) -> dict[str, dict[str, Floats]]:
 
 def read_results(root: Path) -> Results:
     """Read a campaign's folder. Raises InputError where a file is missing or unreadable."""
-    checked = CheckedFolder(root)
-    folder, manifest = checked.folder, checked.manifest
+    folder = CampaignFolder(root)
+    manifest = read_checked(folder)
     if manifest.get("shard"):
         found = "shard {}/{} of a campaign".format(*manifest["shard"])
         raise InputError(root, None, None, found, "all of it: 'abhv-mc merge' joins its shards")
@@ -206,8 +204,7 @@ def read_results(root: Path) -> Results:
         envelopes=_read_envelopes(folder.envelopes),
         reference={name: value.astype(np.float64) for name, value in reference.items()},
         nominal=_read_nominal(folder.nominal),
-        stability=read_margins(folder.margins),
-        checked=checked,
+        stability=json.loads(folder.margins.read_text(encoding="utf-8")) if folder.margins.is_file() else {},
     )
 
 
@@ -233,7 +230,7 @@ def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
     for path in data_files(folder, read_manifest(folder.manifest)):
         if path.parent != folder.histories:
             continue
-        with refusing(path):
+        with explain_damage(path):
             table = pq.read_table(path, filters=[("controller", "=", controller)], partitioning=None)
         if not table.num_rows:
             continue

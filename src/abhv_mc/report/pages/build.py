@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 
 from abhv_mc.folder.hashes import data_files
 from abhv_mc.folder.layout import CampaignFolder, hash_file
+from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.io.input_error import InputError, describe, one_of
 from abhv_mc.report.numbers.results import read_results
 
@@ -17,10 +18,11 @@ Format = Literal["html", "md"]
 
 
 def hash_files(folder: Path) -> dict[str, str]:
-    """SHA-256 of every file that the report is made from, by its path in the folder."""
+    """SHA-256 of every file that the report is made from, by its path in the folder, as the manifest lists them."""
     paths = CampaignFolder(folder)
-    files = (paths.campaign, *data_files(paths, None))
-    return {path.relative_to(paths.root).as_posix(): hash_file(path) for path in files}
+    manifest = read_manifest(paths.manifest)
+    names = [path.relative_to(paths.root).as_posix() for path in (paths.campaign, *data_files(paths, manifest))]
+    return {name: manifest["files"][name] for name in names}
 
 
 def write_json(numbers: dict[str, Any]) -> str:
@@ -52,9 +54,7 @@ def make_key(folder: Path) -> str:
     source = Path(abhv_mc.__file__).parent
     parts = sorted(path for name in ("report", "statistics") for path in (source / name).rglob("*") if path.is_file())
     code = {path.relative_to(source).as_posix(): hash_file(path) for path in parts if path.suffix != ".pyc"}
-    manifest = folder / "manifest.json"
-    held = hash_file(manifest) if manifest.is_file() else None
-    text = json.dumps([abhv_mc.__version__, code, hash_files(folder), held], sort_keys=True)
+    text = json.dumps([abhv_mc.__version__, code, hash_file(folder / "manifest.json")], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -94,7 +94,6 @@ def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
     if format not in get_args(Format):
         raise InputError("format", None, None, describe(format), one_of(get_args(Format)))
     from abhv_mc.folder.layout import write_text
-    from abhv_mc.folder.manifest import read_whole_manifest
     from abhv_mc.report.figures.style import write_png
     from abhv_mc.report.numbers.report_numbers import make_numbers
     from abhv_mc.report.pages.gallery import make_figures
@@ -102,7 +101,7 @@ def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
     from abhv_mc.report.pages.page import PageFigure, make_markdown, make_page
     from abhv_mc.report.pages.searched import refuse_search
 
-    refuse_search(folder, read_whole_manifest(CampaignFolder(folder).manifest))
+    refuse_search(folder, read_manifest(CampaignFolder(folder).manifest))
     key = make_key(folder)  # as it is now: a run may go on meanwhile
     results = read_results(folder)
     numbers = {**make_numbers(results), "files": hash_files(folder)}

@@ -10,8 +10,6 @@ from abhv_mc.folder.lock import lock_holder
 from abhv_mc.folder.manifest import INTERRUPTED, RUNNING, read_manifest
 from abhv_mc.io.input_error import InputError
 
-_KEYS = {"name", "state", "runs_planned", "runs_done", "controllers", "requirements", "digest", "started"}
-
 
 def read_status(root: Path) -> dict[str, Any]:
     """The manifest, who holds the folder, and its size.
@@ -20,8 +18,8 @@ def read_status(root: Path) -> dict[str, Any]:
     """
     folder = CampaignFolder(root)
     manifest = read_manifest(folder.manifest)
-    if not manifest.keys() >= _KEYS:
-        raise InputError(folder.manifest, None, None, "another kind of manifest", "a campaign's")
+    if "search" in manifest:
+        raise InputError(root, None, None, "the flights of a search", "the folder of a campaign")
     holder = lock_holder(folder.lock)
     if manifest["state"] == RUNNING and holder is None:
         manifest["state"] = INTERRUPTED

@@ -1,0 +1,158 @@
+"""A campaign independent of where it came from: its inputs as copies, its references inside the folder.
+
+The file as the folder holds it and the copies are all that it takes to fly the campaign again; their hash is its
+identity.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign
+from abhv_mc.campaign.file.references import find_references
+from abhv_mc.campaign.file.requirements import join_requirements, select_requirements
+from abhv_mc.folder.layout import CampaignFolder, is_inside, write_bytes, write_whole
+from abhv_mc.io.documents import Document, InputError, read_document, write_document
+from abhv_mc.io.input_files import read_input
+
+_HEAD = """A campaign as it was flown, with everything that it refers to beside it in inputs/.
+Flying it again gives the same results: abhv-mc run campaign.yaml -o ANOTHER_FOLDER"""
+
+
+@dataclass(frozen=True)
+class FolderInputs:
+    """A campaign's plain data with references into its folder, and the files that are copied there."""
+
+    document: Document
+    copies: dict[str, bytes]  # place in the folder -> content
+    hashes: dict[str, str]  # place in the folder -> SHA-256
+
+    @property
+    def data(self) -> dict[str, Any]:
+        return self.document.data  # type: ignore[return-value]
+
+    @property
+    def identity(self) -> str:
+        """Hash of all that results depend on: not of how it is flown."""
+        data = {key: value for key, value in self.data.items() if key != "execution"}
+        text = json.dumps([data, self.hashes], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def write_copies(self, folder: CampaignFolder) -> None:
+        """Write the copies into the folder."""
+        for place, content in self.copies.items():
+            write_bytes(folder.root / place, content)
+
+    def write_campaign(self, folder: CampaignFolder) -> None:
+        """Write the campaign file into the folder."""
+        write_whole(folder.campaign, lambda temporary: write_document(temporary, self.data, _HEAD), durable=True)
+
+
+def collect_inputs(campaign: CheckedCampaign) -> FolderInputs:
+    """What the folder of a checked campaign is to hold of its files."""
+    model = campaign.model
+    data: dict[str, Any] = dict(campaign.document.data)  # type: ignore[arg-type]
+    copies: dict[str, bytes] = {}
+    data["vehicle"] = _take(model.vehicle, "inputs/vehicle", copies)
+    data["mission"] = _take(model.mission, "inputs/mission", copies)
+    data["controllers"] = {
+        name: _take(path, f"inputs/controllers/{name}", copies) for name, path in model.controllers.items()
+    }
+    if model.channels is not None:
+        data["channels"] = _take(model.channels, "inputs/channels", copies)
+    if isinstance(model.metrics, Path):
+        data["metrics"] = read_document(model.metrics).data
+    data["runs"] = campaign.runs
+    data["seed"] = model.seed
+    if model.sampling.path:
+        place = _take(model.sampling.path, "inputs/samples", copies)
+        data["sampling"] = {**data["sampling"], "path": place}
+    hashes = {place: hashlib.sha256(content).hexdigest() for place, content in copies.items()}
+    return FolderInputs(replace(campaign.document, data=data), copies, hashes)
+
+
+def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
+    """Put ``path`` and all that it refers to under ``place``, in the same positions to each other."""
+    files = {path.resolve(): None, **dict.fromkeys(find_references(path.resolve()))}
+    root = Path(os.path.commonpath([file.parent for file in files]))
+    for file in files:
+        copy = f"{place}/{file.relative_to(root).as_posix()}"
+        if not is_inside(copy):
+            raise InputError(file, None, None, "characters in the file's name that nothing shows", "another name")
+        copies[copy] = read_input(file)
+    return f"{place}/{path.resolve().relative_to(root).as_posix()}"
+
+
+def describe_changes(flown: FolderInputs, asked: FolderInputs, extensible: bool) -> list[str]:
+    """What keeps ``asked`` from going on with the folder of ``flown``, in words; empty when nothing does.
+
+    More flights (of an extensible design), more controllers and another way of execution do not.
+    """
+    shared = [name for name in flown.data["controllers"] if name in asked.data["controllers"]]
+    old, new = (_flat(_for_controllers(data, shared)) for data in (flown.data, asked.data))
+    changes = []
+    for key in sorted(old.keys() | new.keys()):
+        before, after = old.get(key), new.get(key)
+        if before == after or key.startswith("execution") or key.startswith("controllers."):
+            continue
+        if key == "runs" and extensible and (before or 0) < (after or 0):
+            continue
+        changes.append(f"{key}: {_words(before)} -> {_words(after)}")
+    for name in asked.data["controllers"].keys() - flown.data["controllers"].keys():
+        twins = [other for other in flown.data["controllers"] if other.casefold() == name.casefold()]
+        changes += [f"controllers: '{twin}' -> '{name}': names that differ in case alone" for twin in twins]
+    for part in ("vehicle", "mission", "samples", "channels", *(f"controllers/{name}" for name in shared)):
+        changes += _changed_files(flown.hashes, asked.hashes, f"inputs/{part}/")
+    return changes
+
+
+def merge_inputs(flown: FolderInputs, asked: FolderInputs, selected: bool = False) -> FolderInputs:
+    """``asked`` and the controllers that only ``flown`` has, with their requirements.
+
+    The first controller, to which requirements apply where they name none, is that of ``asked``; where that is
+    ``selected`` controllers of a campaign it stays that of ``flown``.
+    """
+    first, then = (flown, asked) if selected else (asked, flown)
+    controllers = {**first.data["controllers"], **then.data["controllers"], **asked.data["controllers"]}
+    new, old = (part.data.get("requirements") or [] for part in (asked, flown))
+    requirements = join_requirements(new, old, controllers)
+    data = {**asked.data, "controllers": controllers, "requirements": requirements}
+    return FolderInputs(replace(flown.document, data=data), asked.copies, flown.hashes | asked.hashes)
+
+
+def _for_controllers(data: dict[str, Any], names: list[str]) -> dict[str, Any]:
+    """The data with the requirements that apply to these, whatever entries they are written in, in one order."""
+    selected = join_requirements(select_requirements(data.get("requirements") or [], names), (), names)
+    return {**data, "requirements": sorted(selected, key=lambda entry: json.dumps(entry, sort_keys=True))}
+
+
+def _changed_files(old: dict[str, str], new: dict[str, str], prefix: str) -> Iterable[str]:
+    names = sorted(name for name in old.keys() | new.keys() if name.startswith(prefix))
+    return [f"{name}: other content" for name in names if old.get(name) != new.get(name)]
+
+
+def _flat(value: Any, prefix: str = "") -> dict[str, Any]:
+    if isinstance(value, dict) and value:
+        flat: dict[str, Any] = {}
+        for key, inner in value.items():
+            flat |= _flat(inner, f"{prefix}.{key}" if prefix else str(key))
+        return flat
+    return {prefix: value}
+
+
+def _words(value: Any) -> str:
+    return "nothing" if value is None else json.dumps(value, ensure_ascii=False)
+
+
+def read_folder_inputs(folder: CampaignFolder, manifest: dict[str, Any]) -> FolderInputs:
+    """What a folder holds of its campaign's files. Raises InputError."""
+    return FolderInputs(read_document(folder.campaign), {}, manifest["inputs"])
+
+
+def read_folder_campaign(folder: CampaignFolder) -> CheckedCampaign:
+    """The campaign of a results folder. Raises InputError where there is none."""
+    return check_campaign(read_document(folder.campaign))

@@ -1,0 +1,114 @@
+"""The shards of a campaign joined in one folder, once they are proven to be its parts."""
+
+import shutil
+from collections.abc import Sequence
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.folder.envelope_states import merge_states
+from abhv_mc.folder.hashes import damage_error, find_damage, record_hashes
+from abhv_mc.folder.layout import CampaignFolder, write_whole
+from abhv_mc.folder.lock import hold_lock
+from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, read_manifest, write_manifest
+from abhv_mc.folder.plans import read_stored_parts
+from abhv_mc.folder.samples import ROW_GROUP, SampleReader
+from abhv_mc.io.documents import InputError
+
+_SAME = ("campaign_hash", "source_hash", "inputs")
+
+
+def order_shards(parts: Sequence[Path]) -> list[CampaignFolder]:
+    """The shards in the order of their flights. Raises InputError where they are not all those of one campaign."""
+    folders = [CampaignFolder(part) for part in parts]
+    manifests = [read_manifest(folder.manifest) for folder in folders]
+    for folder, manifest in zip(folders, manifests, strict=True):
+        if not manifest.get("shard"):
+            raise InputError(folder.root, None, None, "no shard of a campaign", "a folder flown with --shard i/n")
+        if manifest["state"] != COMPLETE:
+            raise InputError(folder.root, None, None, f"a shard that is {manifest['state']}", "a complete one")
+        if list(manifest["controllers"]) != list(manifests[0]["controllers"]):  # requirements bind the first
+            found = f"controllers in another order than in {folders[0].root}"
+            raise InputError(folder.root, None, None, found, "shards of one campaign file")
+        for key in _SAME:
+            if manifest[key] != manifests[0][key]:
+                found = f"another {key.replace('_', ' ')} than in {folders[0].root}"
+                raise InputError(folder.root, None, None, found, "shards of one campaign, flown by the same code")
+    numbers = [tuple(manifest["shard"]) for manifest in manifests]
+    count = numbers[0][1]
+    for folder, number in zip(folders, numbers, strict=True):
+        if number[1] != count or numbers.count(number) > 1:
+            found = f"shard {number[0]}/{number[1]}" + " a second time" * (number[1] == count)
+            raise InputError(folder.root, None, None, found, f"each shard of {count} once")
+    missing = [str(k) for k in range(1, count + 1) if (k, count) not in numbers]
+    if missing:
+        raise InputError("merge", None, None, f"no shard {', '.join(missing)} of {count}", "all shards")
+    return [folder for _, folder in sorted(zip(numbers, folders, strict=True), key=lambda pair: pair[0])]
+
+
+def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
+    """Copy complete shards, as :func:`order_shards` gave them, into ``out``: a folder that a run goes on with.
+
+    The manifest comes last: a copy that was interrupted is begun anew, one that is whole is left as it is. Raises
+    InputError, before anything is written, where the shards differ in plans or samples or are damaged (apart from
+    blocks of flights, which are flown again), and where ``out`` holds anything else.
+    """
+    first, target = shards[0], CampaignFolder(out)
+    manifests = [read_manifest(shard.manifest) for shard in shards]
+    digests = [manifest["digest"] for manifest in manifests]
+    if target.manifest.exists():
+        if read_manifest(target.manifest).get("merged_from") != digests:
+            raise InputError(out, None, None, "a folder that is not empty", "a new or an empty one")
+        return
+    target.refuse_strange(fresh=True)
+    damaged: set[Path] = set()
+    for shard, manifest in zip(shards, manifests, strict=True):
+        for path, words in find_damage(shard, manifest):
+            if path.parent != shard.flights:
+                raise damage_error(path, words)
+            damaged.add(path)
+        _check_content(first, shard, list(manifests[0]["controllers"]))
+    merged = {key: value for key, value in manifests[0].items() if key != "shard"}
+    merged |= {"state": INTERRUPTED, "merged_from": digests}
+    merged["wall_time_s"] = sum(manifest["wall_time_s"] for manifest in manifests)
+    with ExitStack() as stack:
+        for folder in (*shards, target):
+            stack.enter_context(hold_lock(folder.lock))
+        target.clear()
+        files = stack.enter_context(record_hashes(target, {}))
+        for path in _shared_files(first):
+            write_whole(target.root / path.relative_to(first.root), partial(shutil.copyfile, path))
+        for shard in shards:
+            for path in sorted(set(shard.flights.glob("*.parquet")) - damaged):
+                write_whole(target.flights / path.name, partial(shutil.copyfile, path))
+        try:
+            merge_states([shard.envelope_states for shard in shards], target.envelope_states)
+        except ValueError as error:
+            raise InputError(out, None, None, str(error), "shards of one campaign") from None
+        write_manifest(target.manifest, merged | {"files": files.listed()})
+
+
+def _shared_files(shard: CampaignFolder) -> list[Path]:
+    """What all shards have alike."""
+    plans = sorted(shard.plans.glob("*.npz"))
+    return [shard.campaign, shard.samples, shard.nominal, shard.reference, *shard.input_files(), *plans]
+
+
+def _check_content(first: CampaignFolder, other: CampaignFolder, controllers: list[str]) -> None:
+    """Raises InputError where two shards do not have the same plans and the same samples, to the bit."""
+    for name in controllers:
+        ours, theirs = (read_stored_parts(folder.plan(name)) for folder in (first, other))
+        if {k: v.tobytes() for k, v in ours.items()} != {k: v.tobytes() for k, v in theirs.items()}:
+            found = f"another plan of '{name}' than in {first.root}: another machine computes other last bits"
+            raise InputError(other.root, None, None, found, "shards flown with the first one's plans (run --plans DIR)")
+    readers = SampleReader(first.samples), SampleReader(other.samples)
+    if not _same_samples(*readers):
+        raise InputError(other.root, None, None, f"other samples than in {first.root}", "shards of one campaign")
+
+
+def _same_samples(a: SampleReader, b: SampleReader) -> bool:
+    pieces = [(start, min(start + ROW_GROUP, a.flights)) for start in range(0, a.flights, ROW_GROUP)]
+    same = (a.names, a.flights) == (b.names, b.flights)
+    return same and all(np.array_equal(a.rows(*piece), b.rows(*piece)) for piece in pieces)

@@ -1,0 +1,65 @@
+"""How a run gets its folder: locked, and either what it holds proven whole, or emptied and begun."""
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.folder.hashes import FileHashes, damage_error, record_hashes
+from abhv_mc.folder.inputs import FolderInputs
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.lock import hold_lock
+from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.plans import write_plan
+from abhv_mc.io.input_error import InputError
+
+
+@dataclass(frozen=True)
+class FlownFolder:
+    """A folder that holds flights to go on with; it stays locked, and every file that is written there is noted."""
+
+    folder: CampaignFolder
+    manifest: dict[str, Any]
+    files: FileHashes
+
+
+def open_folder(folder: CampaignFolder, fresh: bool, stack: ExitStack) -> FlownFolder | None:
+    """Lock a folder that holds flights and prove its files; None where there is nothing to go on with.
+
+    A damaged or missing block of flights is no fault: its flights are flown again. Raises InputError for any other
+    damaged file, where another process flies there, and for a folder that holds something else.
+    """
+    if not folder.manifest.exists():
+        folder.refuse_strange(fresh)
+        return None
+    stack.enter_context(hold_lock(folder.lock))
+    if fresh:
+        return None
+    manifest = read_manifest(folder.manifest)
+    files = stack.enter_context(record_hashes(folder, manifest["files"]))
+    for path in files.paths():
+        if path.parent != folder.flights and (words := files.damage(path)):
+            raise damage_error(path, words)
+    folder.sweep()
+    return FlownFolder(folder, manifest, files)
+
+
+def begin_folder(
+    folder: CampaignFolder, inputs: FolderInputs, plans: dict[str, FlightPlan], stack: ExitStack
+) -> FileHashes:
+    """Lock the folder, delete what it holds of a campaign, and write the inputs and plans of a new one.
+
+    The caller writes the manifest when all is there that it needs: until then nothing looks like a campaign.
+    """
+    if not folder.manifest.exists():  # else open_folder has locked it
+        stack.enter_context(hold_lock(folder.lock))
+        if folder.manifest.exists():
+            found = "a campaign that another process has started meanwhile"
+            raise InputError(folder.root, None, None, found, "the same command once more")
+    folder.clear()
+    files = stack.enter_context(record_hashes(folder, {}))
+    inputs.write_copies(folder)
+    inputs.write_campaign(folder)
+    for name, plan in plans.items():
+        write_plan(folder.plan(name), plan)
+    return files
