@@ -142,7 +142,7 @@ def test_five_normals_a_tenth_wider_are_answered_and_covered():
 
 @pytest.mark.parametrize("fails", ["sum", "one", "radius"])
 def test_in_widened_tails_the_upper_end_is_below_the_truth_in_few_campaigns(fails):
-    """Sigma x 1.2 of three inputs: it was in 21 % (47 % outside of a ball); benchmarks/interval_coverage.py has more."""
+    """Sigma x 1.2 of three inputs: 21 % before (47 % outside of a ball); more in benchmarks/interval_coverage.py."""
     severity, law = {
         "sum": (lambda x: x.sum(axis=1), stats.norm(0.0, np.sqrt(3.0))),
         "one": (lambda x: x[:, 0], stats.norm()),
