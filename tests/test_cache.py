@@ -45,7 +45,7 @@ def test_another_numba_has_another_hash(monkeypatch):
 def test_the_report_does_not_change_the_hash(source, monkeypatch):
     before = cache.source_hash()
     monkeypatch.setattr(cache, "_PACKAGE", source)
-    page = source / "report" / "page.py"
+    page = source / "report" / "pages" / "page.py"
     page.write_bytes(page.read_bytes() + b"#")
     assert cache.source_hash() == before
 

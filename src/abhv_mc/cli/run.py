@@ -66,6 +66,9 @@ def command(
     json: Json = None,
     junit: Junit = None,
     trust_code: TrustCode = False,
+    check_workers: Annotated[
+        bool, typer.Option("--check-workers", help="Fly one flight of each worker again here; compare its bits.")
+    ] = False,
 ) -> None:
     """Fly a campaign, resuming what its folder already holds, and make the report.
 
@@ -91,7 +94,9 @@ def command(
         engine = make_gpu_engine()
     try:
         with mirrored(out) if out else nullcontext() as folder:
-            request = Request(campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code)
+            request = Request(
+                campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code, check_workers
+            )
             finish(run_campaign(request, engine), no_report or part is not None, json, out, junit)
     except UnusableError as error:
         say(error, file=sys.stderr)

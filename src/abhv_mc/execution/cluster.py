@@ -20,12 +20,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.execution.attest import Attestation, Check, sign
 from abhv_mc.execution.blocks import Fly, Recorded
 from abhv_mc.execution.engine import Engine
-from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, time_limit
+from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, make_failed, time_limit
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.folder.plans import flatten, rebuild
+from abhv_mc.identity import code_hash
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.metrics import MarginPlan
 from abhv_mc.user_code.source import OwnSource
@@ -59,18 +61,15 @@ def with_code(plan: FlightPlan, code: Code) -> FlightPlan:
 
 def fly_remote(
     fly: Fly, source: str, arrays: Arrays, code: Code, parameters: Floats, recorded: Recorded, limit: float
-) -> FlightBlock | str:
-    """What a worker of the cluster does: the block, or in words why it cannot fly it.
+) -> FlightBlock:
+    """What a worker of the cluster does: the block, signed.
 
     A flight that hangs ends its process: Dask takes it for a worker that died.
     """
     kind_of_plan = MarginPlan if "margin_times" in arrays else FlightPlan
     plan: FlightPlan = with_code(rebuild(kind_of_plan, arrays), code)
-    if source:
-        from abhv_mc.cache import source_hash
-
-        if source_hash() != source:
-            return f"another version of the program (source {source_hash()}, the campaign's is {source})"
+    if source and code_hash() != source:
+        return sign(make_failed(plan, None))  # refused where it is merged, before it costs a flight
     with _warming:
         kind = (f"{plan.law} {plan.source_hash} {plan.channels_hash}", type(plan).__name__, fly.__qualname__)
         if kind not in _warm:
@@ -80,7 +79,7 @@ def fly_remote(
     watch.daemon = True
     watch.start()
     try:
-        return fly(plan, parameters, recorded)
+        return sign(fly(plan, parameters, recorded))
     finally:
         watch.cancel()
 
@@ -91,6 +90,7 @@ class Cluster:
     def __init__(self, client: "Client", engine: Engine) -> None:
         self._client, self._engine = client, engine
         self.limit = math.inf  # s that one flight, or 16 in a batch, may take
+        self.check: Check = Attestation(engine).check
         self._plans: dict[int, tuple[Future, FlightPlan]] = {}  # held, so that no id comes twice
         self._lock = threading.Lock()
 
@@ -124,16 +124,14 @@ class Cluster:
             fly_remote, engine.fly, source, held, code, parameters, recorded, limit, pure=False
         )
         try:
-            answer: FlightBlock | str = future.result()
+            block: FlightBlock = future.result()
         except KilledWorker as error:
             raise FlightLostError(f"workers of the cluster ended on it ({error.last_worker.address})") from None
         except (CancelledError, OSError) as error:
             raise UnusableError(f"the cluster is gone: {type(error).__name__}: {error}") from None
         except Exception as error:
             raise FlightLostError(f"{type(error).__name__}: {error}") from None
-        if isinstance(answer, str):
-            raise UnusableError(f"a worker of the cluster has {answer}")
-        return answer
+        return self.check(plan, parameters, block)
 
 
 async def _greet(address: str) -> None:

@@ -11,6 +11,7 @@ from abhv_mc.execution.blocks import Fly
 from abhv_mc.execution.stability import describe_stability
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.identity import code_hash
 from abhv_mc.io.documents import InputError
 
 Prepare = Callable[[Path, Path, Path, str], FlightPlan]
@@ -25,7 +26,7 @@ class Engine:
     source: str  # hash of the code that flies: two of them never share a campaign
     # what margins.json holds
     find_stability: Callable[[CheckedCampaign, dict[str, FlightPlan]], dict[str, Any]] | None = None
-    checked: bool = False  # whether ``source`` is what cache.source_hash() must give on every machine
+    checked: bool = False  # whether ``source`` is what identity.code_hash() must give in every process that flies
     isolation: str = THREADS  # where "auto" flies; processes need a ``fly`` that can be imported
     device: str = "cpu"  # or the name of a GPU
     batch: int | None = None  # flights of a block and workers, where neither the campaign nor its user says
@@ -34,11 +35,10 @@ class Engine:
 
 def make_engine() -> Engine:
     """The compiled flight."""
-    from abhv_mc.cache import source_hash
     from abhv_mc.flight.prepare import prepare
     from abhv_mc.stability.metrics import fly_with_margins
 
-    return Engine(prepare, fly_with_margins, source_hash(), describe_stability, checked=True, isolation=PROCESSES)
+    return Engine(prepare, fly_with_margins, code_hash(), describe_stability, checked=True, isolation=PROCESSES)
 
 
 def check_source(folder: CampaignFolder, manifest: dict[str, Any], engine: Engine) -> None:

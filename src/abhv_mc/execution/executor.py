@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.config import PROCESSES, Execution
+from abhv_mc.execution.attest import Attestation, sign
 from abhv_mc.execution.blocks import Fly, Recorded
 from abhv_mc.execution.cluster import Cluster
 from abhv_mc.execution.engine import Engine
@@ -33,17 +34,25 @@ class Executor:
 
 @contextlib.contextmanager
 def open_executor(
-    engine: Engine, execution: Execution, workers: int | None, cluster: Cluster | None
+    engine: Engine,
+    execution: Execution,
+    workers: int | None,
+    cluster: Cluster | None,
+    check_workers: bool = False,
 ) -> Iterator[Executor]:
-    """The executor that the campaign asks for; its worker processes end with the context."""
+    """The executor that the campaign asks for; its worker processes end with the context.
+
+    ``check_workers``: one flight of each worker is flown again here, and its bits compared.
+    """
+    check = Attestation(engine, check_workers).check
     limit = execution.flight_time_limit
     number = workers or execution.workers or engine.workers or count_cores()
     isolation = engine.isolation if execution.isolation == "auto" else execution.isolation
     if cluster is not None:
-        cluster.limit = limit
+        cluster.limit, cluster.check = limit, check
         yield Executor(cluster.fly, workers or cluster.room)
     elif isolation == PROCESSES:
-        with contextlib.closing(WorkerPool(engine.fly, number, limit)) as pool:
+        with contextlib.closing(WorkerPool(engine.fly, number, limit, check)) as pool:
             yield Executor(pool.fly, number)
     else:
         yield Executor(_in_this_process(engine), number)
@@ -53,7 +62,7 @@ def _in_this_process(engine: Engine) -> Fly:
     def fly(plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         def attempt(rows: Floats) -> FlightBlock:
             try:
-                return engine.fly(plan, rows, recorded)
+                return sign(engine.fly(plan, rows, recorded), engine.device)
             except Exception as error:
                 raise FlightLostError(f"{type(error).__name__}: {error}") from error
 

@@ -3,6 +3,7 @@
 from abhv_mc.campaign.file.config import THREADS
 from abhv_mc.execution.engine import Engine
 from abhv_mc.execution.stability import describe_stability
+from abhv_mc.identity import code_hash
 
 
 def make_gpu_engine() -> Engine:
@@ -15,11 +16,10 @@ def make_gpu_engine() -> Engine:
 
     device = find_device()
 
-    from abhv_mc.cache import source_hash
     from abhv_mc.flight.gpu import CAMPAIGN_BATCH, fly_on_gpu
     from abhv_mc.flight.prepare import prepare
 
-    source = f"{source_hash()}-gpu"
+    source = f"{code_hash()}-gpu"
     return Engine(
         prepare,
         fly_on_gpu,

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.execution.attest import Check
 from abhv_mc.execution.blocks import Fly, Recorded
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, time_limit
 from abhv_mc.execution.worker import Environment, serve, set_environment
@@ -115,12 +116,15 @@ class _Worker:
 class WorkerPool:
     """Flies in worker processes, each started when first needed; threads may call :meth:`fly` side by side."""
 
-    def __init__(self, fly: Fly, workers: int, limit: float) -> None:
-        """``limit``: time for one flight, or for 16 in a batch, s. Raises UnusableError where none can be started."""
+    def __init__(self, fly: Fly, workers: int, limit: float, check: Check | None = None) -> None:
+        """``limit``: time for one flight, or for 16 in a batch, s; ``check``: of each block.
+
+        Raises UnusableError where none can be started.
+        """
         if multiprocessing.current_process().daemon:
             words = "this process (of multiprocessing.Pool, or a daemon) may start no others"
             raise UnusableError(f"{words}: concurrent.futures.ProcessPoolExecutor, or 'isolation: threads', helps")
-        self._fly, self._limit = fly, limit
+        self._fly, self._limit, self._check = fly, limit, check
         self._idle: queue.LifoQueue[_Worker | None] = queue.LifoQueue()
         for _ in range(workers):
             self._idle.put(None)
@@ -136,7 +140,12 @@ class WorkerPool:
         """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
         with self._lock:
             key, _ = self._plans.setdefault(id(plan), (len(self._plans), plan))
-        return fly_with_retries(lambda rows: self._attempt(key, plan, rows, recorded), plan, parameters, recorded)
+
+        def attempt(rows: Floats) -> FlightBlock:
+            block = self._attempt(key, plan, rows, recorded)
+            return block if self._check is None else self._check(plan, rows, block)
+
+        return fly_with_retries(attempt, plan, parameters, recorded)
 
     def _attempt(self, key: int, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
         worker = self._idle.get()

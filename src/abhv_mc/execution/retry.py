@@ -89,7 +89,8 @@ def join_blocks(blocks: list[FlightBlock]) -> FlightBlock:
     }
     low = _reduce(np.fmin, [block.low for block in blocks if block.low is not None])
     high = _reduce(np.fmax, [block.high for block in blocks if block.high is not None])
-    return FlightBlock(**parts, times=blocks[0].times, low=low, high=high)
+    flyers = tuple(dict.fromkeys(flyer for block in blocks for flyer in block.flown_by))
+    return FlightBlock(**parts, times=blocks[0].times, low=low, high=high, flown_by=flyers)
 
 
 def _reduce(extreme: np.ufunc, ends: list[NDArray[np.float32]]) -> NDArray[np.float32] | None:

@@ -32,6 +32,7 @@ from abhv_mc.folder.blocks import read_flown_blocks
 from abhv_mc.folder.envelope_states import Cells, Collector, make_collector
 from abhv_mc.folder.envelopes import write_envelopes
 from abhv_mc.folder.flights import FlightRows, flights_schema, write_block
+from abhv_mc.folder.flown_by import note_flyers
 from abhv_mc.folder.layout import write_text
 from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
 from abhv_mc.folder.samples import SampleReader
@@ -65,7 +66,9 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
             cluster = stack.enter_context(connect_cluster(request.scheduler, engine))
         opened = open_campaign(request, engine, stack)
         execution = opened.campaign.model.execution
-        executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))
+        executor = stack.enter_context(
+            open_executor(engine, execution, request.workers, cluster, request.check_workers)
+        )
         return _Run(opened, engine, executor).run()
 
 
@@ -206,6 +209,9 @@ class _Run:
                 self.plans[block.controller].timing.duration,
             )
             digest = write_block(self.folder.flights, rows, self.schema)
+            self.manifest["flown_by"] = note_flyers(
+                self.manifest.get("flown_by", []), flown.flown_by, block.controller, block.first, block.stop
+            )
             self.completion.add(rows, digest)
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
                 print(f"flight {flight} of {block.controller} failed to run", file=sys.stderr, flush=True)

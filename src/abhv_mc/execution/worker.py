@@ -6,6 +6,7 @@ import threading
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 
+from abhv_mc.execution.attest import sign
 from abhv_mc.execution.blocks import Fly
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
@@ -43,7 +44,7 @@ def serve(connection: Connection, fly: Fly, environment: Environment) -> None:
                 plans[key] = plan
                 fly(plan, nominal_parameters(), None)  # loads or compiles, which is no flight's time
             connection.send(None)
-            answer: FlightBlock | str = fly(plans[key], parameters, recorded)
+            answer: FlightBlock | str = sign(fly(plans[key], parameters, recorded))
         except BrokenPipeError:
             return
         except Exception as error:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from abhv_mc.flight import outcome
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRICS, NO_METRICS, Metric, unpack_metrics
+from abhv_mc.identity import Flyer
 from abhv_mc.plant.air_profile import no_profile
 from abhv_mc.plant.effectiveness import Effectiveness
 from abhv_mc.user_code.source import OwnSource
@@ -101,3 +102,4 @@ class FlightBlock:
     states: Floats = field(default_factory=lambda: np.empty((0, 0, 0)))  # [flight, time, state], where asked for
     low: Singles | None = None  # [time, channel] least and greatest value of these flights at any control tick from
     high: Singles | None = None  # the time before to the one after, NaN where nobody flew; None where not asked for
+    flown_by: tuple[Flyer, ...] = ()  # processes, where it has been signed

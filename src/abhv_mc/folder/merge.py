@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.folder.envelope_states import merge_states
+from abhv_mc.folder.flown_by import join_flyers
 from abhv_mc.folder.hashes import damage_error, find_damage, record_hashes
 from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.lock import hold_lock
@@ -34,7 +35,8 @@ def order_shards(parts: Sequence[Path]) -> list[CampaignFolder]:
             raise InputError(folder.root, None, None, found, "shards of one campaign file")
         for key in _SAME:
             if manifest[key] != manifests[0][key]:
-                found = f"another {key.replace('_', ' ')} than in {folders[0].root}"
+                flown = f" ({manifest[key]}, not {manifests[0][key]})" if key == "source_hash" else ""
+                found = f"another {key.replace('_', ' ')}{flown} than in {folders[0].root}"
                 raise InputError(folder.root, None, None, found, "shards of one campaign, flown by the same code")
     numbers = [tuple(manifest["shard"]) for manifest in manifests]
     count = numbers[0][1]
@@ -72,6 +74,7 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
         _check_content(first, shard, list(manifests[0]["controllers"]))
     merged = {key: value for key, value in manifests[0].items() if key != "shard"}
     merged |= {"state": INTERRUPTED, "merged_from": digests}
+    merged["flown_by"] = join_flyers([manifest.get("flown_by", []) for manifest in manifests])
     merged["wall_time_s"] = sum(manifest["wall_time_s"] for manifest in manifests)
     with ExitStack() as stack:
         for folder in (*shards, target):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import abhv_mc
+from abhv_mc.identity import find_processor
 
 _LIBRARIES = ("numpy", "numba", "llvmlite", "scipy", "pyarrow", "joblib")
 
@@ -52,7 +53,7 @@ def find_machine() -> dict[str, Any]:
     return {
         "system": f"{platform.system()} {platform.release()}",
         "architecture": platform.machine(),
-        "processor": _processor(),
+        "processor": find_processor(),
         "cores": count_cores(),
         "byte_order": sys.byteorder,
     }
@@ -61,13 +62,3 @@ def find_machine() -> dict[str, Any]:
 def count_cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _processor() -> str:
-    try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor() or "unknown"

@@ -1,0 +1,76 @@
+"""Blocks say who flew them; a stranger is refused by name."""
+
+from dataclasses import replace
+
+import pytest
+from fake_flight import ENGINE, fly, make_plan, write_campaign
+
+from abhv_mc.execution.attest import Attestation, sign
+from abhv_mc.execution.retry import UnusableError
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.folder.flown_by import join_flyers, note_flyers
+from abhv_mc.identity import code_hash, this_flyer
+
+CHECKED = replace(ENGINE, source=code_hash(), checked=True)
+ROWS = nominal_parameters(3)
+
+
+@pytest.fixture(autouse=True)
+def quiet(capfd):
+    """Progress goes to standard error."""
+
+
+def flown(**changes):
+    return replace(sign(fly(make_plan("one"), ROWS)), flown_by=(this_flyer()._replace(**changes),))
+
+
+def test_a_stranger_is_refused_by_name():
+    attestation = Attestation(CHECKED)
+    attestation.check(make_plan("one"), ROWS, flown())
+    with pytest.raises(
+        UnusableError, match=r"worker at node7, process 12 has another version of the program .*source old"
+    ):
+        attestation.check(make_plan("one"), ROWS, flown(code="old", host="node7", process=12))
+    with pytest.raises(UnusableError, match="does not say which code"):
+        attestation.check(make_plan("one"), ROWS, fly(make_plan("one"), ROWS))
+
+
+@pytest.mark.parametrize(("every", "changes"), [(True, {}), (False, {"features": "other", "host": "node7"})])
+def test_bits_are_compared_once_for_a_worker(every, changes, capfd):
+    attestation, block = Attestation(CHECKED, every), flown(**changes)
+    for _ in range(2):
+        attestation.check(make_plan("one"), ROWS, block)
+    assert capfd.readouterr().err.count("is the same here, bit for bit") == 1
+    wrong = replace(block, metrics=block.metrics * (1.0 + 4e-16), flown_by=(block.flown_by[0]._replace(process=1),))
+    with pytest.raises(UnusableError, match=r"flies other bits than this machine .metrics of one flight of one"):
+        Attestation(CHECKED, every).check(make_plan("one"), ROWS, wrong)
+
+
+def test_processors_of_one_kind_are_not_flown_again(capfd):
+    Attestation(CHECKED).check(make_plan("one"), ROWS, flown(host="node7"))
+    assert not capfd.readouterr().err
+
+
+def test_the_manifest_names_who_flew_what(tmp_path):
+    campaign = write_campaign(tmp_path / "f")
+    manifest = run_campaign(Request(campaign, tmp_path / "out"), CHECKED).manifest
+    (entry,) = manifest["flown_by"]
+    flyer = this_flyer()
+    assert (entry["code"], entry["host"], entry["versions"]) == (flyer.code, flyer.host, flyer.versions)
+    assert entry["blocks"] == {"one": [[0, 300]], "two": [[0, 300]]}
+
+
+def test_flights_belong_to_who_flew_them_last():
+    here, there = this_flyer(), this_flyer()._replace(host="node7")
+    entries = note_flyers([], (here,), "one", 0, 64)
+    entries = note_flyers(entries, (here._replace(process=1),), "one", 64, 128)
+    entries = note_flyers(entries, (there,), "one", 32, 96)
+    assert [(entry["host"], entry["blocks"]["one"]) for entry in entries] == [
+        (here.host, [[0, 32], [96, 128]]),
+        ("node7", [[32, 96]]),
+    ]
+    joined = join_flyers([entries, note_flyers([], (there,), "one", 128, 160)])
+    assert [entry["blocks"]["one"] for entry in joined] == [[[0, 32], [96, 128]], [[32, 96], [128, 160]]]
+    assert note_flyers(joined, (here,), "one", 0, 160)[0]["blocks"] == {"one": [[0, 160]]}
