@@ -4,7 +4,6 @@ Dask flies a block whose worker died on another one; a block that ends several w
 flown in pieces (see :mod:`abhv_mc.execution.retry`). Workers may come and go while a campaign flies.
 """
 
-import asyncio
 import logging
 import math
 import os
@@ -12,7 +11,6 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -134,28 +132,6 @@ class Cluster:
         return self.check(plan, parameters, block)
 
 
-async def _greet(address: str) -> None:
-    """Raises what keeps an address from being a scheduler's: a client that finds out hangs and leaves tracebacks."""
-    from distributed.comm.addressing import get_address_host_port
-    from distributed.comm.core import connect
-
-    get_address_host_port(address)
-    comm = await asyncio.wait_for(connect(address, timeout=_CONNECT), 2 * _CONNECT)
-    comm.abort()
-
-
-@contextmanager
-def _without_logs(name: str) -> Iterator[None]:
-    """Dask's client tells in tracebacks how it failed to find a scheduler again, which the command says in words."""
-    logger = logging.getLogger(name)
-    before = logger.level
-    logger.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        logger.setLevel(before)
-
-
 @contextmanager
 def connect_cluster(address: str, engine: Engine) -> Iterator[Cluster]:
     """The cluster whose scheduler is at ``address``. Raises InputError where there is none."""
@@ -165,13 +141,12 @@ def connect_cluster(address: str, engine: Engine) -> Iterator[Cluster]:
         wish = "pip install 'abhv-mc[cluster]'"
         raise InputError("--scheduler", None, None, "no Dask in this installation", wish) from None
     try:
-        with ThreadPoolExecutor(1) as thread:  # as a notebook's own thread runs a loop already
-            thread.submit(asyncio.run, _greet(address)).result()
         client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
     except Exception as error:  # of any kind, as whatever listens there may say anything
         found = f"no scheduler at '{address}' ({(str(error) or type(error).__name__).splitlines()[0]})"
         raise InputError("--scheduler", None, None, found, "an address such as tcp://host:8786") from None
-    with _without_logs("distributed.client"), client:
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # the command says in words what went wrong
+    with client:
         told = False
         while not client.nthreads():
             if not told:

@@ -10,13 +10,11 @@ import os
 import queue
 import signal
 import sys
-import tempfile
 import threading
 import time
 import types
 from collections.abc import Iterator
-from functools import partial
-from multiprocessing import forkserver, resource_tracker, util
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -27,7 +25,7 @@ from numpy.typing import NDArray
 from abhv_mc.execution.attest import Check
 from abhv_mc.execution.blocks import Fly, Recorded
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, time_limit
-from abhv_mc.execution.worker import Environment, serve, set_environment
+from abhv_mc.execution.worker import serve
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 
 Floats = NDArray[np.float64]
@@ -38,12 +36,7 @@ _CRASH = 4
 _PAUSE = 0.05  # s of waiting before a start, times the failed starts so far
 _COMPILE_LIMIT = 600.0  # s for a process to start and to load or compile a flight
 _RESPONSE_LIMIT = 30.0  # s at least for one that has done so to say that it begins the next block
-_SOCKET_NAME = 103  # bytes of a socket's name that every system has room for
-_SHORT_PLACE = "/tmp"  # noqa: S108  for a private folder in it
 _start_lock = threading.Lock()
-# A process that was forked holds its parent's server for its own, and cannot start one: it begins without.
-with contextlib.suppress(AttributeError):  # a private name; a Python without it tells such a process so in words
-    os.register_at_fork(after_in_child=partial(forkserver.ForkServer.__init__, forkserver._forkserver))
 
 
 class _NotBegunError(Exception):
@@ -69,8 +62,8 @@ class _Worker:
         self._connection, theirs = context.Pipe()
         with theirs:
             try:
-                with _starting_processes() as outside:
-                    self.process: BaseProcess = context.Process(target=serve, args=(theirs, fly, outside), daemon=True)
+                with _starting_processes():
+                    self.process: BaseProcess = context.Process(target=serve, args=(theirs, fly), daemon=True)
                     self.process.start()
             except (OSError, EOFError):
                 self._connection.close()
@@ -117,13 +110,7 @@ class WorkerPool:
     """Flies in worker processes, each started when first needed; threads may call :meth:`fly` side by side."""
 
     def __init__(self, fly: Fly, workers: int, limit: float, check: Check | None = None) -> None:
-        """``limit``: time for one flight, or for 16 in a batch, s; ``check``: of each block.
-
-        Raises UnusableError where none can be started.
-        """
-        if multiprocessing.current_process().daemon:
-            words = "this process (of multiprocessing.Pool, or a daemon) may start no others"
-            raise UnusableError(f"{words}: concurrent.futures.ProcessPoolExecutor, or 'isolation: threads', helps")
+        """``limit``: time for one flight, or for 16 in a batch, s; ``check``: of each block."""
         self._fly, self._limit, self._check = fly, limit, check
         self._idle: queue.LifoQueue[_Worker | None] = queue.LifoQueue()
         for _ in range(workers):
@@ -211,45 +198,28 @@ class WorkerPool:
 
 
 @contextlib.contextmanager
-def _starting_processes() -> Iterator[Environment]:
+def _starting_processes() -> Iterator[None]:
     """Processes that multiprocessing starts inside ignore Ctrl-C and import from where this one does.
 
     Ctrl-C reaches every process of the terminal: the parent decides. The caller's script is not run again. The server
     and its helper are started with ``python -c``, which would import from the working folder first: two variables keep
-    them from that. Gives those variables as they are outside.
+    them from that.
     """
     searched = os.pathsep.join(map(os.path.abspath, sys.path))
     with _start_lock:
-        _make_socket_folder()
-        main = sys.modules["__main__"]
-        outside = set_environment({"PYTHONPATH": searched, "PYTHONSAFEPATH": "1"})
+        main, before = sys.modules["__main__"], dict(os.environ)
+        os.environ.update(PYTHONPATH=searched, PYTHONSAFEPATH="1")
+        resource_tracker.ensure_running()  # which unblocks signals when it starts
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        sys.modules["__main__"] = types.ModuleType("__main__")
         try:
-            resource_tracker.ensure_running()  # which unblocks signals when it starts
-            mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGCHLD})  # or the server never hears of a worker's end
-            sys.modules["__main__"] = types.ModuleType("__main__")
-            try:
-                yield outside
-            finally:
-                sys.modules["__main__"] = main
-                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+            yield
         finally:
-            set_environment(outside)
-
-
-def _make_socket_folder() -> None:
-    """Have multiprocessing make its private folder elsewhere where TMPDIR leaves no room for names of sockets.
-
-    Later versions of Python do it themselves. Without a place for it the start is refused, and says why.
-    """
-    with contextlib.suppress(OSError):
-        usual = tempfile.gettempdir()
-        if len(os.fsencode(f"{usual}/pymp-12345678/listener-12345678")) > _SOCKET_NAME:
-            tempfile.tempdir = _SHORT_PLACE
-        try:
-            util.get_temp_dir()
-        finally:
-            tempfile.tempdir = usual
+            sys.modules["__main__"] = main
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+            for name in ("PYTHONPATH", "PYTHONSAFEPATH"):
+                del os.environ[name]
+                os.environ.update({name: before[name]} if name in before else {})
 
 
 def _describe_exit(code: int | None) -> str:

@@ -11,25 +11,12 @@ from abhv_mc.execution.blocks import Fly
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 
-Environment = dict[str, str | None]  # variables by name, None where there is none
 
-
-def set_environment(wanted: Environment) -> Environment:
-    """Set variables for processes that are started from now on; what they were before."""
-    before = {name: os.environ.get(name) for name in wanted}
-    os.environ.update({name: value for name, value in wanted.items() if value is not None})
-    for name in [name for name, value in wanted.items() if value is None]:
-        os.environ.pop(name, None)
-    return before
-
-
-def serve(connection: Connection, fly: Fly, environment: Environment) -> None:
+def serve(connection: Connection, fly: Fly) -> None:
     """Answer jobs (key of the plan, plan when it is new, parameters, what to record) until the parent hangs up.
 
     Each is answered twice: None when the flights start, for the parent's clock, then the block or what was raised.
-    ``environment``: variables that the parent has, but not the process that this one was forked from.
     """
-    set_environment(environment)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches everyone in the terminal; the parent decides
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()

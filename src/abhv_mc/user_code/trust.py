@@ -5,7 +5,7 @@ A file in a campaign's folder is nobody's own: it may come from anywhere.
 
 from pathlib import Path
 
-from abhv_mc.cache import own_folder
+from abhv_mc.cache import user_folder
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.source import OwnSource
 
@@ -13,18 +13,16 @@ _SIGNS = ("manifest.json", "campaign.yaml")  # a campaign's folder holds both
 _trusted_now: set[str] = set()  # hashes of what the user of this process says that he trusts
 
 
-def list_file() -> Path | None:
-    """The list, in the user's own configuration; None for a user without a home."""
-    folder = own_folder("XDG_CONFIG_HOME", ".config")
-    return folder and folder / "flown_laws"
+def list_file() -> Path:
+    """The list, in the user's own configuration."""
+    return user_folder("XDG_CONFIG_HOME", ".config") / "flown_laws"
 
 
 def is_trusted(source: OwnSource) -> bool:
     """Whether this user has flown exactly this text."""
-    file = list_file()
     try:
-        return file is not None and source.hash in file.read_text(encoding="utf-8").split()
-    except (OSError, UnicodeDecodeError):
+        return source.hash in list_file().read_text(encoding="utf-8").split()
+    except OSError:
         return False
 
 
@@ -33,8 +31,7 @@ def trust(source: OwnSource) -> None:
     if is_trusted(source):
         return
     try:
-        if (file := list_file()) is None:
-            raise OSError("no home")
+        file = list_file()
         file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with file.open("a", encoding="utf-8") as lines:
             lines.write(f"{source.hash}\n")
