@@ -56,7 +56,7 @@ def test_a_trim_without_drag_has_no_lift_to_drag(monkeypatch):
 @pytest.mark.parametrize("every", [0, -1, 1.5, True, "2", None, np.arange(2)])
 def test_a_table_has_rows_of_whole_ticks(every):
     """0 gave an empty table, and -1 an error of numpy's."""
-    with pytest.raises(InputError, match=r"every: found .*; wanted a whole number, 1 or more"):
+    with pytest.raises(InputError, match=r"every: .*; expected a whole number, 1 or more"):
         abhv_mc.fly("level", every=every)
 
 
@@ -68,7 +68,7 @@ def test_a_step_beyond_the_flight_leaves_its_start():
 @pytest.mark.parametrize("wrong", ["x", "", 5, 0, [("aero.drag", 1.1)]])
 def test_dispersions_are_a_mapping(wrong):
     for command in (abhv_mc.fly, abhv_mc.margins, abhv_mc.linearize):
-        with pytest.raises(InputError, match=r"dispersions: found .*; wanted a mapping"):
+        with pytest.raises(InputError, match=r"dispersions: .*; expected a mapping"):
             command("level", dispersions=wrong)
 
 
@@ -120,5 +120,5 @@ def test_a_gain_sweep_needs_no_files(tmp_path):
     assert again.controllers == campaign.controllers
     with pytest.raises(InputError, match="controllers"):
         abhv_mc.Campaign.make({"name": "x", "vehicle": "ghame_x", "mission": "level"})
-    with pytest.raises(InputError, match="found 5; wanted a mapping"):
+    with pytest.raises(InputError, match="5; expected a mapping"):
         abhv_mc.Campaign.make(5)

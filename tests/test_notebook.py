@@ -47,7 +47,7 @@ def test_a_campaign_says_what_it_will_fly(flown):
     assert (campaign.name, campaign.runs, campaign.controllers) == ("fake", 300, ("one", "two"))
     assert repr(campaign) == "<Campaign fake: 300 flights of one, two, 2 dispersions>"
     pd.testing.assert_frame_equal(campaign.draw_samples(200), results.samples)
-    with pytest.raises(InputError, match="flights: found -1; wanted a whole number, 0 or more"):
+    with pytest.raises(InputError, match="flights: -1; expected a whole number, 0 or more"):
         campaign.draw_samples(-1)
 
 
@@ -128,13 +128,13 @@ def test_other_dispersions(flown):
     assert {"before", "after_low"} <= set(table) and table.attrs["effective_flights"]["one"] > 100
 
     for wrong in ("x", 5, [("aero.lift.sigma", "4 %")]):
-        with pytest.raises(InputError, match=r"settings: found .*; wanted a mapping"):
+        with pytest.raises(InputError, match=r"settings: .*; expected a mapping"):
             results.whatif(wrong)
 
 
 @pytest.mark.parametrize("wrong", ["selec", "select nothing from flights", "a\0b", 3, None])
 def test_sql_that_cannot_be_answered_is_bad_input(flown, wrong):
-    with pytest.raises(InputError, match=r"(?s)query: found .*; wanted SQL"):
+    with pytest.raises(InputError, match=r"(?s)query: .*; expected SQL"):
         flown[1].query(wrong)
 
 
@@ -147,14 +147,14 @@ def test_sql_without_a_question_has_an_empty_answer(flown):
 def test_a_report_of_an_unknown_format_is_not_written(flown, wrong):
     """It was Markdown of that name."""
     before = sorted(flown[1].folder.iterdir())
-    with pytest.raises(InputError, match=r"format: found .*; wanted one of html, md"):
+    with pytest.raises(InputError, match=r"format: .*; expected one of html, md"):
         flown[1].make_report(wrong)
     assert sorted(flown[1].folder.iterdir()) == before
 
 
 @pytest.mark.parametrize("wrong", [0, -1, 10**6, 1.5, "two"])
 def test_as_many_workers_as_on_the_command_line(flown, tmp_path, wrong):
-    with pytest.raises(InputError, match=r"workers: found .*; wanted a whole number from 1 to 1024"):
+    with pytest.raises(InputError, match=r"workers: .*; expected a whole number from 1 to 1024"):
         flown[0].run(tmp_path / "new", workers=wrong)
     assert not (tmp_path / "new").exists()
 

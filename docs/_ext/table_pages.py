@@ -15,8 +15,8 @@ _EXIT_CODES = {
     ExitCode.DONE: "done",
     ExitCode.FAILED: "done, but a requirement or a verification failed. Of a requirement only FAIL counts, and only "
     "for its own `controllers:` (by default the first of the campaign)",
-    ExitCode.BAD_INPUT: "bad input: said with file, line, column, what was found and what is wanted. Nothing was "
-    "written, nothing was flown",
+    ExitCode.BAD_INPUT: "bad input: the message names file, line and column, what was found and what was expected. "
+    "Nothing was written, nothing was flown",
     ExitCode.INCOMPLETE: "interrupted or incomplete, or some flights could not be computed. What was flown is kept; "
     "the same command resumes",
     ExitCode.DEFECT: "a defect of the program, with a traceback; please report it",

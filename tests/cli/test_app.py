@@ -62,14 +62,14 @@ def test_shell_completion(shell: str) -> None:
 @pytest.mark.parametrize(
     ("error", "code", "said"),
     [
-        (InputError(Path("x.yaml"), 3, 7, "0", "more than 0"), 2, "x.yaml:3:7: found 0; wanted more than 0"),
+        (InputError(Path("x.yaml"), 3, 7, "0", "more than 0"), 2, "x.yaml:3:7: 0; expected more than 0"),
         (KeyboardInterrupt(), 3, "interrupted"),
         (SystemExit(130), 3, "interrupted"),  # how typer reports an interrupt
         (StorageFullError("x: no space left"), 3, "x: no space left"),
         (OSError(errno.ENOSPC, "No space left on device", "y.png"), 3, "y.png: no space left"),
         (OSError(errno.ENOSPC, "No space left on device"), 3, "standard output: no space left"),
         (OSError(errno.EFBIG, "File too large", "y.png"), 3, "y.png: no space left"),
-        (PermissionError(errno.EACCES, "Permission denied", "y.png"), 2, "y.png: found a place that cannot be written"),
+        (PermissionError(errno.EACCES, "Permission denied", "y.png"), 2, "y.png: a place that cannot be written"),
         (FolderLostError("out: gone"), 3, "out: gone"),
         (MemoryError(), 3, "not enough memory"),
         (FileNotFoundError(errno.ENOENT, "No such file", "y.png"), 70, "a defect"),

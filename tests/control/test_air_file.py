@@ -7,12 +7,12 @@ from abhv_mc.io.input_error import InputError
 
 AIR = "altitude_m,wind_north_mps,wind_east_mps"
 BAD_AIR = [
-    (f"{AIR}\n0,1e300,1\n9,1,1\n", ":2:3: found '1e300'; wanted a magnitude of at most 12000"),
-    (f"{AIR}\n-1e308,1,1\n9,1,1\n", ":2:1: found '-1e308'"),
-    (f"{AIR}\n0,1,1\n9,nan,1\n", ":3:3: found 'nan'; wanted a finite number"),
-    (f"{AIR}\n0,1\n9,1,1\n", ":2:5: found ''"),
+    (f"{AIR}\n0,1e300,1\n9,1,1\n", ":2:3: '1e300'; expected a magnitude of at most 12000"),
+    (f"{AIR}\n-1e308,1,1\n9,1,1\n", ":2:1: '-1e308'"),
+    (f"{AIR}\n0,1,1\n9,nan,1\n", ":3:3: 'nan'; expected a finite number"),
+    (f"{AIR}\n0,1\n9,1,1\n", ":2:5: ''"),
     (f"{AIR}\n0,1,\x00\n9,1,1\n", ":2:5:"),
-    (f"{AIR}\n5,1,1\n5,1,1\n", ":3:1: found the altitude 5 m"),
+    (f"{AIR}\n5,1,1\n5,1,1\n", ":3:1: the altitude 5 m"),
     (f"{AIR}\n5,1,1\n", "1 rows"),
     ("altitude_m," + "x" * 200_000, "field limit"),
     ("", "no column altitude_m"),
@@ -30,7 +30,7 @@ def test_bad_winds(tmp_path, text, words):
 @pytest.mark.parametrize("factor", ["0", "-1", "1e4", "inf"])
 def test_bad_densities(tmp_path, factor):
     (tmp_path / "air.csv").write_text(f"altitude_m,density_factor\n0,{factor}\n9,1\n")
-    with pytest.raises(InputError, match=":2:3: found"):
+    with pytest.raises(InputError, match=":2:3: "):
         read_air_table(tmp_path / "air.csv", DENSITY)
 
 

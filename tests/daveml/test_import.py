@@ -74,7 +74,7 @@ def test_check_shots_pass(path: Path) -> None:
 def test_a_wrong_table_fails_its_check_shots_by_line(tmp_path: Path) -> None:
     path = changed(tmp_path, "F16_prop.dml", "12680.0,  9150.0, 6200.0", "12690.0,  9150.0, 6200.0")
     out = tmp_path / "out"
-    with pytest.raises(InputError, match=r"F16_prop\.dml:\d+: found 12690\.0 for 'FEX'"):
+    with pytest.raises(InputError, match=r"F16_prop\.dml:\d+: 12690\.0 for 'FEX'"):
         import_daveml([path], out)
     assert not out.exists()
 
@@ -144,7 +144,7 @@ def test_an_unknown_unit_refuses_only_on_a_mapped_signal(tmp_path: Path) -> None
     internal = changed(tmp_path, "F16_aero.dml", 'varID="rtd" units="deg_rad"', 'varID="rtd" units="furlong"')
     import_daveml([internal], tmp_path / "out")
     mapped = changed(tmp_path, "brick_aero.dml", 'units="ft_s"', 'units="furlong_s"')
-    with pytest.raises(InputError, match="the unknown unit 'furlong_s'"):
+    with pytest.raises(InputError, match="unknown unit 'furlong_s'"):
         import_daveml([mapped], tmp_path / "out")
 
 

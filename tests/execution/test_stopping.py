@@ -124,7 +124,7 @@ def test_the_report_gives_the_same_verdicts(tmp_path):
 @pytest.mark.parametrize(
     ("entries", "words"),
     [
-        (dict(sampling="lhs"), "whose flights are not independent; wanted sampling: random"),
+        (dict(sampling="lhs"), "whose flights are not independent; expected sampling: random"),
         (dict(sampling="sobol"), "not independent"),
         (dict(sampling="{design: grid, levels: 3}", runs="9"), "not independent"),
         (dict(requirements="[]"), "'stop' without requirements"),

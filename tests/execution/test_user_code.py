@@ -351,11 +351,11 @@ def test_a_law_that_is_no_plain_file(tmp_path):
 
 BAD = [
     ("bank_error_deg", "{of: bank_eror_deg, statistic: min}", "channel 'bank_eror_deg'"),
-    ("x", "{of: '__import__(\"os\")', statistic: min}", "wanted channels, numbers"),
-    ("x", "{of: 'bank_deg.real', statistic: min}", "wanted channels, numbers"),
-    ("x", "{of: 'bank_deg +', statistic: min}", "found 'bank_deg +'"),
+    ("x", "{of: '__import__(\"os\")', statistic: min}", "expected channels, numbers"),
+    ("x", "{of: 'bank_deg.real', statistic: min}", "expected channels, numbers"),
+    ("x", "{of: 'bank_deg +', statistic: min}", "'bank_deg +'"),
     ("x", "{of: sin(bank_deg), statistic: min}", "which is in degrees"),
-    ("x", "{of: bank_deg, statistic: median}", "found 'median'"),
+    ("x", "{of: bank_deg, statistic: median}", "'median'"),
     ("x", "{of: bank_deg, statistic: time_outside}", "'time_outside' without 'limit'"),
     ("x", "{of: bank_deg, statistic: min, from: 3 m}", "'3 m', a length"),
     ("sideslip_max_deg", "{of: bank_deg, statistic: min}", "'sideslip_max_deg', a metric of the program"),

@@ -55,7 +55,7 @@ def test_a_mistake_is_said_with_its_place(write, text, wanted, place, found):
 
 def test_numbers_that_do_not_rise_are_found_in_the_file(write):
     table = read_number_table(write("word,time_s\n'a',0\n\nbb,2\nccc,2\n"), {"time_s": 10.0})
-    with pytest.raises(InputError, match=r"the time 2 s; wanted times that rise") as caught:
+    with pytest.raises(InputError, match=r"the time 2 s; expected times that rise") as caught:
         table.check_rising("time_s", "s")
     assert (caught.value.line, caught.value.column) == (5, 5)
 

@@ -65,7 +65,7 @@ def test_quantity(text: str | float, dimension: Dimension, value: float) -> None
         ("20 %", units.LENGTH, "a number or a percentage"),
         ("50 Hz", units.ANGULAR_RATE, "a rate"),
         ("50 1/s", units.ANGULAR_RATE, "a rate"),
-        ("20 Km", units.LENGTH, "the unknown unit 'Km'"),
+        ("20 Km", units.LENGTH, "unknown unit 'Km'"),
         ("20,5 km", units.LENGTH, "unknown unit"),
         ("20 km 30 m", units.LENGTH, "unknown unit"),
         ("km", units.LENGTH, "'km'"),

@@ -147,7 +147,7 @@ def test_another_search_in_the_same_folder_is_refused(tmp_path, line):
     request = SearchRequest(line, tmp_path / "out")
     find_worst(request, WorstSettings(METRIC, flights=400), LINE)
     before = (tmp_path / "out/manifest.json").read_bytes()
-    with pytest.raises(InputError, match=r"flights: 400 -> 500; wanted another folder .*from its beginning"):
+    with pytest.raises(InputError, match=r"flights: 400 -> 500; expected another folder .*from its beginning"):
         find_worst(request, WorstSettings(METRIC, flights=500), LINE)
     with pytest.raises(InputError, match="another search"):
         find_rare(request, RareSettings(METRIC, flights=8000), LINE)
@@ -202,8 +202,8 @@ def test_a_requirement_on_a_metric_that_its_flights_do_not_have_is_refused(tmp_p
 
 
 def test_a_requirement_of_another_controller_is_not_proposed(tmp_path):
-    """It said: no requirement on 'x' for 'two'; wanted 'x'."""
+    """It said: no requirement on 'x' for 'two'; expected 'x'."""
     entry = f"{{metric: {METRIC}, below: 3, probability: 0.9, controllers: [one]}}"
     campaign = write_line(tmp_path / "files", requirements=f"[{entry}]")
-    with pytest.raises(InputError, match="for 'two'; wanted a requirement with the limit"):
+    with pytest.raises(InputError, match="for 'two'; expected a requirement with the limit"):
         find_rare(SearchRequest(campaign, tmp_path / "out", "two"), RareSettings(METRIC, flights=8000), LINE)

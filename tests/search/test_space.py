@@ -36,5 +36,5 @@ def test_a_box_in_which_no_random_flight_lies_is_refused(tmp_path):
     laws = ", ".join(f"{name}: {{distribution: normal, sigma: 2 %}}" for name in names)
     space = make_space(read_campaign(write_campaign(tmp_path, dispersions=f"{{{laws}}}", requirements="[]")))
     space.refuse_small(space.bounds(1.0), 1.0)
-    with pytest.raises(InputError, match=r"--box: found 0\.1: 0 of 65536"):
+    with pytest.raises(InputError, match=r"--box: 0\.1: 0 of 65536"):
         space.refuse_small(space.bounds(0.1), 0.1)

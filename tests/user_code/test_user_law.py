@@ -395,9 +395,9 @@ def test_what_cannot_be_compiled_is_said_in_the_users_terms(make, tmp_path, text
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ("{pth: 1.0}", "4:12: found the unknown key 'pth'; wanted one of path, bank_limit (did you mean 'path'?)"),
-        ("{bank_limit: 60 m}", "4:24: found '60 m', a length; wanted an angle"),
-        ("{path: fast}", "4:18: found 'fast'"),
+        ("{pth: 1.0}", "4:12: unknown key 'pth'; expected one of path, bank_limit (did you mean 'path'?)"),
+        ("{bank_limit: 60 m}", "4:24: '60 m', a length; expected an angle"),
+        ("{path: fast}", "4:18: 'fast'"),
     ],
 )
 def test_wrong_settings_are_said_with_file_line_and_column(make, tmp_path, settings, words):
@@ -408,7 +408,7 @@ def test_wrong_settings_are_said_with_file_line_and_column(make, tmp_path, setti
 
 def test_a_default_that_is_no_number_is_refused(make):
     text = HEAD + "class Memory(NamedTuple):\n    x: float = float('nan')\n\n"
-    with pytest.raises(InputError, match="found nan for 'x'; wanted a finite number"):
+    with pytest.raises(InputError, match="nan for 'x'; expected a finite number"):
         make(text + "@controller\ndef law(memory):\n    return Command(0.0, 0.0, 0.0, 1.0), memory\n")
 
 

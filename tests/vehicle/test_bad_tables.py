@@ -42,7 +42,7 @@ def test_validate_and_run_refuse_it(campaign, monkeypatch, capsys, name, old, ne
     text = path.read_text()
     assert text.count(old) == 1
     path.write_text(text.replace(old, new))
-    place = f"/{path.name}:{line}:{column}: found" if column else f"/{path.name}:{line}: found"
+    place = f"/{path.name}:{line}:{column}: " if column else f"/{path.name}:{line}: "
     before = sorted(root.rglob("*"))
     monkeypatch.chdir(root)
     for command in (["validate", root / "configs/vehicle/winged_cone.yaml"], ["validate", campaign], ["run", campaign]):

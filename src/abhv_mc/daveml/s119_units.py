@@ -30,7 +30,7 @@ def _words(part: str, whole: str) -> str:
     while place < len(part):
         match = _TOKEN.match(part, place)
         if match is None:
-            raise Refusal(f"the unknown unit '{whole}'", "a unit of S-119 such as ft_s, slugft2, _deg, pct or nd")
+            raise Refusal(f"unknown unit '{whole}'", "a unit of S-119 such as ft_s, slugft2, _deg, pct or nd")
         found.append(_SPELLINGS.get(match[1], match[1]) + match[2])
         place = match.end()
     return " ".join(found)

@@ -202,7 +202,7 @@ def validate(document: Document, model: type[M]) -> M:
     errors.sort(key=lambda error: (error.line or 0, error.column or 0))
     if len(found) > _SAID:
         more = f"{len(found) - _SAID} more mistakes"
-        errors.append(InputError(document.path, None, None, more, "these mended first"))
+        errors.append(InputError(document.path, None, None, more, "the ones above to be corrected first"))
     raise InputErrors(errors) from None
 
 
@@ -254,7 +254,7 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
         return document.error((*keys, *cause.keys), cause.found, cause.wanted)
     if kind == "extra_forbidden":
         wanted = one_of(known_keys[id(around)], keys[-1]) if id(around) in known_keys else "no such key"
-        return document.key_error(keys, f"the unknown key '{keys[-1]}'", wanted)
+        return document.key_error(keys, f"unknown key '{keys[-1]}'", wanted)
     if location and location[-1] == "[key]":
         return document.key_error(keys, f"the key '{keys[-1]}'", _plain(detail["msg"]))
     if kind == "missing":

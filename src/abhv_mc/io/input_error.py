@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 class InputError(Exception):
-    """Bad input: the place, what was found there and what is wanted. The command line prints it and exits 2."""
+    """Bad input: the place, what was found there and what is expected. The command line prints it and exits 2."""
 
     def __init__(self, file: str | Path, line: int | None, column: int | None, found: str, wanted: str) -> None:
         super().__init__(file, line, column, found, wanted)
@@ -19,7 +19,7 @@ class InputError(Exception):
 
     def __str__(self) -> str:
         place = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
-        return printable(f"{place}: found {self.found}; wanted {self.wanted}")
+        return printable(f"{place}: {_sentence(self.found, self.wanted)}")
 
 
 class InputErrors(InputError):
@@ -48,7 +48,11 @@ class Refusal(ValueError):
         self.keys = keys
 
     def __str__(self) -> str:
-        return printable(f"found {self.found}; wanted {self.wanted}")
+        return printable(_sentence(self.found, self.wanted))
+
+
+def _sentence(found: str, wanted: str) -> str:
+    return f"{found}; {wanted}" if wanted.startswith("did you mean") else f"{found}; expected {wanted}"
 
 
 def printable(text: str) -> str:
@@ -66,7 +70,7 @@ def one_of(names: Iterable[object], given: object = None) -> str:
     words = [str(name) for name in names]
     near = difflib.get_close_matches(str(given), words, n=1) if given is not None else []
     if near and len(words) > 30:
-        return f"'{near[0]}', perhaps"
+        return f"did you mean '{near[0]}'?"
     choices = f"one of {', '.join(words)}" if len(words) != 1 else f"'{words[0]}'"
     return f"{choices} (did you mean '{near[0]}'?)" if near and len(words) > 1 else choices
 

@@ -114,7 +114,7 @@ def parse_unit(text: str) -> tuple[float, Exponents]:
         match = _FACTOR.match(text, place)
         symbol = match.group(2) if match else text[place:]
         if match is None or symbol not in _UNITS:
-            raise Refusal(f"the unknown unit '{symbol.strip()}'", one_of(_UNITS, symbol))
+            raise Refusal(f"unknown unit '{symbol.strip()}'", one_of(_UNITS, symbol))
         power = int(match.group(3) or 1) * (-1 if match.group(1) else 1)
         scale, base = _UNITS[symbol]
         factor = factor * scale**power if power > 0 else factor / scale**-power

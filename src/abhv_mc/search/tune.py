@@ -137,7 +137,7 @@ def read_tune_block(campaign: CheckedCampaign, path: Path | None) -> tuple[Tune,
     ):
         if metric not in METRIC_INDEX:
             known = (*METRIC_INDEX, *MARGIN_NAMES) if keys[0] == "limits" else METRIC_INDEX
-            raise document.error((*where, *keys), f"metric '{metric}'", one_of(known, metric))
+            raise document.error((*where, *keys), f"unknown metric '{metric}'", one_of(known, metric))
     return block, document, where
 
 

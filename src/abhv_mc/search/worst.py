@@ -85,7 +85,7 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     if settings.metric not in METRIC_INDEX:
         wanted = one_of(METRIC_INDEX, settings.metric)
-        raise InputError("--metric", None, None, f"metric '{settings.metric}'", wanted)
+        raise InputError("--metric", None, None, f"unknown metric '{settings.metric}'", wanted)
     space = make_space(campaign)
     bounds = space.bounds(settings.box)
     space.refuse_small(bounds, settings.box)

@@ -17,7 +17,7 @@ def make_own_settings(document: Document, controller: PythonController, law: Law
     for name in controller.settings:
         if name not in known:
             wanted = one_of(known, name) if known else "no settings: the law has no class Settings"
-            errors.append(document.key_error(("settings", name), f"the unknown key '{name}'", wanted))
+            errors.append(document.key_error(("settings", name), f"unknown key '{name}'", wanted))
     values = []
     for name in known:
         if name not in controller.settings:

@@ -85,7 +85,7 @@ def test_rules_and_ranks_use_flights_that_share_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("entries", "words"),
     [
-        (dict(runs="641"), "641; wanted a multiple of 5 (parameters + 2)"),
+        (dict(runs="641"), "641; expected a multiple of 5 (parameters + 2)"),
         (dict(correlations="[{between: [aero.drag, aero.lift], rank: 0.2}]"), "need independent parameters"),
         (dict(dispersions="{}"), "'saltelli' without dispersions"),
         (dict(stop="when proven"), "not independent"),

@@ -110,10 +110,10 @@ def test_the_same_laws_change_nothing(flown):
     [
         (
             ["atmosphere.density.half_width=12%"],
-            "from 0.88 to 1.12, beyond what was flown; wanted a distribution within 0.9",
+            "from 0.88 to 1.12, beyond what was flown; expected a distribution within 0.9",
         ),
         (["atmosphere.density.half_width=0.4%"], "an effective number of at least 100"),
-        (["aero.lift.sigma=9%"], "beyond all 1500 flights; wanted at most 1 %"),
+        (["aero.lift.sigma=9%"], "beyond all 1500 flights; expected at most 1 %"),
         (["aero.lift.sigma=-1"], "a sigma above zero"),
         (["aero.lift.half_width=5%"], "unknown key 'half_width'"),
         (["aero.drag.sigma=5%"], "'aero.drag', which the campaign did not disperse"),
@@ -151,7 +151,7 @@ def test_a_discrete_value_that_no_flight_had_is_refused(tmp_path):
     files = write_campaign(tmp_path / "f", runs="300", requirements=REQUIREMENT, dispersions=laws)
     folder = run_campaign(Request(files, tmp_path / "out"), ENGINE).folder
     assert pq.read_table(folder / "samples.parquet")["aero.lift"].to_numpy().max() == 1.0
-    with pytest.raises(InputError, match=r"beyond all 300 flights|wanted at most 1 %"):
+    with pytest.raises(InputError, match=r"beyond all 300 flights|expected at most 1 %"):
         make_whatif(folder, parse_settings(["aero.lift.weights=[0.35, 0.35, 0.3]"]))
     assert make_whatif(folder, parse_settings(["aero.lift.weights=[0.4, 0.595, 0.005]"]))["controllers"]
 

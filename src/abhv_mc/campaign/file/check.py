@@ -126,7 +126,7 @@ def check_campaign(document: Document) -> CheckedCampaign:
     limits = tuple(check_requirements(document, model, measured, errors))
     by = model.keep.histories.by
     if by not in metrics:
-        errors.append(document.error(("keep", "histories", "by"), f"metric '{by}'", one_of(metrics, by)))
+        errors.append(document.error(("keep", "histories", "by"), f"unknown metric '{by}'", one_of(metrics, by)))
     number = _check_runs(document, model, names, sample_file, errors)
     for item in model.keep.histories.flights:
         if isinstance(item, int) and item >= number:
@@ -198,7 +198,7 @@ def _make_marginals(document: Document, model: Campaign, errors: list[InputError
     for name, distribution in model.dispersions.items():
         where = ("dispersions", name)
         if name not in DISPERSIBLE:
-            errors.append(document.key_error(where, f"parameter '{name}'", one_of(DISPERSIBLE, name)))
+            errors.append(document.key_error(where, f"unknown parameter '{name}'", one_of(DISPERSIBLE, name)))
             continue
         if distribution.probability < 1.0 and model.sampling.design in FACTORIAL:
             found = f"a probability with the design '{model.sampling.design}', which sets every value"

@@ -49,7 +49,7 @@ def check_requirements(
                 errors.append(document.error((*where, "controllers", j), found, one_of(model.controllers, name)))
         if entry.metric not in metrics:
             wanted = one_of([name for name in metrics if model.margins or name not in _MARGIN_METRICS], entry.metric)
-            errors.append(document.error((*where, "metric"), f"metric '{entry.metric}'", wanted))
+            errors.append(document.error((*where, "metric"), f"unknown metric '{entry.metric}'", wanted))
             continue
         try:
             yield _limit(entry, metrics[entry.metric].unit)
