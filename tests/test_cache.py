@@ -80,3 +80,6 @@ def test_only_who_has_to_compile_waits(tmp_path):
     with enter():
         kept.write_text("machine code")
     assert enter_beside(enter) == ["second", "first"] and kept.exists()
+    kept.write_text("nachine code")
+    assert enter_beside(enter) == ["first", "second"] and not kept.exists()
+    assert (tmp_path / "lanes._fly-7.py311.nbi").exists()

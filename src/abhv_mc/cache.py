@@ -50,13 +50,39 @@ def one_compiles(folder: str | Path | None, name: str) -> Iterator[None]:
     """Compile ``name`` inside, or have numba load what it kept of it in ``folder`` (None: nothing is kept).
 
     The folder may be one above numba's. Of the processes that miss it there one is inside at a time, so that the
-    others find what it has compiled; the lock goes with the process that holds it, however that ends.
+    others find what it has compiled; the lock goes with the process that holds it. Files that have changed since they
+    were noted are deleted first: numba would execute whatever they hold.
     """
-    if folder is None or any(f".{name}-" in f".{file.name}" for file in Path(folder).rglob("*.nbi")):
+    if folder is None:
         yield
         return
     import fcntl
 
-    with Path(folder, f"{name}.lock").open("a") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    folder = Path(folder)
+    note = folder / f"{name}.sha256"
+    with (folder / f"{name}.lock").open("a") as lock:
+        if not _is_noted(folder, name, note):
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not _is_noted(folder, name, note):
+                for file in _files_of(folder, name):
+                    file.unlink()
         yield
+        if not _is_noted(folder, name, note):
+            note.write_text(_digest(folder, name))
+
+
+def _files_of(folder: Path, name: str) -> list[Path]:
+    """What numba kept of a function: MODULE.NAME-LINE... with its endings; a law's without a module."""
+    return sorted(file for file in folder.rglob("*.nb[ic]") if f".{name}-" in f".{file.name}")
+
+
+def _digest(folder: Path, name: str) -> str:
+    files = _files_of(folder, name)
+    return "".join(f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.name}\n" for file in files)
+
+
+def _is_noted(folder: Path, name: str, note: Path) -> bool:
+    try:
+        return bool(noted := note.read_text()) and noted == _digest(folder, name)
+    except OSError:  # no note, or files that another process is deleting
+        return False

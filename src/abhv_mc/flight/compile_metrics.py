@@ -154,7 +154,7 @@ class _Program:
         match node:
             case ast.Name(id=name):
                 if name not in self.known:
-                    raise Refusal(f"channel '{name}'", one_of(self.known, name))
+                    raise Refusal(f"unknown channel '{name}'", one_of(self.known, name))
                 self._emit(Operation.LOAD, register, self.known[name].row, constant=self.known[name].factor)
             case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
                 written = str(ast.get_source_segment(self.text, node))

@@ -17,7 +17,7 @@ from types import FrameType
 from typing import Any
 
 import abhv_mc
-from abhv_mc.cache import own_folder
+from abhv_mc.cache import user_folder
 from abhv_mc.compiler_target import code_folder
 from abhv_mc.io.input_error import InputError
 from abhv_mc.jit import compiler
@@ -67,7 +67,7 @@ def _install() -> None:
 def _allowed() -> tuple[str, ...]:
     """Folders that any code may read: the interpreter, installed packages, caches, the system's own."""
     folders = [*sysconfig.get_paths().values(), sys.prefix, sys.base_prefix, str(Path(abhv_mc.__file__).parent)]
-    caches = [str(code_folder(compiler())), str(Path.home() / ".cache"), str(own_folder("XDG_CACHE_HOME", ".cache"))]
+    caches = [str(code_folder(compiler())), str(Path.home() / ".cache"), str(user_folder("XDG_CACHE_HOME", ".cache"))]
     short = {"/", ""}
     real = {os.path.realpath(folder) for folder in (*folders, *caches, *_SYSTEM)} - short
     return tuple(f"{folder}{os.sep}" for folder in sorted(real))
