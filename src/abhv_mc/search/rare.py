@@ -12,11 +12,12 @@ from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.search.methods.evaluation import Floats
-from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains, estimate_rare
+from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains
+from abhv_mc.search.methods.strata import Stratum, Switched, estimate_switched
 from abhv_mc.search.methods.subset import SubsetPlan
 from abhv_mc.search.search_flights import DrawnFlights, SearchRequest, open_search, read_searched
 from abhv_mc.search.severity import FAILS_ABOVE, Severity, ended_early, rank_distinct
-from abhv_mc.search.space import make_space
+from abhv_mc.search.space import Space, make_space
 
 
 @dataclass(frozen=True)
@@ -37,11 +38,17 @@ class RareFound:
     requirement: Requirement
     limit: float  # of the requirement, in its metric's unit
     estimate: RareEstimate
-    names: tuple[str, ...]
+    strata: tuple[Stratum, ...]  # combinations of what comes with a probability; empty where nothing does
+    space: Space
     flights: FlightRows
     severities: Floats  # [flight]: above the limit, in the metric's unit
     failed_to_run: int
     drawn: DrawnFlights
+
+    def words(self, part: Stratum) -> str:
+        """What comes in a combination."""
+        switches = list(self.space.probabilities)
+        return "all others" if part.on is None else " and ".join(switches[i] for i in part.on) or "none of them"
 
     @property
     def failures(self) -> int:
@@ -75,6 +82,7 @@ class RareFound:
                 for level in one.levels
             ],
             "repetitions": [one.probability for one in found.repetitions],
+            "combinations": [{**vars(part), "on": self.words(part)} for part in self.strata],
             "importance_sampling": None
             if check is None or not check.usable
             else {"probability": check.probability, "cov": check.cov, "flights": check.flights},
@@ -101,13 +109,14 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
     with open_search(request, {"kind": "rare", **vars(settings)}, settings.flights, engine or make_engine()) as search:
         severity = Severity(settings.requirement, sign, search.plan.timing.duration, limit, early)
 
-        def evaluate(points: Floats) -> Floats:
+        def evaluate(points: Floats, on: Switched) -> Floats:
             # What cannot be computed counts as a failure, as in every verdict.
-            found = severity.of(search.fly(space.from_normal(points), common_seed=False))
+            found = severity.of(search.fly(space.from_normal(points, on), common_seed=False))
             return np.where(np.isnan(found), np.inf, found)
 
         plan = SubsetPlan(len(space.names), FAILS_ABOVE, search.seed, chains)
-        estimate = estimate_rare(evaluate, plan, settings.target_cov, settings.flights)
+        switches = np.array(list(space.probabilities.values()))
+        estimate, strata = estimate_switched(evaluate, switches, plan, settings.target_cov, settings.flights)
         rows = search.rows()
         severities = severity.ranked(rows)
         found = RareFound(
@@ -116,7 +125,8 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
             requirement,
             limit,
             estimate,
-            space.names,
+            strata,
+            space,
             rows,
             severities,
             search.failed_to_run,

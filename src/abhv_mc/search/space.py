@@ -37,14 +37,22 @@ class Space:
         laws = zip(self.names, self.marginals, strict=True)
         return {name: law.probability for name, law in laws if isinstance(law, SometimesMarginal)}
 
-    def from_normal(self, points: Floats) -> Floats:
-        """Values ``[flight, dimension]`` in SI of standard normal points: through the copula and the laws."""
+    def from_normal(self, points: Floats, on: NDArray[np.bool_] | None = None) -> Floats:
+        """Values ``[flight, dimension]`` in SI of standard normal points: through the copula and the laws.
+
+        ``on`` [flight, switch] says what of :attr:`probabilities` comes; without it, the points say that too.
+        """
         from scipy.special import ndtr
 
-        return self._through_marginals(self.copula.apply(np.clip(ndtr(points), _SMALLEST, 1.0 - _SMALLEST)))
-
-    def _through_marginals(self, probabilities: Floats) -> Floats:
-        return np.column_stack([marginal.ppf(probabilities[:, i]) for i, marginal in enumerate(self.marginals)])
+        uniform = self.copula.apply(np.clip(ndtr(points), _SMALLEST, 1.0 - _SMALLEST))
+        values, switch = np.empty_like(uniform), 0
+        for i, marginal in enumerate(self.marginals):
+            if on is not None and isinstance(marginal, SometimesMarginal):
+                values[:, i] = np.where(on[:, switch], marginal.drawn.ppf(uniform[:, i]), marginal.nominal)
+                switch += 1
+            else:
+                values[:, i] = marginal.ppf(uniform[:, i])
+        return values
 
     def bounds(self, box: float) -> Floats:
         """Low and high ends ``[dimension, 2]``: of bounded laws their range, of others +-``box`` sigma.

@@ -167,6 +167,16 @@ def two_sided(dimension: int, beta: float) -> Case:
     )
 
 
+def masked(dimension: int) -> Case:
+    """A branch that fails at 4.5 sigma, along which severity rises early, and a steep one that fails at 4.0."""
+
+    def severity(u: np.ndarray) -> np.ndarray:
+        return np.maximum(u[:, 0] - 4.5, 6.0 * (u[:, 1] - 4.0))
+
+    probability = -np.expm1(np.log1p(-stats.norm.sf(4.5)) + np.log1p(-stats.norm.sf(4.0)))
+    return Case(f"masked {dimension}", dimension, severity, 0.0, float(probability))
+
+
 def held_out_cases() -> list[Case]:
     """Cases on which nothing of the method was chosen: other shapes, other dimensions."""
     return [

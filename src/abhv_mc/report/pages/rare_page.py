@@ -7,7 +7,8 @@ import numpy as np
 from abhv_mc.report.figures.searches import plot_failures, plot_levels, plot_mixing
 from abhv_mc.report.numbers.metrics import controller_label, words_of
 from abhv_mc.report.pages.searched_flights import drawn_figure, flights_table, lower_label, with_unit
-from abhv_mc.report.pages.summary_page import Shown, write_answer_page
+from abhv_mc.report.pages.summary_page import LONG, SHORT, Shown, Table, write_answer_page
+from abhv_mc.search.methods import second_look
 from abhv_mc.search.methods.subset import ACCEPTANCE
 from abhv_mc.search.rare import RareFound
 from abhv_mc.search.severity import ENDED_EARLY
@@ -17,22 +18,24 @@ def write_rare_page(found: RareFound, path: Path) -> Path:
     """Write the page of an estimate of a rare failure and its figures beside it."""
     metric, failures = found.settings.requirement, found.estimate.failures
     asked = f"{lower_label(metric)} {_side(found)} {with_unit(found.limit, metric)}"
-    shown = [_levels(found), _mixing(found)]
+    shown = [_levels(found), _mixing(found)] if found.estimate.repetitions else []
     if len(failures):
         caption = (
             "Each parameter as the standard normal number behind it, among failures, beside all flights of a campaign. "
             "A parameter whose failures look like all flights does not matter by itself. The numbers are those before "
             "correlations are applied."
         )
-        shown.append(Shown("failures", "Where failures live", caption, plot_failures(found.names, failures)))
+        shown.append(Shown("failures", "Where failures live", caption, plot_failures(found.space.names, failures)))
     shown.append(drawn_figure(found.drawn))
+    names = found.space.names
+    flights = flights_table(found.flights, found.severities, len(names), metric, found.controller, path.parent)
     return write_answer_page(
         path,
         f"Probability that {controller_label(found.controller)} breaks: {asked}",
         "Rare event",
         _answers(found, asked),
         shown,
-        [flights_table(found.flights, found.severities, len(found.names), metric, found.controller, path.parent)],
+        [*([_combinations(found)] if found.strata else []), flights],
     )
 
 
@@ -45,8 +48,8 @@ def _answers(found: RareFound, asked: str) -> list[str]:
     if estimate.refusal is None:
         answers = [
             f"P({controller_label(found.controller)} breaks '{asked}') is about {estimate.probability:.1e}, "
-            f"95 % interval {estimate.low:.1e} .. {estimate.high:.1e}, from {estimate.flights} flights in "
-            f"{len(estimate.repetitions)} independent repetitions.",
+            f"95 % interval {estimate.low:.1e} .. {estimate.high:.1e}, from {estimate.flights} flights"
+            f"{f' in {len(estimate.repetitions)} independent repetitions' if not found.strata else ''}.",
             f"As narrow an interval from plain sampling takes about {_plain_flights(found):,} flights.",
         ]
     else:
@@ -57,13 +60,35 @@ def _answers(found: RareFound, asked: str) -> list[str]:
             f"Importance sampling about the failures found gives {check.probability:.1e} "
             f"(coefficient of variation {100 * check.cov:.0f} %)."
         )
-    answers.append(
-        "An estimate is no verdict: verdicts come from random campaigns alone. A failure that lies apart from where "
-        "flights grow worse, and that no flight came near, stays unseen."
+    dimensions = len(found.space.names)
+    looked = (
+        "A second look in random directions has searched for failures that lie apart from where flights grow worse"
+        if dimensions <= second_look.MOST_DIMENSIONS
+        else f"With {dimensions} dispersions, failures that lie apart from where flights grow worse may stay unseen"
     )
+    answers.append(f"An estimate is no verdict: verdicts come from random campaigns alone. {looked}.")
     if found.failed_to_run:
         answers.append(f"{found.failed_to_run} flights could not be computed and count as failures.")
     return answers
+
+
+def _combinations(found: RareFound) -> Table:
+    rows = [
+        [
+            found.words(part),
+            f"{part.weight:.2e}",
+            f"{part.probability:.2e} ({part.low:.1e} .. {part.high:.1e})",
+            f"{part.weight * part.probability:.2e}",
+            str(part.flights),
+        ]
+        for part in found.strata
+    ]
+    caption = (
+        "What comes with a probability, such as a failure, by combination: how likely it is, how likely a flight "
+        "breaks the requirement then, with its 95 % interval, and what that adds to the sum."
+    )
+    heads = ("What comes", "Probability", "P(breaks)", "Adds", "Flights")
+    return Table("Combinations", caption, heads, rows, (LONG, SHORT, SHORT, SHORT, SHORT))
 
 
 def _levels(found: RareFound) -> Shown:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from abhv_mc.search.methods import second_look
 from abhv_mc.search.methods.evaluation import LANES, Evaluate, Floats, round_up
 from abhv_mc.search.methods.importance import MOST_DIMENSIONS, ImportanceEstimate, sample_importance
 from abhv_mc.search.methods.subset import Repetition, SubsetPlan, run_subset
@@ -24,6 +25,9 @@ _PRIOR = 4  # repetitions that the chains' own estimate of their spread counts f
 _BEYOND_CHAINS = 1.3
 _MOST_BEYOND = 2.0
 _CHECK_SHARE = 0.1  # of the flights, for importance sampling
+_SEEN = 8.0  # effective failures of importance sampling that can show a branch left behind
+_ENOUGH = 30.0  # effective failures with which it takes the estimate's place
+_BEYOND_SAMPLE = 1.5  # factor of its coefficient of variation: heavy weights are missing from most samples
 _FEWEST_CHECKED = 256  # flights of importance sampling
 _SHARE_OF_LANES = 10_000  # flights for each full batch of lanes that a level's chains fill
 
@@ -49,7 +53,7 @@ class RareEstimate:
     @property
     def failures(self) -> Floats:
         """Failures ``[point, dimension]``, distributed as failures are; of all repetitions."""
-        return np.concatenate([one.failures for one in self.repetitions])
+        return np.concatenate([one.failures for one in self.repetitions]) if self.repetitions else np.empty((0, 0))
 
 
 def estimate_rare(evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2, flights: int = 20000) -> RareEstimate:
@@ -63,6 +67,8 @@ def estimate_rare(evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2,
     if flights < FEWEST * plan.size:
         raise ValueError(f"{flights} flights, fewer than the {FEWEST * plan.size} of the first level")
     check_flights = round_up(int(_CHECK_SHARE * flights)) if plan.dimension <= MOST_DIMENSIONS else 0
+    if plan.dimension <= second_look.MOST_DIMENSIONS:
+        check_flights += second_look.FLIGHTS
     used = 0
 
     def counted(points: Floats) -> Floats:
@@ -76,15 +82,23 @@ def estimate_rare(evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2,
         repetitions += run_subset(counted, plan, range(number, number + more), flights - check_flights - used)
         number += more
     refusal = _judge(repetitions)
+    probability, low, high, cov = _interval(repetitions)
     check = None
     check_flights = min(check_flights, (flights - used) // LANES * LANES)
     if refusal is None and check_flights >= _FEWEST_CHECKED:
         failures = np.concatenate([one.failures for one in repetitions])
+        if plan.dimension <= second_look.MOST_DIMENSIONS and check_flights >= _FEWEST_CHECKED + second_look.FLIGHTS:
+            again = second_look.find_failures(counted, plan.dimension, plan.threshold, probability, plan.seed)
+            failures, check_flights = np.concatenate([failures, again]), check_flights - second_look.FLIGHTS
         check = sample_importance(counted, plan.threshold, failures, check_flights, plan.seed)
-    probability, low, high, cov = _interval(repetitions)
-    if check is not None and check.usable and refusal is None:
-        apart = abs(np.log(check.probability / probability))
-        if apart > 3.0 * np.hypot(check.cov, np.log(high / low) / 3.92):
+    if check is not None and refusal is None and check.effective >= _SEEN:
+        apart = np.log(check.probability / probability)
+        contradicts = abs(apart) > 3.0 * np.hypot(check.cov, np.log(high / low) / 3.92)
+        if contradicts and apart > 0.0 and check.effective >= _ENOUGH:  # it has found what the levels left behind
+            probability, cov = check.probability, _BEYOND_SAMPLE * check.cov
+            half = np.exp(stats.norm.ppf(0.5 + CONFIDENCE / 2.0) * cov)
+            low, high = probability / half, min(1.0, probability * half)
+        elif contradicts and (apart > 0.0 or check.usable):  # smaller says nothing unless it is worth much
             refusal = f"importance sampling gives {check.probability:.2g}, subset simulation {probability:.2g}"
     return RareEstimate(probability, low, high, cov, used, tuple(repetitions), check, refusal)
 
