@@ -287,7 +287,7 @@ class Mission(StrictModel):
 
 def read_mission(path: str | Path) -> Mission:
     """Read and check a mission file and what it refers to. Raises :class:`abhv_mc.io.documents.InputError`."""
-    return made_once("mission", Path(path), lambda: _read_mission(path))
+    return made_once("mission", path, lambda: _read_mission(path))
 
 
 def _read_mission(path: str | Path) -> Mission:

@@ -6,7 +6,7 @@ Whoever edits a file while a campaign is made ready changes nothing of it.
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
@@ -54,6 +54,9 @@ def read_input(path: Path) -> bytes:
     return _open[-1].read(path) if _open else path.read_bytes()
 
 
-def made_once(kind: str, path: Path, make: Callable[[], T]) -> T:
-    """What ``make`` gives for a file, which nobody may change; within :func:`reading_once` it is called once."""
-    return _open[-1].make(kind, path, make) if _open else make()
+def made_once(kind: str, path: Any, make: Callable[[], T]) -> T:
+    """What ``make`` gives for a file, which nobody may change; within :func:`reading_once` it is called once.
+
+    A document that stands for a file is no path, and made each time.
+    """
+    return _open[-1].make(kind, Path(path), make) if _open and isinstance(path, str | Path) else make()

@@ -13,7 +13,7 @@ from abhv_mc.vehicle.model import Vehicle
 
 def load_vehicle(path: str | Path) -> Vehicle:
     """Read and pack a vehicle file. Raises :class:`abhv_mc.io.documents.InputError`."""
-    return made_once("vehicle", Path(path), lambda: _load(path))
+    return made_once("vehicle", path, lambda: _load(path))
 
 
 def _load(path: str | Path) -> Vehicle:
