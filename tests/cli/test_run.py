@@ -307,7 +307,7 @@ def test_flights_that_could_not_be_computed_outrank_a_failed_requirement(tmp_pat
     outcomes = {"ok": 300 - lost} | ({"failed_to_run": lost} if lost else {})
     entry = {"metric": "a", "below": 1.0, "probability": 0.9, "controller": "one", "verdict": verdict, "words": verdict}
     manifest = {"state": "complete", "runs_done": 300 - lost, "runs_planned": 300, "digest": "", "warnings": []}
-    manifest |= {"controllers": {"one": {"outcomes": outcomes}}, "requirements": [entry]}
+    manifest |= {"question": "q", "seed": 1, "controllers": {"one": {"outcomes": outcomes}}, "requirements": [entry]}
     with pytest.raises(typer.Exit) if code else contextlib.nullcontext() as end:
         finish(RunResult(tmp_path, manifest), no_report=True)
     assert (end.value.exit_code if code else 0) == code

@@ -1,4 +1,4 @@
-"""``abhv-mc merge``: the shards of a campaign as one."""
+"""``abhv-mc merge``: the shards of a campaign, or campaigns of one question, as one."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +10,7 @@ from abhv_mc.cli.outputs import campaign_folder
 
 
 def command(
-    parts: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of all shards.")],
+    parts: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of all shards, or of campaigns.")],
     out: Annotated[
         Path | None,
         typer.Option(
@@ -21,9 +21,10 @@ def command(
     json: Json = None,
     trust_code: TrustCode = False,
 ) -> None:
-    """Join the shards of a campaign (run --shard i/n), prove that they fit, and make the report.
+    """Join the shards of a campaign (run --shard i/n), or campaigns of one question with different seeds.
 
-    The result is that of the campaign flown in one piece: the same digest, envelopes and histories.
+    Shards give the campaign flown in one piece: the same digest, envelopes and histories. Of several seeds the flights
+    are numbered on and judged together; bands and histories are flown once more.
     """
     from abhv_mc.cli.run import finish
     from abhv_mc.execution.merge import merge_campaign

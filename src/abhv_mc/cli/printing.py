@@ -52,7 +52,7 @@ def new_table(left: Iterable[str], right: Iterable[str], title: str | None = Non
     return table
 
 
-def print_table(table: "Table") -> None:
+def print_table(table: "Table", **options: Any) -> None:
     """Print a table without wrapping or cutting its cells, where a terminal is narrow or there is none."""
     import io
 
@@ -63,4 +63,4 @@ def print_table(table: "Table") -> None:
     width = Measurement.get(console, console.options.update(width=1000), table).maximum
     text = io.StringIO()
     Console(width=width, file=text, color_system=None, markup=False, emoji=False, highlight=False).print(table)
-    say(text.getvalue(), end="")
+    say(text.getvalue(), end="", **options)

@@ -4,7 +4,7 @@ import sys
 from contextlib import nullcontext
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
@@ -134,8 +134,29 @@ def finish(
         count = "1 flight" if lost == 1 else f"{lost} flights"
         say(f"{count} could not be computed: the same command tries again", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
-    if any(entry["verdict"] == "FAIL" for entry in result.manifest["requirements"]):
+    entries = _say_together(result, told) or result.manifest["requirements"]
+    if any(entry["verdict"] == "FAIL" for entry in entries):
         raise typer.Exit(ExitCode.FAILED)
+
+
+def _say_together(result: "RunResult", told: TextIO | None) -> list[dict[str, Any]]:
+    """Name campaigns of the same question beside the folder, and what all of them together show; empty without."""
+    from abhv_mc.folder.pool import find_siblings
+
+    manifest = result.manifest
+    siblings = find_siblings(result.folder, manifest) if manifest["requirements"] else []
+    if not siblings:
+        return []
+    from abhv_mc.execution.pooled import judge_together
+    from abhv_mc.folder.inputs import read_folder_campaign
+    from abhv_mc.folder.layout import CampaignFolder
+
+    campaign = read_folder_campaign(CampaignFolder(result.folder))
+    entries = judge_together(campaign, [manifest, *(other for _, other in siblings)])
+    named = ", ".join(f"{place.name} ({other['runs_done']} flights)" for place, other in siblings)
+    say(f"The same question, other flights beside this folder: {named}. All together:", file=told)
+    print_requirements(entries, told)
+    return entries
 
 
 def _parse_shard(text: str) -> tuple[int, int]:
@@ -160,7 +181,7 @@ def describe_outcomes(facts: dict[str, Any]) -> str:
     return ", ".join(f"{number} {outcome}" for outcome, number in facts["outcomes"].items()) or "none"
 
 
-def print_requirements(entries: list[dict[str, Any]]) -> None:
+def print_requirements(entries: list[dict[str, Any]], told: TextIO | None = None) -> None:
     """A table of the requirements: what each asks of whom, what was counted, the verdict and what it rests on."""
     if not entries:
         return
@@ -170,4 +191,4 @@ def print_requirements(entries: list[dict[str, Any]]) -> None:
         asked = f"{entry['metric']} {side} {entry[side]:g}"
         verdict, _, words = entry.get("words", entry["verdict"]).partition(": ")
         table.add_row(entry["controller"], asked, f"{100 * entry['probability']:g} %", verdict, words)
-    print_table(table)
+    print_table(table, file=told)

@@ -170,6 +170,7 @@ def judge_requirements(all_counts: Mapping[str, FlightCounts], campaign: Checked
             "below" if count.requirement.below is not None else "above": count.limit,
             "probability": count.requirement.probability,
             "consumer_risk": count.requirement.consumer_risk,
+            "producer_risk": verdict.producer_risk,
             "controller": counts.controller,
             "flights": verdict.flights,
             "failures": verdict.failures,

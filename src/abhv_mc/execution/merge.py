@@ -1,4 +1,4 @@
-"""The shards of a campaign as one campaign: joined in a folder, and what follows from all flights made there."""
+"""Shards of a campaign, or campaigns of one question, as one: joined, and what follows from all flights made there."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,20 +11,23 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.merge import join_shards, order_shards
+from abhv_mc.folder.pool import check_pool, join_seeds
 
 
 def merge_campaign(
     parts: Sequence[Path], out: Path, engine: Engine | None = None, trust_code: bool = False
 ) -> RunResult:
-    """Join complete shards in the new folder ``out``, then make what follows from all flights.
+    """Join complete shards, or campaigns of one question with different seeds, in the new folder ``out``, then make
+    what follows from all flights.
 
     The same call goes on with a merge that was interrupted. ``trust_code`` runs a law of the folders that this user has
-    not flown. Raises InputError, before anything is written, where the parts are not all of one campaign, flown by the
-    same code on the same samples and plans, each flight once.
+    not flown. Raises InputError, before anything is written, where the parts are not all of one campaign or question,
+    flown by the same code and plans, each flight once.
     """
     engine = engine or make_engine()
-    shards = order_shards(parts)
-    check_source(shards[0], read_manifest(shards[0].manifest), engine)
-    check_own_code(read_campaign(shards[0].campaign), trust_code)  # flights are flown again for their histories
-    join_shards(shards, out)
+    sharded = "shard" in read_manifest(CampaignFolder(parts[0]).manifest)
+    folders = order_shards(parts) if sharded else check_pool(parts)
+    check_source(folders[0], read_manifest(folders[0].manifest), engine)
+    check_own_code(read_campaign(folders[0].campaign), trust_code)  # flights are flown again for their histories
+    (join_shards if sharded else join_seeds)(folders, out)
     return run_campaign(Request(CampaignFolder(out).campaign, out, trust_code=trust_code), engine)

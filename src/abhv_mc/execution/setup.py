@@ -152,7 +152,10 @@ def _resume(
             files.forget(folder.samples)
         if added:
             files.forget(folder.nominal, folder.reference)
-        manifest |= {"inputs": merged.hashes, "campaign_hash": merged.identity, "files": files.listed()}
+        manifest |= {"inputs": merged.hashes, "campaign_hash": merged.identity} | {
+            "question": merged.question,
+            "files": files.listed(),
+        }
         if added or longer:
             manifest |= {"state": RUNNING, "runs_planned": asked.runs}
         write_manifest(folder.manifest, manifest)
@@ -253,6 +256,7 @@ def _new_manifest(campaign: CheckedCampaign, inputs: FolderInputs, engine: Engin
         "runs_failed": 0,
         "seed": campaign.model.seed,
         "campaign_hash": inputs.identity,
+        "question": inputs.question,
         "source_hash": engine.source,
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "wall_time_s": 0.0,

@@ -24,6 +24,15 @@ def note_flyers(entries: Entries, flyers: tuple[Flyer, ...], controller: str, fi
     return [entry for entry in kept if any(entry["blocks"].values())]
 
 
+def shift_flyers(entries: Entries, flights: int) -> Entries:
+    """The entries with so much higher numbers of flights."""
+    return [
+        {**entry, "blocks": {name: [[a + flights, b + flights] for a, b in ranges] for name, ranges in blocks.items()}}
+        for entry in entries
+        for blocks in [entry["blocks"]]
+    ]
+
+
 def join_flyers(parts: list[Entries]) -> Entries:
     """The entries of shards as one campaign's."""
     joined: Entries = []

@@ -42,6 +42,13 @@ class FolderInputs:
         text = json.dumps([data, self.hashes], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
+    @property
+    def question(self) -> str:
+        """Hash of what is asked: the identity without the seed and the number of flights."""
+        left_out = "execution", "seed", "runs", "pooled"
+        data = {key: value for key, value in self.data.items() if key not in left_out}
+        return hashlib.sha256(json.dumps([data, self.hashes], sort_keys=True).encode()).hexdigest()
+
     def write_copies(self, folder: CampaignFolder) -> None:
         """Write the copies into the folder."""
         for place, content in self.copies.items():

@@ -26,6 +26,7 @@ from abhv_mc.campaign.sampling.correlation import Copula, make_copula, normal_co
 from abhv_mc.campaign.sampling.designs import (
     EXTENSIBLE,
     FACTORIAL,
+    INDEPENDENT,
     SALTELLI,
     Design,
     count_flights,
@@ -33,7 +34,7 @@ from abhv_mc.campaign.sampling.designs import (
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
-from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, SampleSource, SeededSamples
+from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, PooledSamples, SampleSource, SeededSamples
 from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
 from abhv_mc.flight.metrics import MARGINS, METRICS, Metric
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
@@ -73,17 +74,23 @@ class CheckedCampaign:
 
     def make_samples(self) -> SampleSource:
         """The source of its samples: the dispersed parameters, then the seeds that the flights' noise needs."""
+        if self.model.pooled:
+            sources = [self._samples_of(part.seed, self.runs) for part in self.model.pooled]
+            return PooledSamples(tuple(sources), tuple(part.runs for part in self.model.pooled), self.runs)
+        return self._samples_of(self.model.seed, self.runs)
+
+    def _samples_of(self, seed: int, runs: int) -> SampleSource:
         sampling = self.model.sampling
         source: SampleSource
         if self.sample_file is not None:
-            source = GivenSamples(self.sample_file, self.runs)
+            source = GivenSamples(self.sample_file, runs)
         else:
-            design = Design(sampling.design, self.model.seed, self.names, self.runs, sampling.levels)
+            design = Design(sampling.design, seed, self.names, runs, sampling.levels)
             source = DrawnSamples(design, tuple(self.marginals.values()), self.copula)
         seeds = find_seeds(self.names)
         if not seeds:
             return source
-        return SeededSamples(source, Seeds(seeds, self.model.seed, sampling.design, len(self.names)))
+        return SeededSamples(source, Seeds(seeds, seed, sampling.design, len(self.names)))
 
 
 def read_campaign(
@@ -133,6 +140,9 @@ def check_campaign(document: Document) -> CheckedCampaign:
             where = ("keep", "histories", "flights")
             errors.append(document.error(where, f"flight {item}", f"flights from 0 to {number - 1}"))
     check_stop(document, model, errors)
+    if model.pooled and (model.sampling.design != INDEPENDENT or sum(part.runs for part in model.pooled) > number):
+        found = f"{sum(part.runs for part in model.pooled)} pooled flights"
+        errors.append(document.key_error(("pooled",), found, f"at most {number} ('runs'), of the design {INDEPENDENT}"))
     check_margins(document, model, number, errors)
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))

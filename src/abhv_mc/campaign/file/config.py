@@ -163,6 +163,13 @@ class MarginsOfFlights(StrictModel):
         return runs if self.flights is None else min(self.flights, runs)
 
 
+class PooledSeed(StrictModel):
+    """Flights of one seed among those of several."""
+
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(description="seed of their samples")
+    runs: Annotated[int, Field(ge=1)] = Field(description="how many, from its flight 0 on")
+
+
 class Family(StrictModel):
     """All pairs of requirement and controller together: the chance of any false PASS among them."""
 
@@ -202,6 +209,9 @@ class Campaign(StrictModel):
     )
     seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(
         0, description="seed of all samples: the same seed, the same flights"
+    )
+    pooled: tuple[PooledSeed, ...] = Field(
+        (), description="what `abhv-mc merge` joined of several seeds, in the order of the flights; left out: one seed"
     )
     sampling: Annotated[Sampling, BeforeValidator(_sampling, json_schema_input_type=DesignName | Sampling)] = Field(
         Sampling(), description="the design: its name, or a mapping with its numbers; verdicts need 'random'"

@@ -95,6 +95,29 @@ class SeededSamples:
         return np.column_stack([self.samples.draw(first, stop), self.seeds.draw(first, stop)])
 
 
+@dataclass(frozen=True)
+class PooledSamples:
+    """Samples of several seeds, one after the other: the first flights of each, numbered on; the last one goes on."""
+
+    sources: tuple[SampleSource, ...]
+    runs: tuple[int, ...]
+    flights: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.sources[0].names
+
+    def draw(self, first: int, stop: int) -> Floats:
+        starts = np.cumsum((0, *self.runs[:-1])).tolist()
+        ends = [*starts[1:], self.flights]
+        pieces = [np.empty((0, len(self.names)))]
+        for source, start, end in zip(self.sources, starts, ends, strict=True):
+            low, high = max(first, start), min(stop, end)
+            if low < high:
+                pieces.append(source.draw(low - start, high - start))
+        return np.concatenate(pieces)
+
+
 def full_rows(names: Sequence[str], values: Floats) -> Floats:
     """Full rows ``[flight, parameter]`` in the order of PARAMETERS: nominal but for the sampled columns."""
     rows = np.tile([parameter.nominal for parameter in PARAMETERS], (len(values), 1))

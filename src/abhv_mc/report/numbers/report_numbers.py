@@ -141,6 +141,7 @@ def make_numbers(results: Results) -> dict[str, Any]:
             "controllers": list(results.controllers),
             "labels": full_labels(results.folder, results.controllers),
             "stops_when_proven": campaign.stops_when_proven,
+            "pooled_seeds": list(campaign.pooled_seeds),
             "independent_flights": campaign.independent,
             "parameters": list(results.dispersed),
             "dispersions": plain(campaign.dispersions),

@@ -59,6 +59,7 @@ class CampaignFacts:
     margin_flights: int = 0  # of which margins were asked for
     margin_points: tuple[str | float, ...] = ()  # "trim", or s
     stops_when_proven: bool = False
+    pooled_seeds: tuple[int, ...] = ()  # of the flights that a merge joined
     family_risk: float | None = None  # of any false PASS among all verdicts, where the campaign holds it
 
     @property
@@ -138,6 +139,7 @@ def read_facts(path: Path) -> CampaignFacts:
         seed=model.seed,
         sampling=model.sampling.design,
         stops_when_proven=model.stop is not None,
+        pooled_seeds=tuple(part.seed for part in model.pooled),
         family_risk=model.family.risk if model.family else None,
         margin_flights=model.margins.of(campaign.runs) if model.margins else 0,
         margin_points=model.margins.at if model.margins else (),

@@ -1,0 +1,124 @@
+"""Campaigns of one question with different seeds: which lie beside each other, and how they become one."""
+
+import contextlib
+import shutil
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+
+from abhv_mc.campaign.sampling.designs import INDEPENDENT
+from abhv_mc.folder.flights import parse_block_name, read_block, write_block
+from abhv_mc.folder.flown_by import join_flyers, shift_flyers
+from abhv_mc.folder.hashes import damage_error, find_damage, record_hashes
+from abhv_mc.folder.inputs import FolderInputs, read_folder_inputs
+from abhv_mc.folder.layout import CampaignFolder, write_whole
+from abhv_mc.folder.lock import hold_lock
+from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, read_manifest, write_manifest
+from abhv_mc.folder.plans import read_stored_parts
+from abhv_mc.folder.samples import SampleReader
+from abhv_mc.io.documents import InputError
+
+_ONE_QUESTION = "campaigns of one question, which differ in seed and number of flights alone"
+
+
+def seeds_of(manifest: dict[str, Any]) -> set[int]:
+    """The seeds of a campaign's flights."""
+    return {part["seed"] for part in manifest.get("pooled", ())} or {manifest["seed"]}
+
+
+def find_siblings(root: Path, manifest: dict[str, Any]) -> list[tuple[Path, dict[str, Any]]]:
+    """Campaigns of the same question beside a folder, with other flights than it and than each other; most first."""
+    beside = []
+    for path in sorted(root.resolve().parent.glob("*/manifest.json")):
+        if path.parent == root.resolve():
+            continue
+        with contextlib.suppress(InputError):  # of something else
+            other = read_manifest(path)
+            if other.get("question") == manifest["question"] and other.get("requirements"):
+                beside.append((path.parent, other))
+    found, taken = [], seeds_of(manifest)
+    for place, other in sorted(beside, key=lambda one: -one[1]["runs_done"]):
+        if not taken & seeds_of(other):
+            found.append((place, other))
+            taken |= seeds_of(other)
+    return found
+
+
+def check_pool(parts: Sequence[Path]) -> list[CampaignFolder]:
+    """The folders, where they may be joined. Raises InputError where they are not of one question, or overlap."""
+    folders = [CampaignFolder(part) for part in parts]
+    manifests = [read_manifest(folder.manifest) for folder in folders]
+    first, taken = manifests[0], set[int]()
+    for folder, manifest in zip(folders, manifests, strict=True):
+        if manifest["state"] != COMPLETE or "search" in manifest:
+            raise InputError(folder.root, None, None, f"a folder that is {manifest['state']}", "a complete campaign")
+        for key in ("question", "source_hash"):
+            if manifest.get(key) != first.get(key):
+                found = f"another {key.replace('_', ' ')} than in {folders[0].root}"
+                raise InputError(folder.root, None, None, found, f"{_ONE_QUESTION}, flown by the same code")
+        if seeds := taken & seeds_of(manifest):
+            found = f"flights of seed {min(seeds)} a second time"
+            raise InputError(folder.root, None, None, found, "each seed once: its flights would be counted twice")
+        taken |= seeds_of(manifest)
+        sampling = read_folder_inputs(folder, manifest).data.get("sampling", INDEPENDENT)
+        if sampling not in (INDEPENDENT, {"design": INDEPENDENT}):
+            raise InputError(folder.root, None, None, "a design that is not random", "independent flights")
+        for name in manifest["controllers"]:
+            ours, theirs = (read_stored_parts(one.plan(name)) for one in (folders[0], folder))
+            if {k: v.tobytes() for k, v in ours.items()} != {k: v.tobytes() for k, v in theirs.items()}:
+                found = f"another plan of '{name}' than in {folders[0].root}: another machine computes other last bits"
+                raise InputError(folder.root, None, None, found, "campaigns flown with the first one's plans (--plans)")
+        if damage := [(path, words) for path, words in find_damage(folder, manifest)]:
+            raise damage_error(*damage[0])
+    return folders
+
+
+def join_seeds(folders: Sequence[CampaignFolder], out: Path) -> None:
+    """Copy campaigns, as :func:`check_pool` gave them, into ``out``, their flights numbered on: a folder that a run
+    goes on with. Raises InputError where ``out`` holds anything else."""
+    target = CampaignFolder(out)
+    manifests = [read_manifest(folder.manifest) for folder in folders]
+    digests = [manifest["digest"] for manifest in manifests]
+    if target.manifest.exists():
+        if read_manifest(target.manifest).get("merged_from") != digests:
+            raise InputError(out, None, None, "a folder that is not empty", "a new or an empty one")
+        return
+    target.refuse_strange(fresh=True)
+    flown = [SampleReader(folder.samples).flights for folder in folders]
+    done = [min(facts["flights_done"] for facts in manifest["controllers"].values()) for manifest in manifests]
+    counts = [min(pair) for pair in zip(flown, done, strict=True)]  # fewer where it stopped when proven
+    starts = [0, *accumulate(counts)]
+    pooled: list[dict[str, int]] = []
+    for manifest, count in zip(manifests, counts, strict=True):
+        pooled += manifest.get("pooled") or [{"seed": manifest["seed"], "runs": count}]
+    with ExitStack() as stack:
+        for folder in (*folders, target):
+            stack.enter_context(hold_lock(folder.lock))
+        target.clear()
+        files = stack.enter_context(record_hashes(target, {}))
+        first, held = folders[0], read_folder_inputs(folders[0], manifests[0])
+        data = {**held.data, "runs": starts[-1], "seed": manifests[0]["seed"], "pooled": pooled}
+        inputs = FolderInputs(replace(held.document, data=data), {}, held.hashes)
+        plans = sorted(first.plans.glob("*.npz"))
+        for path in (first.nominal, first.reference, *first.input_files(), *plans):
+            write_whole(target.root / path.relative_to(first.root), partial(shutil.copyfile, path))
+        inputs.write_campaign(target)
+        for folder, start in zip(folders, starts, strict=False):
+            names = SampleReader(folder.samples).names
+            for path in sorted(folder.flights.glob("*.parquet")):
+                if not path.name.startswith("_"):
+                    parse_block_name(path)
+                    rows = read_block(path, names)
+                    write_block(target.flights, replace(rows, first=rows.first + start), pq.read_schema(path))
+        flyers = [shift_flyers(m.get("flown_by", []), start) for m, start in zip(manifests, starts, strict=False)]
+        merged = {key: value for key, value in manifests[0].items() if key != "stopped_at"}
+        merged |= {"state": INTERRUPTED, "merged_from": digests, "pooled": pooled, "runs_planned": starts[-1]}
+        merged |= {"campaign_hash": inputs.identity, "flown_by": join_flyers(flyers), "files": files.listed()}
+        merged["wall_time_s"] = sum(manifest["wall_time_s"] for manifest in manifests)
+        write_manifest(target.manifest, merged)

@@ -1,0 +1,118 @@
+"""Campaigns of one question with other seeds are more flights of one campaign, not another try."""
+
+import json
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from fake_flight import ENGINE, write_campaign
+
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.cli.app import main
+from abhv_mc.execution.merge import merge_campaign
+from abhv_mc.execution.pooled import judge_together
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder.pool import find_siblings
+from abhv_mc.io.input_error import InputError
+from abhv_mc.report.numbers.report_numbers import make_numbers
+from abhv_mc.report.numbers.results import read_results
+
+# About 4 % of the fake flights end early.
+ASKED = "[{metric: altitude_error_max_m, below: 50, probability: 0.93}]"
+
+
+@pytest.fixture(autouse=True)
+def quiet(capfd):
+    """Progress goes to standard error."""
+
+
+def fly(tmp_path, seeds, **entries):
+    campaign = write_campaign(tmp_path / "f", **{"requirements": ASKED, "runs": "200", **entries})
+    return campaign, [run_campaign(Request(campaign, tmp_path / f"seed{s}", seed=s), ENGINE).manifest for s in seeds]
+
+
+def test_equal_counts_give_the_same_words_in_one_folder_or_merged_from_three(tmp_path):
+    campaign, parts = fly(tmp_path, (1, 2, 3))
+    merged = merge_campaign([tmp_path / f"seed{s}" for s in (1, 2, 3)], tmp_path / "all", ENGINE)
+    (entry,) = merged.manifest["requirements"]
+    assert merged.complete and entry["flights"] == 600
+    assert entry["failures"] == sum(part["requirements"][0]["failures"] for part in parts)
+    assert [entry["words"]] == [one["words"] for one in judge_together(read_campaign(campaign), parts)]
+    assert merged.manifest["question"] == parts[0]["question"]
+    numbers = make_numbers(read_results(tmp_path / "all"))["requirements"][0]["controllers"]["one"]
+    assert (numbers["flights"], numbers["failures"], numbers["status"]) == (600, entry["failures"], entry["verdict"])
+
+
+def test_each_flight_keeps_its_seed_and_number(tmp_path):
+    fly(tmp_path, (5, 9))
+    merge_campaign([tmp_path / "seed5", tmp_path / "seed9"], tmp_path / "all", ENGINE)
+    samples = pq.read_table(tmp_path / "all/samples.parquet").drop_columns("flight")
+    for number, seed in enumerate((5, 9)):
+        own = pq.read_table(tmp_path / f"seed{seed}/samples.parquet").drop_columns("flight")
+        assert samples.slice(200 * number, 200).equals(own)
+        flights = pq.read_table(tmp_path / "all/flights", filters=[("controller", "=", "two")])
+        there = pq.read_table(tmp_path / f"seed{seed}/flights", filters=[("controller", "=", "two")])
+        ours = np.array(flights.sort_by("flight")["altitude_error_max_m"])[200 * number : 200 * number + 200]
+        assert np.array_equal(ours, np.array(there.sort_by("flight")["altitude_error_max_m"]), equal_nan=True)
+    pooled = read_campaign(tmp_path / "all/campaign.yaml").model.pooled
+    assert [(part.seed, part.runs) for part in pooled] == [(5, 200), (9, 200)]
+    assert max(pq.read_table(tmp_path / "all/envelopes.parquet")["count"].to_pylist()) == 400
+
+
+def test_a_merge_goes_on_and_can_be_merged_and_extended(tmp_path):
+    fly(tmp_path, (1, 2, 3))
+    first = [tmp_path / "seed1", tmp_path / "seed2"]
+    one = merge_campaign(first, tmp_path / "two", ENGINE).manifest["digest"]
+    assert merge_campaign(first, tmp_path / "two", ENGINE).manifest["digest"] == one
+    three = merge_campaign([tmp_path / "two", tmp_path / "seed3"], tmp_path / "three", ENGINE)
+    assert three.manifest["requirements"][0]["flights"] == 600
+    longer = run_campaign(Request(tmp_path / "three/campaign.yaml", tmp_path / "three", runs=650), ENGINE)
+    assert longer.complete and longer.manifest["requirements"][0]["flights"] == 650
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (dict(seed=1), "seed 1 a second time"),
+        (dict(campaign=dict(requirements=ASKED.replace("50", "51"))), "another question"),
+        (dict(campaign=dict(sampling="lhs")), "question"),
+        (dict(engine=replace(ENGINE, source="other")), "source hash"),
+    ],
+)
+def test_what_does_not_belong_together_is_refused(tmp_path, change, words):
+    campaign, _ = fly(tmp_path, (1,))
+    if "campaign" in change:
+        campaign = write_campaign(tmp_path / "g", **{"requirements": ASKED, "runs": "200", **change["campaign"]})
+    other = Request(campaign, tmp_path / "other", seed=change.get("seed", 2))
+    run_campaign(other, change.get("engine", ENGINE))
+    with pytest.raises(InputError, match=words):
+        merge_campaign([tmp_path / "seed1", tmp_path / "other"], tmp_path / "all", ENGINE)
+    assert not (tmp_path / "all").exists()
+
+
+def test_siblings_are_counted_once(tmp_path):
+    _, parts = fly(tmp_path, (1, 2, 3))
+    merge_campaign([tmp_path / "seed1", tmp_path / "seed2"], tmp_path / "all", ENGINE)
+    assert [place.name for place, _ in find_siblings(tmp_path / "seed3", parts[2])] == ["all"]
+    assert [place.name for place, _ in find_siblings(tmp_path / "seed1", parts[0])] in (
+        ["seed2", "seed3"], ["seed3", "seed2"])  # fmt: skip
+
+
+def test_run_ends_with_the_words_and_the_code_of_all_together(tmp_path, monkeypatch, capfd):
+    """Ten new seeds, each judged alone, give 63 % false PASS."""
+    monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
+    campaign = write_campaign(tmp_path / "f", requirements=ASKED.replace("0.93", "0.99"), runs="400")
+    codes = []
+    for seed in (1, 2):
+        words = ["abhv-mc", "run", str(campaign), "-o", str(tmp_path / f"s{seed}"), "--seed", str(seed), "--no-report"]
+        monkeypatch.setattr(sys, "argv", words)
+        with pytest.raises(SystemExit) as ended:
+            main()
+        codes.append(ended.value.code)
+    out = capfd.readouterr().out
+    counts = [json.loads((tmp_path / f"s{s}/manifest.json").read_text())["requirements"][0]["failures"] for s in (1, 2)]
+    assert codes[1] == 1 and "s1 (400 flights). All together:" in out
+    assert f"{sum(counts)} failures in 800 flights" in out.splitlines()[-2] + out.splitlines()[-1]
