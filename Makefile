@@ -1,8 +1,8 @@
 # make run     fly the S manoeuvre and make its report      make verify       the proof: check-cases, references, loops
-# make test    lint, types, import rules, tests             make bench        speed on this machine
-# make docs    the site, in docs/_build/html                make bench-peers  speed beside other simulators
-# make lock    renew both lock files                        make example      renew reports/example
-# make dist    build and check what a release publishes
+# make test    lint, types, import rules, tests (5 min)     make bench        speed on this machine
+# make test-all  these, and the thorough tests (15 min)     make bench-peers  speed beside other simulators
+# make docs    the site, in docs/_build/html                make example      renew reports/example
+# make lock    renew both lock files                        make dist         build and check what a release publishes
 # make newest-numba  a short flight with the newest numba, pre-releases included: reports, never fails
 #
 # PYTHON=python3.12 make test chooses the interpreter that .venv is made with.
@@ -16,7 +16,7 @@ REPORT := reports/s_manoeuvre/report.html
 TEST_WORKERS ?= 2
 SELF_CHECKS := tests/verification tests/world tests/control/design/test_retuned.py
 
-.PHONY: run test docs example verify bench bench-peers newest-numba lock dist clean
+.PHONY: run test test-all test-thorough docs example verify bench bench-peers newest-numba lock dist clean
 .DELETE_ON_ERROR:
 
 run: $(INSTALLED)
@@ -35,7 +35,12 @@ test: $(DEV_INSTALLED)
 	$(BIN)/check-jsonschema --quiet --builtin-schema vendor.github-workflows .github/workflows/*.yml
 	$(BIN)/check-jsonschema --quiet --builtin-schema vendor.citation-file-format CITATION.cff
 	$(BIN)/zizmor --offline --quiet .github/workflows
-	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist worksteal
+	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist worksteal -m "not thorough"
+
+test-all: test test-thorough
+
+test-thorough: $(DEV_INSTALLED)
+	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist worksteal -m thorough
 	$(BIN)/python -m benchmarks.watch
 
 # The pages' examples are flown and run; a warning is an error.

@@ -17,6 +17,26 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Worker processes find the fake flight as this one does.
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
 
+# What `make test` leaves to `make test-all`: tests that compile everything anew, fly for minutes, start clusters,
+# servers or browsers, kill at random, or look at pages and benchmarks.
+_THOROUGH = (
+    "benchmarks",
+    "campaign/test_flipped_bits.py",
+    "docs",
+    "execution/test_cluster.py",
+    "execution/test_faults.py",
+    "execution/test_kill.py",
+    "execution/test_user_code.py",
+    "flight/test_gpu.py",
+    "folder/test_remote.py",
+    "report/test_browser.py",
+    "report/test_keyboard.py",
+    "report/test_shipped_campaigns.py",
+    "robustness",
+    "studies",
+    "test_public_numba.py",
+    "test_wheel.py",
+)
 _CAMPAIGNS_FLY = (
     "analysis",
     "campaign",
@@ -61,7 +81,11 @@ def _fork_server_where_campaigns_fly(request):
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What compiles everything anew for minutes comes first: at the end, the other workers would wait for it."""
+    """Mark what is thorough; what compiles everything anew for minutes comes first, as others would wait for it."""
+    for item in items:
+        place = item.path.relative_to(Path(__file__).parent).as_posix()
+        if place.startswith(_THOROUGH):
+            item.add_marker(pytest.mark.thorough)
     items.sort(key=lambda item: item.path.name not in ("test_public_numba.py", "test_wheel.py"))
 
 

@@ -28,6 +28,7 @@ SERVER = multiprocessing.get_context("forkserver")
 
 def fly_in_child(campaign, out, exact, isolation=THREADS):
     os.setsid()  # its workers are found by it
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in what it runs aside
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     collector.EXACT_FLIGHTS = exact
     run_campaign(Request(campaign, out, workers=2), replace(SLOW_ENGINE, isolation=isolation))
@@ -126,7 +127,8 @@ def test_a_polite_signal_ends_with_a_manifest_that_says_so(tmp_path, number, cap
     while not list((tmp_path / "out/flights").glob("*.parquet")):
         time.sleep(0.01)
     os.kill(child.pid, number)
-    child.join()
+    child.join(60.0)
+    child.kill()
     assert child.exitcode == 0
     result = run_campaign(Request(campaign, tmp_path / "out", runs=None), ENGINE)
     assert result.complete

@@ -4,7 +4,6 @@ import errno
 import json
 import os
 import signal
-import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -430,18 +429,21 @@ def fly_never(plan, parameters, every=None):
     time.sleep(3600.0)
 
 
+def fly_never_and_interrupt(plan, parameters, every=None):
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(3600.0)
+
+
 def test_first_flights_that_never_end_are_told_and_heed_an_interrupt(tmp_path, monkeypatch):
-    campaign, engine = write_campaign(tmp_path / "f"), replace(ENGINE, fly=fly_never)
-    timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    campaign = write_campaign(tmp_path / "f")
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    timer.start()
     try:
         with pytest.raises(KeyboardInterrupt):
-            run_campaign(Request(campaign, tmp_path / "out"), engine)
+            run_campaign(Request(campaign, tmp_path / "out"), replace(ENGINE, fly=fly_never_and_interrupt))
     finally:
         signal.signal(signal.SIGINT, before)
     monkeypatch.setattr("abhv_mc.execution.probe_dispersions._COMPILING", 0.0)
     campaign = write_campaign(tmp_path / "f", execution="{flight_time_limit: 0.1 s}")
     with pytest.raises(InputError, match=r"first flights of 'one' that are not done in 0\.1 s"):
-        run_campaign(Request(campaign, tmp_path / "out"), engine)
+        run_campaign(Request(campaign, tmp_path / "out"), replace(ENGINE, fly=fly_never))
     assert not (tmp_path / "out").exists()

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -26,6 +27,7 @@ from abhv_mc.report.numbers.results import read_results
 from abhv_mc.search.search_flights import SearchRequest
 from abhv_mc.search.tune import TuneRequest, tune_controller
 from abhv_mc.search.worst import WorstSettings, find_worst
+from abhv_mc.shipped import find_input
 from abhv_mc.user_code.channels import compile_channels
 from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.source import load_law, read_source, run_module
@@ -98,6 +100,34 @@ def test_workers_resume_and_replay_give_the_same_digest(study, tmp_path):
     entry = read_manifest(tmp_path / "two" / "manifest.json")["requirements"][0]
     assert (entry["metric"], entry["verdict"]) == ("late_bank_swing_deg", "PASS")
     assert "Late bank swing" in build_with(tmp_path / "two").read_text()
+
+
+HANGS = """\
+    stuck = 2.0
+    while time == 0.0 and abs(measured.altitude - {altitude}) < 1e-3 and stuck > 1.0:
+        stuck = 0.5 * stuck + 1.0
+"""
+
+
+def test_a_law_that_hangs_on_one_parameter_set_loses_that_flight_alone(study, tmp_path, capfd):
+    """Its block is flown again in pieces, until the one flight is found."""
+    text = study(24).read_text().replace("batch: 16}", "batch: 24, flight_time_limit: 0.5 s}")
+    text = re.sub("controllers: .*", "controllers: {mine: law.yaml}", text)
+    text = re.sub("  atmosphere.density: .*", "  initial.altitude: {distribution: uniform, half_width: 50 m}", text)
+    file = tmp_path / "campaign.yaml"
+    file.write_text(text)
+    heights = 20_000.0 + read_campaign(file).make_samples().draw(0, 24)[:, 0]
+    law = tmp_path / "law.py"
+    first = "    # Path: altitude to flight path angle"
+    law.write_text(
+        law.read_text()
+        .replace(first, HANGS.format(altitude=heights[17]) + first)
+        .replace("gains, dt)", "gains, dt, time)")
+    )
+    flown = run_campaign(Request(file, tmp_path / "out", workers=1), make_engine()).manifest
+    assert flown["controllers"]["mine"]["failed_to_run"] == [17]
+    assert (flown["runs_done"], flown["runs_failed"]) == (23, 1)
+    assert "not done in 0.5 s" in capfd.readouterr().err
 
 
 def test_shards_and_a_cluster_give_the_same_digest(study, tmp_path, capfd):
@@ -190,15 +220,14 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):
         replay_flight(out, "mine", 1, fly)
     with pytest.raises(InputError, match="--trust-code"):
         run_campaign(Request(out / "campaign.yaml", tmp_path / "again", runs=4), threads())
-    options = {"vehicle": None, "controller": "mine", "bank": "0"}
     with pytest.raises(InputError, match="--trust-code"):
-        margins.command(str(out / "campaign.yaml"), at="trim", json=None, out=None, **options)
-    controller = str(out / "inputs" / "controllers" / "mine" / "law.yaml")
+        margins.command(out / "campaign.yaml", controllers="mine")
+    level, controller = find_input("level", "mission"), str(out / "inputs" / "controllers" / "mine" / "law.yaml")
     with pytest.raises(InputError, match="--trust-code"):
-        linearize.command("level", tmp_path / "model.npz", "ghame_x", controller)
+        linearize.command(level, tmp_path / "model.npz", controller=controller)
     assert not ran.exists()
     assert not (tmp_path / "again").exists()
-    linearize.command("level", tmp_path / "model.npz", "ghame_x", controller, trust_code=True)
+    linearize.command(level, tmp_path / "model.npz", controller=controller, trust_code=True)
     assert ran.exists()
     assert replay_flight(out, "mine", 1, fly, trust_code=True).differences == ()
 

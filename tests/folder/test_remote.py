@@ -137,7 +137,7 @@ def test_two_processes_do_not_share_an_address(bucket, tmp_path, monkeypatch):
     with mirrored(Path(address)):
         with pytest.raises(InputError, match="is flying"), mirrored(Path(address)):
             pass
-        monkeypatch.setattr(remote, "LEASE", -1.0)  # as if its holder had been dead for a minute
+        monkeypatch.setattr(remote, "LEASE", -60.0)  # as if its holder had been dead for a minute
         with mirrored(Path(address)):
             pass
 
@@ -197,6 +197,6 @@ def test_an_abandoned_address_is_taken_over_by_the_stores_clock(bucket, monkeypa
         stream.write(json.dumps({"pid": 1, "host": "gone", "token": "other"}).encode())
     with pytest.raises(InputError, match="process 1 on gone"), mirrored(Path(address)):
         pass
-    monkeypatch.setattr(remote, "LEASE", -1.0)
+    monkeypatch.setattr(remote, "LEASE", -60.0)
     with mirrored(Path(address)):
         pass

@@ -7,6 +7,7 @@ import threading
 import pytest
 
 from abhv_mc.cli import fly as fly_command
+from abhv_mc.shipped import find_input
 from abhv_mc.user_code.temporary import run_aside
 
 
@@ -17,8 +18,8 @@ def never():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def work(*given, **options):
-        threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
         assert threading.current_thread() is not threading.main_thread()
+        os.kill(os.getpid(), signal.SIGINT)
         ended.wait()
 
     yield work
@@ -44,4 +45,4 @@ def test_a_limit_and_an_interrupt(never):
 def test_a_flight_of_the_command_line_heeds_an_interrupt(never, monkeypatch, capsys):
     monkeypatch.setattr("abhv_mc.flight.fly.fly", never)
     with pytest.raises(KeyboardInterrupt):
-        fly_command.command("level", "ghame_x", ["lqr"], None)
+        fly_command.command(find_input("level", "mission"), controllers="lqr")
