@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.arrays import write_array
+from abhv_mc.folder.counted import count_flights
 from abhv_mc.folder.envelope_states import EXACT_FLIGHTS, Cells, make_collector, merge_states
 
 CELLS = Cells(("altitude_m", "speed_mps"), (0, 1), np.arange(3.0), 1)
@@ -11,13 +13,21 @@ HISTORY = np.random.default_rng(3).normal(size=(64, CELLS.count)).astype(np.floa
 
 
 def collect(folder, flights=EXACT_FLIGHTS + 1):
-    return make_collector(folder, "one", flights, CELLS, lambda number: HISTORY[:number])
+    return make_collector(folder, "one", flights, CELLS, lambda number: HISTORY[:number], 64)
+
+
+def counted(recorded):
+    """The flights of HISTORY, as a worker counts them."""
+    flown = FlightBlock(
+        np.zeros(64, np.int64), np.zeros(64), np.zeros((64, 1)), HISTORY.reshape(64, 3, 2), np.arange(3.0)
+    )
+    return count_flights(lambda *_: flown, None, np.zeros((64, 1)), recorded)
 
 
 @pytest.fixture
 def state(tmp_path):
     collector = collect(tmp_path / "states")
-    collector.add(0, HISTORY, np.stack([HISTORY.min(axis=0), HISTORY.max(axis=0)]))
+    collector.add(0, counted(collector.recorded))
     collector.save()
     path = tmp_path / "states/one.npz"
     with np.load(path) as stored:
@@ -47,7 +57,7 @@ def test_a_state_that_no_campaign_wrote_is_begun_anew(state, tmp_path, damage):
     np.savez(path, **{name: value for name, value in parts.items() if value is not None})
     collector = collect(path.parent)
     assert not collector.covered.any()
-    collector.add(0, HISTORY, np.stack([HISTORY.min(axis=0), HISTORY.max(axis=0)]))
+    collector.add(0, counted(collector.recorded))
     np.savez(path, **{name: value for name, value in parts.items() if value is not None})
     merge_states([path.parent], tmp_path / "merged")
     assert not (tmp_path / "merged/one.npz").exists()

@@ -11,15 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan, Recording
+from abhv_mc.folder.counted import Counting, count_flights
 
 T = TypeVar("T")
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Recorded = Recording | int | None  # as flight.fly takes it
-Fly = Callable[[FlightPlan, Floats, Recorded], FlightBlock]
+Asked = Counting | Recorded
+Fly = Callable[[FlightPlan, Floats, Recorded], FlightBlock]  # in one call
+FlyBlocks = Callable[[FlightPlan, Floats, Asked], FlightBlock]  # by whoever flies blocks
 
 _SMALL, _LARGE = 128, 256  # flights of a block: enough for every lane, few enough to lose
 _MANY = 100_000
+_COUNTED = 8192  # flights of a block that comes back counted, some ten seconds of work: what a kill costs a worker
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,27 @@ def choose_batch(flights: int, workers: int) -> int:
     size = _LARGE if flights > _MANY else _SMALL
     share = -(-flights // (2 * workers))
     return max(LANES, min(size, -(-share // LANES) * LANES))
+
+
+def choose_counted(flights: int, workers: int, batch: int) -> int:
+    """Flights of a block of which the worker counts the envelopes: whole batches, four blocks or more a worker."""
+    share = -(-flights // (4 * workers))
+    return batch * max(1, min(_COUNTED, share) // batch)
+
+
+def fly_recorded(
+    fly: Fly, plan: FlightPlan, parameters: Floats, recorded: Asked, begin: Callable[[], None] = lambda: None
+) -> FlightBlock:
+    """What every worker does; ``begin`` is called before each call of ``fly``."""
+    if isinstance(recorded, Counting):
+        return count_flights(fly, plan, parameters, recorded, begin)
+    begin()
+    return fly(plan, parameters, recorded)
+
+
+def at_once(parameters: Floats, recorded: Asked) -> int:
+    """Flights of one call of ``fly``."""
+    return min(len(parameters), recorded.batch) if isinstance(recorded, Counting) else len(parameters)
 
 
 def cut_blocks(missing: dict[str, tuple[Mask, Mask]], size: int, cut: int = 0) -> Iterator[Block]:
@@ -69,10 +94,10 @@ def _uniform_runs(rows: Mask, envelope: Mask, size: int, cut: int) -> Iterator[t
 
 
 def fly_block(
-    fly: Fly, plan: FlightPlan, block: Block, parameters: Floats, recording: Recording
+    fly: FlyBlocks, plan: FlightPlan, block: Block, parameters: Floats, recorded: Asked
 ) -> tuple[Block, FlightBlock]:
     """What a worker does: nothing but flying; it touches no file."""
-    return block, fly(plan, parameters, recording if block.envelope else None)
+    return block, fly(plan, parameters, recorded if block.envelope else None)
 
 
 class Backpressure:

@@ -13,13 +13,14 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.execution.attest import Attestation, Check, sign
-from abhv_mc.execution.blocks import Fly, Recorded
+from abhv_mc.execution.blocks import Asked, Fly, at_once, fly_recorded
 from abhv_mc.execution.engine import Engine
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, make_failed, time_limit
 from abhv_mc.flight.fly import nominal_parameters
@@ -58,7 +59,7 @@ def with_code(plan: FlightPlan, code: Code) -> FlightPlan:
 
 
 def fly_remote(
-    fly: Fly, source: str, arrays: Arrays, code: Code, parameters: Floats, recorded: Recorded, limit: float
+    fly: Fly, source: str, arrays: Arrays, code: Code, parameters: Floats, recorded: Asked, limit: float
 ) -> FlightBlock:
     """What a worker of the cluster does: the block, signed.
 
@@ -73,13 +74,27 @@ def fly_remote(
         if kind not in _warm:
             fly(plan, nominal_parameters(), None)  # loads or compiles, which is no flight's time
             _warm.add(kind)
-    watch = threading.Timer(limit, os._exit, (1,))
-    watch.daemon = True
-    watch.start()
+    watch = _Watch(limit)
     try:
-        return sign(fly(plan, parameters, recorded))
+        return sign(fly_recorded(fly, plan, parameters, recorded, watch.begin))
     finally:
-        watch.cancel()
+        watch.end()
+
+
+class _Watch:
+    """Ends the process where a batch takes longer than ``limit``, s."""
+
+    def __init__(self, limit: float) -> None:
+        self._limit, self._timer = limit, threading.Timer(limit, os._exit, (1,))
+
+    def begin(self) -> None:
+        self._timer.cancel()
+        self._timer = threading.Timer(self._limit, os._exit, (1,))
+        self._timer.daemon = True
+        self._timer.start()
+
+    def end(self) -> None:
+        self._timer.cancel()
 
 
 class Cluster:
@@ -97,9 +112,9 @@ class Cluster:
         """Blocks to have under way."""
         return max(_FEWEST, _PER_THREAD * sum(self._client.nthreads().values()))
 
-    def fly(self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
+    def fly(self, plan: FlightPlan, parameters: Floats, recorded: Asked = None) -> FlightBlock:
         """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
-        return fly_with_retries(lambda rows: self._attempt(plan, rows, recorded), plan, parameters, recorded)
+        return fly_with_retries(partial(self._attempt, plan), plan, parameters, recorded)
 
     def _hold(self, plan: FlightPlan) -> "Future":
         """The plan on the cluster: held anew where Dask gave it up, as it does after workers that died with it."""
@@ -112,10 +127,10 @@ class Cluster:
                 self._plans[id(plan)] = held, plan
             return held
 
-    def _attempt(self, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
+    def _attempt(self, plan: FlightPlan, parameters: Floats, recorded: Asked) -> FlightBlock:
         from distributed import CancelledError, KilledWorker
 
-        engine, limit = self._engine, time_limit(len(parameters), self.limit)
+        engine, limit = self._engine, time_limit(at_once(parameters, recorded), self.limit)
         source = engine.source if engine.checked else ""
         held, code = self._hold(plan), (plan.source, plan.channels_source)
         future = self._client.submit(

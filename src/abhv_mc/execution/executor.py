@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.config import PROCESSES, Execution
 from abhv_mc.execution.attest import Attestation, sign
-from abhv_mc.execution.blocks import Fly, Recorded
+from abhv_mc.execution.blocks import Asked, FlyBlocks, fly_recorded
 from abhv_mc.execution.cluster import Cluster
 from abhv_mc.execution.engine import Engine
 from abhv_mc.execution.pool import WorkerPool
@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 class Executor:
     """Flies blocks in parallel."""
 
-    fly: Fly  # threads may call it side by side; gives ``failed_to_run`` for what cannot be computed
+    fly: FlyBlocks  # threads may call it side by side; gives ``failed_to_run`` for what cannot be computed
     workers: int  # calls to have under way
 
 
@@ -58,11 +58,11 @@ def open_executor(
         yield Executor(_in_this_process(engine), number)
 
 
-def _in_this_process(engine: Engine) -> Fly:
-    def fly(plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
-        def attempt(rows: Floats) -> FlightBlock:
+def _in_this_process(engine: Engine) -> FlyBlocks:
+    def fly(plan: FlightPlan, parameters: Floats, recorded: Asked = None) -> FlightBlock:
+        def attempt(rows: Floats, recorded: Asked) -> FlightBlock:
             try:
-                return sign(engine.fly(plan, rows, recorded), engine.device)
+                return sign(fly_recorded(engine.fly, plan, rows, recorded), engine.device)
             except Exception as error:
                 raise FlightLostError(f"{type(error).__name__}: {error}") from error
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.execution.attest import Check
-from abhv_mc.execution.blocks import Fly, Recorded
+from abhv_mc.execution.blocks import Asked, Fly, at_once
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, time_limit
 from abhv_mc.execution.worker import serve
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
@@ -71,7 +71,7 @@ class _Worker:
         self._plans: set[int] = set()  # keys of those it has
         self.has_flown = False
 
-    def fly(self, key: int, plan: FlightPlan, parameters: Floats, recorded: Recorded, limit: float) -> FlightBlock:
+    def fly(self, key: int, plan: FlightPlan, parameters: Floats, recorded: Asked, limit: float) -> FlightBlock:
         """Raises FlightLostError, and _NotBegunError where the process ended before these flights began."""
         known = key in self._plans
         try:
@@ -82,7 +82,7 @@ class _Worker:
             self.kill()
             raise _NotBegunError(_describe_exit(self.process.exitcode)) from None
         self.has_flown = True
-        if answer is None:
+        while answer is None:
             answer = self._receive(limit)
         if isinstance(answer, str):
             raise FlightLostError(answer)
@@ -123,24 +123,24 @@ class WorkerPool:
         self._last_end = ""
         self._closed = False
 
-    def fly(self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
+    def fly(self, plan: FlightPlan, parameters: Floats, recorded: Asked = None) -> FlightBlock:
         """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
         with self._lock:
             key, _ = self._plans.setdefault(id(plan), (len(self._plans), plan))
 
-        def attempt(rows: Floats) -> FlightBlock:
+        def attempt(rows: Floats, recorded: Asked) -> FlightBlock:
             block = self._attempt(key, plan, rows, recorded)
             return block if self._check is None else self._check(plan, rows, block)
 
         return fly_with_retries(attempt, plan, parameters, recorded)
 
-    def _attempt(self, key: int, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
-        worker = self._idle.get()
+    def _attempt(self, key: int, plan: FlightPlan, parameters: Floats, recorded: Asked) -> FlightBlock:
+        worker, limit = self._idle.get(), time_limit(at_once(parameters, recorded), self._limit)
         try:
             while True:
                 worker = worker or self._start()
                 try:
-                    block = worker.fly(key, plan, parameters, recorded, time_limit(len(parameters), self._limit))
+                    block = worker.fly(key, plan, parameters, recorded, limit)
                 except _NotBegunError as end:
                     self._remove(worker, str(end))
                     worker = None

@@ -6,17 +6,19 @@ That flight has the outcome ``failed_to_run``, which says nothing about the vehi
 import math
 import sys
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.execution.blocks import Recorded
+from abhv_mc.execution.blocks import Asked, Recorded
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock, FlightPlan, recording_of
+from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, recording_of
+from abhv_mc.folder.counted import Counting, count_flights
 from abhv_mc.stability.metrics import count_metrics
 
 Floats = NDArray[np.float64]
-Attempt = Callable[[Floats], FlightBlock]
+Attempt = Callable[[Floats, Asked], FlightBlock]
 
 PIECE = 16  # flights of the first smaller pieces, and those that one time limit holds for
 _PIECES = (PIECE, 1, 1)  # a single flight is tried twice: its process may have been killed from outside
@@ -35,11 +37,17 @@ def time_limit(flights: int, one: float) -> float:
     return one * math.ceil(flights / PIECE)
 
 
-def fly_with_retries(attempt: Attempt, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
+def fly_with_retries(attempt: Attempt, plan: FlightPlan, parameters: Floats, recorded: Asked) -> FlightBlock:
     """What ``attempt`` makes of the rows, with ``failed_to_run`` for those that are lost alone, too.
 
-    Raises UnusableError where not one of PIECE or more flights could be computed.
+    A block that is to be counted is flown batch by batch then, and counted here. Raises UnusableError where not one of
+    PIECE or more flights could be computed.
     """
+    if isinstance(recorded, Counting):
+        try:
+            return attempt(parameters, recorded)
+        except FlightLostError:
+            return count_flights(partial(fly_with_retries, attempt), plan, parameters, recorded)
     reasons: list[str] = []
     block = _fly(attempt, plan, parameters, recorded, _PIECES, reasons)
     if reasons:
@@ -59,7 +67,7 @@ def _fly(
     reasons: list[str],
 ) -> FlightBlock:
     try:
-        return attempt(parameters)
+        return attempt(parameters, recorded)
     except FlightLostError as error:
         if not sizes:
             reasons.append(str(error))
@@ -79,19 +87,3 @@ def make_failed(plan: FlightPlan, recorded: Recorded) -> FlightBlock:
         history=np.full((1, len(times), len(recording.channels)), np.nan, np.float32),
         times=times.astype(np.float64),
     )
-
-
-def join_blocks(blocks: list[FlightBlock]) -> FlightBlock:
-    """Blocks one after another as one; whole states, which a failed flight has none of, are left out."""
-    parts = {
-        name: np.concatenate([getattr(block, name) for block in blocks])
-        for name in ("outcome", "end_time", "metrics", "history")
-    }
-    low = _reduce(np.fmin, [block.low for block in blocks if block.low is not None])
-    high = _reduce(np.fmax, [block.high for block in blocks if block.high is not None])
-    flyers = tuple(dict.fromkeys(flyer for block in blocks for flyer in block.flown_by))
-    return FlightBlock(**parts, times=blocks[0].times, low=low, high=high, flown_by=flyers)
-
-
-def _reduce(extreme: np.ufunc, ends: list[NDArray[np.float32]]) -> NDArray[np.float32] | None:
-    return extreme.reduce(ends) if ends else None

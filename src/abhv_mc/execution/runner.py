@@ -13,7 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.blocks import Backpressure, Block, Mask, choose_batch, closing_quietly, cut_blocks, fly_block
+from abhv_mc.execution.blocks import (
+    Backpressure,
+    Block,
+    Mask,
+    choose_batch,
+    choose_counted,
+    closing_quietly,
+    cut_blocks,
+    fly_block,
+)
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.completion import Completion
 from abhv_mc.execution.engine import Engine, check_source, make_engine
@@ -29,6 +38,7 @@ from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.folder.blocks import read_flown_blocks
+from abhv_mc.folder.counted import Counting
 from abhv_mc.folder.envelope_states import Cells, Collector, make_collector
 from abhv_mc.folder.envelopes import write_envelopes
 from abhv_mc.folder.flights import FlightRows, flights_schema, write_block
@@ -148,7 +158,7 @@ class _Run:
                 return self.cells.flatten(block.history)
 
             self.collectors[name] = make_collector(
-                self.folder.envelope_states, name, self.campaign.runs, self.cells, pilot
+                self.folder.envelope_states, name, self.campaign.runs, self.cells, pilot, self.batch
             )
         while missing := self.completion.find_missing(self.collectors):
             self._fly_missing(missing)
@@ -166,6 +176,8 @@ class _Run:
             n_jobs=self.workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs"
         )
         backpressure = Backpressure(2 * self.workers)
+        counted = any(isinstance(collector.recorded, Counting) for collector in self.collectors.values())
+        size = choose_counted(total, self.workers, self.batch) if counted else self.batch
         tasks = (
             delayed(backpressure.call)(
                 fly_block,
@@ -173,9 +185,9 @@ class _Run:
                 self._plan_of(block.controller, block.first) if block.rows else self.plans[block.controller],
                 block,
                 self._parameters(block.first, block.stop),
-                self.cells.recording,
+                self.collectors[block.controller].recorded,
             )
-            for block in cut_blocks(missing, self.batch, self.with_margins)
+            for block in cut_blocks(missing, size, self.with_margins)
         )
         saved = time.monotonic()
         results = pool(tasks)
@@ -194,8 +206,7 @@ class _Run:
         """Write a finished block and count it."""
         if block.envelope:
             collector = self.collectors[block.controller]
-            history = self.cells.flatten(flown.history)
-            collector.add(block.first, history, self._extremes(flown, history))
+            collector.add(block.first, flown)
             collector.covered[block.first : block.stop] &= flown.outcome != Outcome.FAILED_TO_RUN
         if block.rows:
             rows = FlightRows(
@@ -215,12 +226,6 @@ class _Run:
             self.completion.add(rows, digest)
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
                 print(f"flight {flight} of {block.controller} failed to run", file=sys.stderr, flush=True)
-
-    def _extremes(self, flown: FlightBlock, history: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Smallest and largest values ``[side, cell]`` of a block: of every tick, or of the samples from a GPU."""
-        if flown.low is not None and flown.high is not None:
-            return self.cells.flatten(np.stack([flown.low, flown.high]))
-        return np.stack([np.fmin.reduce(history, axis=0), np.fmax.reduce(history, axis=0)])
 
     def _make_values(self, flown: FlightBlock) -> NDArray[np.float64]:
         """Values ``[flight, value]``; margins come last, nan where they were not asked for."""

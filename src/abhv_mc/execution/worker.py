@@ -3,11 +3,12 @@
 import os
 import signal
 import threading
+from functools import partial
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 
 from abhv_mc.execution.attest import sign
-from abhv_mc.execution.blocks import Fly
+from abhv_mc.execution.blocks import Fly, fly_recorded
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 
@@ -15,7 +16,7 @@ from abhv_mc.flight.plan import FlightBlock, FlightPlan
 def serve(connection: Connection, fly: Fly) -> None:
     """Answer jobs (key of the plan, plan when it is new, parameters, what to record) until the parent hangs up.
 
-    Each is answered twice: None when the flights start, for the parent's clock, then the block or what was raised.
+    Each is answered with None as each batch starts, for the parent's clock, then the block or what was raised.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches everyone in the terminal; the parent decides
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -30,8 +31,8 @@ def serve(connection: Connection, fly: Fly) -> None:
             if plan is not None:
                 plans[key] = plan
                 fly(plan, nominal_parameters(), None)  # loads or compiles, which is no flight's time
-            connection.send(None)
-            answer: FlightBlock | str = sign(fly(plans[key], parameters, recorded))
+            begin = partial(connection.send, None)
+            answer: FlightBlock | str = sign(fly_recorded(fly, plans[key], parameters, recorded, begin))
         except BrokenPipeError:
             return
         except Exception as error:

@@ -103,3 +103,26 @@ class FlightBlock:
     low: Singles | None = None  # [time, channel] least and greatest value of these flights at any control tick from
     high: Singles | None = None  # the time before to the one after, NaN where nobody flew; None where not asked for
     flown_by: tuple[Flyer, ...] = ()  # processes, where it has been signed
+
+    @property
+    def extremes(self) -> tuple[Singles, Singles]:
+        """Least and greatest values ``[time, channel]``: of every tick, or of the samples where it has no others."""
+        if self.low is None or self.high is None:
+            return np.fmin.reduce(self.history, axis=0), np.fmax.reduce(self.history, axis=0)
+        return self.low, self.high
+
+
+def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
+    """Blocks one after another as one; whole states, which a failed flight has none of, are left out."""
+    parts = {
+        name: np.concatenate([getattr(block, name) for block in blocks])
+        for name in ("outcome", "end_time", "metrics", "history")
+    }
+    low = _reduce(np.fmin, [block.low for block in blocks if block.low is not None])
+    high = _reduce(np.fmax, [block.high for block in blocks if block.high is not None])
+    flyers = tuple(dict.fromkeys(flyer for block in blocks for flyer in block.flown_by))
+    return FlightBlock(**parts, times=blocks[0].times, low=low, high=high, flown_by=flyers)
+
+
+def _reduce(extreme: np.ufunc, ends: list[Singles]) -> Singles | None:
+    return extreme.reduce(ends) if ends else None

@@ -15,8 +15,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.flight.plan import Recording
+from abhv_mc.flight.plan import FlightBlock, Recording
 from abhv_mc.folder.arrays import read_array, write_array
+from abhv_mc.folder.counted import CountedBlock, Counting
 from abhv_mc.folder.envelopes import QUANTILES, EnvelopeTable
 from abhv_mc.folder.flights import DamagedFileError, parse_block_name
 from abhv_mc.folder.histogram import BINS, KEPT, Histograms, make_bins
@@ -68,14 +69,22 @@ class Cells:
         """``[flight, cell]`` of recorded values ``[flight, time, channel]``."""
         return history.reshape(len(history), self.count)
 
+    def extremes(self, block: FlightBlock) -> Singles:
+        """Smallest and largest values ``[side, cell]`` of a block: of every tick, or of the samples from a GPU."""
+        return self.flatten(np.stack(block.extremes))
+
 
 class Collector(Protocol):
     """Collects the envelopes of one controller."""
 
     covered: Mask  # [flight] which flights are in
 
-    def add(self, first: int, history: Singles, extremes: Singles) -> None:
-        """Add the flights from ``first`` on, ``[flight, cell]``, and their ``extremes[side, cell]`` between samples."""
+    @property
+    def recorded(self) -> Recording | Counting:
+        """What flights are to bring."""
+
+    def add(self, first: int, block: FlightBlock) -> None:
+        """Add the flights from ``first`` on."""
 
     def save(self) -> None:
         """Write what a resumed campaign needs."""
@@ -88,12 +97,15 @@ class Collector(Protocol):
 
 
 def make_collector(
-    folder: Path, controller: str, flights: int, cells: Cells, fly_pilot: Callable[[int], Singles]
+    folder: Path, controller: str, flights: int, cells: Cells, fly_pilot: Callable[[int], Singles], batch: int
 ) -> Collector:
-    """The collector of a campaign of ``flights`` flights; ``fly_pilot(n)`` flies its first n, ``[flight, cell]``."""
+    """The collector of a campaign of ``flights`` flights; ``fly_pilot(n)`` flies its first n, ``[flight, cell]``.
+
+    ``batch``: flights that are flown at once where a block of more comes back counted.
+    """
     if flights <= EXACT_FLIGHTS:
         return ExactCollector(folder, controller, flights, cells)
-    return HistogramCollector(folder, controller, flights, cells, fly_pilot)
+    return HistogramCollector(folder, controller, flights, cells, fly_pilot, batch)
 
 
 class ExactCollector:
@@ -101,6 +113,7 @@ class ExactCollector:
 
     def __init__(self, folder: Path, controller: str, flights: int, cells: Cells) -> None:
         self._folder, self._controller, self._cells = folder / "blocks", controller, cells
+        self.recorded = cells.recording
         self.covered = np.zeros(flights, bool)
         self._blocks: dict[Path, tuple[int, int]] = {}  # those that are whole, with their flights
         for path in self._folder.glob(f"{controller}-*.npy"):
@@ -112,9 +125,10 @@ class ExactCollector:
                     self.covered[first:stop] |= _computed(values[:-2])
                     self._blocks[path] = first, stop
 
-    def add(self, first: int, history: Singles, extremes: Singles) -> None:
+    def add(self, first: int, block: FlightBlock) -> None:
+        history = self._cells.flatten(block.history)
         path = self._folder / f"{self._controller}-{first:09d}-{first + len(history):09d}.npy"
-        write_array(path, np.concatenate([history, extremes]))
+        write_array(path, np.concatenate([history, self._cells.extremes(block)]))
         self._blocks[path] = first, first + len(history)
         self.covered[first : first + len(history)] = True
 
@@ -170,7 +184,13 @@ class HistogramCollector:
     """Counts in memory; the state goes to disk now and then, and a kill costs what came since."""
 
     def __init__(
-        self, folder: Path, controller: str, flights: int, cells: Cells, fly_pilot: Callable[[int], Singles]
+        self,
+        folder: Path,
+        controller: str,
+        flights: int,
+        cells: Cells,
+        fly_pilot: Callable[[int], Singles],
+        batch: int,
     ) -> None:
         self._path, self._cells = folder / f"{controller}.npz", cells
         self.covered = np.zeros(flights, bool)
@@ -185,15 +205,18 @@ class HistogramCollector:
             self._seen = state["seen"]
             covered = np.unpackbits(state["covered"], count=int(state["flights"])).astype(bool)
             self.covered[: len(covered)] = covered[:flights]
+        self.recorded = Counting(cells.recording, self._histograms.low, self._histograms.width, batch)
 
     def _load(self) -> dict[str, NDArray] | None:
         state = _read_state(self._path)
         return state if state is not None and state["low"].size == self._cells.count else None
 
-    def add(self, first: int, history: Singles, extremes: Singles) -> None:
-        self._histograms.add(history)
-        self._seen = _widen(self._seen, extremes)
-        self.covered[first : first + len(history)] = True
+    def add(self, first: int, block: FlightBlock) -> None:
+        if not isinstance(block, CountedBlock):
+            raise TypeError("a block that was not counted")
+        self._histograms.merge(block.counts, block.ends)
+        self._seen = _widen(self._seen, self._cells.extremes(block))
+        self.covered[first : first + len(block.outcome)] = True
 
     def save(self) -> None:
         _write_state(self._path, self._histograms, self.covered, self._seen)

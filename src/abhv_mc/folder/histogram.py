@@ -64,6 +64,22 @@ def _count(
                     filled[1, cell] += 1
 
 
+@kernel
+def _merge(ours: Singles, theirs: Singles, best: Singles, threshold: Singles) -> None:
+    """The largest of two falling rows of each side and cell into ``best``, and the smallest of them."""
+    kept = ours.shape[2]
+    for side in range(ours.shape[0]):
+        for cell in range(ours.shape[1]):
+            a, b, out = ours[side, cell], theirs[side, cell], best[side, cell]
+            i = j = 0
+            for k in range(kept):
+                first = a[i] >= b[j]
+                out[k] = a[i] if first else b[j]
+                i += 1 if first else 0
+                j += 0 if first else 1
+            threshold[side, cell] = out[kept - 1]
+
+
 class Histograms:
     """Counts and extreme values of every cell of one controller."""
 
@@ -75,6 +91,7 @@ class Histograms:
         self._ends = np.full((2, cells, KEPT + _SPARE), -np.inf, np.float32)
         self._filled = np.zeros((2, cells), np.int64)
         self._threshold = np.full((2, cells), -np.inf, np.float32)
+        self._sorted = True  # what is kept falls, and nothing follows it
 
     @property
     def total(self) -> NDArray[np.int64]:
@@ -86,6 +103,7 @@ class Histograms:
         for first in range(0, len(history), _ABREAST):
             if self._filled.max(initial=0) > KEPT + _SPARE - _ABREAST:
                 self._compact()
+            self._sorted = False
             block = np.ascontiguousarray(history[first : first + _ABREAST])
             _count(
                 block, self.low, np.float32(1.0) / self.width, self.counts,
@@ -100,13 +118,14 @@ class Histograms:
     def merge(self, counts: NDArray[np.uint32], extremes: Singles) -> None:
         """Add what another one of the same bins has counted."""
         self.counts += counts
-        self._ends[:, :, :KEPT] = self.extremes()
-        self._ends[:, :, KEPT : 2 * KEPT] = extremes
-        self._filled[:] = 2 * KEPT
-        self._compact()
+        _merge(self.extremes(), extremes, self._ends, self._threshold)
+        self._filled[:] = KEPT
 
     def _compact(self) -> None:
         """Keep the KEPT best of each side and cell."""
+        if self._sorted:
+            return
+        self._sorted = True
         for side in range(2):
             for first in range(0, self.low.size, _PIECE):
                 cells = slice(first, first + _PIECE)
