@@ -1,12 +1,12 @@
 """What a campaign can show before it flies: flights needed, and the chance of PASS against the true failure rate."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betainc
-from scipy.stats import binom
+from scipy.special import betainc, gammaln, xlog1py, xlogy
 
 from abhv_mc.statistics.estimates import Floats
 from abhv_mc.statistics.evidence import flights_to_fail, flights_to_pass, most_failures
@@ -56,6 +56,17 @@ def _boundary(runs: int, probability: float, risk: float, status: str) -> tuple[
     return failures[kept], reached[kept]
 
 
+@lru_cache(maxsize=512)
+def _binomial(flights: int, rate: float) -> tuple[int, Floats]:
+    """First count and probabilities of the counts of failures that matter among so many flights."""
+    mean, spread = flights * rate, np.sqrt(flights * rate * (1.0 - rate))
+    # Beyond ten standard deviations, and thirty counts for the long tails of rare failures, there is nothing left.
+    low, high = max(0, int(mean - 10.0 * spread - 30.0)), min(flights, int(mean + 10.0 * spread + 30.0))
+    count = np.arange(low, high + 1)
+    logarithm = gammaln(flights + 1.0) - gammaln(count + 1.0) - gammaln(flights - count + 1.0)
+    return low, np.exp(logarithm + xlogy(count, rate) + xlog1py(flights - count, -rate))
+
+
 def _reach(failures: NDArray[np.int64], flights: NDArray[np.int64], rate: float, low: bool) -> float:
     """Chance that the failures up to any of `flights` are at most (`low`) or at least `failures` there.
 
@@ -65,9 +76,8 @@ def _reach(failures: NDArray[np.int64], flights: NDArray[np.int64], rate: float,
     reached, first, inside, before = 0.0, 0, np.ones(1), 0
     for count, flight in zip(failures.tolist(), flights.tolist(), strict=True):
         if flight > before:
-            start, end = (int(binom.ppf(tail, flight - before, rate)) for tail in (1e-14, 1.0 - 1e-14))
-            more = binom.pmf(np.arange(max(start, 0), end + 1), flight - before, rate)
-            inside, first, before = np.convolve(inside, more), first + max(start, 0), flight
+            start, more = _binomial(flight - before, rate)
+            inside, first, before = np.convolve(inside, more), first + start, flight
         cut = int(np.clip(count + 1 - first if low else count - first, 0, inside.size))
         settled, left = (inside[:cut], inside[cut:]) if low else (inside[cut:], inside[:cut])
         reached += float(settled.sum())
