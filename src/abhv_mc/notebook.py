@@ -176,7 +176,7 @@ class CampaignResults:
 
     @property
     def verdicts(self) -> "pd.DataFrame":
-        """Verdict, failures, bound and risks of each requirement on each controller."""
+        """Verdict, counts, tolerance limit and room of each requirement on each controller."""
         import pandas as pd
 
         rows = [

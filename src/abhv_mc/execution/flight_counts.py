@@ -142,19 +142,10 @@ def judge_counts(
     counted = [(counts, count) for counts in all_counts.values() for count in counts.requirements]
     pairs = []
     for counts, count in counted:
-        uncomputed = int(counts.uncomputed[:flights].sum())
-        number = count.flights + uncomputed if flights is None else flights
-        entry = count.requirement
-        pairs.append(
-            Pair(
-                int(count.missed[:flights].sum()),
-                number,
-                uncomputed,
-                entry.probability,
-                entry.consumer_risk,
-                entry.producer_risk,
-            )
-        )
+        failures, uncomputed = int(count.missed[:flights].sum()), int(counts.uncomputed[:flights].sum())
+        number, asked = count.flights + uncomputed if flights is None else flights, count.requirement
+        risks = asked.consumer_risk, asked.producer_risk
+        pairs.append(Pair(failures, number, uncomputed, asked.probability, *risks))
     family = campaign.model.family
     independent = campaign.model.sampling.design == INDEPENDENT
     verdicts = judge_pairs(pairs, independent, family.risk if family else None)

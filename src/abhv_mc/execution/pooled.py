@@ -22,17 +22,11 @@ def judge_together(campaign: CheckedCampaign, manifests: Sequence[dict[str, Any]
         ]
         counted = ("flights", "failures", "failures_not_computed")
         together.append(entry | {key: sum(other[key] for other in same) for key in counted})
-    pairs = [
-        Pair(
-            entry["failures"] - entry["failures_not_computed"],
-            entry["flights"],
-            entry["failures_not_computed"],
-            entry["probability"],
-            entry["consumer_risk"],
-            entry["producer_risk"],
-        )
-        for entry in together
-    ]
+    pairs = []
+    for entry in together:
+        uncomputed, asked = entry["failures_not_computed"], ("probability", "consumer_risk", "producer_risk")
+        risks = (entry[key] for key in asked)
+        pairs.append(Pair(entry["failures"] - uncomputed, entry["flights"], uncomputed, *risks))
     model = campaign.model
     # Pairs that bind nobody are of the family, too: as if they showed nothing.
     others = len(model.requirements) * len(model.controllers) - len(pairs)

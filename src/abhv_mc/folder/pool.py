@@ -13,7 +13,7 @@ from typing import Any
 import pyarrow.parquet as pq
 
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
-from abhv_mc.folder.flights import parse_block_name, read_block, write_block
+from abhv_mc.folder.flights import read_block, write_block
 from abhv_mc.folder.flown_by import join_flyers, shift_flyers
 from abhv_mc.folder.hashes import damage_error, find_damage, record_hashes
 from abhv_mc.folder.inputs import FolderInputs, read_folder_inputs
@@ -74,8 +74,8 @@ def check_pool(parts: Sequence[Path]) -> list[CampaignFolder]:
             if {k: v.tobytes() for k, v in ours.items()} != {k: v.tobytes() for k, v in theirs.items()}:
                 found = f"another plan of '{name}' than in {folders[0].root}: another machine computes other last bits"
                 raise InputError(folder.root, None, None, found, "campaigns flown with the first one's plans (--plans)")
-        if damage := [(path, words) for path, words in find_damage(folder, manifest)]:
-            raise damage_error(*damage[0])
+        for damage in find_damage(folder, manifest):
+            raise damage_error(*damage)
     return folders
 
 
@@ -113,7 +113,6 @@ def join_seeds(folders: Sequence[CampaignFolder], out: Path) -> None:
             names = SampleReader(folder.samples).names
             for path in sorted(folder.flights.glob("*.parquet")):
                 if not path.name.startswith("_"):
-                    parse_block_name(path)
                     rows = read_block(path, names)
                     write_block(target.flights, replace(rows, first=rows.first + start), pq.read_schema(path))
         flyers = [shift_flyers(m.get("flown_by", []), start) for m, start in zip(manifests, starts, strict=False)]

@@ -18,7 +18,6 @@ from scipy.special import betainc, betaincc, betaln
 
 _FEWEST_TO_FAIL = 2  # failures: a single one shows no rate
 _ENOUGH = 1e-300  # of an incomplete beta function, below which its logarithm is lost
-MOST_FLIGHTS = 2**40  # that are ever advised
 
 
 def _log_part(a: float, b: float, x: float, upper: bool = False) -> float:

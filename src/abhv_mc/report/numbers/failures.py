@@ -41,14 +41,9 @@ def judge_all(results: Results) -> list[dict[str, Verdict]]:
 
 def _pair(flights: ControllerFlights, requirement: Requirement) -> Pair:
     """The counts of one requirement on one controller."""
-    return Pair(
-        int(requirement_failures(flights, requirement).sum()),
-        int(flights.flight.size) + flights.not_computed,
-        flights.not_computed,
-        requirement.probability,
-        requirement.consumer_risk,
-        requirement.producer_risk,
-    )
+    failures, absent = int(requirement_failures(flights, requirement).sum()), flights.not_computed
+    risks = requirement.consumer_risk, requirement.producer_risk
+    return Pair(failures, int(flights.flight.size) + absent, absent, requirement.probability, *risks)
 
 
 def find_tolerance(flights: ControllerFlights, requirement: Requirement) -> dict[str, float | bool | None]:
