@@ -91,8 +91,29 @@ def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path):
     assert manifest_of(store, base)["digest"] == whole["digest"]
     code, out, _ = abhv_mc("query", address, "select count(*) as n from flights", "--json", "-")
     assert (code, json.loads(out)) == (0, [{"n": 600}])
+    code, out, _ = abhv_mc("status", address, "--json", "-")
+    status = json.loads(out)
+    assert (status["folder"], status["runs_done"], status["holder"]) == (address, 300, None)
+    assert status["bytes"] > 50_000
+    assert abhv_mc("verify", "campaign", address)[0] == 0
+    assert abhv_mc("export", address, "-o", tmp_path / "csv")[0] == 0 and (tmp_path / "csv/flights.csv").is_file()
+    assert abhv_mc("export", address)[0] == 2
+    code, out, _ = abhv_mc("list", "campaigns", address.replace("/first", "/"), "--json", "-")
+    assert [(one["folder"], one["runs_done"]) for one in json.loads(out)] == [("first", 300)]
     code, out, _ = abhv_mc("report", address, "-o", tmp_path / "here")
     assert code == 0 and (tmp_path / "here/report.html").is_file() and list((tmp_path / "here/figures").iterdir())
+
+
+def test_shards_at_addresses_merge(bucket, abhv_mc, tmp_path, monkeypatch):
+    _, address, _ = bucket
+    monkeypatch.setattr("abhv_mc.execution.merge.make_engine", lambda: ENGINE)
+    campaign, (before, _, after) = write_campaign(tmp_path / "f"), address.partition("first")
+    parts = [f"{before}part{i}{after}" for i in (1, 2)]
+    for i, part in enumerate(parts, 1):
+        code, *_ = abhv_mc("run", campaign, "-o", part, "--shard", f"{i}/2", "--staging", tmp_path / "staging")
+        assert code == 0 and not list((tmp_path / "staging").iterdir())
+    assert abhv_mc("merge", *parts, "-o", tmp_path / "whole", "--no-report")[0] == 0
+    assert json.loads((tmp_path / "whole/manifest.json").read_text())["runs_done"] == 300
 
 
 @pytest.mark.parametrize("name", ["../../planted", "flights/../../planted", "/planted"])
@@ -140,6 +161,46 @@ def test_two_processes_do_not_share_an_address(bucket, tmp_path, monkeypatch):
         monkeypatch.setattr(remote, "LEASE", -60.0)  # as if its holder had been dead for a minute
         with mirrored(Path(address)):
             pass
+
+
+def test_the_lease_is_renewed_while_a_copy_takes_long(bucket, monkeypatch):
+    _, address, _ = bucket
+    renewed = threading.Event()
+    pull, renew = remote.Remote.pull, remote.Remote.renew_lock
+
+    def pull_slowly(self, pattern="*"):
+        assert renewed.wait(60.0)
+        pull(self, pattern)
+
+    def note(self):
+        renew(self)
+        renewed.set()
+
+    monkeypatch.setattr(remote, "RENEWAL", 0.01)
+    monkeypatch.setattr(remote.Remote, "pull", pull_slowly)
+    monkeypatch.setattr(remote.Remote, "renew_lock", note)
+    with mirrored(Path(address)):
+        pass
+
+
+def test_a_writer_that_lost_its_lease_stops_and_writes_nothing_more(bucket, tmp_path, monkeypatch, capfd):
+    store, address, base = bucket
+    monkeypatch.setattr(remote, "RENEWAL", 0.1)
+
+    def fly_on():
+        with mirrored(Path(address), tmp_path / "staging") as folder:
+            (folder / "manifest.json").write_text("{}")
+            for _ in range(600):  # until interrupted; a renewal that had looked already overwrites it
+                with store.open_output_stream(f"{base}/.lock") as stream:
+                    stream.write(json.dumps({"pid": 7, "host": "other", "token": "another"}).encode())
+                threading.Event().wait(0.2)
+
+    with pytest.raises(StorageFullError, match="kept in"):
+        fly_on()
+    assert "process 7 on other is flying" in capfd.readouterr().err
+    (kept,) = (tmp_path / "staging").iterdir()
+    assert (kept / "manifest.json").exists()
+    assert json.loads(store.open_input_stream(f"{base}/.lock").read())["pid"] == 7
 
 
 def test_an_address_that_takes_nothing_keeps_the_folder(bucket, monkeypatch):

@@ -19,6 +19,11 @@ def command(
 ) -> None:
     """Write every table as a CSV file; numbers read back to the same bits."""
     from abhv_mc.folder.export import export_csv
+    from abhv_mc.folder.remote import fetched, local_path
+    from abhv_mc.io.input_error import InputError
 
-    for path in export_csv(folder, out or folder / "csv"):
-        say(path)
+    if out is None and local_path(folder) is None:
+        raise InputError("--output", None, None, "nothing, for a campaign at an address", "-o DIR: where to")
+    with fetched(folder) as source:
+        for path in export_csv(source, out or folder / "csv"):
+            say(path)

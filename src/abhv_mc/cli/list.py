@@ -19,11 +19,16 @@ def campaigns(
     json: Json = None,
 ) -> None:
     """List the campaigns in a folder: state, flights, controllers, when, and the digest's first digits."""
+    from abhv_mc.folder.remote import fetched_manifests, parse_address
     from abhv_mc.folder.status import find_campaigns
 
-    if not folder.is_dir() and folder != _DEFAULT:
+    address = parse_address(folder)
+    if address is None and not folder.is_dir() and folder != _DEFAULT:
         raise InputError(folder, None, None, "no such folder", "one that holds campaigns' folders")
-    found = find_campaigns(folder)
+    with fetched_manifests(folder, "*/manifest.json") as (here, describe):
+        found = find_campaigns(here, describe)
+    if address is not None:
+        found = [one | {"folder": Path(one["folder"]).name} for one in found]
 
     def in_words() -> None:
         table = new_table(("folder", "state", "flights", "controllers", "started", "digest"), ())

@@ -1,5 +1,6 @@
 """``abhv-mc merge``: the shards of a campaign, or campaigns of one question, as one."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -30,11 +31,15 @@ def command(
     from abhv_mc.execution.merge import merge_campaign
     from abhv_mc.folder.layout import CampaignFolder
     from abhv_mc.folder.manifest import read_manifest
+    from abhv_mc.folder.remote import fetched
 
-    manifest = read_manifest(CampaignFolder(parts[0]).manifest)
-    engine = None
-    if manifest.get("machine", {}).get("device", "cpu") != "cpu":
-        from abhv_mc.execution.gpu import make_gpu_engine
+    with ExitStack() as stack:
+        here = [stack.enter_context(fetched(part)) for part in parts]
+        manifest = read_manifest(CampaignFolder(here[0]).manifest)
+        engine = None
+        if manifest.get("machine", {}).get("device", "cpu") != "cpu":
+            from abhv_mc.execution.gpu import make_gpu_engine
 
-        engine = make_gpu_engine()
-    finish(merge_campaign(parts, out or Path("reports") / manifest["name"], engine, trust_code), no_report, json)
+            engine = make_gpu_engine()
+        merged = merge_campaign(here, out or Path("reports") / manifest["name"], engine, trust_code)
+    finish(merged, no_report, json)

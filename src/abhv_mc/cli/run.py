@@ -23,7 +23,7 @@ from abhv_mc.cli.options import (
     Workers,
     parse_names,
 )
-from abhv_mc.cli.outputs import campaign_folder_or_address
+from abhv_mc.cli.outputs import campaign_folder_or_address, output_folder
 from abhv_mc.cli.printing import new_table, print_table, say, show
 from abhv_mc.io.input_error import InputError, Refusal
 
@@ -66,6 +66,12 @@ def command(
     json: Json = None,
     junit: Junit = None,
     trust_code: TrustCode = False,
+    staging: Annotated[
+        Path | None,
+        typer.Option(
+            callback=output_folder, metavar="DIR", help="Where the copy of an address lies.", show_default="temporary"
+        ),
+    ] = None,
     check_workers: Annotated[
         bool, typer.Option("--check-workers", help="Fly one flight of each worker again here; compare its bits.")
     ] = False,
@@ -93,7 +99,7 @@ def command(
             raise Refusal("--device gpu with --scheduler", "one of the two")
         engine = make_gpu_engine()
     try:
-        with mirrored(out) if out else nullcontext() as folder:
+        with mirrored(out, staging) if out else nullcontext() as folder:
             request = Request(
                 campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code, check_workers
             )

@@ -10,9 +10,12 @@ def command(
 ) -> None:
     """Say how far a campaign is, who flies it, and what was found so far."""
     from abhv_mc.cli.run import describe_outcomes, print_requirements
+    from abhv_mc.folder.remote import fetched_manifests, parse_address
     from abhv_mc.folder.status import read_status
 
-    status = read_status(folder)
+    with fetched_manifests(folder, "manifest.json") as (here, describe):
+        status = read_status(here, describe and describe(""))
+    status["folder"] = parse_address(folder) or str(folder)
 
     def in_words() -> None:
         say(f"{status['name']}: {status['state']}, {status['runs_done']} of {status['runs_planned']} flights")

@@ -27,13 +27,15 @@ def campaign(folder: Folder) -> None:
     """
     from abhv_mc.folder.layout import CampaignFolder
     from abhv_mc.folder.manifest import read_manifest
+    from abhv_mc.folder.remote import fetched
     from abhv_mc.report.pages.searched import search_command
     from abhv_mc.report.pages.verify import verify_campaign
 
-    for difference in verify_campaign(folder):
-        say(difference)
-        raise typer.Exit(1)
-    manifest = read_manifest(CampaignFolder(folder).manifest)
+    with fetched(folder) as source:
+        for difference in verify_campaign(source):
+            say(difference)
+            raise typer.Exit(1)
+        manifest = read_manifest(CampaignFolder(source).manifest)
     if "search" in manifest:
         say(f"{folder}: every file is as the search wrote it; this makes its page again from its flights:")
         say(search_command(folder, manifest))

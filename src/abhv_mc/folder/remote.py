@@ -6,6 +6,7 @@ holder renews. Two processes that start within a second of each other on one add
 store holds a moment later.
 """
 
+import _thread
 import contextlib
 import json
 import os
@@ -17,7 +18,8 @@ import tempfile
 import threading
 import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +31,7 @@ from abhv_mc.io.input_error import InputError
 
 PUSH_INTERVAL = 5.0  # s: what the loss of this machine costs
 LEASE = 60.0  # s after which a lock that nobody renews is nobody's
+RENEWAL = 15.0  # s between renewals, by a thread of their own: a copy may take longer than the lease
 _SETTLE = 1.0  # s until a store shows everyone the same
 _PATIENCE = 20.0  # s for a store of Google's to answer
 _OBJECT_STORES = ("s3", "gcs", "abfs")
@@ -62,13 +65,14 @@ class Remote:
         self._system, self._base = system, base
         self._held: dict[str, tuple[int, int] | None] = {}  # what the address holds -> size and time of ours
         self._token = uuid.uuid4().hex
+        self.lost: InputError | None = None  # who has taken the lock over: nothing is written from then on
 
-    def pull(self) -> None:
-        """Copy what the address holds into the local folder."""
+    def pull(self, pattern: str = "*") -> None:
+        """Copy what the address holds into the local folder: all, or the names that fit a pattern."""
         selector = pyarrow_fs.FileSelector(self._base, allow_not_found=True, recursive=True)
         for info in self._system.get_file_info(selector):
             name = info.path[len(self._base) + 1 :]
-            if info.type != pyarrow_fs.FileType.File or name.startswith(_LOCK):
+            if info.type != pyarrow_fs.FileType.File or name.startswith(_LOCK) or not fnmatch(name, pattern):
                 continue
             if not is_inside(name):  # an object's name is any text
                 found = f"an object named '{name}', which leads out of the folder"
@@ -104,6 +108,8 @@ class Remote:
                 self._held[name] = stamp
 
     def _write(self, name: str, content: bytes) -> None:
+        if self.lost is not None:
+            raise self.lost
         place = f"{self._base}/{name}"
         if self._system.type_name not in _OBJECT_STORES:
             self._system.create_dir(place.rpartition("/")[0], recursive=True)
@@ -124,8 +130,27 @@ class Remote:
 
     def renew_lock(self) -> None:
         """Say that this process still flies here. Raises InputError where another one has taken over."""
-        self._check_holder()
+        try:
+            self._check_holder()
+        except InputError as error:
+            self.lost = error
         self._write_lock()
+
+    def holder(self) -> str | None:
+        """Who flies here, or was killed at it within the lease; None for nobody."""
+        try:
+            with self._system.open_input_stream(f"{self._base}/{_LOCK}") as stream:
+                held = json.loads(stream.read())
+            return f"process {held['pid']} on {held['host']}"
+        except FileNotFoundError:
+            return None
+        except (ValueError, KeyError, TypeError):
+            return "another process"
+
+    def size(self) -> int:
+        """Bytes of all objects."""
+        selector = pyarrow_fs.FileSelector(self._base, allow_not_found=True, recursive=True)
+        return sum(info.size or 0 for info in self._system.get_file_info(selector))
 
     def _write_lock(self) -> None:
         who = {"pid": os.getpid(), "host": platform.node(), "token": self._token}
@@ -133,8 +158,9 @@ class Remote:
 
     def drop_lock(self) -> None:
         """Let others fly here."""
-        self._check_holder()
-        self._delete(_LOCK)
+        if self.lost is None:
+            self._check_holder()
+            self._delete(_LOCK)
 
     def _is_abandoned(self) -> bool:
         """Whether nobody has renewed the lock for long, by the store's clock alone: two hosts' may differ by hours."""
@@ -190,9 +216,32 @@ def fetched(path: Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def mirrored(path: Path) -> Iterator[Path]:
+def fetched_manifests(
+    path: Path, pattern: str
+) -> Iterator[tuple[Path, Callable[[str], tuple[str | None, int]] | None]]:
+    """``path``, or a copy of its files that fit ``pattern``, and what else there is to say of folders there."""
+    local = local_path(path)
+    if local is not None:
+        yield local, None
+        return
+    address = str(parse_address(path))
+    system, base = _open(address)
+
+    def describe(name: str) -> tuple[str | None, int]:
+        one = Remote(address, system, f"{base}/{name}".rstrip("/"), Path())
+        return one.holder(), one.size()
+
+    with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder, _told_plainly(address):
+        Remote(address, system, base, Path(folder)).pull(pattern)
+        yield Path(folder), describe
+
+
+@contextlib.contextmanager
+def mirrored(path: Path, staging: Path | None = None) -> Iterator[Path]:
     """A campaign's folder to fly in: ``path``, or a local one whose content goes to the address as it comes.
 
+    ``staging``: where the local one is made, by default in the system's folder for temporary files. A run whose lease
+    another process has taken over is interrupted, writes nothing more to the address, and says so.
     Raises InputError where another process flies there, and StorageFullError, which names the local folder that is
     kept, where the address takes nothing in the end.
     """
@@ -201,21 +250,24 @@ def mirrored(path: Path) -> Iterator[Path]:
         yield local
         return
     address = str(parse_address(path))
-    folder = Path(tempfile.mkdtemp(prefix="abhv-mc-"))
+    if staging is not None:
+        staging.mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(prefix="abhv-mc-", dir=staging))
     remote = Remote(address, *_open(address), folder)
     keep = False
+    ended = threading.Event()
+    threads = [threading.Thread(target=work, args=(remote, ended), daemon=True) for work in (_renew, _push)]
     try:
         with _told_plainly(address):
             remote.take_lock()
+            threads[0].start()
             remote.pull()
-        ended = threading.Event()
-        pusher = threading.Thread(target=_push_now_and_then, args=(remote, ended), daemon=True)
-        pusher.start()
+        threads[1].start()
         try:
             yield folder
         finally:
             ended.set()
-            pusher.join()
+            threads[1].join()
             if CampaignFolder(folder).manifest.exists():
                 keep = True
                 _push_at_last(remote)
@@ -223,14 +275,27 @@ def mirrored(path: Path) -> Iterator[Path]:
             else:
                 remote.drop_lock()
     finally:
+        ended.set()
         if not keep:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def _push_now_and_then(remote: Remote, ended: threading.Event) -> None:
-    while not ended.wait(PUSH_INTERVAL):
+def _renew(remote: Remote, ended: threading.Event) -> None:
+    """Renew the lease until the end; interrupt the run where another process has it."""
+    while not ended.wait(RENEWAL):
         try:
             remote.renew_lock()
+        except InputError as error:
+            print(f"{error}\nThis run stops, and writes nothing more there.", file=sys.stderr, flush=True)
+            _thread.interrupt_main()
+            return
+        except (OSError, pa.ArrowException):  # perhaps it goes next time
+            continue
+
+
+def _push(remote: Remote, ended: threading.Event) -> None:
+    while not ended.wait(PUSH_INTERVAL):
+        try:
             remote.push()
         except (OSError, pa.ArrowException) as error:  # perhaps it goes next time; at last it must
             print(f"{remote.address}: {str(error).splitlines()[0]}", file=sys.stderr, flush=True)

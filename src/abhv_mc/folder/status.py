@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,8 @@ from abhv_mc.folder.manifest import INTERRUPTED, RUNNING, read_manifest
 from abhv_mc.io.input_error import InputError
 
 
-def read_status(root: Path) -> dict[str, Any]:
-    """The manifest, who holds the folder, and its size.
+def read_status(root: Path, seen: tuple[str | None, int] | None = None) -> dict[str, Any]:
+    """The manifest, who holds the folder, and its size: as ``seen`` at the address that it is a copy of, if it is one.
 
     A campaign whose manifest says ``running`` while nobody holds its lock was killed: its state is ``interrupted``.
     """
@@ -20,10 +21,10 @@ def read_status(root: Path) -> dict[str, Any]:
     manifest = read_manifest(folder.manifest)
     if "search" in manifest:
         raise InputError(root, None, None, "the flights of a search", "the folder of a campaign")
-    holder = lock_holder(folder.lock)
+    holder, size = seen or (lock_holder(folder.lock), _size(root))
     if manifest["state"] == RUNNING and holder is None:
         manifest["state"] = INTERRUPTED
-    return manifest | {"folder": str(root), "holder": holder, "bytes": _size(root)}
+    return manifest | {"folder": str(root), "holder": holder, "bytes": size}
 
 
 def _size(root: Path) -> int:
@@ -36,10 +37,10 @@ def _size(root: Path) -> int:
     return size
 
 
-def find_campaigns(root: Path) -> list[dict[str, Any]]:
-    """The status of every campaign's folder directly in ``root``, by name."""
+def find_campaigns(root: Path, describe: Callable[[str], tuple[str | None, int]] | None = None) -> list[dict[str, Any]]:
+    """The status of every campaign's folder directly in ``root``, by name; ``describe`` as for a copy of an address."""
     found = []
     for path in sorted(root.glob("*/manifest.json")):
         with contextlib.suppress(InputError):  # somebody else's manifest
-            found.append(read_status(path.parent))
+            found.append(read_status(path.parent, describe and describe(path.parent.name)))
     return found
