@@ -1,4 +1,4 @@
-"""How long 10,000 linearisations with their margins take: ``python benchmarks/margins.py [--flights N] [--cores C]``.
+"""How long 10,000 linearizations with their margins take: ``python benchmarks/margins.py [--flights N] [--cores C]``.
 
 Dispersed flights of ghame_x on the level mission at their trims, 200 frequencies, all four loops, the structured
 singular value of all inputs included; processes side by side, each with the compiled code loaded before the clock runs.

@@ -30,7 +30,7 @@ from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.report.figures.style import write_png
 from abhv_mc.report.numbers.results import Results, read_results
 from abhv_mc.stability.analysis import analyse
-from abhv_mc.stability.linearize import linearise
+from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.steady import make_steady_plan, trim_points
 
 # Table 1 of the paper: damping and bandwidth (rad/s).
@@ -87,7 +87,7 @@ def find_facts(results: Results, steps: tuple[float, ...]) -> dict[str, float]:
     turn = float(np.rad2deg(np.arcsin(0.5 * 5e3 * np.pi / 50.0 / 1400.0)))
     steady = make_steady_plan(vehicle, mission, lqr_file, "lqr")
     undispersed = nominal_parameters()
-    (closed,) = analyse(linearise(steady, trim_points(steady, undispersed).points)).poles
+    (closed,) = analyse(linearize(steady, trim_points(steady, undispersed).points)).poles
     return {
         "growing": float(closed[0].real),
         "cycling": float(abs(closed[0].imag)),

@@ -16,7 +16,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.analysis import analyse
-from abhv_mc.stability.linearize import linearise
+from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.rows import make_rows
 from abhv_mc.stability.steady import make_steady_plan, trim_points
 from abhv_mc.statistics.paired import median_ratio
@@ -65,7 +65,7 @@ def enter(duel: Duel, name: str, boxes: dict[str, Floats]) -> Entrant:
     plan = make_plan(duel.vehicle, duel.mission, controller, name)
     steady = make_steady_plan(duel.vehicle, duel.mission, controller, name)
     nominal = nominal_parameters()
-    rows = make_rows(name, None, analyse(linearise(steady, trim_points(steady, nominal).points)))
+    rows = make_rows(name, None, analyse(linearize(steady, trim_points(steady, nominal).points)))
     least = duel.margins(plan, steady)[1:, :3].min(axis=0)
     return Entrant(rows, least, {box: duel.fly(plan, rows_) for box, rows_ in boxes.items()})
 
@@ -169,7 +169,7 @@ def effectiveness_condition(duel: Duel) -> float:
     """Condition of the angular accelerations of roll and yaw by aileron and rudder at the trim."""
     plan = make_steady_plan(duel.vehicle, duel.mission, read_controller(ROOT / "configs/control/tlc.yaml"), "tlc")
     nominal = nominal_parameters()
-    slopes = linearise(plan, trim_points(plan, nominal).points).plant_B[0]
+    slopes = linearize(plan, trim_points(plan, nominal).points).plant_B[0]
     return float(np.linalg.cond(slopes[np.ix_([path.P, path.R], [0, 1])]))
 
 

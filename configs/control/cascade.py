@@ -52,7 +52,7 @@ def design(model, settings):
     times = np.arange(0.0, model.time[-1] + 5.0, 5.0)
     rows = []
     for time in times:
-        plant = model.linearise(time)
+        plant = model.linearize(time)
         A, B = plant.take(("angle_of_attack", "pitch_rate"), ("elevator",))
         pitch = place_poles(A, B, [-2.5 + 2.0j, -2.5 - 2.0j]).gain_matrix
         A, B = plant.take(("bank", "sideslip", "roll_rate", "yaw_rate"), ("aileron", "rudder"))

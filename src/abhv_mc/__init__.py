@@ -32,7 +32,7 @@ __all__ = [
 _HOMES = {
     **dict.fromkeys(("Campaign", "CampaignResults", "open_results"), "abhv_mc.notebook"),
     **dict.fromkeys(("fly", "trim"), "abhv_mc.flying"),
-    **dict.fromkeys(("fly_on", "linearize", "margins"), "abhv_mc.linearising"),
+    **dict.fromkeys(("fly_on", "linearize", "margins"), "abhv_mc.linearizing"),
 }
 
 

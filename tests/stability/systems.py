@@ -13,7 +13,7 @@ from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.stability.analysis import analyse
 from abhv_mc.stability.disturbed import fly_disturbed
-from abhv_mc.stability.linearize import PLANT_STATES, closed_loop, linearise, memory_count
+from abhv_mc.stability.linearize import PLANT_STATES, closed_loop, linearize, memory_count
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.steady import make_steady_plan, trim_points
 
@@ -50,7 +50,7 @@ def linear_at_trim(controller, delay=0.0):
     plan, dispersions = steady_plan(controller), parameters(sensor__delay=delay)
     found = trim_points(plan, dispersions)
     assert found.faults == [""]
-    return linearise(plan, found.points)
+    return linearize(plan, found.points)
 
 
 @cache
@@ -82,7 +82,7 @@ def assert_predicted(plan, dispersions, first, ticks, every=1):
     flown -= fly_disturbed(plan, dispersions, first, 0.0 * change, ticks)
     expected = np.concatenate([change, np.zeros(10 * delay)])
     for tick in range(first, first + ticks, every):
-        linear = linearise(plan, flown_points(plan, dispersions, (tick + every // 2) * plan.timing.tick).points)
+        linear = linearize(plan, flown_points(plan, dispersions, (tick + every // 2) * plan.timing.tick).points)
         expected = np.linalg.matrix_power(closed_loop(linear, 0), every) @ expected
     scale = np.abs(flown).max(axis=0)[:18]
     scale[10:16:2], scale[11:17:2] = scale[10:16:2].max(), scale[11:17:2].max()  # surfaces are compared with each other

@@ -20,7 +20,7 @@ from abhv_mc.flight.fly import fly, fly_until
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.analysis import analyse
-from abhv_mc.stability.linearize import INPUTS, linearise
+from abhv_mc.stability.linearize import INPUTS, linearize
 from abhv_mc.stability.probe import ask_plant, begin, law_at
 from abhv_mc.stability.steady import make_steady_plan, trim_points
 
@@ -67,7 +67,7 @@ def test_tlcs_throttle_differs_from_the_simulators_by_the_cells_of_its_own_trim_
 
     def throttle():
         plan = make_steady_plan(*read("tlc"), "tlc")
-        linear = linearise(plan, trim_points(plan, parameters()).points)
+        linear = linearize(plan, trim_points(plan, parameters()).points)
         B, speed, pitch = linear.plant_B[0], path.SPEED, path.Q
         # Of the compiled engine: the acceleration with the throttle, the elevator holding the pitching moment.
         engine = B[speed, 3] - B[speed, 2] * B[pitch, 3] / B[pitch, 2]
@@ -157,7 +157,7 @@ NEUTRAL = [
 def test_flights_begin_to_cycle_where_the_gain_margin_ends(vehicle, mission, controller, surface, side):
     inputs = read(controller, mission, vehicle)
     steady = make_steady_plan(*inputs, controller)
-    margins = analyse(linearise(steady, trim_points(steady, parameters()).points)).margins
+    margins = analyse(linearize(steady, trim_points(steady, parameters()).points)).margins
     neutral = getattr(margins, side)[0, INPUTS.index(surface)]
     factors = neutral * np.array([0.97, 1.03])
     dispersions = parameters(2, initial__bank=np.deg2rad(0.01), **{f"control__{surface}_effectiveness": factors})
@@ -192,14 +192,14 @@ def test_slopes_end_at_the_tables_nodes():
         }
     )
     points.controls[:, 3] = eta
-    thrust = linearise(plan, points).plant_B[:, 1, 3]
+    thrust = linearize(plan, points).plant_B[:, 1, 3]
     np.testing.assert_allclose(thrust[:2], thrust[2:], rtol=1e-3)
     assert thrust[0] / thrust[1] > 1.02
 
 
-def test_the_linear_model_is_the_same_whatever_is_linearised_beside_it():
+def test_the_linear_model_is_the_same_whatever_is_linearized_beside_it():
     plan, dispersions = steady_plan("tlc"), parameters(3, aero__drag=np.array([1.0, 1.1, 0.9]))
     points = trim_points(plan, dispersions).points
-    together = linearise(plan, points)
+    together = linearize(plan, points)
     np.testing.assert_allclose(together.A[0], linear_at_trim("tlc").A[0], rtol=1e-7, atol=1e-9)
     assert np.abs(together.A[1] - together.A[0]).max() > 1e-6

@@ -1,4 +1,4 @@
-"""Linearisation starts from the flight as the kernel's memory holds it: failures, sensors, wind, the engine."""
+"""Linearization starts from the flight as the kernel's memory holds it: failures, sensors, wind, the engine."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from stability.systems import assert_predicted, flight_plan, parameters, read, s
 
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.stability.analysis import analyse, margins_of_flights
-from abhv_mc.stability.linearize import NO_EFFECT, STUCK, closed_loop, linearise
+from abhv_mc.stability.linearize import NO_EFFECT, STUCK, closed_loop, linearize
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.rows import make_rows
 from abhv_mc.stability.steady import trim_points
@@ -48,7 +48,7 @@ def test_each_ticks_map_is_the_next_ticks_along_the_s():
     plan = make_plan(vehicle, mission.model_copy(update={"duration": 12.0}), law, "tlc")
     for tick in (300, 1000):
         maps = [
-            closed_loop(linearise(plan, flown_points(plan, parameters(), t * 0.01).points), 0) for t in (tick, tick + 1)
+            closed_loop(linearize(plan, flown_points(plan, parameters(), t * 0.01).points), 0) for t in (tick, tick + 1)
         ]
         np.testing.assert_allclose(maps[0], maps[1], rtol=0.0, atol=2e-3 * np.abs(maps[0]).max())
         assert_predicted(plan, parameters(**CALM), tick, 20)
@@ -62,10 +62,10 @@ def growing_pole(stability, system=0):
 def test_a_loss_in_flight_grows_as_the_same_loss_at_the_trim():
     plan, steady = flight_plan("tlc"), steady_plan("tlc")
     factor = parameters(control__aileron_effectiveness=0.5)
-    expected = growing_pole(analyse(linearise(steady, trim_points(steady, factor).points)))
+    expected = growing_pole(analyse(linearize(steady, trim_points(steady, factor).points)))
     assert expected == pytest.approx(4.19, abs=0.01)
     loss = parameters(failure__aileron__loss_time=29.0, failure__aileron__effectiveness=0.5)
-    found = growing_pole(analyse(linearise(plan, flown_points(plan, loss, 30.0).points)))
+    found = growing_pole(analyse(linearize(plan, flown_points(plan, loss, 30.0).points)))
     assert found == pytest.approx(expected, rel=0.03)
 
 
@@ -83,7 +83,7 @@ def test_a_stuck_surface_and_an_engine_that_is_out_have_no_loop():
     plan = flight_plan("lqr_retuned", 3.0)
     failed = parameters(2, failure__elevator__stuck_time=1.9)
     failed[1] = parameters(failure__engine__time=1.9)
-    linear = linearise(plan, flown_points(plan, failed, 2.0).points)
+    linear = linearize(plan, flown_points(plan, failed, 2.0).points)
     np.testing.assert_array_equal(linear.cut, [[0, 0, STUCK, 0], [0, 0, 0, NO_EFFECT]])
     stability = analyse(linear)
     for system, (loop, reason) in enumerate((("elevator", "stuck"), ("equivalence_ratio", "no effect"))):
@@ -93,7 +93,7 @@ def test_a_stuck_surface_and_an_engine_that_is_out_have_no_loop():
 
 def test_a_frozen_measurement_has_no_path_through_the_law():
     plan = flight_plan("tlc", 3.0)
-    frozen = linearise(plan, flown_points(plan, parameters(failure__sensor__pitch_rate__time=1.9), 2.0).points)
+    frozen = linearize(plan, flown_points(plan, parameters(failure__sensor__pitch_rate__time=1.9), 2.0).points)
     np.testing.assert_array_equal(frozen.sense[0, 8], 0.0)
     np.testing.assert_array_equal(frozen.sense[0, :8], np.eye(10, 18)[:8])
 

@@ -1,4 +1,4 @@
-"""Laws of the user's own are linearised as the program's own laws are."""
+"""Laws of the user's own are linearized as the program's own laws are."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from stability.systems import assert_predicted, decibels, parameters, read
 from abhv_mc.flight.prepare import make_plan, read_law
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.analysis import NO_SLOPES, analyse, margins_of_flights
-from abhv_mc.stability.linearize import linearise
+from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.probe import law_memory_rows
 from abhv_mc.stability.steady import make_steady_plan, trim_points
@@ -58,7 +58,7 @@ def plans(file, name="own", seconds=3.0):
 
 def stability(plan, points, dispersions):
     assert points.faults == [""] * len(dispersions)
-    return analyse(linearise(plan, points.points), 1000)
+    return analyse(linearize(plan, points.points), 1000)
 
 
 @pytest.mark.parametrize("time", [None, 2.0])
@@ -134,7 +134,7 @@ def test_a_memory_that_is_any_object_is_refused(tmp_path):
 
 def test_the_time_is_that_of_the_point(tmp_path):
     plan, _ = plans(write_law(tmp_path, pitch="(1.5 if time > 0.995 else 0.0)"))
-    slopes = [linearise(plan, flown_points(plan, parameters(), t).points).law_D[0, 2, 8] for t in (0.9, 1)]
+    slopes = [linearize(plan, flown_points(plan, parameters(), t).points).law_D[0, 2, 8] for t in (0.9, 1)]
     np.testing.assert_allclose(slopes, [0.0, 1.5 * 0.01 / 0.02], rtol=1e-6, atol=1e-12)
 
 

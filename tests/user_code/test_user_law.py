@@ -324,7 +324,7 @@ def test_design_gives_gains_and_the_linear_plant(make):
         "class Settings(NamedTuple):\n    scale: float = 1.0\n\n"
         "class Gains(NamedTuple):\n    pitch: np.ndarray\n    constant: float\n\n"
         "def design(model, settings):\n"
-        "    plant = model.linearise(10.0)\n"
+        "    plant = model.linearize(10.0)\n"
         "    A, B = plant.take(('angle_of_attack', 'pitch_rate'), ('elevator',))\n"
         "    assert A.shape == (2, 2) and B.shape == (2, 1) and plant.A.shape == (10, 10)\n"
         "    assert abs(A[0, 1] - 1.0) < 0.01 and B[1, 0] < 0.0\n"

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.analysis.replay import find_row
 from abhv_mc.analysis.shrink import shrink
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
 from abhv_mc.campaign.sampling.samples import full_rows
@@ -23,8 +24,6 @@ from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.statistics.requirement import requirement_failures
-
-Floats = NDArray[np.float64]
 
 _MOST_SAMPLES = 10_000  # flights that tell how unusual a value is
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.sampling.correlation import Copula
@@ -17,8 +17,6 @@ from abhv_mc.io.document_reader import compose
 from abhv_mc.io.documents import InputError, Refusal, one_of, validate
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.statistics.reweight import Unseen, join_unseen, unseen_of_range, unseen_of_values
-
-Floats = NDArray[np.float64]
 
 _SET = "--set"
 _SLACK = 1e-9  # of a distribution's width, for ends that are the same but for rounding

@@ -12,8 +12,8 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from abhv_mc.array_types import Floats, Mask
+
 Sets = list[tuple[int, ...]]
 
 BUDGET = 4000  # candidates to try in order of size

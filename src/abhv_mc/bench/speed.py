@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
+from abhv_mc.array_types import Floats
 from abhv_mc.bench.peak import measure_peak
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.samples import full_rows
@@ -18,7 +19,6 @@ from abhv_mc.flight.fly import fly
 from abhv_mc.flight.plan import LANES, FlightPlan
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.shipped import shipped_campaigns
-from abhv_mc.vehicle.arrays import Floats
 
 CONTROLLERS = ("tlc", "lqr")
 OPERATIONS_FILE = Path(__file__).with_name("operations.json")  # counted by benchmarks/operations.py

@@ -42,13 +42,13 @@ def command(
     from abhv_mc.folder.layout import CampaignFolder
     from abhv_mc.report.numbers.results import read_facts
     from abhv_mc.report.pages.explained import explanation_numbers, explanation_words, write_explained_figure
-    from abhv_mc.user_code.temporary import run_aside
+    from abhv_mc.user_code.run_in_thread import run_in_thread
 
     paths = CampaignFolder(folder)
     name = controller or read_facts(paths.campaign).controllers[0]
     announce_compiling()
     fly = make_engine().fly
-    found = run_aside(lambda: explain_flight(folder, name, flight, fly, requirement, trust_code=trust_code))
+    found = run_in_thread(lambda: explain_flight(folder, name, flight, fly, requirement, trust_code=trust_code))
     path = out or paths.explained / f"{name}-{flight}.png"
     write_explained_figure(found, path)
     words = [*explanation_words(found), f"figure    {path}"]

@@ -36,14 +36,14 @@ def command(
     announce_compiling()
     from abhv_mc.flight.fly import fly, nominal_parameters
     from abhv_mc.flight.prepare import prepare
-    from abhv_mc.user_code.temporary import run_aside
+    from abhv_mc.user_code.run_in_thread import run_in_thread
 
     plans = {name: prepare(*paths, file, name) for name, file in files.items()}
     announce_warnings(warning for plan in plans.values() for warning in plan.warnings.tolist())
     if out is not None and len({plan.timing.tick for plan in plans.values()}) > 1:
         raise InputError("--output", None, None, "controllers of different rates", "one folder for each rate")
     nominal = nominal_parameters()
-    blocks = {name: run_aside(partial(fly, plan, nominal, record_every=1)) for name, plan in plans.items()}
+    blocks = {name: run_in_thread(partial(fly, plan, nominal, record_every=1)) for name, plan in plans.items()}
     figures = {"mission": mission.stem, "vehicle": paths[0].stem, "controllers": _make_figures(blocks)}
     show(figures, json, lambda: _print_table(f"{mission.stem} with {paths[0].stem}, nominal", blocks))
     if out is not None:

@@ -30,13 +30,13 @@ def command(
     Path coordinates, second-order actuators, exact zero-order hold; names and units are in the file.
     """
     from abhv_mc.cli.margins import read_points, read_setups, take_point
-    from abhv_mc.stability.linearize import linearise
+    from abhv_mc.stability.linearize import linearize
     from abhv_mc.stability.model_file import check_format, make_model, write_model
 
     check_format(out)
     (time, angle) = read_points(at, bank, one=True)
     ((name, setup),) = read_setups(vehicle, mission, controller, one=True, trust_code=trust_code).items()
     plan, points, _ = take_point(setup, name, time[0], angle)
-    linear = linearise(plan, points)
+    linear = linearize(plan, points)
     write_model(out, make_model(plan, points, linear))
     say(out)

@@ -10,7 +10,7 @@ from abhv_mc.cli.outputs import output_folder
 from abhv_mc.cli.printing import say, show
 
 if TYPE_CHECKING:
-    from abhv_mc.linearising import Place, Setup
+    from abhv_mc.linearizing import Place, Setup
     from abhv_mc.stability.analysis import Stability, Time
 
 _FREQUENCIES = 1000
@@ -46,7 +46,7 @@ def command(
     At a time of the flight the reference is frozen: such margins are indicative.
     """
     from abhv_mc.stability.analysis import analyse
-    from abhv_mc.stability.linearize import linearise
+    from abhv_mc.stability.linearize import linearize
     from abhv_mc.stability.rows import make_rows
 
     times, angle = read_points(at, bank)
@@ -57,7 +57,7 @@ def command(
     for name, setup in setups.items():
         for time in times:
             place = take_point(setup, name, time, angle)
-            linear = linearise(place.plan, place.points)
+            linear = linearize(place.plan, place.points)
             stability = analyse(linear, _FREQUENCIES)
             here = make_rows(name, None if time == "trim" else time, stability)
             words = "at the trim" if time == "trim" else f"at {time:g} s, reference frozen"
@@ -84,7 +84,7 @@ def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], flo
     from abhv_mc.cli.options import parse_option
     from abhv_mc.io.input_error import InputError
     from abhv_mc.io.units import ANGLE, TIME
-    from abhv_mc.linearising import check_bank
+    from abhv_mc.linearizing import check_bank
 
     times: list[Time] = [
         "trim" if each.strip() == "trim" else parse_option("--at", each, TIME, "s") for each in at.split(",")
@@ -101,12 +101,12 @@ def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], flo
 def read_setups(
     vehicle: Path | None, mission: Path, controllers: str | None, one: bool = False, trust_code: bool = False
 ) -> "dict[str, Setup]":
-    """What is to be linearised, by the controllers' names; ``mission`` may be a campaign file. Raises InputError."""
+    """What is to be linearized, by the controllers' names; ``mission`` may be a campaign file. Raises InputError."""
     from abhv_mc.campaign.file.user_code import check_own_law
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.io.input_error import InputError
-    from abhv_mc.linearising import read_setup
+    from abhv_mc.linearizing import read_setup
 
     paths, files = _find_files(vehicle, mission, controllers, trust_code)
     if one and len(files) > 1:
@@ -147,7 +147,7 @@ def take_point(setup: "Setup", name: str, time: "Time", bank: float) -> "Place":
     """The point of the nominal flight; a warning where it is doubtful. Raises InputError without one."""
     from abhv_mc.cli.announce import announce_warnings
     from abhv_mc.flight.fly import nominal_parameters
-    from abhv_mc.linearising import find_point
+    from abhv_mc.linearizing import find_point
 
     place = find_point(setup, name, time, bank, nominal_parameters(), "--at")
     announce_warnings(place.warnings)

@@ -34,13 +34,13 @@ def command(
     from abhv_mc.flight.channels import CHANNEL_INDEX
     from abhv_mc.folder.histories import write_histories
     from abhv_mc.io.input_error import InputError
-    from abhv_mc.user_code.temporary import run_aside
+    from abhv_mc.user_code.run_in_thread import run_in_thread
 
     if out is not None and out.suffix != ".parquet":  # the only kind it writes, whatever the name promises
         raise InputError("--output", None, None, f"'{out.name}'", "a name that ends in .parquet")
     announce_compiling()
     fly = make_engine().fly
-    replay = run_aside(lambda: replay_flight(folder, controller, flight, fly, trust_code=trust_code))
+    replay = run_in_thread(lambda: replay_flight(folder, controller, flight, fly, trust_code=trust_code))
     block = replay.block
     if out is not None:
         write_histories(out, controller, [flight], block.times, block.history, list(CHANNEL_INDEX))

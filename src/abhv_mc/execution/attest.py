@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.execution.engine import Engine
 from abhv_mc.execution.retry import UnusableError
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.identity import Flyer, this_flyer
-from abhv_mc.vehicle.arrays import Floats
 
 Check = Callable[[FlightPlan, Floats, FlightBlock], FlightBlock]
 

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan, Recording
 from abhv_mc.folder.counted import Counting, count_flights
 
 T = TypeVar("T")
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Recorded = Recording | int | None  # as flight.fly takes it
 Asked = Counting | Recorded
 Fly = Callable[[FlightPlan, Floats, Recorded], FlightBlock]  # in one call

@@ -17,8 +17,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.execution.attest import Attestation, Check, sign
 from abhv_mc.execution.blocks import Asked, Fly, at_once, fly_recorded
 from abhv_mc.execution.engine import Engine
@@ -34,7 +34,6 @@ from abhv_mc.user_code.source import OwnSource
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-Floats = NDArray[np.float64]
 Arrays = dict[str, np.ndarray]
 Code = tuple[OwnSource | None, OwnSource | None]  # of a law and of channels of one's own
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from abhv_mc.array_types import Mask
 from abhv_mc.campaign.file.check import CheckedCampaign
-from abhv_mc.execution.blocks import Mask
 from abhv_mc.execution.flight_counts import FlightCounts, judge_counts, make_flight_counts
 from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.envelope_states import Collector

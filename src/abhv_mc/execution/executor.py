@@ -8,9 +8,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES, Execution
 from abhv_mc.execution.attest import Attestation, sign
 from abhv_mc.execution.blocks import Asked, FlyBlocks, fly_recorded
@@ -20,8 +18,6 @@ from abhv_mc.execution.pool import WorkerPool
 from abhv_mc.execution.retry import FlightLostError, fly_with_retries
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.folder.provenance import count_cores
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

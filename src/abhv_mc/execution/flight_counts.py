@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from abhv_mc.array_types import Mask
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import TRACED, Requirement
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
@@ -23,7 +23,6 @@ from abhv_mc.statistics.verdict_words import verdict_words
 from abhv_mc.statistics.verdicts import Verdict
 
 _OK, _FAILED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
-Mask = NDArray[np.bool_]
 
 
 @dataclass

@@ -13,7 +13,7 @@ def make_margin_plans(campaign: CheckedCampaign, plans: dict[str, FlightPlan], d
         return {}
     if device != "cpu":
         found = f"margins of flights on {device}"
-        raise campaign.document.key_error(("margins",), found, "the processor, which linearises, or no 'margins'")
+        raise campaign.document.key_error(("margins",), found, "the processor, which linearizes, or no 'margins'")
 
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission

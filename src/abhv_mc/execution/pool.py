@@ -19,16 +19,12 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from abhv_mc.array_types import Floats
 from abhv_mc.execution.attest import Check
 from abhv_mc.execution.blocks import Asked, Fly, at_once
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, time_limit
 from abhv_mc.execution.worker import serve
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
-
-Floats = NDArray[np.float64]
 
 # Give up after 20 + workers consecutive failed starts (refused or SIGKILL counts 1, a crash 4).
 _FAILED_STARTS = 20

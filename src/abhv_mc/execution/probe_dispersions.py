@@ -5,8 +5,8 @@ so that no campaign silently varies nothing.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.blocks import Fly
@@ -14,10 +14,7 @@ from abhv_mc.execution.retry import time_limit
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
-from abhv_mc.user_code.temporary import run_aside
-
-Floats = NDArray[np.float64]
-
+from abhv_mc.user_code.run_in_thread import run_in_thread
 
 _ROWS = 3  # trials of each dispersion
 _COMPILING = 1800.0  # s at most, before they fly: on a busy machine more than 600 were seen
@@ -70,7 +67,7 @@ def fly_probes(campaign: CheckedCampaign, plans: dict[str, FlightPlan], fly: Fly
 
 def _fly_aside(fly: Fly, plan: FlightPlan, trials: Floats, every: int, limit: float) -> FlightBlock:
     try:
-        return run_aside(lambda: fly(plan, trials, every), limit)
+        return run_in_thread(lambda: fly(plan, trials, every), limit)
     except TimeoutError:
         found = f"first flights of '{plan.controller}' that are not done in {limit:g} s"
         wish = "a law whose loops end, or a longer 'flight_time_limit'"

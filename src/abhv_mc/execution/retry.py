@@ -9,15 +9,14 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.execution.blocks import Asked, Recorded
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, recording_of
 from abhv_mc.folder.counted import Counting, count_flights
 from abhv_mc.stability.metrics import count_metrics
 
-Floats = NDArray[np.float64]
 Attempt = Callable[[Floats, Asked], FlightBlock]
 
 PIECE = 16  # flights of the first smaller pieces, and those that one time limit holds for

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Mask
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.blocks import (
     Backpressure,
     Block,
-    Mask,
     choose_batch,
     choose_counted,
     closing_quietly,

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.probe_dispersions import ends_of
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
-from abhv_mc.vehicle.arrays import Floats
 
 _ALL_CORNERS, _SOME = 6, 64  # up to so many parameters all corners, else so many random ones
 _DIGITS = 6
@@ -61,14 +61,14 @@ def describe_stability(campaign: CheckedCampaign, plans: Mapping[str, FlightPlan
 
 def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
     from abhv_mc.stability.analysis import NO_SLOPES, analyse
-    from abhv_mc.stability.linearize import linearise
+    from abhv_mc.stability.linearize import linearize
     from abhv_mc.stability.rows import make_rows
     from abhv_mc.stability.steady import trim_points
 
     points = trim_points(steady, parameters)
     if points.faults[0]:
         return {"fault": points.faults[0]}
-    stability = analyse(linearise(steady, points.points))
+    stability = analyse(linearize(steady, points.points))
     if not stability.poles[0].size:
         return {"fault": NO_SLOPES}
     table = [make_rows(name, None, stability, i) for i in range(len(parameters))]

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, get_args, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.control.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.control.laws.recorded import RECORDED_GAINS
 from abhv_mc.flight.compile_metrics import compile_metrics, known_sources
@@ -23,7 +24,7 @@ from abhv_mc.flight.plan import FlightPlan, Recording, Timing
 from abhv_mc.plant.air_profile import PROFILE
 from abhv_mc.plant.effectiveness import Effectiveness
 from abhv_mc.plant.state import N_PARAMETERS, N_STATES
-from abhv_mc.vehicle.arrays import Floats, Ints, Tables
+from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth
 

@@ -10,6 +10,7 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.control import columns as ref
 from abhv_mc.flight.metrics import METRICS, Statistic
 from abhv_mc.jit import lanes
@@ -17,7 +18,6 @@ from abhv_mc.numerics.angles import larger, smaller
 from abhv_mc.numerics.lane_math import sincos
 from abhv_mc.numerics.tables import natural
 from abhv_mc.plant import state as s
-from abhv_mc.vehicle.arrays import Floats, Ints
 
 MAX_LEAN = len(METRICS)
 MAX_PROGRAMS = 48

@@ -9,12 +9,12 @@ import math
 
 import numpy as np
 
+from abhv_mc.array_types import Floats, Singles
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.angles import larger, smaller
 from abhv_mc.numerics.tables import natural
 from abhv_mc.plant import state as s
-from abhv_mc.vehicle.arrays import Floats, Singles
 
 HIDDEN = 2 * len(CHANNELS)  # row of E: 0, or NaN in the lanes that do not count
 E_ROWS = HIDDEN + 1

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.arguments import Kept, KernelPlan, KernelResults, check_written, make_kernel_plan, make_results
 from abhv_mc.flight.extremes import join_bins
 from abhv_mc.flight.kernel import make_fly_lanes
@@ -14,7 +15,6 @@ from abhv_mc.flight.memory import Memory, make_memory
 from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan, Recording, recording_of
 from abhv_mc.flight.user_law import open_law
 from abhv_mc.plant.parameters import PARAMETERS
-from abhv_mc.vehicle.arrays import Floats
 
 compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.laws.trim_lookup import AXES, TrimCells
 from abhv_mc.flight.arguments import LAWS, KernelResults, make_kernel_plan, make_results
 from abhv_mc.flight.counting import MAX_REGISTERS
@@ -23,7 +24,7 @@ from abhv_mc.io.input_error import Refusal
 from abhv_mc.jit_cuda import cuda, device_kernel, find_device, uncontracted
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import TableCells
-from abhv_mc.vehicle.arrays import CHUNK, Floats
+from abhv_mc.vehicle.arrays import CHUNK
 
 THREADS = 32  # of a block: one warp, so that flights that end early free their registers soonest
 CAMPAIGN_BATCH = 16_384  # flights of a campaign's block: half of what an H200 flies at once, and a GB of history

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.control.laws.trim_lookup import TrimCells, make_trim_cells
 from abhv_mc.flight import observe
 from abhv_mc.flight.extremes import E_ROWS
@@ -11,7 +12,6 @@ from abhv_mc.jit import lanes
 from abhv_mc.numerics.lane_memory import aligned_zeros
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import TableCells, make_cells
-from abhv_mc.vehicle.arrays import Floats, Ints
 
 TOGETHER = 256  # flights that share a compaction: what is saved of them stays in a near cache
 

@@ -1,7 +1,7 @@
 """The table of metrics: each a record of what it is called, what is bad, how it is counted. Order is array order.
 
 Metrics that a campaign declares are records of the same kind, and so are stability margins, which come from the
-linearised loop of a flight and not from its control ticks. A new metric is an entry here.
+linearized loop of a flight and not from its control ticks. A new metric is an entry here.
 """
 
 import math
@@ -83,7 +83,7 @@ class Metric(Signal):
     def counted(self) -> str:
         """How it is counted, in words: 'max_abs of bank_error_deg, settled stretches only'."""
         if not self.of:
-            return "of the linearised loops"
+            return "of the linearized loops"
         words = f"{self.statistic.word} of {self.of}"
         words += f", limit {self.limit:g}" if self.statistic in TAKES_LIMIT else ""
         words += f", from {self.start:g} s" if self.start else ""

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.control.laws.user import FAULT
 from abhv_mc.flight import counting, derived
 from abhv_mc.flight.channels import CHANNELS, SOURCES
@@ -20,7 +21,7 @@ from abhv_mc.jit import lanes
 from abhv_mc.numerics.tables import natural
 from abhv_mc.plant import state as s
 from abhv_mc.plant.state import STATE_INDEX, X
-from abhv_mc.vehicle.arrays import VARIABLES, Floats, Ints
+from abhv_mc.vehicle.arrays import VARIABLES
 
 _DEG = 180.0 / math.pi
 _NOT_FINITE = float(Outcome.NOT_FINITE)

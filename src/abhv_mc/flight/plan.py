@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats, Singles
 from abhv_mc.flight import outcome
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRICS, NO_METRICS, Metric, unpack_metrics
@@ -13,7 +14,7 @@ from abhv_mc.identity import Flyer
 from abhv_mc.plant.air_profile import no_profile
 from abhv_mc.plant.effectiveness import Effectiveness
 from abhv_mc.user_code.source import OwnSource
-from abhv_mc.vehicle.arrays import Floats, Singles, Tables
+from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth
 

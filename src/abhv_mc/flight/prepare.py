@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.columns import ANGLE_OF_ATTACK, BANK, TIME
 from abhv_mc.control.controller_file import (
     Controller,
@@ -36,7 +37,6 @@ from abhv_mc.user_code.design import DesignModel
 from abhv_mc.user_code.law_source import read_trusted_law
 from abhv_mc.user_code.settings import make_own_settings
 from abhv_mc.user_code.source import Law, load_law
-from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.vehicle.limits import tighter
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.vehicle.warnings import find_vehicle_warnings

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats, Singles
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording, join_blocks
 from abhv_mc.folder.histogram import Histograms
-from abhv_mc.vehicle.arrays import Floats, Singles
 
 
 class Counting(NamedTuple):

@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats, Mask, Singles
 from abhv_mc.flight.plan import FlightBlock, Recording
 from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.folder.counted import CountedBlock, Counting
@@ -37,10 +38,6 @@ _STATE: dict[str, tuple[type, tuple[int | None, ...]]] = {  # types and shapes; 
     "covered": (np.uint8, ()),
     "flights": (np.int64, ()),
 }
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

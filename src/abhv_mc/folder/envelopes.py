@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.folder.flights import make_field, write_parquet
-from abhv_mc.vehicle.arrays import Floats
 
 QUANTILES = (0.00135, 0.05, 0.50, 0.95, 0.99865)
 QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")

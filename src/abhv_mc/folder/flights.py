@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.failure_case import failure_cases
 from abhv_mc.flight.metrics import METRIC_INDEX, METRICS, Metric
@@ -18,7 +19,6 @@ from abhv_mc.folder.columns import column_values
 from abhv_mc.folder.digest import Digest, digest_rows
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
-from abhv_mc.vehicle.arrays import Floats
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
 VALUES = (*METRICS, END_TIME)  # the columns after the samples, and before them a campaign's own metrics

@@ -8,6 +8,7 @@ in which flights come, so neither does any number made of them.
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats, Ints, Singles
 from abhv_mc.folder.envelopes import QUANTILES, EnvelopeTable
 from abhv_mc.jit import kernel
 
@@ -19,10 +20,6 @@ _SPARE = 192  # room for extreme values not yet sorted; at least _ABREAST, and K
 _ROUNDING = 1.0001  # a value within rounding of a bin's edge may count in the next bin
 _PIECE = 1024  # cells sorted at once
 MARGIN = 0.5  # bins reach beyond the pilot flights by this share of their range, at each end
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Singles = NDArray[np.float32]
 
 
 @kernel

@@ -8,11 +8,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.design.reference import COLUMN_INDEX
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS, REFERENCE_CHANNELS
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.flights import make_field, write_parquet
-from abhv_mc.vehicle.arrays import Floats
 
 _TIME = make_field("time", pa.float64(), "s", "time since the start")
 _CONTROLLER = make_field("controller", pa.string(), "-", "name of the controller")

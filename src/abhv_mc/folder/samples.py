@@ -8,11 +8,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from abhv_mc.array_types import Floats
 from abhv_mc.folder.columns import column_values
 from abhv_mc.folder.flights import make_field
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
-from abhv_mc.vehicle.arrays import Floats
 
 ROW_GROUP = 65536  # flights drawn, written and read at once
 

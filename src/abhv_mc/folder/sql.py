@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from abhv_mc.folder.database import open_database
 from abhv_mc.io.input_error import InputError
-from abhv_mc.user_code.temporary import run_aside
+from abhv_mc.user_code.run_in_thread import run_in_thread
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection, DuckDBPyRelation
@@ -36,7 +36,7 @@ def ask(folder: Path, sql: str, take: "Callable[[DuckDBPyRelation], T]") -> T | 
             ended.set()
 
     try:
-        return run_aside(work)  # in a thread of its own, as duckdb heeds no interrupt in the main one
+        return run_in_thread(work)  # in a thread of its own, as duckdb heeds no interrupt in the main one
     except KeyboardInterrupt:
         for _ in range(_INTERRUPTS):  # until it heeds one, as it knows none of before it begins
             for database in opened:

@@ -4,11 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.lane_memory import aligned_zeros
 from abhv_mc.numerics.tables import bracket, interpolate_1d, interpolate_2d, interpolate_3d, natural
 from abhv_mc.plant.state import COEF, FIXED, MAX_AXES, MAX_TABLE_ROWS, N_COEFFICIENTS, OUTSIDE, VAR, P
-from abhv_mc.vehicle.arrays import FIXED_TABLE_ROWS, Floats, Ints
+from abhv_mc.vehicle.arrays import FIXED_TABLE_ROWS
 
 N_FIXED = len(FIXED_TABLE_ROWS)
 

@@ -5,11 +5,11 @@ Without a table nothing is computed. The density's factor is held over a control
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.quaternion import rotate_to_body
 from abhv_mc.plant import state as s
 from abhv_mc.plant.state import XS, X
-from abhv_mc.vehicle.arrays import Floats
 
 PROFILE = ("altitude", "wind_north", "wind_east", "density")  # m, m/s towards north and east, factor
 _ALTITUDE, _NORTH, _EAST, _DENSITY = range(4)

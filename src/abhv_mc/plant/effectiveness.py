@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.tables import interpolate_3d, natural
 from abhv_mc.plant.state import N_COEFFICIENTS, VAR
-from abhv_mc.vehicle.arrays import VARIABLES, Floats, Ints
+from abhv_mc.vehicle.arrays import VARIABLES
 from abhv_mc.vehicle.model import Vehicle
 
 INPUTS = ("aileron", "rudder", "elevator", "sideslip")

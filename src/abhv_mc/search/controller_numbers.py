@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.tuning import Free
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.law_file import NAMING_KEYS
 from abhv_mc.io.documents import Document, InputError, one_of, read_document, write_document
-from abhv_mc.search.methods.evaluation import Floats
 
 _NUMBER = re.compile(r"\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*$")
 

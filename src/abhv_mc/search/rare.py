@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
 from abhv_mc.execution.engine import Engine, make_engine
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.search.methods.evaluation import Floats
 from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains
 from abhv_mc.search.methods.strata import Stratum, Switched, estimate_switched
 from abhv_mc.search.methods.subset import SubsetPlan

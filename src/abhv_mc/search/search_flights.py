@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
 from abhv_mc.campaign.file.user_code import check_own_code
 from abhv_mc.campaign.sampling.samples import full_rows
@@ -38,7 +39,6 @@ from abhv_mc.folder.provenance import find_commit, find_machine, find_versions
 from abhv_mc.folder.samples import write_samples
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.io.input_files import reading_once
-from abhv_mc.search.methods.evaluation import Floats
 from abhv_mc.search.severity import not_computed, rank_distinct
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.user_code.trust import trust

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import FlightRows
-from abhv_mc.search.methods.evaluation import Floats
 
 # A flight that ends early is worse than every other; the earlier the worse, in seconds on top of this.
 ENDED_EARLY = 1e9

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.marginals import DiscreteMarginal, Marginal, SometimesMarginal
 from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
 from abhv_mc.io.documents import InputError
-from abhv_mc.search.methods.evaluation import Floats
 
 _SMALLEST = 2.0**-53
 _TRIED, _FEWEST_INSIDE = 65536, 10  # random flights

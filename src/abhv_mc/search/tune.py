@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import THREADS
 from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
@@ -24,7 +25,6 @@ from abhv_mc.folder.lock import hold_lock
 from abhv_mc.io.documents import Document, InputError, one_of, read_document, validate
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.search.controller_numbers import ControllerNumbers, read_controller_numbers
-from abhv_mc.search.methods.evaluation import Floats
 from abhv_mc.search.methods.tune import Scores, Tuning, Validation, tune
 from abhv_mc.search.methods.tune import validate as validate_gain
 from abhv_mc.search.search_flights import read_searched

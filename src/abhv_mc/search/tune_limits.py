@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.tuning import Limit, Tune
 from abhv_mc.flight.metrics import MARGIN_NAMES, METRIC_INDEX
-from abhv_mc.search.methods.evaluation import Floats
 from abhv_mc.search.methods.tune import Scores
 from abhv_mc.search.tune_trials import Trial
 from abhv_mc.statistics.estimates import sorted_quantile

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.tuning import Tune
 from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
@@ -26,7 +27,6 @@ from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.io.documents import InputError
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.search.controller_numbers import ControllerNumbers
-from abhv_mc.search.methods.evaluation import Floats
 from abhv_mc.search.space import Space
 from abhv_mc.stability.analysis import Time, margins_of_flights
 from abhv_mc.stability.steady import make_steady_plan

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.execution.engine import Engine, make_engine
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.search.methods.evaluation import Floats
 from abhv_mc.search.methods.worst import WorstCase, choose_batch, least_evaluations, search_worst
 from abhv_mc.search.search_flights import (
     DrawnFlights,

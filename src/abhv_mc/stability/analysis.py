@@ -6,14 +6,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.stability.linearize import Linear, closed_loop, linearise
+from abhv_mc.stability.linearize import Linear, closed_loop, linearize
 from abhv_mc.stability.margins import Margins, find_margins
 from abhv_mc.stability.points import AT_LIMIT, Found, flown_points
 from abhv_mc.stability.responses import loop_gains, make_loops
 from abhv_mc.stability.search import frequency_grid
 from abhv_mc.stability.steady import trim_points
-from abhv_mc.vehicle.arrays import Floats, Ints
 
 FREQUENCIES = 200
 GROWTH = 1e-5  # 1/s: a pole that grows slower is taken for neutral, as rounding cannot tell
@@ -113,7 +113,7 @@ def margins_of_flights(
         some = parameters[first : first + _TOGETHER]
         for time, words in zip(times, faults, strict=True):
             of, found = points_at(plan, steady, some, time)
-            stability = analyse(linearise(of, found.points), frequencies)
+            stability = analyse(linearize(of, found.points), frequencies)
             for i, (fault, stable) in enumerate(zip(found.faults, stability.stable, strict=True)):
                 grows = "" if stable else "unstable" if stability.poles[i].size else NO_SLOPES
                 words.append("; ".join(filter(None, (fault, grows))) if fault in ("", AT_LIMIT) else fault)

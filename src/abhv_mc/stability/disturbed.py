@@ -2,13 +2,13 @@
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.arguments import Kept
 from abhv_mc.flight.fly import fly_until
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.plant import state as s
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.probe import begin, law_at, law_memory_rows
-from abhv_mc.vehicle.arrays import Floats
 
 _ACTUATORS = (s.AILERON, s.AILERON_RATE, s.RUDDER, s.RUDDER_RATE, s.ELEVATOR, s.ELEVATOR_RATE, s.ETA, s.ETA_RATE)
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.sensors import MAX_DELAY_TICKS
 from abhv_mc.plant import state as s
@@ -15,7 +16,7 @@ from abhv_mc.plant.parameters import NEVER
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.differences import Slopes, cells_of, differentiate
 from abhv_mc.stability.probe import ask_plant, law_memory_rows, law_tick
-from abhv_mc.vehicle.arrays import VARIABLES, Floats, Ints
+from abhv_mc.vehicle.arrays import VARIABLES
 
 INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
 ACTUATOR_STATES = tuple(f"{name}{part}" for name in INPUTS for part in ("", "_rate"))
@@ -35,7 +36,7 @@ REASONS = {STUCK: "stuck", NO_EFFECT: "no effect"}
 
 
 class Points(NamedTuple):
-    """Where the flights are linearised, one row each, SI and radians."""
+    """Where the flights are linearized, one row each, SI and radians."""
 
     path: Floats  # [point, 10] path coordinates of the truth
     controls: Floats  # [point, 4] positions of surfaces and engine
@@ -64,7 +65,7 @@ class Linear(NamedTuple):
     cut: Ints  # [point, 4] STUCK or NO_EFFECT where an input has no loop, else 0
 
 
-def linearise(plan: FlightPlan, points: Points) -> Linear:
+def linearize(plan: FlightPlan, points: Points) -> Linear:
     """Linear models at points of flights."""
     plant = plant_slopes(plan, points)
     plant_A, plant_B = plant.slope[:, :_N_PATH, :10], plant.slope[:, :_N_PATH, 10:]

@@ -10,13 +10,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from abhv_mc.array_types import Complexes, Floats, Ints
 from abhv_mc.stability.search import changes_of_sign, refine_crossings, refine_peaks
 from abhv_mc.stability.structured import peak_of_structured_singular_values, structured_singular_values
-from abhv_mc.vehicle.arrays import Floats, Ints
 
-Complexes = NDArray[np.complex128]
 # Loop gains [point, input, input] of systems [point] at frequencies [point], rad/s.
 Response = Callable[[Ints, Floats], Complexes]
 

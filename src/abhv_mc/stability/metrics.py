@@ -5,23 +5,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording
-from abhv_mc.vehicle.arrays import Floats
 
 if TYPE_CHECKING:
     from abhv_mc.stability.analysis import Time
 
 AT_TRIM = -1.0  # of MarginPlan.times
-_GROUP = 32  # flights that are linearised together: always as many, as sums of matrices depend on it in the last bits
+_GROUP = 32  # flights that are linearized together: always as many, as sums of matrices depend on it in the last bits
 _DIGITS = 6  # that are kept of a margin, which is not known better: the last bits depend on the machine's libraries
 
 
 @dataclass(frozen=True, kw_only=True)
 class MarginPlan(FlightPlan):
-    """A plan whose flights are linearised too: their metrics have the columns of MARGIN_VALUES at the end."""
+    """A plan whose flights are linearized too: their metrics have the columns of MARGIN_VALUES at the end."""
 
     steady: FlightPlan  # of :func:`abhv_mc.stability.steady.make_steady_plan`
     margin_times: Floats  # [time] s, AT_TRIM for the trim
@@ -41,7 +41,7 @@ def count_metrics(plan: FlightPlan) -> int:
 
 
 def fly_with_margins(plan: FlightPlan, parameters: Floats, record_every: Recording | int | None = None) -> FlightBlock:
-    """As :func:`abhv_mc.flight.fly.fly`; flights of a :class:`MarginPlan` are linearised too.
+    """As :func:`abhv_mc.flight.fly.fly`; flights of a :class:`MarginPlan` are linearized too.
 
     A flight's margins depend on its own row alone.
     """

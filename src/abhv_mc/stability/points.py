@@ -1,10 +1,11 @@
-"""Where flights are linearised: the flight at a time, as the kernel's memory holds it."""
+"""Where flights are linearized: the flight at a time, as the kernel's memory holds it."""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import fly_until
 from abhv_mc.flight.memory import Z_ROWS
 from abhv_mc.flight.observe import ALIVE
@@ -15,7 +16,6 @@ from abhv_mc.plant.parameters import NEVER
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.linearize import Points
 from abhv_mc.stability.probe import begin, law_at, law_tick
-from abhv_mc.vehicle.arrays import Floats
 
 AT_LIMIT = "a command stands at a limit"
 

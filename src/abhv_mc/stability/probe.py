@@ -1,6 +1,6 @@
 """The compiled plant and laws asked at single points: rates of a state, and one tick of a law's own code.
 
-Linearising takes differences of these, so that what is linearised is what flies; they begin with the kernel's own
+Linearizing takes differences of these, so that what is linearized is what flies; they begin with the kernel's own
 memory of a flight, so that it is the vehicle as it is at the tick. Many points are asked abreast.
 """
 
@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.control.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
 from abhv_mc.control.laws.user import FAULT
 from abhv_mc.flight.arguments import Kept, make_kernel_plan
@@ -26,7 +27,7 @@ from abhv_mc.plant.equations import Stage
 from abhv_mc.plant.failures import fail_plant, fail_sensors
 from abhv_mc.plant.parameters import NEVER
 from abhv_mc.plant.state import SUM, XS, X
-from abhv_mc.vehicle.arrays import VARIABLES, Floats, Ints
+from abhv_mc.vehicle.arrays import VARIABLES
 
 # What a law of the program remembers from tick to tick, as rows of the lane memory; the last commands are among it
 # where it uses them.
@@ -51,7 +52,7 @@ _MEMORY: dict[str, dict[str, int]] = {
     },
     "lqr": {},
 }
-_WIDE = 1e6  # beyond any command: a law linearised without its limits
+_WIDE = 1e6  # beyond any command: a law linearized without its limits
 _N_SEEN = len(VARIABLES) + 7  # variables of the tables, then the guidance's commands, then those to the actuators
 
 

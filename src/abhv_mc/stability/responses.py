@@ -7,13 +7,10 @@ system for each frequency keeps nearly all digits. Laub, IEEE Trans. Automatic C
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from abhv_mc.array_types import Complexes, Floats, Ints
 from abhv_mc.jit import kernel
 from abhv_mc.stability.linearize import Linear
-from abhv_mc.vehicle.arrays import Floats, Ints
-
-Complexes = NDArray[np.complex128]
 
 
 class Loops(NamedTuple):

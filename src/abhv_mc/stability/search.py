@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.vehicle.arrays import Floats, Ints
+from abhv_mc.array_types import Floats, Ints
 
 _CROSSING_STEPS = 40
 _PEAK_STEPS = 9

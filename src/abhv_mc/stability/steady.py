@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control import columns as ref
 from abhv_mc.control.controller_file import Controller
 from abhv_mc.control.design.guidance_trim import GuidancePoints, GuidanceTrim, trim_along
@@ -22,7 +23,6 @@ from abhv_mc.stability.linearize import Points, law_slopes, memory_count, plant_
 from abhv_mc.stability.points import Found
 from abhv_mc.stability.probe import begin, law_memory_rows
 from abhv_mc.user_code.design import DesignModel
-from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.vehicle.model import Vehicle
 
 _ITERATIONS = 25

@@ -8,8 +8,8 @@ a weak Wolfe search, which also gets by where two singular values meet (Lewis an
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.jit import kernel, routine
-from abhv_mc.vehicle.arrays import Floats, Ints
 
 _SWEEPS = 30  # of Jacobi's method; five are usual
 _STEPS = 60  # of the descent

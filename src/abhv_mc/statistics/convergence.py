@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.statistics.binomial import clopper_pearson
-from abhv_mc.statistics.estimates import LEVELS, Floats, Interval, quantiles
+from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles
 
 
 @dataclass(frozen=True)

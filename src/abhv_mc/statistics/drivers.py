@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import betainc, ndtri
 from scipy.stats import false_discovery_control, rankdata
 
-from abhv_mc.statistics.estimates import Floats
+from abhv_mc.array_types import Floats
 
 FALSE_DISCOVERY_RATE = 0.005
 LEAST_COEFFICIENT = 0.2  # of a driver

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc
 
+from abhv_mc.array_types import Floats
 from abhv_mc.statistics.binomial import quantile_upper_rank
 
-Floats = NDArray[np.float64]
 Sense = Literal["high", "low", "size"]  # what is bad: large values, small values, large absolute values
 
 SEED = 20140  # of all resampling: the same flights give the same interval

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import false_discovery_control, hypergeom
 
-from abhv_mc.statistics.estimates import Floats
+from abhv_mc.array_types import Floats
 from abhv_mc.statistics.failure_rules import Condition, Rule, sharpen, standardise
 
 FALSE_DISCOVERY_RATE = 0.05

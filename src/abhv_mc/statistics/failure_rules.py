@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.statistics.estimates import Floats
+from abhv_mc.array_types import Floats
 
 _NEAR = 0.05  # of the flights, within which a threshold is moved off its quantile
 

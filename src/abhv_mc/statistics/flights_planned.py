@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc, gammaln, xlog1py, xlogy
 
-from abhv_mc.statistics.estimates import Floats
+from abhv_mc.array_types import Floats
 from abhv_mc.statistics.evidence import flights_to_fail, flights_to_pass, most_failures
 
 PLANNED_FAILURES = (0, 1, 2, 3)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr
 from scipy.stats import false_discovery_control, rankdata
 
-from abhv_mc.statistics.estimates import Floats
+from abhv_mc.array_types import Floats
 
 FALSE_DISCOVERY_RATE = 0.005
 LEAST_SHARE = 0.1  # of the variance, of an input that is named

@@ -3,20 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.statistics.binomial import clopper_pearson, mcnemar_exact
-from abhv_mc.statistics.estimates import (
-    LEVELS,
-    Floats,
-    Interval,
-    pair_differences,
-    paired_median_difference,
-    quantile,
-)
+from abhv_mc.statistics.estimates import LEVELS, Interval, pair_differences, paired_median_difference, quantile
 from abhv_mc.statistics.quantile_pairs import quantile_differences
-
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -70,7 +61,7 @@ class PairedFailures:
     p_value: float
 
 
-def compare_failures(a: Flags, b: Flags) -> PairedFailures:
+def compare_failures(a: Mask, b: Mask) -> PairedFailures:
     """Cross-count the failures [pair] of two controllers."""
     only_a, only_b = int(np.sum(a & ~b)), int(np.sum(b & ~a))
     return PairedFailures(int(np.sum(a & b)), only_a, only_b, int(np.sum(~a & ~b)), mcnemar_exact(only_a, only_b))
@@ -136,7 +127,7 @@ class NotWorse:
         return self.within_low > 0.5 and not self.loses_more
 
 
-def not_worse(a: Floats, b: Floats, lost_a: Flags, lost_b: Flags, margin: float, confidence: float = 0.95) -> NotWorse:
+def not_worse(a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, margin: float, confidence: float = 0.95) -> NotWorse:
     """Paired non-inferiority of severities [pair], +infinity for a lost flight: the sign test on b - a - margin |a|.
 
     That the median of that excess is not above zero says, for positive metrics, that the median ratio of the pairs is

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import binom
 
-from abhv_mc.statistics.estimates import SEED, Floats, Interval, sorted_quantile
+from abhv_mc.array_types import Floats
+from abhv_mc.statistics.estimates import SEED, Interval, sorted_quantile
 
 _FEWEST_DRAWS, _MOST_DRAWS = 2_000, 60_000
 _PER_TAIL = 50  # draws beyond an end of an interval, at least

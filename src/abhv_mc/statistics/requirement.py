@@ -1,10 +1,6 @@
 """Who fails a requirement: said once, for counting, reports and explanations. Arrays only."""
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from abhv_mc.array_types import Floats, Mask
 
 
 def measured_failures(values: Floats, limit: float, below: bool) -> Mask:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import betainc, betaincinv
 
-from abhv_mc.statistics.estimates import Floats, Interval
+from abhv_mc.array_types import Floats
+from abhv_mc.statistics.estimates import Interval
 
 _GAP = 3.0  # parts of 1/flights: 19 in 20 gaps are narrower, their law being exponential
 _UP = 1.0 + 1e-9  # shares that are equal but for rounding

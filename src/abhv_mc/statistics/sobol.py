@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from abhv_mc.statistics.estimates import SEED, Floats
+from abhv_mc.array_types import Floats
+from abhv_mc.statistics.estimates import SEED
 
 RESAMPLES = 300
 FEWEST_GROUPS = 16

@@ -5,12 +5,11 @@ from math import exp, inf, log
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betainc
 
+from abhv_mc.array_types import Floats
 from abhv_mc.statistics.evidence import flights_to_pass, log_fail_evidence, log_pass_evidence, most_failures
 
-Floats = NDArray[np.float64]
 Status = Literal["PASS", "FAIL", "NOT SHOWN", "ESTIMATE"]
 
 _WORTH_TRYING = 0.25  # chance of PASS at today's rate with which an extension is advised

@@ -11,15 +11,14 @@ from math import log
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.statistics.estimates import Floats, Interval, pair_differences
+from abhv_mc.array_types import Floats, Mask
+from abhv_mc.statistics.estimates import Interval, pair_differences
 from abhv_mc.statistics.evidence import log_coin_evidence
 from abhv_mc.statistics.paired import compare_failures
 from abhv_mc.statistics.quantile_pairs import quantile_difference
 
 Side = Literal["a", "b", ""]
-Flags = NDArray[np.bool_]
 
 RISK = 0.05  # of naming any winner in a campaign without differences
 TAILS = (0.95, 0.9973)  # quantiles in which a winner is not worse
@@ -40,7 +39,7 @@ class Decision:
         return "" if self.worse or self.loses_more else self.closer
 
 
-def decide(a: Floats, b: Floats, lost_a: Flags, lost_b: Flags, comparisons: int, risk: float = RISK) -> Decision:
+def decide(a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, comparisons: int, risk: float = RISK) -> Decision:
     """Decide on severities [pair], larger being worse and +infinity a lost flight.
 
     `lost_a` and `lost_b` [pair] are the flights that each lost, whatever the metric says of them; `comparisons` are

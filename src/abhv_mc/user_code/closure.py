@@ -7,6 +7,7 @@ hash in the user's cache. Laws and channels in Python all come through :func:`ch
 import hashlib
 from typing import Any
 
+from abhv_mc.array_types import Floats
 from abhv_mc.compiler_target import code_folder
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
@@ -17,7 +18,6 @@ from abhv_mc.user_code.design import DesignModel, design_gains
 from abhv_mc.user_code.source import Law, OwnSource, load_law, run_module
 from abhv_mc.user_code.unpack import in_its_folder
 from abhv_mc.user_code.watch import watching
-from abhv_mc.vehicle.arrays import Floats
 
 _LONGEST = 600.0  # s that a file may run
 

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.design.design_model import attitude_rates, body_rate_rates, wrench_at
 from abhv_mc.control.design.design_tables import Numbers, slope
@@ -14,7 +15,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.compiled import make_gains_class
 from abhv_mc.user_code.law_interface import Reference
 from abhv_mc.user_code.source import Law, refuse_in_words
-from abhv_mc.vehicle.arrays import Floats, Tables
+from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth
 
@@ -74,8 +75,8 @@ class DesignModel:
         row = self.table[self._tick(time)]
         return Trim(*(float(row[REFERENCE.index(name)]) for name in Trim._fields))
 
-    def linearise(self, time: float) -> LinearPlant:
-        """The nominal vehicle linearised at the control tick nearest to a time.
+    def linearize(self, time: float) -> LinearPlant:
+        """The nominal vehicle linearized at the control tick nearest to a time.
 
         On a sphere that does not rotate, in the coordinated turn of the reference, without actuators.
         """

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
 from abhv_mc.plant import state as s
@@ -15,7 +16,6 @@ from abhv_mc.user_code.law_interface import Command, Measured, Onboard, Referenc
 from abhv_mc.user_code.source import Law
 from abhv_mc.user_code.unpack import in_its_folder
 from abhv_mc.user_code.watch import watching
-from abhv_mc.vehicle.arrays import Floats
 
 LAW_FAILED = 50.0  # abhv_mc.flight.outcome.Outcome.LAW_FAILED, which is a layer above
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.law_file import PythonController
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.user_code.source import Law
-from abhv_mc.vehicle.arrays import Floats
 
 
 def make_own_settings(document: Document, controller: PythonController, law: Law) -> Floats:

@@ -7,11 +7,7 @@ serves every vehicle, and a changed table can never meet a stale cache.
 
 from typing import NamedTuple
 
-from abhv_mc import array_types
-
-Floats = array_types.Floats
-Ints = array_types.Ints
-Singles = array_types.Singles
+from abhv_mc.array_types import Floats, Ints
 
 # What a table axis or a build-up term may depend on, SI and radians.
 # The effectors are the vehicle's own surfaces, mixed from the three axis deflections.

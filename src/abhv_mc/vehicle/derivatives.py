@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abhv_mc.vehicle.arrays import COEFFICIENTS, VARIABLES, Floats
+from abhv_mc.array_types import Floats
+from abhv_mc.vehicle.arrays import COEFFICIENTS, VARIABLES
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, make_variables
 from abhv_mc.vehicle.model import Vehicle
 

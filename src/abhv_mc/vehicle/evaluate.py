@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abhv_mc.vehicle.arrays import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Floats, Tables
+from abhv_mc.array_types import Floats
+from abhv_mc.vehicle.arrays import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Tables
 from abhv_mc.vehicle.model import Vehicle
 
 _AXIS_DEFLECTIONS = [VARIABLES.index(name) for name in ("aileron", "rudder", "elevator")]

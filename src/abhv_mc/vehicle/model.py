@@ -3,7 +3,8 @@
 import math
 from typing import NamedTuple
 
-from abhv_mc.vehicle.arrays import BuildUp, Floats, Tables
+from abhv_mc.array_types import Floats
+from abhv_mc.vehicle.arrays import BuildUp, Tables
 from abhv_mc.vehicle.limits import LoadBounds
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import Timing
 from abhv_mc.io.input_error import InputError
@@ -13,7 +14,6 @@ from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.verification.recording import check_times, read_columns, stack_columns
 from abhv_mc.verification.replay import make_motion, make_replay_plan, replay, wrap_degrees

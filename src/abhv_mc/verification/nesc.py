@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import Timing
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.verification.nesc_cases import CASES, FOOT, CheckCase, tolerances
 from abhv_mc.verification.recording import check_times, read_columns, stack_columns
 from abhv_mc.verification.replay import at_times, make_motion, make_replay_plan, make_start, replay, wrap_degrees

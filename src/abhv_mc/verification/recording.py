@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import InputError
-from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.vehicle.table_file import split_rows
 
 _MOST_BYTES = 200_000_000

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.laws.recorded import RECORDED_GAINS
 from abhv_mc.flight.fly import fly, nominal_parameters
@@ -12,7 +13,6 @@ from abhv_mc.flight.plan import FlightPlan, Limits, Timing
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import make_effectiveness
-from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth
 

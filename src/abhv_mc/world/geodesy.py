@@ -5,11 +5,10 @@ coincides with E at time 0; N is local north, east, down. Angles in rad, lengths
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from abhv_mc.array_types import Floats
 from abhv_mc.world.earth import Earth
-
-Floats = NDArray[np.float64]
 
 _MOST_ITERATIONS = 20
 

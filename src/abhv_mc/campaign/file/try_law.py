@@ -10,7 +10,7 @@ from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.law_source import law_place, read_law_source
-from abhv_mc.user_code.temporary import run_aside
+from abhv_mc.user_code.run_in_thread import run_in_thread
 from abhv_mc.user_code.trust import is_in_a_folder, is_trusted
 
 _LONGEST = 600.0  # s, compiling included
@@ -34,7 +34,7 @@ def try_law(file: Path, controller: UserController, vehicle: Path | None, missio
     plan = prepare(vehicle, mission, file, file.stem)
     one_tick = replace(plan, timing=plan.timing._replace(ticks=0))
     try:
-        block = run_aside(lambda: fly(one_tick, nominal_parameters()), _LONGEST)
+        block = run_in_thread(lambda: fly(one_tick, nominal_parameters()), _LONGEST)
     except TimeoutError:
         found = f"a law whose first tick is not done in {_LONGEST:g} s"
         raise InputError(place, None, None, found, "a law whose loops end") from None

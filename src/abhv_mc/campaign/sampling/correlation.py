@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from abhv_mc.array_types import Floats
 
 
 def normal_correlation(rank_correlation: float) -> float:

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.streams import draw_uniforms, make_generator, stream_key
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-
-Floats = NDArray[np.float64]
 
 INDEPENDENT = "random"  # the design whose flights are independent draws, so that binomial statistics hold
 SALTELLI = "saltelli"  # the design that Sobol indices are computed from

@@ -5,9 +5,8 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from abhv_mc.array_types import Floats
 
 # Corners, grid and trial flights take an unbounded distribution between these probabilities: +-3 sigma of a normal.
 TAIL_PROBABILITY = 0.0013498980316301

@@ -5,16 +5,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.designs import FACTORIAL, NOMINAL, Design
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile
 from abhv_mc.campaign.sampling.seeds import Seeds
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
-
-Floats = NDArray[np.float64]
 
 
 class SampleSource(Protocol):

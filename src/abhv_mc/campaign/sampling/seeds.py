@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.designs import FACTORIAL, SALTELLI, saltelli_group
 from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
 from abhv_mc.plant.parameters import PARAMETERS
-
-Floats = NDArray[np.float64]
 
 _NOISES = tuple(p.name for p in PARAMETERS if p.name.startswith("sensor.") and p.name.endswith("_noise"))
 NOISE_OF_SEED = {"wind.turbulence_seed": ("wind.turbulence",), "sensor.noise_seed": _NOISES}

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.vehicle.arrays import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Floats, Tables
+from abhv_mc.array_types import Floats
+from abhv_mc.vehicle.arrays import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Tables
 from abhv_mc.vehicle.model import Vehicle
 
 Numbers = NDArray[Any]  # float64 or complex128

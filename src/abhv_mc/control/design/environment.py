@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.design.design_model import Surroundings
-from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.world.atmosphere import atmosphere
 from abhv_mc.world.earth import Earth, gravity_ned, radii
 

@@ -12,11 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.design.trim_tables import TRIM_ROWS
 from abhv_mc.jit import kernel, routine, scalar
 from abhv_mc.numerics.root_finding import NO_SIGN_CHANGE, brent
 from abhv_mc.numerics.tables import bracket
-from abhv_mc.vehicle.arrays import VARIABLES, Floats, Tables
+from abhv_mc.vehicle.arrays import VARIABLES, Tables
 from abhv_mc.vehicle.model import Vehicle
 
 ELEVATOR, LIFT, DRAG, THRUST, IMPULSE, UNTRIMMED = range(len(TRIM_ROWS))

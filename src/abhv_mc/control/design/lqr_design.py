@@ -1,6 +1,6 @@
 """Gains of the LQR baseline along the reference: guidance (22), longitudinal and lateral attitude (23).
 
-Zhu and Shen 2014, section 7. Guidance is linearised with the data at trim, attitude with the full tables, damping and
+Zhu and Shen 2014, section 7. Guidance is linearized with the data at trim, attitude with the full tables, damping and
 thrust included, both by complex steps of :mod:`abhv_mc.control.design.design_model`; the Riccati equations are scipy's.
 """
 
@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.columns import LQR_GAINS, REFERENCE
 from abhv_mc.control.controller_file import (
     GuidanceWeights,
@@ -27,7 +28,7 @@ from abhv_mc.control.design.design_tables import Numbers, slope
 from abhv_mc.control.design.environment import make_surroundings
 from abhv_mc.control.design.profile import step_times
 from abhv_mc.control.mission import Mission
-from abhv_mc.vehicle.arrays import Floats, Tables
+from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 
 _DEGREE = np.pi / 180.0

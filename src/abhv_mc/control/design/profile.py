@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control import mission as m
 from abhv_mc.control.trajectory_file import read_trajectory
-from abhv_mc.vehicle.arrays import Floats
 
 _SAME_TIME = 1e-9  # s: a tick that close to a step of the reference is on it
 

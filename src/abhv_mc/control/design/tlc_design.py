@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.controller_file import Channel, Schedule, TlcController
 from abhv_mc.control.design.design_tables import Numbers, table_rows, variables_at
-from abhv_mc.vehicle.arrays import Floats, Tables
+from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 
 GUIDANCE_STATES = ("flight_path_angle", "heading", "speed")

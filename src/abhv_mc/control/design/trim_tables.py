@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.design.design_model import Surroundings, wrench_at
 from abhv_mc.control.design.design_tables import coefficients_at, fixed_values, table_rows, thrust_at, variables_at
-from abhv_mc.vehicle.arrays import CHUNK, FIXED_TABLE_ROWS, VARIABLES, Floats, Tables
+from abhv_mc.vehicle.arrays import CHUNK, FIXED_TABLE_ROWS, VARIABLES, Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.vehicle.pack import Axis, Table, pack_tables
 from abhv_mc.world.atmosphere import atmosphere

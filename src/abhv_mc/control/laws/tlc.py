@@ -1,7 +1,7 @@
 """Trajectory linearization control, one control tick in lanes: four sub-loops and control allocation.
 
-Zhu & Shen (2014), sections 4-6, in forward-right-down axes. Sub-loops 1 and 2 are linearised about the
-reference alone, so their gains come per tick from the launching process; sub-loops 3 and 4 are linearised about
+Zhu & Shen (2014), sections 4-6, in forward-right-down axes. Sub-loops 1 and 2 are linearized about the
+reference alone, so their gains come per tick from the launching process; sub-loops 3 and 4 are linearized about
 the commands of this flight, here. The law sees the nominal vehicle and the measurement only.
 """
 

@@ -2,7 +2,7 @@
 
 Zhu and Shen 2014, equations (13)-(18), in FRD axes (x forward, y right, z down); there the paper's matrix element
 Jxy is J13: ``Hx = Jx p + J13 r``, ``Hz = Jz r + J13 p``. Each gain K (3 x 6, row by row, a state's integral before
-the state) makes the linearised closed loop equal to the wanted one: ``B K = A - A_c`` with the rows of ``A_c``
+the state) makes the linearized closed loop equal to the wanted one: ``B K = A - A_c`` with the rows of ``A_c``
 ``[-a1, -a2]`` for each channel. SI and radians.
 """
 

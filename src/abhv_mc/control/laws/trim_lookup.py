@@ -4,11 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.jit import lanes, scalar
 from abhv_mc.numerics.lane_memory import aligned_zeros
 from abhv_mc.numerics.tables import bracket, natural
 from abhv_mc.plant.state import variable_row
-from abhv_mc.vehicle.arrays import CHUNK, Floats, Ints
+from abhv_mc.vehicle.arrays import CHUNK
 
 AXES = 3  # Mach, angle of attack, equivalence ratio
 _MACH_AXIS, _ALPHA_AXIS, _ETA_AXIS = range(AXES)

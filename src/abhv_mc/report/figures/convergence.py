@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullFormatter, NullLocator, ScalarFormatter
 
+from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.style import label_lowest, legend_below, new_panels, styled
-from abhv_mc.vehicle.arrays import Floats
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
 
+from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.style import INK, MARKERS, legend_below, new_panels, styled
-from abhv_mc.vehicle.arrays import Floats
 
 _MOST_POINTS = 1000  # of a controller in a scatter plot
 _MOST_STEPS = 2000  # of a distribution curve

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.style import INK, new_panels, put_legend, styled
-from abhv_mc.vehicle.arrays import Floats
 
 # Widest first; (lower, upper, opacity, words)
 BANDS = (

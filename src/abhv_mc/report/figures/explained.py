@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.style import (
     BLUE,
     INK,
@@ -18,7 +19,6 @@ from abhv_mc.report.figures.style import (
     pad_if_flat,
     styled,
 )
-from abhv_mc.vehicle.arrays import Floats
 
 _LOOKS = (
     {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2))},

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
+from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.style import label_lowest, legend_below, new_panels, styled
-from abhv_mc.vehicle.arrays import Floats
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
+from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.paper import GROUND_TRACK, PAPER_FIGURES, Curve
 from abhv_mc.report.figures.style import INK, controller_colors, legend_below, new_figure, pad_if_flat, styled
 from abhv_mc.report.numbers.metrics import controller_label
-from abhv_mc.vehicle.arrays import Floats
 
 Columns = Mapping[str, Floats]  # time and channels of one flight, or of the reference
 

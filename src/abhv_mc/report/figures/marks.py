@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.style import INK, MARKERS, label_lowest, new_panels, put_legend, styled
-from abhv_mc.vehicle.arrays import Floats
 
 _LETTERS = 24  # of a name in a line
 Marks = Sequence[tuple[Floats, NDArray[np.bool_]]]  # ([parameter, (value, low, high)], [parameter] whether filled)

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from matplotlib.figure import Figure
 
+from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.numbers.results import Results
-from abhv_mc.vehicle.arrays import Floats
 
 _BANDS = (
     "Bands hold at each moment by itself, over the flights that still fly then: all of them (every control tick), "

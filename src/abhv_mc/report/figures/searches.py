@@ -6,9 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.style import BLUE, CYCLE, INK, MARKERS, SKY, VERMILION, new_figure, pad_if_flat, styled
-
-Floats = NDArray[np.float64]
 
 _ROW = 0.22  # in, of one parameter
 

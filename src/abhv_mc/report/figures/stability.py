@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.style import INK, MARKERS, legend_below, new_panels, styled
-from abhv_mc.vehicle.arrays import Floats
 
 _MOST_POINTS = 1000  # of a controller
 

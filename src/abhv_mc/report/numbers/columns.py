@@ -12,8 +12,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.io.documents import InputError
-from abhv_mc.vehicle.arrays import Floats
 
 _HELD = 32 * 2**20  # bytes of a table that stay in memory; a larger one goes to a temporary file
 _CHUNK = 16_384  # rows written at once

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.failure_case import NO_FAILURE, failure_cases, failure_times
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.layout import CampaignFolder
@@ -26,7 +27,6 @@ from abhv_mc.report.numbers.words import count_of, percent
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.judgement import Pair, judge_pairs
-from abhv_mc.vehicle.arrays import Floats
 
 _MOST_CASES = 8  # in figures, the most frequent
 _FEWEST_KEPT = 5  # histories of a case that make a band

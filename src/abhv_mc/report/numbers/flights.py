@@ -10,13 +10,13 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.columns import SpooledColumns, missing_file, read_table
 from abhv_mc.report.numbers.metrics import words_of
 from abhv_mc.statistics.estimates import severity
-from abhv_mc.vehicle.arrays import Floats
 
 _WANTED = "a block of flights"
 _LARGEST = 1e30  # its square is a number still; a metric of a flight that broke at once may be infinite

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.report.numbers.failures import requirement_failures
 from abhv_mc.report.numbers.flights import ControllerFlights, common_rows, severities
 from abhv_mc.report.numbers.metrics import FOLLOWING, HEADLINE, HOLDING, USAGE, words_of
@@ -13,7 +14,6 @@ from abhv_mc.report.numbers.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.numbers.results import Requirement, Results
 from abhv_mc.statistics.paired import compare_failures, compare_metric, compare_usage, median_ratio
 from abhv_mc.statistics.winner import Decision, decide
-from abhv_mc.vehicle.arrays import Floats
 
 _LISTED = 10  # flights where only one failed
 

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES, METRICS
@@ -23,7 +24,6 @@ from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.columns import FileColumns, read_table
 from abhv_mc.report.numbers.flights import ControllerFlights, read_flights
-from abhv_mc.vehicle.arrays import Floats
 
 BANDS = ("min", *QUANTILE_COLUMNS, "max")
 INDEPENDENT_DESIGNS = ("random",)

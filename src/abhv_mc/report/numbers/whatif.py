@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.analysis.reweight import make_change, unseen_probability, weigh_flights
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError
@@ -18,7 +19,6 @@ from abhv_mc.report.numbers.results import Results, read_results
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
 from abhv_mc.statistics.reweight import Unseen, effective_size, weighted_quantile, weighted_share
-from abhv_mc.vehicle.arrays import Floats
 
 FEWEST_EFFECTIVE = 100.0  # flights
 MOST_UNSEEN = 0.01  # probability of values that no flight had

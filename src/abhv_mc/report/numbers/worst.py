@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.report.numbers.flights import ControllerFlights, severities
 from abhv_mc.report.numbers.metrics import HEADLINE, USAGE
 from abhv_mc.report.numbers.plain import plain
 from abhv_mc.report.numbers.results import Requirement, Results
-from abhv_mc.vehicle.arrays import Floats
 
 _LISTED = 10
 _LARGEST = 3  # dispersions of a flight that are told

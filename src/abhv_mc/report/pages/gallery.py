@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.report.figures.convergence import ConvergencePanel, plot_convergence
 from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributions, plot_error_against_usage
@@ -21,7 +22,6 @@ from abhv_mc.report.numbers.paired import total_usage
 from abhv_mc.report.numbers.parameters import spoken_name
 from abhv_mc.report.numbers.results import Results, read_histories
 from abhv_mc.report.numbers.worst import rank_worst, worst_share
-from abhv_mc.vehicle.arrays import Floats
 
 _SHOWN_WORST = 3
 _SHOWN_PARAMETERS = 6

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS
 from abhv_mc.report.numbers.results import BANDS, Results
-from abhv_mc.vehicle.arrays import Floats
 
 _MOST_TIMES = 301
 _DIGITS = 6  # significant, of a curve's largest value

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder.flights import FlightRows
@@ -13,7 +14,6 @@ from abhv_mc.report.figures.searches import plot_flights
 from abhv_mc.report.numbers.metrics import FLIGHT_PANELS, words_of
 from abhv_mc.report.numbers.parameters import shown_value
 from abhv_mc.report.pages.summary_page import CODE, LONG, SHORT, Shown, Table
-from abhv_mc.search.methods.evaluation import Floats
 from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights
 from abhv_mc.search.severity import rank_distinct
 

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.searches import plot_convergence, plot_place
 from abhv_mc.report.numbers.metrics import controller_label, words_of
 from abhv_mc.report.numbers.parameters import shown_value
 from abhv_mc.report.numbers.words import percent
 from abhv_mc.report.pages.searched_flights import drawn_figure, flights_table, lower_label, with_unit
 from abhv_mc.report.pages.summary_page import SHORT, Shown, Table, write_answer_page
-from abhv_mc.search.methods.evaluation import Floats
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
 

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from abhv_mc.array_types import Floats
+
 Evaluate = Callable[[Floats], Floats]  # values [point] of the points [point, dimension]
 
 LANES = 32  # flights that compiled code flies side by side: batches are multiples of it

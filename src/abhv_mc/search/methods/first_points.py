@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from abhv_mc.search.methods.evaluation import LANES, Floats
+from abhv_mc.array_types import Floats
+from abhv_mc.search.methods.evaluation import LANES
 from abhv_mc.search.methods.record import Record
 
 _MOST_CORNERS = 512  # up to so many corners are all evaluated

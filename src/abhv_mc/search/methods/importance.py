@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from abhv_mc.search.methods.evaluation import Evaluate, Floats, make_generator
+from abhv_mc.array_types import Floats
+from abhv_mc.search.methods.evaluation import Evaluate, make_generator
 
 MOST_DIMENSIONS = 20  # beyond, the weights of a fitted covariance degenerate
 _INFLATION = 1.3  # of the fitted covariances: a proposal with thinner tails than the failures has no finite variance

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from abhv_mc.search.methods.evaluation import Floats, make_generator, round_up
+from abhv_mc.array_types import Floats
+from abhv_mc.search.methods.evaluation import make_generator, round_up
 from abhv_mc.search.methods.quadratic import find_top
 from abhv_mc.search.methods.record import Record
 

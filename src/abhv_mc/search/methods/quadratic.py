@@ -6,7 +6,7 @@ Slopes and curvatures along each dimension see no ridge that lies across them. A
 import numpy as np
 from scipy.optimize import minimize
 
-from abhv_mc.search.methods.evaluation import Floats
+from abhv_mc.array_types import Floats
 
 _NEAR = 0.05  # squared distance, of the furthest point's, within which all points count about the same
 _RIDGE = 1e-9  # of the points' weight: keeps the fit unique where they are fewer than the coefficients

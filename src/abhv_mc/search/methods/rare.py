@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from abhv_mc.array_types import Floats
 from abhv_mc.search.methods import second_look
-from abhv_mc.search.methods.evaluation import LANES, Evaluate, Floats, round_up
+from abhv_mc.search.methods.evaluation import LANES, Evaluate, round_up
 from abhv_mc.search.methods.importance import MOST_DIMENSIONS, ImportanceEstimate, sample_importance
 from abhv_mc.search.methods.subset import Repetition, SubsetPlan, run_subset
 

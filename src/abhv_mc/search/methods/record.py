@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from abhv_mc.search.methods.evaluation import Evaluate, Floats
+from abhv_mc.array_types import Floats
+from abhv_mc.search.methods.evaluation import Evaluate
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ to where failures are likely (conditional sampling, as in subset simulation). Ra
 import numpy as np
 from scipy.special import ndtri
 
-from abhv_mc.search.methods.evaluation import LANES, Evaluate, Floats, make_generator
+from abhv_mc.array_types import Floats
+from abhv_mc.search.methods.evaluation import LANES, Evaluate, make_generator
 
 MOST_DIMENSIONS = 10  # up to which it is shown to find them
 _PLACE = 1 << 20  # of its random numbers, beyond those of repetitions

@@ -13,7 +13,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.search.methods.evaluation import LANES, Floats, make_generator, round_up
+from abhv_mc.array_types import Floats
+from abhv_mc.search.methods.evaluation import LANES, make_generator, round_up
 from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, estimate_rare
 from abhv_mc.search.methods.subset import SubsetPlan
 from abhv_mc.statistics.binomial import clopper_pearson

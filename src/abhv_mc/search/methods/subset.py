@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from abhv_mc.search.methods.evaluation import Evaluate, Floats, make_generator
+from abhv_mc.array_types import Floats
+from abhv_mc.search.methods.evaluation import Evaluate, make_generator
 
 ACCEPTANCE = 0.44  # optimal for these chains: Papaioannou et al., section 4
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.search.methods.evaluation import Floats, make_generator
+from abhv_mc.array_types import Floats
+from abhv_mc.search.methods.evaluation import make_generator
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.quantile_pairs import quantile_difference
 

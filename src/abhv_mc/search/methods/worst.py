@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from abhv_mc.search.methods.evaluation import LANES, Evaluate, Floats, make_generator, round_up
+from abhv_mc.array_types import Floats
+from abhv_mc.search.methods.evaluation import LANES, Evaluate, make_generator, round_up
 from abhv_mc.search.methods.first_points import explore
 from abhv_mc.search.methods.polish import polish
 from abhv_mc.search.methods.record import Progress, Record

@@ -12,13 +12,13 @@ from abhv_mc.io.units import ANGLE, TIME
 if TYPE_CHECKING:
     import pandas as pd
 
+    from abhv_mc.array_types import Floats
     from abhv_mc.control.controller_file import Controller
     from abhv_mc.control.mission import Mission
     from abhv_mc.flight.plan import FlightPlan
     from abhv_mc.flight.prepare import OwnParts
     from abhv_mc.stability.analysis import Time
     from abhv_mc.stability.linearize import Points
-    from abhv_mc.vehicle.arrays import Floats
     from abhv_mc.vehicle.model import Vehicle
 
 _MARGIN_UNITS = {
@@ -47,7 +47,7 @@ class Setup(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where a flight is linearised."""
+    """Where a flight is linearized."""
 
     plan: "FlightPlan"  # whose reference and gains belong to the point
     points: "Points"  # one
@@ -129,7 +129,7 @@ def find_point(setup: Setup, name: str, time: "Time", bank: float, parameters: "
             wanted = f"a time at which {name} still flies"
             raise InputError(asked, None, None, f"{time:g} s: {found.faults[0]}", wanted)
         if found.faults[0]:
-            warnings.append(f"{name} at {time:g} s: {found.faults[0]}; what is linearised knows no limits")
+            warnings.append(f"{name} at {time:g} s: {found.faults[0]}; what is linearized knows no limits")
     warnings += [f"{name}: {words}" for words in near_nodes(plan, found.points)]
     return Place(plan, found.points, warnings)
 
@@ -163,11 +163,11 @@ def linearize(
     """
     import pandas as pd
 
-    from abhv_mc.stability.linearize import linearise
+    from abhv_mc.stability.linearize import linearize
     from abhv_mc.stability.model_file import make_model
 
     place, _ = _place(mission, vehicle, controller, at, bank, dispersions)
-    model = make_model(place.plan, place.points, linearise(place.plan, place.points))
+    model = make_model(place.plan, place.points, linearize(place.plan, place.points))
     point = pd.Series(model["point"]["states"], model["plant"]["states"], name="point")
     point.attrs["units"] = dict(zip(model["plant"]["states"], model["plant"]["state_units"], strict=True))
     return LinearModel(
@@ -203,11 +203,11 @@ def margins(
     import pandas as pd
 
     from abhv_mc.stability.analysis import analyse
-    from abhv_mc.stability.linearize import linearise
+    from abhv_mc.stability.linearize import linearize
     from abhv_mc.stability.rows import cut_loops, margin_values
 
     place, _ = _place(mission, vehicle, controller, at, bank, dispersions)
-    stability = analyse(linearise(place.plan, place.points), _FREQUENCIES)
+    stability = analyse(linearize(place.plan, place.points), _FREQUENCIES)
     table = pd.DataFrame.from_dict(margin_values(stability), orient="index", columns=list(_MARGIN_UNITS))
     table.index.name = "loop"
     table.attrs = {

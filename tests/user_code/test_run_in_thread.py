@@ -8,7 +8,7 @@ import pytest
 
 from abhv_mc.cli import fly as fly_command
 from abhv_mc.shipped import find_input
-from abhv_mc.user_code.temporary import run_aside
+from abhv_mc.user_code.run_in_thread import run_in_thread
 
 
 @pytest.fixture
@@ -28,17 +28,17 @@ def never():
 
 
 def test_what_is_given_and_raised_comes_back():
-    assert run_aside(lambda: None) is None and run_aside(lambda: 3, 10.0) == 3
+    assert run_in_thread(lambda: None) is None and run_in_thread(lambda: 3, 10.0) == 3
     with pytest.raises(ZeroDivisionError):
-        run_aside(lambda: 1 / 0)
+        run_in_thread(lambda: 1 / 0)
 
 
 def test_a_limit_and_an_interrupt(never):
     with pytest.raises(KeyboardInterrupt):
-        run_aside(never)
+        run_in_thread(never)
     ended = threading.Event()
     with pytest.raises(TimeoutError):
-        run_aside(ended.wait, 0.05)
+        run_in_thread(ended.wait, 0.05)
     ended.set()
 
 

@@ -7,7 +7,7 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-def run_aside(work: Callable[[], T], limit: float | None = None) -> T:
+def run_in_thread(work: Callable[[], T], limit: float | None = None) -> T:
     """What ``work`` gives or raises; this thread hears of Ctrl-C meanwhile. Raises TimeoutError after ``limit`` s."""
     done: list[T] = []
     failed: list[BaseException] = []
