@@ -159,20 +159,6 @@ def test_as_many_workers_as_on_the_command_line(flown, tmp_path, wrong):
     assert not (tmp_path / "new").exists()
 
 
-def test_a_folder_has_a_name_that_can_be_one(flown):
-    with pytest.raises(InputError, match="null character"):
-        flown[0].run("a\0b")
-
-
-def test_no_shell_has_made_a_home_folder_of_a_name(flown, tmp_path, monkeypatch):
-    """pyarrow makes one, and nothing else does: samples of one campaign met flights of another."""
-    monkeypatch.chdir(tmp_path)
-    for use in (abhv_mc.open_results, flown[0].run):
-        with pytest.raises(InputError, match="begins with '~'"):
-            use("~/out")
-    assert not any(tmp_path.iterdir())
-
-
 def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypatch, flown):
     """The tables were called changed by a run, and another file of the same name was flown."""
     (tmp_path / "there").mkdir()

@@ -318,12 +318,7 @@ class CampaignResults:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        from abhv_mc.folder.columns import explain_damage
-
-        tables = []
-        for file in files:
-            with explain_damage(file):
-                tables.append(pq.read_table(file, partitioning=None))
+        tables = [pq.read_table(file, partitioning=None) for file in files]
         refuse_changes(self._paths, self.manifest)
         whole = pa.concat_tables(tables, promote_options="default")
         table = whole.to_pandas(ignore_metadata=True)  # which may call a column by another one's name

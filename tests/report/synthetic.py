@@ -1,6 +1,7 @@
 """A campaign's folder made by formula, in the format of the contract: the report's tests need no flight."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -209,11 +210,15 @@ def write_campaign(folder: Path, runs: int = 60, sampling: str = "random", faili
         "digest": str(sum(digests.values(), Digest())),
         "digests": {name: str(digest) for name, digest in digests.items()},
     }
-    manifest["files"] = {
-        path.relative_to(folder).as_posix(): hash_file(path) for path in folder.rglob("*") if path.is_file()
-    }
-    write_manifest(paths.manifest, manifest)
+    sign(folder, manifest)
     return folder
+
+
+def sign(folder: Path, manifest: dict[str, Any]) -> None:
+    """Write the manifest with the hashes of the files that are there."""
+    files = [path for path in folder.rglob("*") if path.is_file() and path.name != "manifest.json"]
+    manifest["files"] = {path.relative_to(folder).as_posix(): hash_file(path) for path in files}
+    write_manifest(folder / "manifest.json", manifest)
 
 
 def write_flights(folder, name, samples, outcome, values):

@@ -1,13 +1,13 @@
 """A flight whose metrics are the lift's normal number, and a campaign of it: every probability and optimum is known."""
 
 import numpy as np
-from fake_flight import DENSITY, LIFT, prepare, write_campaign
+from fake_flight import DENSITY, LIFT, prepare, record, write_campaign
 
 from abhv_mc.execution.engine import Engine
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flight.plan import FlightBlock, recording_of
 
 METRIC = "altitude_error_max_m"
 
@@ -17,12 +17,12 @@ def fly_line(plan, parameters, record_every=None):
     lift = (parameters[:, LIFT] - 1.0) / 0.05
     metrics = np.tile(lift[:, None], (1, len(METRICS)))
     metrics[:, -1] = parameters[:, DENSITY]  # so that the trials see it matter
-    ticks = plan.timing.ticks // record_every + 1 if record_every else 0
+    ticks = plan.timing.ticks + 1
     history = (
         np.zeros((len(lift), ticks, len(CHANNELS)), np.float32) + parameters[:, [DENSITY]].astype(np.float32)[:, None]
     )
-    times = np.arange(ticks) * 0.1
-    return FlightBlock(np.full(len(lift), int(Outcome.OK)), np.full(len(lift), 2.0), metrics, history, times)
+    ended = np.full(len(lift), int(Outcome.OK)), np.full(len(lift), 2.0)
+    return record(FlightBlock(*ended, metrics, history, np.arange(ticks) * 0.1), recording_of(record_every))
 
 
 LINE = Engine(prepare, fly_line, "line")

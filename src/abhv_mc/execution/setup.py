@@ -23,8 +23,8 @@ from abhv_mc.folder.histories import write_nominal, write_reference
 from abhv_mc.folder.inputs import FolderInputs, collect_inputs, describe_changes, merge_inputs, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import COMPLETE, RUNNING, write_manifest
-from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
-from abhv_mc.folder.plans import read_trusted_plan, write_plan
+from abhv_mc.folder.opening import FlownFolder, begin_folder, grow_folder, open_folder
+from abhv_mc.folder.plans import read_trusted_plan
 from abhv_mc.folder.provenance import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
 from abhv_mc.io.documents import InputError
@@ -141,25 +141,7 @@ def _resume(
     if longer and files.knows(folder.samples):
         _check_drawn(folder, asked)
     if changed:
-        inputs.write_copies(folder)
-        for name, plan in new.items():
-            write_plan(folder.plan(name), plan)
-        # What is about to be replaced is listed no more: a run that goes on after a kill makes it anew.
-        files.forget(folder.campaign)
-        if added or longer:
-            files.forget(folder.envelopes, folder.margins)
-        if longer:
-            files.forget(folder.samples)
-        if added:
-            files.forget(folder.nominal, folder.reference)
-        manifest |= {"inputs": merged.hashes, "campaign_hash": merged.identity} | {
-            "question": merged.question,
-            "files": files.listed(),
-        }
-        if added or longer:
-            manifest |= {"state": RUNNING, "runs_planned": asked.runs}
-        write_manifest(folder.manifest, manifest)
-        merged.write_campaign(folder)
+        grow_folder(flown, inputs, merged, new, longer)
     campaign = _join(asked, inputs, merged if changed else before)
     if not files.knows(folder.samples):
         _write_samples(folder, campaign)

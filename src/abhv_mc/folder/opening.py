@@ -1,4 +1,4 @@
-"""How a run gets its folder: locked, and either what it holds proven whole, or emptied and begun."""
+"""How a run gets its folder: locked; begun anew, or with all that it holds proven whole; perhaps grown."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from abhv_mc.folder.hashes import FileHashes, damage_error, record_hashes
 from abhv_mc.folder.inputs import FolderInputs
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import hold_lock
-from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.manifest import RUNNING, read_manifest, write_manifest
 from abhv_mc.folder.plans import write_plan
 from abhv_mc.io.input_error import InputError
 
@@ -63,3 +63,29 @@ def begin_folder(
     for name, plan in plans.items():
         write_plan(folder.plan(name), plan)
     return files
+
+
+def grow_folder(
+    flown: FlownFolder, inputs: FolderInputs, merged: FolderInputs, plans: dict[str, FlightPlan], longer: bool
+) -> None:
+    """Make room for more flights (``longer``), for the controllers of ``plans``, or for another order of controllers.
+
+    ``inputs`` are of the campaign that is asked for, ``merged`` those of the folder from now on. What is about to be
+    replaced is listed no more before it is: a run that goes on after a kill makes it anew.
+    """
+    folder, manifest, files = flown.folder, flown.manifest, flown.files
+    inputs.write_copies(folder)
+    for name, plan in plans.items():
+        write_plan(folder.plan(name), plan)
+    files.forget(folder.campaign)
+    if longer:
+        files.forget(folder.samples)
+    if plans:
+        files.forget(folder.nominal, folder.reference)
+    if longer or plans:
+        files.forget(folder.envelopes, folder.margins)
+        manifest.update(state=RUNNING, runs_planned=merged.data["runs"])
+    manifest.update(inputs=merged.hashes, campaign_hash=merged.identity, question=merged.question)
+    manifest["files"] = files.listed()
+    write_manifest(folder.manifest, manifest)
+    merged.write_campaign(folder)

@@ -40,10 +40,3 @@ def test_a_folder_without_a_computed_flight_is_bad_input(tmp_path, outcome):
         write(tmp_path / "1.parquet", [0], ["x"], outcome)
     with pytest.raises(InputError):
         read_flights(tmp_path)
-
-
-def test_a_block_unlike_the_first_is_bad_input(tmp_path):
-    write(tmp_path / "1.parquet", [0], ["x"], b_m=[1.0])
-    write(tmp_path / "2.parquet", [1], ["x"])
-    with pytest.raises(InputError, match=r"2\.parquet.*b_m"):
-        read_flights(tmp_path)

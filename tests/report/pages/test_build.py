@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from report.synthetic import write_campaign
+from report.synthetic import sign, write_campaign
 
 from abhv_mc.cli.run import finish
 from abhv_mc.execution.runner import RunResult
 from abhv_mc.folder.flights import flights_schema, read_block, write_block
+from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.report.pages.build import build_report, is_up_to_date
 
@@ -31,6 +32,7 @@ def lost(tmp_path_factory):
             i, name, [np.where(late, 0 if name == "count" else np.nan, values).astype(values.dtype)]
         )
     pq.write_table(table, folder / "envelopes.parquet")
+    sign(folder, read_manifest(folder / "manifest.json"))
     build_report(folder)
     return folder
 

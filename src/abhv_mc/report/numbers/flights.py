@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import END_TIME
-from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.columns import SpooledColumns, missing_file, read_table
 from abhv_mc.report.numbers.metrics import words_of
 from abhv_mc.statistics.estimates import severity
 
 _WANTED = "a block of flights"
-_LARGEST = 1e30  # its square is a number still; a metric of a flight that broke at once may be infinite
 _CODES = {outcome.code: int(outcome) for outcome in Outcome}
 
 
@@ -94,7 +92,7 @@ def read_flights(folder: Path, known: Collection[Path] | None = None) -> dict[st
 
     With ``known``, only those among them, which are as they were written.
 
-    Raises InputError where there is no flight, or where a block is unreadable or not like the others.
+    Raises InputError where there is no flight.
     """
     files = [path for path in sorted(folder.glob("*.parquet")) if known is None or path in known]
     if not files:
@@ -103,15 +101,10 @@ def read_flights(folder: Path, known: Collection[Path] | None = None) -> dict[st
     collected: dict[str, _Collected] = {}
     for path in files:
         table = read_table(path, _WANTED, ["flight", "controller", "outcome", *metrics])
-        try:
-            flight = table["flight"].to_numpy().astype(np.int64)
-            names, owner = _distinct(table, "controller")
-            codes, which = _distinct(table, "outcome")
-            values = np.stack([table[name].to_numpy() for name in metrics])
-        except KeyError as error:
-            raise InputError(path, None, None, str(error.args[0]), f"the columns of {files[0].name}") from None
-        if (np.abs(values[np.isfinite(values)]) > _LARGEST).any():
-            raise InputError(path, None, None, f"a metric beyond {_LARGEST:g}", "numbers that a flight may have")
+        flight = table["flight"].to_numpy().astype(np.int64)
+        names, owner = _distinct(table, "controller")
+        codes, which = _distinct(table, "outcome")
+        values = np.stack([table[name].to_numpy() for name in metrics])
         outcome = np.array([_CODES[code] for code in codes], dtype=np.uint8)[which]
         for k, name in enumerate(names):
             rows = owner == k

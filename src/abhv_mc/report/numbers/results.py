@@ -15,7 +15,6 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES, METRICS
-from abhv_mc.folder.columns import explain_damage
 from abhv_mc.folder.envelopes import QUANTILE_COLUMNS
 from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
 from abhv_mc.folder.inputs import read_folder_campaign
@@ -195,7 +194,6 @@ def read_results(root: Path) -> Results:
         raise InputError(root, None, None, found, "all of it: 'abhv-mc merge' joins its shards")
     samples = FileColumns(folder.samples, "the samples of a campaign", without="flight")
     campaign, flights = read_facts(folder.campaign), read_flights(folder.flights, data_files(folder, manifest))
-    _check_numbers(folder, samples, campaign, flights)
     reference = _columns(read_table(folder.reference, "the mission's reference"))
     return Results(
         folder=root,
@@ -210,21 +208,6 @@ def read_results(root: Path) -> Results:
     )
 
 
-def _check_numbers(
-    folder: CampaignFolder, samples: FileColumns, campaign: CampaignFacts, flights: Mapping[str, ControllerFlights]
-) -> None:
-    """Raises InputError where parameters have no samples, or flights other numbers than the samples."""
-    missing = [name for name in campaign.dispersions if name not in samples]
-    if missing:
-        raise InputError(folder.samples, None, None, f"no column '{missing[0]}'", "a column of each dispersion")
-    rows = pq.read_metadata(folder.samples).num_rows
-    for name, flown in flights.items():
-        number = flown.flight
-        if number.min() < 0 or number.max() >= rows or (np.diff(number) <= 0).any():
-            wish = f"numbers from 0 to {rows - 1}, each once"
-            raise InputError(folder.flights, None, None, f"flights of '{name}' with other numbers", wish)
-
-
 def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
     """The kept histories of one controller: flight -> "time" and channels -> [time]; empty where none are kept."""
     kept: dict[int, dict[str, Floats]] = {}
@@ -232,8 +215,7 @@ def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
     for path in data_files(folder, read_manifest(folder.manifest)):
         if path.parent != folder.histories:
             continue
-        with explain_damage(path):
-            table = pq.read_table(path, filters=[("controller", "=", controller)], partitioning=None)
+        table = pq.read_table(path, filters=[("controller", "=", controller)], partitioning=None)
         if not table.num_rows:
             continue
         columns = _columns(table.drop_columns(["controller"]))
