@@ -47,6 +47,7 @@ from abhv_mc.folder.layout import write_text
 from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
 from abhv_mc.folder.samples import SampleReader
 
+_CODES = {int(outcome): outcome.code for outcome in Outcome}
 _SAVE_INTERVAL = 5.0  # s between states on disk: what a kill costs the envelopes of a large campaign
 
 
@@ -214,7 +215,7 @@ class _Run:
                 block.first,
                 self.samples.names,
                 self.samples.rows(block.first, block.stop),
-                tuple(Outcome(code).code for code in flown.outcome),
+                tuple(map(_CODES.__getitem__, flown.outcome.tolist())),
                 self._make_values(flown),
                 self.columns,
                 self.plans[block.controller].timing.duration,

@@ -1,0 +1,113 @@
+"""What the launching process does for each flight, and how many workers it can feed: canned blocks in workers' place.
+
+    python -m benchmarks.parent [--flights N] [--json FILE]
+
+A batch is flown once for real; every block of a campaign beyond 4096 flights is then made of copies of it, pickled as
+it would come through a worker's pipe, after the time that a core takes to fly it, shortened eightfold. So a campaign of
+64 workers runs on any machine; the network is not in it. Prints the launching process's processor time a flight, and
+the flights a second that so many workers give.
+"""
+
+import argparse
+import contextlib
+import io
+import json
+import pickle
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+
+from abhv_mc.execution import runner
+from abhv_mc.execution.attest import sign
+from abhv_mc.execution.blocks import fly_recorded
+from abhv_mc.execution.engine import make_engine
+from abhv_mc.execution.executor import Executor
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder.counted import Counting
+
+CAMPAIGN = Path(__file__).parents[1] / "campaigns" / "s_manoeuvre.yaml"
+WORKERS = (1, 2, 8, 32, 64)
+FLIGHT = 1.25e-3  # s of a core for a flight, TLC and LQR mixed
+FASTER = 8  # times that canned workers fly
+
+
+class CannedWorkers:
+    """Gives blocks that were flown before, as many at once as threads ask."""
+
+    def __init__(self, fly: Any, seconds: float) -> None:
+        self._fly, self._seconds = fly, seconds  # of a flight
+        self._canned: dict[tuple[int, int], bytes] = {}
+        self._lock = threading.Lock()
+
+    def fly(self, plan: Any, parameters: np.ndarray, recorded: Any = None) -> Any:
+        """A block of as many flights; pilot flights and histories are flown for real."""
+        if not isinstance(recorded, Counting):
+            return self._fly(plan, parameters, recorded)
+        key, start = (id(plan), len(parameters)), time.perf_counter()
+        with self._lock:
+            if key not in self._canned:
+                self._canned[key] = self._can(plan, parameters, recorded)
+                start = time.perf_counter()
+        sent = pickle.dumps((parameters, recorded), pickle.HIGHEST_PROTOCOL)
+        time.sleep(max(0.0, self._seconds * len(parameters) - (time.perf_counter() - start) * bool(sent)))
+        return pickle.loads(self._canned[key])  # noqa: S301
+
+    def _can(self, plan: Any, parameters: np.ndarray, recorded: Counting) -> bytes:
+        few = fly_recorded(self._fly, plan, parameters[:64], recorded)
+        parts = {name: getattr(few, name) for name in few.__dataclass_fields__}
+        for name in ("outcome", "end_time", "metrics", "history"):
+            parts[name] = np.resize(parts[name], (len(parameters), *parts[name].shape[1:]))
+        return pickle.dumps(sign(type(few)(**parts)), pickle.HIGHEST_PROTOCOL)
+
+
+def run(flights: int, workers: int, seconds: float) -> tuple[float, float]:
+    """Processor and wall time of a campaign's second half, s: the first has made the canned blocks."""
+    engine = make_engine()
+    crew, marks = CannedWorkers(engine.fly, seconds), []
+    keep = runner._Run._keep
+
+    @contextlib.contextmanager
+    def open_canned(*_: Any) -> Iterator[Executor]:
+        yield Executor(crew.fly, workers)
+
+    def keep_and_mark(self: Any, block: Any, flown: Any) -> None:
+        keep(self, block, flown)
+        marks.append((block.flights, time.process_time(), time.perf_counter()))
+
+    with (
+        mock.patch.object(runner, "open_executor", open_canned),
+        mock.patch.object(runner._Run, "_keep", keep_and_mark),
+        tempfile.TemporaryDirectory() as folder,
+        contextlib.redirect_stderr(io.StringIO()),
+    ):
+        runner.run_campaign(Request(CAMPAIGN, Path(folder) / "out", flights, None, ("tlc", "lqr"), workers), engine)
+    half = marks[len(marks) // 2 :]
+    number = sum(count for count, _, _ in half[1:])
+    return (half[-1][1] - half[0][1]) / number, (half[-1][2] - half[0][2]) / number
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--flights", type=int, default=131_072, help="of each controller, for the launching process")
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    own, _ = run(given.flights, 2, 0.0)
+    found: dict[str, Any] = {"ms_per_flight": 1e3 * own, "flights_per_second": {}}
+    print(f"the launching process: {1e3 * own:.4f} ms of processor time a flight", flush=True)
+    for workers in WORKERS:
+        _, seconds = run(max(16_384, 16_384 * workers), workers, FLIGHT / FASTER)
+        found["flights_per_second"][workers] = rate = 1.0 / (FASTER * seconds)
+        print(f"{workers:3d} workers: {rate:9.0f} flights/s, {rate * FLIGHT / workers:.2f} of their cores", flush=True)
+    if given.json:
+        given.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
