@@ -103,7 +103,7 @@ def run_part(plan, lqr_plan, memory, part, calls):
             finish_step(Z, width, step, O[observe.ALIVE])
         elif part == 8:
             navigate(Z, width, step, False)
-            disturb(Z, width, disturbances, step, step, False)
+            disturb(Z, width, plan.vehicle.constants.span, disturbances, step, step, False)
             sense(Z, width, sensor_errors, step, 1)
         elif part == 9:
             observe_tick(plan, memory, width, 1)

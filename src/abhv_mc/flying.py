@@ -106,6 +106,15 @@ def make_parameters(dispersions: Mapping[str, Quantity] | None) -> "NDArray[np.f
     return row
 
 
+def check_delay(plan: "FlightPlan", parameters: "NDArray[np.float64]") -> None:
+    """Raise InputError for measurements that are later than the lanes remember."""
+    from abhv_mc.flight.sensors import MAX_DELAY_TICKS, find_late
+
+    if late := find_late(parameters, plan.timing.tick):
+        most = f"0 to {1e3 * MAX_DELAY_TICKS * plan.timing.tick:g} ms, {MAX_DELAY_TICKS} control periods"
+        raise InputError("dispersions", None, None, late, most)
+
+
 def fly(
     mission: Input,
     vehicle: Input = "ghame_x",
@@ -131,6 +140,7 @@ def fly(
     steps = check_count(every, 1, "every")
     plan = make_flight_plan(mission, vehicle, controller)
     parameters = make_parameters(dispersions)
+    check_delay(plan, parameters)
     block = fly_plan(plan, parameters, min(steps, plan.timing.ticks + 1))
     outcome = Outcome(int(block.outcome[0]))
     table = pd.DataFrame(block.history[0].astype("float64"), columns=[channel.name for channel in CHANNELS])

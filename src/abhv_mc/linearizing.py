@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from abhv_mc.flying import Input, Quantity, make_document, make_parameters, to_si
+from abhv_mc.flying import Input, Quantity, check_delay, make_document, make_parameters, to_si
 from abhv_mc.io.documents import Document, InputError
 from abhv_mc.io.units import ANGLE, TIME
 
@@ -257,7 +257,9 @@ def fly_on(
     )
     if not 0 <= tick <= plan.timing.ticks:
         raise InputError("at", None, None, f"{at}", f"a time of the mission, 0 to {plan.timing.duration:g} s")
-    states = fly_disturbed(plan, make_parameters(dispersions), tick, change, ticks)
+    parameters = make_parameters(dispersions)
+    check_delay(plan, parameters)
+    states = fly_disturbed(plan, parameters, tick, change, ticks)
     times = (tick + np.arange(len(states))) * plan.timing.tick
     return pd.DataFrame(states, columns=names, index=pd.Index(times, name="time"))
 
@@ -275,7 +277,9 @@ def _place(
     law = make_document("control", controller)
     setup = read_setup((make_document("vehicle", vehicle), make_document("mission", mission), law))
     parameters = make_parameters(dispersions)
-    return find_point(setup, law.path.stem, time, angle, parameters), parameters
+    place = find_point(setup, law.path.stem, time, angle, parameters)
+    check_delay(place.plan, parameters)
+    return place, parameters
 
 
 def _path(file: Path | Document) -> Path:

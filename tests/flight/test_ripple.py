@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from abhv_mc import flying
 from abhv_mc.control import columns as ref
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.prepare import prepare
-from abhv_mc.flight.ripple import N_RIPPLE_ROWS, WIGGLE, follow_ripple
+from abhv_mc.flight.ripple import BACK, FREQUENCY, N_RIPPLE_ROWS, follow_ripple
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
 
@@ -34,26 +35,26 @@ def turning_points(stretch, wiggle) -> list[int]:
         before, last, seen, way = abs(stretch[turns[-1]] - last), stretch[turns[-1]], seen + int(enough[0]), -way
 
 
-def expected_ripple(error, settled, wiggle=0.0) -> float:
-    """Largest swing between turning points with an opposite one of at least half its size after it, by definition."""
+def expected_ripple(error, settled) -> tuple[float, float]:
+    """Size and frequency of the largest cycle of three swings, by definition."""
     starts = np.flatnonzero(settled & ~np.concatenate([[False], settled[:-1]]))
     stops = np.flatnonzero(settled & ~np.concatenate([settled[1:], [False]])) + 1
-    found = 0.0
+    found = 0.0, 0.0
     for stretch in (error[start:stop] for start, stop in zip(starts, stops, strict=True)):
-        turns = turning_points(stretch, wiggle)
-        points = stretch[turns]
-        for i in range(1, len(points)):
-            after = stretch[turns[i] : turns[i + 1] + 1 if i + 1 < len(points) else None]
-            if np.abs(after - points[i]).max() >= 0.5 * abs(points[i] - points[i - 1]):
-                found = max(found, abs(points[i] - points[i - 1]))
-    return float(found)
+        turns = turning_points(stretch, BACK)
+        swings, lengths = np.abs(np.diff(stretch[turns])), np.diff(turns)
+        for i in range(len(swings) - 2):
+            three, long = swings[i : i + 3], lengths[i : i + 3]
+            if (three[1:] >= 0.5 * three[:-1]).all() and long.max() <= 2 * long.min():
+                found = max(found, (float(three.max()), 150.0 / float(long.sum())), key=lambda cycle: cycle[0])
+    return found
 
 
-def follow(error, settled) -> float:
+def follow(error, settled) -> tuple[float, float]:
     Z, largest = np.zeros((N_RIPPLE_ROWS, 1)), 0.0
-    for value, calm in zip(error.tolist(), settled.tolist(), strict=True):
-        largest = max(largest, follow_ripple(Z, 0, 0, value, calm))
-    return largest
+    for tick, (value, calm) in enumerate(zip(error.tolist(), settled.tolist(), strict=True)):
+        largest = max(largest, follow_ripple(Z, 0, 0, value, calm, float(tick), 0.01))
+    return largest, float(Z[FREQUENCY, 0])
 
 
 def zigzag(generator) -> np.ndarray:
@@ -66,38 +67,50 @@ def zigzag(generator) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_it_is_the_definition_on_any_signal_without_wiggles(seed: int) -> None:
-    generator = np.random.default_rng(seed)
-    error = zigzag(generator)
-    settled = np.repeat(generator.uniform(size=error.size // 8) < 0.8, 8)
-    assert follow(error, settled) == pytest.approx(expected_ripple(error, settled), rel=1e-12)
-
-
-@pytest.mark.parametrize("seed", range(20))
 def test_it_is_the_definition_on_any_signal(seed: int) -> None:
     generator = np.random.default_rng(seed)
-    error = np.cumsum(generator.normal(size=600)) if seed % 2 else np.round(generator.normal(size=600), 1)
-    settled = np.repeat(generator.uniform(size=12) < 0.8, 50)
-    assert follow(error, settled) == pytest.approx(expected_ripple(error, settled, WIGGLE), rel=1e-12)
+    signals = (
+        zigzag(generator),
+        np.cumsum(generator.normal(size=600)),
+        np.round(generator.normal(size=600), 1),
+        np.sin(np.cumsum(generator.uniform(0.02, 0.06, 600))) * np.exp(generator.normal() * np.linspace(0.0, 2.0, 600)),
+    )
+    for error in signals:
+        settled = np.repeat(generator.uniform(size=error.size // 8 + 1) < 0.95, 8)[: error.size]
+        assert follow(error, settled) == pytest.approx(expected_ripple(error, settled), rel=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(10))
-def test_wiggles_hide_no_cycle_and_make_none(seed: int) -> None:
+def test_a_cycle_has_its_size_from_side_to_side_and_its_frequency() -> None:
     time = np.arange(0.0, 10.0, 0.01)
     settled = np.ones(time.size, dtype=bool)
-    noise = np.random.default_rng(seed).uniform(-0.1, 0.1, time.size)
-    assert follow(5.0 * np.sin(4.0 * time) + noise, settled) == pytest.approx(10.0, abs=0.4)
-    assert follow(5.0 * np.exp(-time) + noise, settled) <= 0.4
-    after = 40.0 * np.exp(-5.0 * time) + np.sin(4.0 * time)  # a cycle after a large decay
-    assert follow(after, settled) == pytest.approx(2.0, abs=0.1)
+    assert follow(1.5 * np.sin(4.0 * time), settled) == pytest.approx((3.0, 2.0 / np.pi), rel=5e-3)
+    noise = np.random.default_rng(1).uniform(-0.1, 0.1, time.size)
+    assert follow(5.0 * np.sin(4.0 * time) + noise, settled)[0] == pytest.approx(10.0, abs=0.4)
+    assert follow(5.0 * np.exp(-time) + noise, settled)[0] <= 0.4
+    assert follow(np.exp(-time), settled) == (0.0, 0.0)
+    assert follow(np.exp(-3.0 * time) * np.sin(6.0 * time), settled)[0] < 0.2  # each swing a fifth of the one before
+    drift = np.interp(np.arange(200.0), [0.0, 22.0, 119.0, 164.0, 188.0], [0.0, 9.0, 0.0, 8.0, 1.0])
+    assert follow(drift, np.ones(200, dtype=bool))[0] == 0.0  # turning points at 22, 119, 164, 188 s
 
 
-def test_a_cycle_is_a_ripple_of_its_peak_to_peak_and_a_slow_decay_is_none() -> None:
-    time = np.arange(0.0, 10.0, 0.01)
-    settled = np.ones(time.size, dtype=bool)
-    assert follow(1.5 * np.sin(4.0 * time), settled) == pytest.approx(3.0, abs=1e-3)
-    assert follow(np.exp(-time), settled) == 0.0
-    assert follow(np.exp(-3.0 * time) * np.sin(6.0 * time), settled) < 0.2  # each swing a fifth of the one before
+CYCLING = {
+    "rudder": ("level", "tlc", {"control.rudder_effectiveness": 1.12}, "bank", 15.9, 0.10),
+    "aileron": ("level", "tlc", {"control.aileron_effectiveness": 0.84}, "bank", 24.3, 0.08),
+    "chatter": ("level", "tlc", {"control.rudder_effectiveness": 1.3}, "bank", 5.67, 1.92),
+    "paper": ("level", "lqr", {}, "angle_of_attack", 12.8, 0.4),
+    "turn": ("turn", "tlc", {}, "bank", 0.0, 0.0),
+    "turn_lqr": ("turn", "lqr_robust", {}, "bank", 0.0, 0.0),
+    "s": ("s_manoeuvre", "lqr_robust", {}, "bank", 0.0, 0.0),
+    "climb": ("climb", "tlc", {}, "bank", 0.0, 0.0),
+}
+
+
+@pytest.mark.parametrize("case", CYCLING)
+def test_flights_that_cycle_and_flights_that_do_not(case: str) -> None:
+    mission, controller, dispersions, angle, size, frequency = CYCLING[case]
+    metrics = flying.fly(mission, "ghame_x", controller, dispersions, every=100).attrs["metrics"]
+    assert metrics[f"{angle}_ripple_deg"] == pytest.approx(size, abs=0.15)
+    assert metrics[f"{angle}_cycle_hz"] == pytest.approx(frequency, abs=0.02)
 
 
 @pytest.mark.parametrize("name", ["tlc", "lqr"])
@@ -114,9 +127,7 @@ def test_the_metrics_are_those_of_the_recorded_flight(name: str) -> None:
     for row, metrics in zip(block.history.astype(np.float64), block.metrics, strict=True):
         for angle in ("bank", "angle_of_attack"):
             error = row[:, CHANNEL_INDEX[f"{angle}_deg"]] - row[:, CHANNEL_INDEX[f"{angle}_command_deg"]]
-            wanted = expected_ripple(error, settled, WIGGLE)  # histories are float32
+            wanted, _ = expected_ripple(error, settled)  # histories are float32
             assert metrics[METRIC_INDEX[f"{angle}_ripple_deg"]] == pytest.approx(wanted, abs=2e-5, rel=1e-5)
-        wanted = expected_ripple(row[:, CHANNEL_INDEX["sideslip_deg"]], settled, WIGGLE)
-        assert metrics[METRIC_INDEX["sideslip_ripple_deg"]] == pytest.approx(wanted, abs=2e-5, rel=1e-5)
     if name == "lqr":  # it cycles in angle of attack, which nobody sees in its rms
         assert block.metrics[0, METRIC_INDEX["angle_of_attack_ripple_deg"]] > 5.0

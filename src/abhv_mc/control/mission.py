@@ -14,6 +14,7 @@ from abhv_mc.io.documents import File, Refusal, StrictModel, read_document, vali
 from abhv_mc.io.input_files import made_once
 from abhv_mc.io.units import Angle, AngularRate, Length, Mass, Pressure, Speed, Time, parse_in_unit
 from abhv_mc.vehicle.limits import LoadLimits
+from abhv_mc.vehicle.sensing import SensingKeys
 from abhv_mc.world.earth import WGS84, Earth
 
 Positive = Field(gt=0.0)
@@ -135,6 +136,7 @@ class MissionLimits(LoadLimits):
     """A flight ends outside."""
 
     altitude: tuple[Length, Length] = Field((10e3, 40e3), description="lowest and highest")
+    fuel_out: bool = Field(True, description="whether a flight ends where its fuel is burnt; false: it flies on")
 
     @model_validator(mode="after")
     def _check(self) -> "MissionLimits":
@@ -224,6 +226,7 @@ class Mission(StrictModel):
     density: Annotated[
         Annotated[Literal["standard"], Tag("name")] | Annotated[DensityTable, Tag("table")], Discriminator(_table_kind)
     ] = Field("standard", description="density of the nominal air")
+    sensing: SensingKeys = Field(SensingKeys(), description="what instruments measure; left out: what the vehicle's do")
     step: Annotated[Time, Field(ge=1e-4, le=0.1)] = Field(0.01, description="time step of the integrator")
 
     @model_validator(mode="after")

@@ -19,6 +19,7 @@ from abhv_mc.folder.plans import read_trusted_plan
 from abhv_mc.io.documents import Document, InputError
 from abhv_mc.user_code.closure import check_closure
 from abhv_mc.user_code.source import read_source
+from abhv_mc.vehicle.sensing import IN_WIND
 
 
 def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -> int:
@@ -72,4 +73,11 @@ def take_plans(
 def find_warnings(plans: dict[str, FlightPlan], campaign: CheckedCampaign) -> list[str]:
     """What the plans say about their mission, and what of the campaign cannot come out, each sentence once."""
     plain = [warning for plan in plans.values() for warning in plan.warnings.tolist()]
-    return list(dict.fromkeys([*plain, *asked_in_vain(campaign)]))
+    return list(dict.fromkeys([*_sensing(plans, campaign), *plain, *asked_in_vain(campaign)]))
+
+
+def _sensing(plans: dict[str, FlightPlan], campaign: CheckedCampaign) -> list[str]:
+    """Where there is wind, what the instruments measure."""
+    plan = next(iter(plans.values()))
+    windy = any(name.startswith("wind.") for name in campaign.names) or plan.profile[:, 1:3].any()
+    return [f"{IN_WIND} {plan.vehicle.constants.sensing.words}"] if windy else []

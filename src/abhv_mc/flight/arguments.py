@@ -47,6 +47,7 @@ class OwnLaw(NamedTuple):
     address: int  # of its machine code, 0 for none
     onboard: int  # 1 where it wants the nominal vehicle
     channels: int  # address of the user's own channels, 0 for none
+    more: int  # 1 where it may ask for more than the ten measured values
     context: int = 0  # address of what the law's machine code works on, 0 for none
 
 
@@ -71,7 +72,7 @@ class KernelPlan(NamedTuple):
     counted: Counted
     first_tick: int  # at which the flights start
     start: Floats  # [flight, row] their memories then, see abhv_mc.flight.fly; no flights: the mission's start
-    own: OwnLaw = OwnLaw(0, 0, 0)
+    own: OwnLaw = OwnLaw(0, 0, 0, 0)
 
 
 class KernelResults(NamedTuple):

@@ -116,8 +116,7 @@ _SOURCES: tuple[Source, ...] = (
         Source(
             f"{name}_ripple_deg",
             "deg",
-            f"swing of the {words} in settled stretches that an opposite one of at least half its size has just "
-            "followed, or zero",
+            f"amplitude, from side to side, of a cycle of the {words} that ends just now in a settled stretch, or zero",
             f"{name}_ripple_deg",
             True,
         )
@@ -127,6 +126,15 @@ _SOURCES: tuple[Source, ...] = (
             ("sideslip", "sideslip"),
         )
     ),
+    *(
+        Source(f"{name}_cycle_hz", "Hz", f"frequency of the largest cycle of the {words}", f"{name}_cycle_hz", True)
+        for name, words in (
+            ("bank", "bank error"),
+            ("angle_of_attack", "angle-of-attack error"),
+            ("sideslip", "sideslip"),
+        )
+    ),
+    Source("fuel_left_kg", "kg", "mass above the empty one, infinite where no fuel burns", "fuel_left_kg"),
     Source("fuel_used_kg", "kg", "mass at the start minus mass", "fuel_used_kg"),
     Source("surface_saturated", "-", "1 with a surface or its command at the limit", "surface_saturated", True),
     Source("engine_failed", "-", "1 with a failed or unstarted engine", "engine_failed", True),

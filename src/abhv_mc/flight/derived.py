@@ -6,7 +6,7 @@ Each takes the lane memory, a lane, the plan and the tick, and returns the unit 
 import math
 
 from abhv_mc.control import columns as ref
-from abhv_mc.flight.ripple import N_RIPPLE_ROWS, follow_ripple
+from abhv_mc.flight.ripple import FREQUENCY, N_RIPPLE_ROWS, follow_ripple
 from abhv_mc.flight.sensors import END_ROW
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.angles import larger, wrap
@@ -17,6 +17,7 @@ from abhv_mc.plant.state import X, parameter_row, variable_row
 _ALPHA = variable_row("angle_of_attack")
 _BETA = variable_row("sideslip")
 _LIMIT = parameter_row("actuator.deflection_limit")
+_MASS = parameter_row("mass.total")
 _DEG = 180.0 / math.pi
 _G0 = 9.80665  # m/s2
 
@@ -91,23 +92,53 @@ def load_factor_g(Z, lane, plan, tick):
 
 
 @lanes
+def _ripple(Z, lane, row, error, plan, tick):
+    settled, length = plan.reference[tick, ref.SETTLED] > 0.0, plan.timing.step * plan.timing.steps_per_tick
+    return follow_ripple(Z, lane, row, error, settled, float(tick), length)
+
+
+@lanes
 def bank_ripple_deg(Z, lane, plan, tick):
-    """The ripple of the bank error that ends at this tick, see :mod:`abhv_mc.flight.ripple`."""
-    return follow_ripple(Z, lane, RIPPLES, bank_error_deg(Z, lane, plan, tick), plan.reference[tick, ref.SETTLED] > 0.0)
+    """The cycle of the bank error that ends at this tick, see :mod:`abhv_mc.flight.ripple`."""
+    return _ripple(Z, lane, RIPPLES, bank_error_deg(Z, lane, plan, tick), plan, tick)
 
 
 @lanes
 def angle_of_attack_ripple_deg(Z, lane, plan, tick):
     """The same of the angle-of-attack error."""
     error = angle_of_attack_error_deg(Z, lane, plan, tick)
-    return follow_ripple(Z, lane, RIPPLES + N_RIPPLE_ROWS, error, plan.reference[tick, ref.SETTLED] > 0.0)
+    return _ripple(Z, lane, RIPPLES + N_RIPPLE_ROWS, error, plan, tick)
 
 
 @lanes
 def sideslip_ripple_deg(Z, lane, plan, tick):
     """The same of the sideslip, whose command is zero."""
-    error, row = Z[_BETA, lane] * _DEG, RIPPLES + 2 * N_RIPPLE_ROWS
-    return follow_ripple(Z, lane, row, error, plan.reference[tick, ref.SETTLED] > 0.0)
+    return _ripple(Z, lane, RIPPLES + 2 * N_RIPPLE_ROWS, Z[_BETA, lane] * _DEG, plan, tick)
+
+
+@lanes
+def bank_cycle_hz(Z, lane, plan, tick):
+    """Frequency of the largest cycle of the bank so far."""
+    return Z[RIPPLES + FREQUENCY, lane]
+
+
+@lanes
+def angle_of_attack_cycle_hz(Z, lane, plan, tick):
+    """Frequency of the largest cycle of the angle of attack so far."""
+    return Z[RIPPLES + N_RIPPLE_ROWS + FREQUENCY, lane]
+
+
+@lanes
+def sideslip_cycle_hz(Z, lane, plan, tick):
+    """Frequency of the largest cycle of the sideslip so far."""
+    return Z[RIPPLES + 2 * N_RIPPLE_ROWS + FREQUENCY, lane]
+
+
+@lanes
+def fuel_left_kg(Z, lane, plan, tick):
+    """Mass above the empty one; infinite for a vehicle that burns no fuel."""
+    constants = plan.vehicle.constants
+    return Z[X + s.MASS, lane] - constants.mass_empty * Z[_MASS, lane] if constants.burns_fuel > 0.0 else math.inf
 
 
 @lanes

@@ -18,7 +18,7 @@ from abhv_mc.flight.arguments import LQR, PYTHON, RECORDED, TLC
 from abhv_mc.flight.counting import count_tick, finish_counting
 from abhv_mc.flight.extremes import follow_extremes, keep_extremes
 from abhv_mc.flight.memory import Z_ROWS, has_width, restore_lanes, save_lane
-from abhv_mc.flight.navigation import navigate
+from abhv_mc.flight.navigation import measure_air, measure_more, navigate
 from abhv_mc.flight.observe import (
     check_limits,
     derive,
@@ -27,7 +27,7 @@ from abhv_mc.flight.observe import (
     start_observing,
 )
 from abhv_mc.flight.sensors import SensorErrors, active_sensor_errors, sense
-from abhv_mc.flight.start import start_flights
+from abhv_mc.flight.start import face_air, start_flights
 from abhv_mc.jit import kernel, lanes
 from abhv_mc.jit_pointer import call_address
 from abhv_mc.plant import state as s
@@ -71,12 +71,28 @@ def find_active(Z, width, plan):
 
 
 @lanes
+def instruments(plan, Z, width, active, tick):
+    """What is measured against the air, and what the user's own law asks for besides."""
+    sensing, more = plan.vehicle.constants.sensing, plan.own.more > 0
+    against_air = active.windy and sensing.angle_of_attack + sensing.sideslip + sensing.speed > 0
+    if active.windy and (against_air or more):
+        move_air(Z, width)
+        nominal_wind(Z, width, plan.profile)
+    if against_air:
+        measure_air(Z, width, sensing)
+    if more:
+        measure_more(Z, width, tick == 0)
+
+
+@lanes
 def begin_tick(plan, memory, width, active, tick):
     """Motion, air and measurement at a control tick."""
     Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
     navigate(Z, width, tick_length, tick == 0)
-    disturb(Z, width, active.disturbances, tick * tick_length, tick_length, tick == 0)
+    constants = plan.vehicle.constants
+    disturb(Z, width, constants.span, active.disturbances, tick * tick_length, tick_length, tick == 0)
     nominal_density(Z, width, plan.profile)
+    instruments(plan, Z, width, active, tick)
     sense(Z, width, active.sensor_errors, tick_length, tick)
     if active.failures.sensors:
         fail_sensors(Z, width, tick * tick_length)
@@ -239,6 +255,10 @@ def start_lanes(plan, memory, width, flights, n):
         for i in range(s.N_PARAMETERS):
             Z[s.P + i, lane] = plan.parameters[flight, i]
     start_flights(Z, width, plan.initial_state)
+    if plan.vehicle.constants.sensing.sideslip > 0 and find_active(Z, width, plan).windy:
+        move_air(Z, width)
+        nominal_wind(Z, width, plan.profile)
+        face_air(Z, width)
     start_failures(Z, width)
     prepare_actuators(Z, width, plan.vehicle.constants, plan.timing.step)
     start_observing(Z, memory.O, width, plan.counted)

@@ -240,10 +240,21 @@ METRICS: tuple[Metric, ...] = (
         _largest(
             f"{name}_ripple_deg",
             "deg",
-            f"largest swing of the {words} in settled stretches that an opposite one of at least half its size follows",
+            f"largest cycle of the {words} in settled stretches, from side to side",
             f"{label} ripple",
             "tracking",
             f"{name}_ripple_deg",
+        )
+        for name, words, label in (
+            ("bank", "bank error", "Bank"),
+            ("angle_of_attack", "angle-of-attack error", "Angle of attack"),
+            ("sideslip", "sideslip", "Sideslip"),
+        )
+    ),
+    *(
+        Metric(
+            f"{name}_cycle_hz", "Hz", f"frequency of the largest cycle of the {words}, zero without one",
+            f"{label} cycle frequency", "high", "tracking", f"{name}_cycle_hz", Statistic.FINAL, **_ZERO,
         )
         for name, words, label in (
             ("bank", "bank error", "Bank"),

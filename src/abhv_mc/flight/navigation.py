@@ -1,13 +1,16 @@
-"""Once a tick: the motion to the Earth, from which the sensors measure."""
+"""Once a tick: the motion to the Earth and, where it is asked for, to the air, from which the sensors measure."""
 
 import math
 
 from abhv_mc.jit import lanes, scalar
-from abhv_mc.numerics.lane_math import atan2, two_angles
+from abhv_mc.numerics.lane_math import asin, atan2, two_angles
 from abhv_mc.numerics.quaternion import rotate_to_body, rotate_to_ned
 from abhv_mc.plant import state as s
 from abhv_mc.plant.air_data import flow_direction
 from abhv_mc.plant.state import X
+from abhv_mc.world.atmosphere import atmosphere_lanes
+
+_G0 = 9.80665  # m/s2
 
 
 @scalar
@@ -50,3 +53,37 @@ def navigate(Z, width, tick, first):
         Z[s.M_P, lane] = Z[X + s.ROLL_RATE, lane]
         Z[s.M_Q, lane] = Z[X + s.PITCH_RATE, lane]
         Z[s.M_R, lane] = Z[X + s.YAW_RATE, lane]
+
+
+@lanes
+def measure_air(Z, width, sensing):
+    """The measured values that are relative to the air, whose velocity of the tick stands in the lane memory."""
+    for lane in range(width):
+        speed, _, sin_a, cos_a, sin_b, cos_b = flow_direction(
+            Z[X + s.U, lane] - Z[s.AIR_U, lane],
+            Z[X + s.V, lane] - Z[s.AIR_V, lane],
+            Z[X + s.W, lane] - Z[s.AIR_W, lane],
+        )
+        alpha, beta = two_angles(sin_a, cos_a, sin_b, cos_b)
+        Z[s.M_SPEED, lane] = speed if sensing.speed > 0 else Z[s.M_SPEED, lane]
+        Z[s.M_ALPHA, lane] = alpha if sensing.angle_of_attack > 0 else Z[s.M_ALPHA, lane]
+        Z[s.M_BETA, lane] = beta if sensing.sideslip > 0 else Z[s.M_BETA, lane]
+
+
+@lanes
+def measure_more(Z, width, first):
+    """What laws of the user's own may ask for besides; the load factor is that of the step before, 1 at the start."""
+    atmosphere_lanes(Z, width, X + s.ALTITUDE, s.M_AIRSPEED, s.M_MACH)  # density, 1 / speed of sound
+    for lane in range(width):
+        u, v, w = Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane]
+        airspeed, _, _, _, _, _ = flow_direction(u - Z[s.AIR_U, lane], v - Z[s.AIR_V, lane], w - Z[s.AIR_W, lane])
+        Z[s.M_AIRSPEED, lane] = airspeed
+        Z[s.M_MACH, lane] = airspeed * Z[s.M_MACH, lane]
+        x, y, z = Z[s.SPECIFIC_X, lane], Z[s.SPECIFIC_Y, lane], Z[s.SPECIFIC_Z, lane]
+        Z[s.M_LOAD_FACTOR, lane] = 1.0 if first else math.sqrt(x * x + y * y + z * z) / _G0
+        q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]
+        Z[s.M_PITCH, lane] = asin(2.0 * (q0 * q2 - q1 * q3))
+        Z[s.M_ROLL, lane] = atan2(2.0 * (q0 * q1 + q2 * q3), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)
+        Z[s.M_YAW, lane] = atan2(2.0 * (q0 * q3 + q1 * q2), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
+        Z[s.M_LATITUDE, lane], Z[s.M_LONGITUDE, lane] = Z[X + s.LATITUDE, lane], Z[X + s.LONGITUDE, lane]
+        Z[s.M_NORTH, lane], Z[s.M_EAST, lane] = Z[s.NORTH, lane], Z[s.EAST, lane]

@@ -23,6 +23,7 @@ class Outcome(IntEnum):
     HEAT_FLUX_LIMIT = 8
     BANK_LIMIT = 9
     OSCILLATION_LIMIT = 10
+    FUEL_OUT = 11
     LAW_FAILED = 50
     LAW_CRASHED = 51
     LAW_HUNG = 52
@@ -45,6 +46,7 @@ SENTENCES: dict[Outcome, str] = {
     Outcome.HEAT_FLUX_LIMIT: "The stagnation heat flux exceeded the limit of the mission or the vehicle.",
     Outcome.BANK_LIMIT: "The bank exceeded the limit of the mission or the vehicle.",
     Outcome.OSCILLATION_LIMIT: "An angle oscillated by more than the limit of the mission or the vehicle.",
+    Outcome.FUEL_OUT: "The fuel was burnt before the end of the mission.",
     Outcome.LAW_FAILED: "The control law, one of the user's own, raised an exception or returned an error.",
     Outcome.LAW_CRASHED: "The control law, one of the user's own, ended its process (a crash), twice.",
     Outcome.LAW_HUNG: "The control law, one of the user's own, did not return in time, twice.",
@@ -72,6 +74,7 @@ class Limits(NamedTuple):
     sideslip_max: float
     loads: LoadBounds = LoadBounds()
     end: EndBounds = EndBounds()
+    fuel_min: float = -math.inf  # kg
 
 
 @dataclass(frozen=True)
@@ -102,6 +105,7 @@ def _above(outcome: Outcome, source: str, name: str, factor: float = 1.0) -> Lim
 
 # Of two limits left at the same tick the later one in this table names the outcome.
 LIMITS: tuple[Limit, ...] = (
+    Limit(Outcome.FUEL_OUT, "fuel_left_kg", lambda limits: (limits.fuel_min, math.inf)),
     *map(_end, EndBounds._fields),
     *(_above(Outcome.OSCILLATION_LIMIT, f"{name}_deg", name, _DEG) for name in _RIPPLES),
     Limit(Outcome.BANK_LIMIT, "bank", lambda limits: (-limits.loads.bank, limits.loads.bank)),

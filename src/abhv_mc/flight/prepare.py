@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.columns import ANGLE_OF_ATTACK, BANK, TIME
+from abhv_mc.control.columns import ANGLE_OF_ATTACK, BANK, MASS, TIME
 from abhv_mc.control.controller_file import (
     Controller,
     LqrController,
@@ -39,9 +39,11 @@ from abhv_mc.user_code.settings import make_own_settings
 from abhv_mc.user_code.source import Law, load_law
 from abhv_mc.vehicle.limits import tighter
 from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.vehicle.sensing import choose_sensing
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 from abhv_mc.world.earth import Earth, radii
 
+_LEAST_FUEL = 1e-9  # kg: below it there is none
 _ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # a small angle inside of most tables' cells
 
 
@@ -116,6 +118,8 @@ def make_plan(
     Where nominal controls do not fly the mission, the plan's warnings say so. Raises InputError, which names
     ``mission_file``, for a mission that they do not fly at any time.
     """
+    sensing = choose_sensing(mission.sensing, vehicle.constants.sensing)
+    vehicle = vehicle._replace(constants=vehicle.constants._replace(sensing=sensing))
     timing = make_timing(mission, controller.rate)
     trim_tables = make_mission_trim_tables(mission, vehicle)
     reference, nominal = solve_reference(mission, vehicle, trim_tables, timing.tick, timing.ticks)
@@ -126,6 +130,10 @@ def make_plan(
     if not isinstance(controller, UserController):
         warnings += limit_faults(controller, reference)
     warnings += find_vehicle_warnings(vehicle)
+    dry = np.flatnonzero(reference[:, MASS] <= vehicle.constants.mass_empty + _LEAST_FUEL)
+    if vehicle.constants.burns_fuel and dry.size:
+        lasts = reference[dry[0], TIME]
+        warnings.append(f"the nominal fuel lasts {lasts:.0f} s of the mission's {reference[-1, TIME]:.0f} s")
     start = make_start_trim(mission, vehicle)
     if start.fault:
         warnings.append(f"at the start {start.fault}")
@@ -150,6 +158,7 @@ def make_plan(
             constants.sideslip_max,
             loads,
             EndBounds(*(mission.end.range_of(name) for name in EndBounds._fields)),
+            _LEAST_FUEL if mission.limits.fuel_out and constants.burns_fuel else -np.inf,
         ),
         initial_state=make_initial_state(mission, vehicle, start),
         reference=reference,

@@ -1,38 +1,61 @@
-"""How far an angle cycles about its command while the reference is settled: a few numbers a lane, tick by tick.
+"""Cycles of an angle about its command while the reference is settled: a few numbers a lane, tick by tick.
 
-A ripple is a swing of the error from one turning point to the next that an opposite swing of at least half its size
-follows. A slow decay has no second swing, and one that decays to less than half at each swing is none either. A
-settled stretch begins anew: its first swing begins at no turning point and does not count. Turbulence and sensor noise
-put small wiggles on a cycle: a way back of less than 3 % of the swing, or of the one before, is no turning point.
+A swing goes from one turning point of the error to the next; it has turned when the way back is a quarter of the swing,
+or of the one before. A cycle is three swings one after another, each at least half of the one before, and none more
+than twice as long in time as another. Its amplitude is the largest of the three, from side to side, its frequency that
+of the three half periods. A slow decay, a drift, or the one swing after a step is none. A settled stretch begins anew:
+its first swing begins at no turning point and does not count.
 """
 
 from abhv_mc.jit import lanes
-from abhv_mc.numerics.angles import larger
+from abhv_mc.numerics.angles import larger, smaller
 
-# Rows of one angle: the last turning point, the farthest point since, the swing that led to the turning point (negative
-# where it began at none, 0 without one), and the stage: 0 nothing seen, 0.5 no motion yet, +-1 moving since the
-# beginning, +-2 since a turning point; its sign is that of the motion.
-TURN, FARTHEST, SWING, STAGE = range(4)
-N_RIPPLE_ROWS = 4
-WIGGLE = 0.03  # of a swing
+# Rows of one angle: the last turning point and its time, the farthest point since and its time, sizes and lengths of
+# the last two swings (sizes negative where one began at no turning point), the stage, and the frequency of the largest
+# cycle so far and its size. Stage: 0 nothing seen, 0.5 no motion yet, +-1 moving since the beginning, +-2 since a
+# turning point; its sign is that of the motion.
+TURN, TURN_TIME, FARTHEST, FARTHEST_TIME, SWING, BEFORE, LENGTH, LENGTH_BEFORE, STAGE, FREQUENCY, LARGEST = range(11)
+N_RIPPLE_ROWS = 11
+BACK = 0.25  # of a swing: the way back that makes a turning point
+_LEAST = 0.5  # of the swing before
+_LONGEST = 2.0  # of three swings, times the shortest
 
 
 @lanes
-def follow_ripple(Z, lane, row, error, settled):
-    """The size of the swing that has just been followed by half of it, 0 without one."""
-    stage, swing = Z[row + STAGE, lane], Z[row + SWING, lane]
-    turn = error if stage == 0.0 else Z[row + TURN, lane]
-    farthest = error if stage == 0.0 else Z[row + FARTHEST, lane]
+def follow_ripple(Z, lane, row, error, settled, time, tick):
+    """The amplitude of the cycle whose third swing has just ended, 0 without one.
+
+    ``time`` counts control ticks, of ``tick`` seconds.
+    """
+    stage, swing, length = Z[row + STAGE, lane], Z[row + SWING, lane], Z[row + LENGTH, lane]
+    begins = stage == 0.0
+    turn = error if begins else Z[row + TURN, lane]
+    turn_time = time if begins else Z[row + TURN_TIME, lane]
+    farthest = error if begins else Z[row + FARTHEST, lane]
+    farthest_time = time if begins else Z[row + FARTHEST_TIME, lane]
     moving = abs(stage) >= 1.0
     way = (1.0 if stage > 0.0 else -1.0) if moving else (1.0 if error > turn else (-1.0 if error < turn else 0.0))
     size, back = abs(farthest - turn), (farthest - error) * way
-    turned = moving and back > 0.0 and back >= WIGGLE * larger(size, abs(swing))
-    swing = (size if abs(stage) == 2.0 else -size) if turned else swing
-    turn = farthest if turned else turn
+    turned = moving and back > 0.0 and back >= BACK * larger(size, abs(swing))
+    counts = turned and settled and abs(stage) == 2.0
+    # The swing that has ended, after the two before it.
+    took, before, took_before = farthest_time - turn_time, Z[row + BEFORE, lane], Z[row + LENGTH_BEFORE, lane]
+    shortest, longest = smaller(took, smaller(length, took_before)), larger(took, larger(length, took_before))
+    grows = before > 0.0 and swing > 0.0 and swing >= _LEAST * before and size >= _LEAST * swing
+    cycle = counts and grows and longest <= _LONGEST * shortest
+    amplitude = larger(size, larger(swing, before)) if cycle else 0.0
+    largest = Z[row + LARGEST, lane]
+    period = (took + length + took_before) * tick
+    Z[row + FREQUENCY, lane] = 1.5 / period if amplitude > largest else Z[row + FREQUENCY, lane]
+    Z[row + LARGEST, lane] = larger(amplitude, largest)
+    Z[row + BEFORE, lane] = (swing if turned else before) if settled else 0.0
+    Z[row + LENGTH_BEFORE, lane] = length if turned else took_before
+    Z[row + SWING, lane] = ((size if counts else -size) if turned else swing) if settled else 0.0
+    Z[row + LENGTH, lane] = took if turned else length
     first = way if way != 0.0 else 0.5
-    stage = -2.0 * way if turned else (stage if moving else first)
-    Z[row + TURN, lane] = turn
+    Z[row + TURN, lane] = farthest if turned else turn
+    Z[row + TURN_TIME, lane] = farthest_time if turned else turn_time
     Z[row + FARTHEST, lane] = error if turned or back < 0.0 else farthest
-    Z[row + SWING, lane] = swing if settled else 0.0
-    Z[row + STAGE, lane] = stage if settled else 0.0
-    return swing if settled and swing > 0.0 and abs(error - turn) >= 0.5 * swing else 0.0
+    Z[row + FARTHEST_TIME, lane] = time if turned or back < 0.0 else farthest_time
+    Z[row + STAGE, lane] = (-2.0 * way if turned else (stage if moving else first)) if settled else 0.0
+    return amplitude

@@ -2,24 +2,33 @@
 
 from typing import NamedTuple
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.laws.user import N_ROWS as N_LAW_ROWS
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.random_numbers import N_STREAM_ROWS
 from abhv_mc.plant.disturbance import any_lane, draw_normals, seed_stream
-from abhv_mc.plant.state import LAW, MEASURED, N_MEASURED, parameter_row
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.plant.state import LAW, MEASURED, N_MEASURED, N_SEEN, parameter_row
 
 MAX_DELAY_TICKS = 25
 
 # Rows of the lane memory, behind the control law's.
 NOISE = LAW + N_LAW_ROWS  # random numbers
 DELAY = NOISE + N_STREAM_ROWS  # the last measurements, a ring buffer
-END_ROW = DELAY + (MAX_DELAY_TICKS + 1) * N_MEASURED
+END_ROW = DELAY + (MAX_DELAY_TICKS + 1) * N_SEEN
 
 # Ten rows each, in the order of the measured rows.
 _BIAS = parameter_row("sensor.altitude_bias")
 _SIGMA = parameter_row("sensor.altitude_noise")
 _SEED = parameter_row("sensor.noise_seed")
 _DELAY = parameter_row("sensor.delay")
+
+
+def find_late(parameters: Floats, tick: float) -> str:
+    """The delay among ``parameters`` [flight, parameter] that is out of range at a control period (s); '' for none."""
+    delay = parameters[:, PARAMETER_INDEX["sensor.delay"]]
+    wrong = delay[(delay < 0.0) | (delay > (MAX_DELAY_TICKS + 0.5) * tick)]
+    return f"sensor.delay of {1e3 * wrong[0]:g} ms" if wrong.size else ""
 
 
 class SensorErrors(NamedTuple):
@@ -56,12 +65,12 @@ def sense(Z, width, active, dt, tick):
 @lanes
 def delay(Z, width, dt, tick):
     """Store the measurement and return the one ``sensor.delay`` old; at the start, the first one."""
-    slot = DELAY + (tick % (MAX_DELAY_TICKS + 1)) * N_MEASURED
-    for i in range(N_MEASURED):
+    slot = DELAY + (tick % (MAX_DELAY_TICKS + 1)) * N_SEEN
+    for i in range(N_SEEN):
         for lane in range(width):
             Z[slot + i, lane] = Z[MEASURED + i, lane]
     for lane in range(width):
         age = min(int(Z[_DELAY, lane] / dt + 0.5), MAX_DELAY_TICKS, tick)
-        old = DELAY + ((tick - age) % (MAX_DELAY_TICKS + 1)) * N_MEASURED
-        for i in range(N_MEASURED):
+        old = DELAY + ((tick - age) % (MAX_DELAY_TICKS + 1)) * N_SEEN
+        for i in range(N_SEEN):
             Z[MEASURED + i, lane] = Z[old + i, lane]

@@ -3,8 +3,8 @@
 import math
 
 from abhv_mc.jit import lanes, scalar
-from abhv_mc.numerics.lane_math import sincos
-from abhv_mc.numerics.quaternion import rotate_to_ned
+from abhv_mc.numerics.lane_math import atan2, sincos
+from abhv_mc.numerics.quaternion import rotate_to_body, rotate_to_ned
 from abhv_mc.plant import state as s
 from abhv_mc.plant.state import XS, X, parameter_row
 
@@ -88,3 +88,23 @@ def start_flights(Z, width, initial_state):
         Z[s.CMD_RUDDER, lane] = initial_state[s.RUDDER]
         Z[s.CMD_ELEVATOR, lane] = initial_state[s.ELEVATOR]
         Z[s.CMD_ETA, lane] = initial_state[s.ETA]
+
+
+@lanes
+def face_air(Z, width):
+    """Turn each body about the vertical towards the air that comes, whose velocity stands in the lane memory.
+
+    A vehicle whose instruments measure the sideslip to the air starts without one.
+    """
+    for lane in range(width):
+        q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]
+        v_n, v_e, v_d = rotate_to_ned(q0, q1, q2, q3, Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane])
+        w_n, w_e, _ = rotate_to_ned(q0, q1, q2, q3, Z[s.AIR_U, lane], Z[s.AIR_V, lane], Z[s.AIR_W, lane])
+        a_n, a_e = v_n - w_n, v_e - w_e
+        sine, cosine = sincos(0.5 * atan2(v_n * a_e - v_e * a_n, v_n * a_n + v_e * a_e))
+        q0, q1, q2, q3 = multiply(cosine, 0.0, 0.0, sine, q0, q1, q2, q3)
+        u, v, w = rotate_to_body(q0, q1, q2, q3, v_n, v_e, v_d)
+        Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane] = u, v, w
+        Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane] = q0, q1, q2, q3
+        for i in range(s.U, s.Q3 + 1):
+            Z[XS + i, lane] = Z[X + i, lane]

@@ -1,6 +1,7 @@
 """A plan's own law and channels as the kernel calls them: their addresses, which hold while it flies."""
 
 import contextlib
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,6 +12,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.plant import state as s
 from abhv_mc.user_code.channels import compile_channels
 from abhv_mc.user_code.compiled import compile_law
+from abhv_mc.user_code.law_interface import Measured
 from abhv_mc.user_code.plain import PlainLaw
 from abhv_mc.user_code.source import Law, OwnSource, is_number, load_law
 
@@ -24,17 +26,32 @@ def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False) -> Iter
     ``memory_in_rows`` keeps the memory of a law in plain Python where a compiled law has it, see
     :func:`law_memory`. Raises ValueError for a plan whose source is missing: a stored plan has none.
     """
-    address, onboard, channels = 0, 0, 0
+    address, onboard, channels, more = 0, 0, 0, 0
     made: Any = None  # held while it flies
     if plan.law == PYTHON:
         law = load_plan_law(plan)
         source, gains = law.source, tuple(plan.gain_names.tolist())
         made = compile_law(source, gains, width) if law.mark.compiled else PlainLaw(law, gains, width, memory_in_rows)
-        address, onboard = int(made.address), int("onboard" in law.arguments)
+        address, onboard, more = int(made.address), int("onboard" in law.arguments), int(asks_for_more(law))
     if plan.channels_hash:
         channels = int(compile_channels(_checked(plan.channels_source, plan.channels_hash), width).address)
-    yield OwnLaw(address, onboard, channels)
+    yield OwnLaw(address, onboard, channels, more)
     del made
+
+
+def asks_for_more(law: Law) -> bool:
+    """Whether a law's text names any measured value beyond the ten that every law is given."""
+    texts = [
+        law.source.text,
+        *(content.decode(errors="replace") for name, content in law.source.files if name.endswith(".py")),
+    ]
+    names = "|".join(Measured._fields[s.N_MEASURED :])
+    return "measured" in law.arguments and any(re.search(rf"\.({names})\b", text) for text in texts)
+
+
+def measured_count(plan: FlightPlan) -> int:
+    """How many measured values the plan's law may look at."""
+    return s.N_SEEN if plan.law == PYTHON and asks_for_more(load_plan_law(plan)) else s.N_MEASURED
 
 
 def load_plan_law(plan: FlightPlan) -> Law:

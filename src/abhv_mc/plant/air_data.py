@@ -24,6 +24,9 @@ from abhv_mc.plant.state import (
     EFFECTOR_OFFSET,
     ELEVATOR,
     ETA,
+    GUST_P,
+    GUST_Q,
+    GUST_R,
     GUST_U,
     GUST_V,
     GUST_W,
@@ -151,7 +154,7 @@ def move_air(Z, width):
 def air_data(Z, width, vehicle, earth):
     """Air data and variables of the stage's state ``XS``, dispersions included.
 
-    The damping terms feel the body rates relative to the Earth, with which the air turns.
+    The damping terms feel the body rates relative to the air, which turns with the Earth and in rotary gusts.
     """
     constants = vehicle.constants
     atmosphere_lanes(Z, width, XS + ALTITUDE, RHO, _MACH)  # 1 / speed of sound, until the Mach number is known
@@ -181,9 +184,9 @@ def air_data(Z, width, vehicle, earth):
         half_inverse = 0.5 * per_speed if speed > 1e-9 else 0.0
         Z[_ONE, lane] = 1.0
         Z[_MACH, lane] = speed * Z[_MACH, lane]
-        Z[_P_HAT, lane] = (Z[XS + ROLL_RATE, lane] - earth_x) * constants.span * half_inverse
-        Z[_Q_HAT, lane] = (Z[XS + PITCH_RATE, lane] - earth_y) * constants.chord * half_inverse
-        Z[_R_HAT, lane] = (Z[XS + YAW_RATE, lane] - earth_z) * constants.span * half_inverse
+        Z[_P_HAT, lane] = (Z[XS + ROLL_RATE, lane] - earth_x - Z[GUST_P, lane]) * constants.span * half_inverse
+        Z[_Q_HAT, lane] = (Z[XS + PITCH_RATE, lane] - earth_y - Z[GUST_Q, lane]) * constants.chord * half_inverse
+        Z[_R_HAT, lane] = (Z[XS + YAW_RATE, lane] - earth_z - Z[GUST_R, lane]) * constants.span * half_inverse
         Z[_ALTITUDE, lane] = altitude
         Z[_MASS, lane] = Z[XS + MASS, lane] * Z[PER_MASS_FACTOR, lane]
     flow_angles(Z, width, _ALPHA, _BETA)

@@ -3,6 +3,7 @@
 Held over the control period. A flight without them gets exact zeros and ones, which leave its bits unchanged.
 """
 
+import math
 from typing import NamedTuple
 
 from abhv_mc.jit import lanes
@@ -16,7 +17,9 @@ from abhv_mc.world.turbulence import (
     dryden_second,
     dryden_second_output,
     dryden_second_start,
+    follow,
     one_minus_cosine,
+    roll_gust_sigma,
 )
 
 _GUST = parameter_row("wind.gust_north")  # then east and down
@@ -25,6 +28,9 @@ _GUST_LENGTH = parameter_row("wind.gust_length")
 _WIND = parameter_row("wind.north")  # then east, and both shears
 _SIGMA = parameter_row("wind.turbulence")
 _LENGTH = parameter_row("wind.turbulence_length")
+_AXIS_SIGMA = parameter_row("wind.turbulence_forward")  # then right and down
+_AXIS_LENGTH = parameter_row("wind.turbulence_length_forward")
+_ROTARY = parameter_row("wind.turbulence_rotary")
 _SEED = parameter_row("wind.turbulence_seed")
 _PROFILE = parameter_row(f"atmosphere.density_at_{DENSITY_KNOTS_KM[0]}km")
 _KNOTS = len(DENSITY_KNOTS_KM)
@@ -97,9 +103,12 @@ def active_disturbances(Z, width):
 
 
 @lanes
-def disturb(Z, width, active, time, dt, first):
-    """Gust velocity in body axes and density factor of the tick that begins at ``time`` (s)."""
+def disturb(Z, width, span, active, time, dt, first):
+    """Gusts in body axes and density factor of the tick that begins at ``time`` (s)."""
     for lane in range(width):
+        Z[s.GUST_P, lane] = 0.0
+        Z[s.GUST_Q, lane] = 0.0
+        Z[s.GUST_R, lane] = 0.0
         Z[s.GUST_U, lane] = 0.0
         Z[s.GUST_V, lane] = 0.0
         Z[s.GUST_W, lane] = 0.0
@@ -107,7 +116,7 @@ def disturb(Z, width, active, time, dt, first):
     if active.gusty:
         gust(Z, width, time)
     if active.turbulent:
-        turbulence(Z, width, dt, first)
+        turbulence(Z, width, span, dt, first)
     if active.profiled:
         density_profile(Z, width)
 
@@ -133,20 +142,25 @@ def gust(Z, width, time):
 
 
 @lanes
-def turbulence(Z, width, dt, first):
-    """Dryden turbulence along body axes; its states start in their stationary distribution."""
+def turbulence(Z, width, span, dt, first):
+    """Dryden turbulence along and about body axes; its states start in their stationary distribution.
+
+    The air turns as the gusts' slopes along the path say, q = -dw/dx and r = dv/dx, each behind a lag of the span's.
+    """
     if first:
         seed_stream(Z, width, TURBULENCE, _SEED)
     for lane in range(width):
-        a = Z[s.SPEED, lane] / Z[_LENGTH, lane]
+        speed, length = Z[s.SPEED, lane], Z[_LENGTH, lane]
+        a = speed / (length * Z[_AXIS_LENGTH, lane])
+        a_v, a_w = speed / (length * Z[_AXIS_LENGTH + 1, lane]), speed / (length * Z[_AXIS_LENGTH + 2, lane])
         n0, n1 = draw_normals(Z, lane, TURBULENCE)
         n2, n3 = draw_normals(Z, lane, TURBULENCE)
-        n4, _ = draw_normals(Z, lane, TURBULENCE)
+        n4, n5 = draw_normals(Z, lane, TURBULENCE)
         u = n0 if first else dryden_first(Z[FILTERS, lane], a, dt, n0)
-        v1_new, v2_new = dryden_second(Z[FILTERS + 1, lane], Z[FILTERS + 2, lane], a, dt, n1, n2)
-        w1_new, w2_new = dryden_second(Z[FILTERS + 3, lane], Z[FILTERS + 4, lane], a, dt, n3, n4)
-        v1_start, v2_start = dryden_second_start(a, n1, n2)
-        w1_start, w2_start = dryden_second_start(a, n3, n4)
+        v1_new, v2_new = dryden_second(Z[FILTERS + 1, lane], Z[FILTERS + 2, lane], a_v, dt, n1, n2)
+        w1_new, w2_new = dryden_second(Z[FILTERS + 3, lane], Z[FILTERS + 4, lane], a_w, dt, n3, n4)
+        v1_start, v2_start = dryden_second_start(a_v, n1, n2)
+        w1_start, w2_start = dryden_second_start(a_w, n3, n4)
         v1 = v1_start if first else v1_new
         v2 = v2_start if first else v2_new
         w1 = w1_start if first else w1_new
@@ -157,9 +171,21 @@ def turbulence(Z, width, dt, first):
         Z[FILTERS + 3, lane] = w1
         Z[FILTERS + 4, lane] = w2
         sigma = Z[_SIGMA, lane]
-        Z[s.GUST_U, lane] += sigma * u
-        Z[s.GUST_V, lane] += sigma * dryden_second_output(v1, v2, a)
-        Z[s.GUST_W, lane] += sigma * dryden_second_output(w1, w2, a)
+        sigma_w = sigma * Z[_AXIS_SIGMA + 2, lane]
+        across = sigma * Z[_AXIS_SIGMA + 1, lane] * dryden_second_output(v1, v2, a_v)
+        down = sigma_w * dryden_second_output(w1, w2, a_w)
+        Z[s.GUST_U, lane] += sigma * Z[_AXIS_SIGMA, lane] * u
+        Z[s.GUST_V, lane] += across
+        Z[s.GUST_W, lane] += down
+        per_span = 0.25 * math.pi / span
+        p = n5 if first else dryden_first(Z[FILTERS + 5, lane], speed * per_span, dt, n5)
+        late_v = across if first else follow(Z[FILTERS + 6, lane], across, 4.0 / 3.0 * speed * per_span, dt)
+        late_w = down if first else follow(Z[FILTERS + 7, lane], down, speed * per_span, dt)
+        Z[FILTERS + 5, lane], Z[FILTERS + 6, lane], Z[FILTERS + 7, lane] = p, late_v, late_w
+        rotary = Z[_ROTARY, lane]
+        Z[s.GUST_P, lane] = rotary * sigma_w * roll_gust_sigma(length * Z[_AXIS_LENGTH + 2, lane], span) * p
+        Z[s.GUST_Q, lane] = rotary * per_span * (late_w - down)
+        Z[s.GUST_R, lane] = rotary * 4.0 / 3.0 * per_span * (across - late_v)
 
 
 @lanes

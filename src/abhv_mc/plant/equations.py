@@ -214,6 +214,9 @@ def finish_step(Z, width, step, alive):
         Z[XS + s.Q1, lane] = q1 * norm
         Z[XS + s.Q2, lane] = q2 * norm
         Z[XS + s.Q3, lane] = q3 * norm
+        longitude = Z[XS + s.LONGITUDE, lane]
+        turn = -2.0 * math.pi if longitude > math.pi else (2.0 * math.pi if longitude < -math.pi else 0.0)
+        Z[XS + s.LONGITUDE, lane] = longitude + turn
     for i in range(s.N_STATES):
         for lane in range(width):
             before, after = Z[X + i, lane], Z[XS + i, lane]

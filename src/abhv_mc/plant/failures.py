@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.angles import clamp
+from abhv_mc.numerics.lane_math import exp
 from abhv_mc.plant import state as s
 from abhv_mc.plant.disturbance import any_lane
 from abhv_mc.plant.parameters import AXES, EFFECTORS, FAILURE_TIMES, NEVER
@@ -22,6 +23,8 @@ _ENGINE_TIME = parameter_row("failure.engine.time")
 _SENSOR_TIMES = parameter_row("failure.sensor.altitude.time")
 _HOW = parameter_row("failure.aileron.stuck_at")  # three of each: stuck_at, effectiveness, rate_limit
 _EFFECTOR_HOW = parameter_row(f"failure.{EFFECTORS[0]}.stuck_at")
+_ENGINE_BANDWIDTH = parameter_row("engine.bandwidth")
+_ENGINE_DAMPING = parameter_row("engine.damping")
 _DURATION = parameter_row("failure.engine.duration")
 _THRUST = parameter_row("failure.engine.thrust")
 _DRAG = parameter_row("failure.engine.drag_increment")
@@ -67,6 +70,7 @@ def start_failures(Z, width):
             Z[s.STUCK_EFFECTOR + i, lane] = NEVER
             Z[s.SLOW_EFFECTOR + i, lane] = NEVER
         Z[s.ENGINE_THRUST, lane] = 1.0
+        Z[s.FAILED_TIME, lane] = -NEVER
 
 
 @lanes
@@ -95,7 +99,7 @@ def fail_plant(Z, width, failures, vehicle, time, tick):
     if failures.effectors:
         fail_effectors(Z, width, vehicle, time, tick)
     if failures.engine:
-        fail_engine(Z, width, vehicle.constants, time)
+        fail_engine(Z, width, vehicle.constants, time, tick)
 
 
 @lanes
@@ -155,15 +159,25 @@ def fail_effectors(Z, width, vehicle, time, tick):
 
 
 @lanes
-def fail_engine(Z, width, constants, time):
-    """Thrust, drag and pitching moment of an engine that has failed, at its time or by its inlet's condition."""
+def fail_engine(Z, width, constants, time, tick):
+    """Thrust, drag and pitching moment of an engine that has failed, at its time or by its inlet's condition.
+
+    Its thrust decays with the engine's own lag; it relights after a delay, and comes back with a time constant.
+    """
     inlet = constants.inlet
     for lane in range(width):
+        damping = constants.engine_damping * Z[_ENGINE_DAMPING, lane]
+        lag = 2.0 * damping / (constants.engine_bandwidth * Z[_ENGINE_BANDWIDTH, lane])
         since = time - Z[_ENGINE_TIME, lane]
         timed = since >= -_SAME_TIME and since < Z[_DURATION, lane] - _SAME_TIME
         unstarted = Z[s.UNSTARTED, lane] > 0.0
         failed = timed or unstarted
-        Z[s.ENGINE_THRUST, lane] = Z[_THRUST, lane] if failed else 1.0
+        last = time if failed else Z[s.FAILED_TIME, lane]
+        out = time - last < constants.relight_delay - _SAME_TIME
+        before, aim = Z[s.ENGINE_THRUST, lane], Z[_THRUST, lane] if failed or out else 1.0
+        slow = constants.relight_time_constant if aim > before and constants.relight_time_constant > 0.0 else lag
+        Z[s.ENGINE_THRUST, lane] = aim + exp(-tick / slow) * (before - aim)
+        Z[s.FAILED_TIME, lane] = last
         Z[s.ENGINE_DRAG, lane] = (Z[_DRAG, lane] if failed else 0.0) + (inlet.drag_increment if unstarted else 0.0)
         Z[s.ENGINE_PITCH, lane] = (Z[_PITCH, lane] if failed else 0.0) + (
             inlet.pitching_moment_increment if unstarted else 0.0

@@ -56,6 +56,8 @@ _NAVIGATION = {
     "yaw_rate": "rad/s",
 }
 
+_GUST_AXES = {"forward": "along the body", "right": "across it", "down": "down in body axes"}
+
 DENSITY_KNOTS_KM = (10, 15, 20, 25, 30, 35, 40)
 
 NEVER = math.inf  # time of a failure that does not happen
@@ -184,6 +186,15 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter("sensor.noise_seed", "-", 0.5, "which sensor noise a flight meets, 0..1: draw it uniformly"),
     _error("sensor.delay", "s", "age of every measurement, in whole control periods, at most 25 of them"),
     *_failures(),
+    *(
+        _factor(f"wind.turbulence_{axis}", f"Dryden turbulence: rms {words}, of that of wind.turbulence")
+        for axis, words in _GUST_AXES.items()
+    ),
+    *(
+        _factor(f"wind.turbulence_length_{axis}", f"Dryden turbulence: scale length {words}, of wind.turbulence_length")
+        for axis, words in _GUST_AXES.items()
+    ),
+    _error("wind.turbulence_rotary", "-", "rotary gusts p, q, r of Dryden turbulence: 1 on, 0 off"),
 )
 
 FAILURE_TIMES = tuple(

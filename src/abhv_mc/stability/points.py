@@ -10,7 +10,7 @@ from abhv_mc.flight.fly import fly_until
 from abhv_mc.flight.memory import Z_ROWS
 from abhv_mc.flight.observe import ALIVE
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.user_law import PYTHON
+from abhv_mc.flight.user_law import PYTHON, measured_count
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import NEVER
 from abhv_mc.stability import path_coordinates as path
@@ -46,7 +46,7 @@ def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
         np.ascontiguousarray(now[:, path.CONTROLS]),
         now[:, s.LATITUDE],
         now[:, s.MASS],
-        sensed[:, s.MEASURED : s.MEASURED + s.N_MEASURED],
+        sensed[:, s.MEASURED : s.MEASURED + measured_count(plan)],
         law_at(plan, sensed, tick),
         lane,
         tick,

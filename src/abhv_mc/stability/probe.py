@@ -14,11 +14,11 @@ from abhv_mc.control.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
 from abhv_mc.control.laws.user import FAULT
 from abhv_mc.flight.arguments import Kept, make_kernel_plan
 from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.flight.kernel import begin_tick, control, evaluate, find_active
+from abhv_mc.flight.kernel import begin_tick, control, evaluate, find_active, instruments
 from abhv_mc.flight.memory import Z_ROWS, has_width, make_memory
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.plan import LANES, FlightPlan, Recording
-from abhv_mc.flight.user_law import PYTHON, law_memory, open_law
+from abhv_mc.flight.user_law import PYTHON, law_memory, measured_count, open_law
 from abhv_mc.jit import kernel, lanes
 from abhv_mc.plant import state as s
 from abhv_mc.plant.air_profile import nominal_density
@@ -70,7 +70,7 @@ class PlantAnswer(NamedTuple):
 
     rates: Floats  # [point, 14] of the states before the actuators'
     variables: Floats  # [point, variable] of the tables
-    measured: Floats  # [point, 10] without bias, noise and delay; a frozen measurement as it is
+    measured: Floats  # [point, measured] without bias, noise and delay; a frozen measurement as it is
 
 
 @lanes
@@ -125,9 +125,6 @@ def probe_plant(plan, memory, held, acting, flight, states, numbers, tick, answe
             for lane in range(width):
                 for i in range(s.AILERON):
                     Z[SUM + i, lane] = 0.0
-            navigate(Z, width, tick_length, tick == 0)
-            if active.failures.sensors:
-                fail_sensors(Z, width, tick * tick_length)
             density_profile(Z, width)
             nominal_density(Z, width, plan.profile)
             if held:
@@ -136,6 +133,10 @@ def probe_plant(plan, memory, held, acting, flight, states, numbers, tick, answe
                         Z[s.SLOW_EFFECTOR + e, lane] = NEVER
                 fail_plant(Z, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
             evaluate(plan, memory, width, Stage(1.0, 0.0), True, True)
+            navigate(Z, width, tick_length, tick == 0)
+            instruments(plan, Z, width, active, 1)
+            if active.failures.sensors:
+                fail_sensors(Z, width, tick * tick_length)
             for lane in range(n):
                 for i in range(rates.shape[1]):
                     rates[start + lane, i] = Z[SUM + i, lane]
@@ -186,10 +187,12 @@ def ask_plant(
     ``held``: effectors that failures made slow, and that are held over a tick, are where the state's mix puts them.
     """
     points = len(states)
-    answer = PlantAnswer(
-        np.empty((points, s.AILERON)), np.empty((points, len(VARIABLES))), np.empty((points, s.N_MEASURED))
-    )
-    arguments = make_kernel_plan(plan, nominal_parameters(), Recording(0)), make_memory(LANES), held
+    count = measured_count(plan)
+    sizes = s.AILERON, len(VARIABLES), count
+    answer = PlantAnswer(*(np.empty((points, size)) for size in sizes))
+    kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))
+    own = kernel_plan.own._replace(more=int(count > s.N_MEASURED))
+    arguments = kernel_plan._replace(own=own), make_memory(LANES), held
     rows = np.ascontiguousarray(lane[:, : s.LAW])
     numbers = np.asarray(flight, dtype=np.int64), np.ascontiguousarray(states), np.arange(points)
     probe_plant(*arguments, rows, *numbers, tick, answer)
@@ -210,16 +213,18 @@ def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
 def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> LawTick:
     """One tick of the plan's law, its limits off, past the first tick.
 
-    ``measured`` [point, 10] in the order of the measured rows, ``memory`` [point, memory] in that of law_memory_rows.
+    ``measured`` [point, measured] in the order of the measured rows, ``memory`` [point, memory] in that of
+    law_memory_rows.
     A law of the user's own keeps the limits that are in its code.
     """
-    rows = np.array([*range(s.MEASURED, s.MEASURED + s.N_MEASURED), *law_memory_rows(plan).values(), FAULT], np.int64)
+    count = measured.shape[1]
+    rows = np.array([*range(s.MEASURED, s.MEASURED + count), *law_memory_rows(plan).values(), FAULT], np.int64)
     free, later = _without_limits(plan, tick), max(tick, 1)
     before = np.hstack([measured, memory, np.zeros((len(measured), 1))])
     after, seen = _run_law(free, later, rows, before)
     variables, guidance, command = np.split(seen, [len(VARIABLES), len(VARIABLES) + 3], axis=1)
     command[after[:, -1] > 0.0] = np.nan
-    return LawTick(after[:, s.N_MEASURED : -1], command, variables, guidance)
+    return LawTick(after[:, count:-1], command, variables, guidance)
 
 
 def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:

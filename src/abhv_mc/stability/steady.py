@@ -150,7 +150,7 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     off = ~(np.abs(left).max(axis=1) < _BALANCED)
     measured = found.value[:, _WANTED.stop :].copy()
     frozen = (found.slope[:, _WANTED.stop :] == 0.0).all(axis=2)
-    measured[frozen] = at[:, :10][frozen]  # it failed in this steady flight
+    measured[:, :10][frozen[:, :10]] = at[:, :10][frozen[:, :10]]  # it failed in this steady flight
     points = points._replace(path=at[:, :10], controls=at[:, 10:], measured=measured)
     memory, grows = _memory_at_rest(plan, points)
     beta = np.rad2deg(measured[:, path.BETA])

@@ -173,7 +173,7 @@ def _make_loop(law: Law, gains: tuple[str, ...], width: int) -> str:
         elif name == "time":
             once.append("time = tick * dt")
         elif name == "measured":
-            inside.append(f"measured = _Measured({', '.join(lane(s.MEASURED + i) for i in range(s.N_MEASURED))})")
+            inside.append(f"measured = _Measured({', '.join(lane(s.MEASURED + i) for i in range(s.N_SEEN))})")
         elif name == "memory":
             kept = [lane(MEMORY + i) for i in range(len(law.memory._fields))]
             starts = [repr(float(law.memory._field_defaults[field])) for field in law.memory._fields]

@@ -32,6 +32,16 @@ class Measured(NamedTuple):
     roll_rate: float  # rad/s
     pitch_rate: float
     yaw_rate: float
+    airspeed: float  # m/s, and from here on without errors of their own
+    mach: float
+    load_factor: float  # g, magnitude of the specific force
+    pitch: float  # rad, Euler angles to north, east, down
+    roll: float
+    yaw: float
+    latitude: float
+    longitude: float
+    north: float  # m, integral of the north ground speed at altitude
+    east: float
 
 
 Reference: Any = NamedTuple("Reference", [(name, float) for name in REFERENCE])  # type: ignore[misc]

@@ -94,7 +94,7 @@ class PlainLaw:
         if "settings" in law.arguments:
             values["settings"] = law.settings(*given["settings"])
         if "measured" in law.arguments:
-            values["measured"] = Measured(*block[s.MEASURED : s.MEASURED + s.N_MEASURED, lane].tolist())
+            values["measured"] = Measured(*block[s.MEASURED : s.MEASURED + s.N_SEEN, lane].tolist())
         if "onboard" in law.arguments:
             numbers = block[ONBOARD : ONBOARD + N_ONBOARD, lane].tolist() + block[s.CMD : s.CMD + 4, lane].tolist()
             values["onboard"] = _nest(Onboard, iter(numbers))

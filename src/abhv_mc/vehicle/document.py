@@ -27,6 +27,7 @@ from abhv_mc.io.units import (
 from abhv_mc.vehicle.arrays import COEFFICIENTS
 from abhv_mc.vehicle.limits import LoadLimits
 from abhv_mc.vehicle.model import Inlet
+from abhv_mc.vehicle.sensing import SensingKeys
 
 AXIS_DEFLECTIONS = ("aileron", "rudder", "elevator")
 REDUCED_RATES = ("roll_rate", "pitch_rate", "yaw_rate")  # p b/(2 V), q c/(2 V), r b/(2 V)
@@ -211,6 +212,15 @@ class Unstart(StrictModel):
         )
 
 
+class Relight(StrictModel):
+    """How an engine comes back after a failure; its flame-out follows the lag of the equivalence ratio."""
+
+    delay: Annotated[Time, Field(ge=0.0)] = Field(0.0, description="time until it begins to come back")
+    time_constant: Annotated[Time, Field(ge=0.0)] = Field(
+        0.0, description="time constant of its thrust; 0: the lag of the equivalence ratio"
+    )
+
+
 class _Propulsion(StrictModel):
     specific_impulse: str = Field(description="name of the table of the specific impulse")
     standard_gravity: Annotated[Acceleration, Positive] = Field(
@@ -221,6 +231,7 @@ class _Propulsion(StrictModel):
     bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency of the equivalence ratio")
     damping: Annotated[float, Positive] = Field(description="damping ratio of the equivalence ratio")
     rate_limit: Annotated[Frequency, Positive] = Field(description="greatest rate of the equivalence ratio")
+    relight: Relight = Field(Relight(), description="how it comes back after a failure")
     unstart: Unstart | None = Field(
         default=None, description="flow outside which the engine fails; left out: the inlet stays started in any flow"
     )
@@ -278,6 +289,7 @@ class VehicleDocument(StrictModel):
         default_factory=dict, max_length=4, description="surfaces of its own, mixed from aileron, rudder and elevator"
     )
     propulsion: Propulsion | None = Field(default=None, description="the engine; left out: none")
+    sensing: SensingKeys = Field(SensingKeys(), description="what its instruments measure; a mission may say otherwise")
     limits: FlightLimits | None = Field(
         default=None, description="attitudes outside which a flight ends; left out: any attitude"
     )

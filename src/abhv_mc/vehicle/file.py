@@ -24,6 +24,7 @@ from abhv_mc.vehicle.document import (
 from abhv_mc.vehicle.limits import LoadBounds
 from abhv_mc.vehicle.model import Constants, Inlet, Vehicle
 from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
+from abhv_mc.vehicle.sensing import Sensing, choose_sensing
 from abhv_mc.vehicle.table_file import parse_role, read_rows, read_table
 
 N_EFFECTORS = 4
@@ -237,4 +238,7 @@ def _make_constants(content: VehicleDocument) -> Constants:
         nose_radius=content.reference.nose_radius or 0.0,
         inlet=engine.unstart.inlet() if engine and engine.unstart else Inlet(),
         bounds=limits.bounds() if limits else LoadBounds(),
+        sensing=choose_sensing(content.sensing, Sensing()),
+        relight_delay=engine.relight.delay if engine else 0.0,
+        relight_time_constant=engine.relight.time_constant if engine else 0.0,
     )

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from abhv_mc.array_types import Floats
 from abhv_mc.vehicle.arrays import BuildUp, Tables
 from abhv_mc.vehicle.limits import LoadBounds
+from abhv_mc.vehicle.sensing import Sensing
 
 
 class Inlet(NamedTuple):
@@ -52,6 +53,9 @@ class Constants(NamedTuple):
     nose_radius: float  # m; 0 where the file has none
     inlet: Inlet
     bounds: LoadBounds  # a flight ends above
+    relight_delay: float = 0.0  # s from the end of an engine's failure until it begins to come back
+    relight_time_constant: float = 0.0  # s, with which it comes back; 0: the engine's own lag
+    sensing: Sensing = Sensing()  # what angles and speed are measured against
 
 
 class Vehicle(NamedTuple):

@@ -3,11 +3,13 @@
 import math
 
 from abhv_mc.jit import scalar
-from abhv_mc.numerics.lane_math import exp, sincos
+from abhv_mc.numerics.lane_math import exp, log, sincos
 
-N_FILTER_STATES = 5  # one longitudinal, two lateral, two vertical
+# One longitudinal, two lateral, two vertical; then the roll gust, and the lateral and vertical gusts of late.
+N_FILTER_STATES = 8
 
 _ROOT3 = math.sqrt(3.0)
+_THIRD = 1.0 / 3.0
 
 
 @scalar
@@ -47,6 +49,21 @@ def dryden_second(x1, x2, a, dt, noise1, noise2):
 def dryden_second_output(x1, x2, a):
     """Gust velocity of unit variance: spectrum 1 / (a pi) (1 + 3 (w / a)^2) / (1 + (w / a)^2)^2."""
     return (_ROOT3 * a * x1 + a * a * (1.0 - _ROOT3) * x2) / math.sqrt(a)
+
+
+@scalar
+def roll_gust_sigma(length, span):
+    """Rms of the roll gust, rad/s, where that of the vertical gust is 1 m/s.
+
+    Of the spectrum 0.8 (pi L / 4 b)^(1/3) / (L V (1 + (4 b w / pi V)^2)) over 0 < w, b the span (m), L the length (m).
+    """
+    return math.sqrt(0.8 * exp(_THIRD * log(math.pi * length / (4.0 * span))) * math.pi**2 / (8.0 * span * length))
+
+
+@scalar
+def follow(late, value, rate, dt):
+    """A first-order lag behind a value that is held over ``dt``."""
+    return value + exp(-rate * dt) * (late - value)
 
 
 @scalar

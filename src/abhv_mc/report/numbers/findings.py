@@ -10,14 +10,16 @@ from abhv_mc.report.numbers.flights import ControllerFlights
 from abhv_mc.report.numbers.results import Results
 from abhv_mc.report.numbers.stability import stability_words
 from abhv_mc.report.numbers.words import count_of, joined, percent
+from abhv_mc.vehicle.sensing import IN_WIND
 
-_CYCLES = 5.0  # deg: ripple from which a flight is said to cycle
+_CYCLES = 5.0  # deg, from side to side: ripple from which a flight is said to cycle
 _SATURATION, _OUTSIDE, _RIPPLE = "surface_saturation_s", "outside_tables_s", "_ripple_deg"
 
 
 def finding_numbers(results: Results) -> dict[str, Any]:
     """Flights [count] of each controller whose surfaces saturate, that cycle by channel, that leave the tables."""
-    return {name: _of(results.flights[name]) for name in results.controllers}
+    disturbed = any(name == "wind.turbulence" or name.endswith("_noise") for name in results.samples)
+    return {name: _of(results.flights[name]) | {"disturbed": disturbed} for name in results.controllers}
 
 
 def left_out(results: Results) -> dict[str, int]:
@@ -44,6 +46,7 @@ def _of(flights: ControllerFlights) -> dict[str, Any]:
 def finding_sentences(numbers: Mapping[str, Any]) -> Iterator[str]:
     """One of each controller: flights not computed, its loops, flights that cycle or end early, saturated surfaces,
     tables left."""
+    yield from (f"{words[:1].upper()}{words[1:]}." for words in numbers["warnings"] if words.startswith(IN_WIND))
     for name, count in numbers["left_out"].items():
         yield f"{name}: the machine could compute none of {count} flights, so it is not in this report; it met nothing."
     for name, part in numbers["noteworthy"].items():
@@ -70,7 +73,8 @@ def _cycles(part: Mapping[str, Any]) -> str:
         if count
     ]
     limit = f"{part['ripple_deg']:g} deg"
-    return f"cycles, by swings of more than {limit} about a steady command, {joined(found)}" if found else ""
+    what = "swings, in turbulence or noise, by" if part.get("disturbed") else "cycles, by swings of"
+    return f"{what} more than {limit} about a steady command, {joined(found)}" if found else ""
 
 
 def _early(numbers: Mapping[str, Any], name: str) -> str:

@@ -1,0 +1,161 @@
+"""What a flight senses and meets: air data, fuel, engines that relight, rotary gusts, longitudes beyond 180 deg."""
+
+import numpy as np
+import pytest
+
+from abhv_mc import flying
+from abhv_mc.control import columns as ref
+from abhv_mc.flight.channels import CHANNEL_INDEX
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.io.documents import InputError
+from abhv_mc.plant import state as s
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+
+LEVEL = {"base": "level", "duration": "21 s"}
+AIR = {"angle_of_attack": "air", "sideslip": "air"}
+WATCHED = [*(f"{name}_deg" for name in ("aileron", "rudder", "elevator")), "angle_of_attack_deg", "sideslip_deg"]
+
+
+def test_with_air_data_a_uniform_crosswind_is_felt_as_still_air():
+    wind = {"wind.north": 20.0}
+    calm, air, inertial = (
+        flying.fly({**LEVEL, "sensing": keys}, dispersions=wind_of, every=100)
+        for keys, wind_of in ((AIR, {}), (AIR, wind), ({}, wind))
+    )
+    off = (air[WATCHED] - calm[WATCHED]).iloc[20].abs()
+    assert off.max() < 0.05
+    assert (inertial[WATCHED] - calm[WATCHED]).iloc[20].abs().max() > 0.5  # the ground's angles hold a sideslip instead
+    np.testing.assert_array_equal(calm.to_numpy(), flying.fly(LEVEL, every=100).to_numpy())
+
+
+def test_the_speed_that_is_held_is_that_to_the_air_where_it_is_measured():
+    mission = {**LEVEL, "sensing": {"airspeed": "air"}}
+    flown = flying.fly(mission, dispersions={"wind.east": -5.0}, every=100)
+    assert flown["speed_measured_mps"].iloc[0] == pytest.approx(1405.0)
+    assert flown["speed_mps"].iloc[-1] < 1399.5
+
+
+def test_fuel_that_is_burnt_ends_a_flight_and_a_mission_may_let_it_fly_on():
+    dry = {"base": "ghame_x", "mass.start": "1050 kg", "mass.empty": "1049.5 kg"}
+    found = [flying.fly({**LEVEL, "limits": {"fuel_out": on}}, dry, every=100) for on in (True, False)]
+    assert found[0].attrs["outcome"] == "fuel_out" and 0.1 < found[0].attrs["end_time_s"] < 5.0
+    assert found[1].attrs["end_time_s"] > 10.0 and (found[1]["thrust_n"].iloc[6:] == 0.0).all()
+    assert any("fuel lasts" in words for words in found[0].attrs["warnings"])
+
+
+def test_late_measurements_are_refused_beyond_what_is_remembered():
+    with pytest.raises(InputError, match=r"300 ms.*0 to 250 ms"):
+        flying.fly(LEVEL, dispersions={"sensor.delay": "300 ms"})
+    assert flying.fly(LEVEL, dispersions={"sensor.delay": "250 ms"}, every=2000).attrs["end_time_s"] > 0.0
+
+
+def test_the_longitude_stays_within_half_a_turn():
+    flown = flying.fly({**LEVEL, "start.longitude": "179.9 deg"}, every=10)
+    longitude = flown["longitude_deg"].to_numpy()
+    assert (np.abs(longitude) <= 180.0).all() and longitude[-1] < -179.0
+    reference = flying.fly(LEVEL, every=10)
+    flown_east = reference["longitude_deg"] - reference["longitude_deg"].iloc[0]
+    np.testing.assert_allclose(longitude % 360.0 - 179.9, flown_east, atol=3e-5)
+
+
+def test_a_flame_out_follows_the_engines_lag_and_it_relights_in_its_time():
+    failure = {"failure.engine.time": "2 s", "failure.engine.duration": "1 s"}
+    vehicle = flying.make_document("vehicle", "ghame_x")
+    relights = {
+        "base": "ghame_x",
+        "propulsion": {**vehicle.data["propulsion"], "relight": {"delay": "0.5 s", "time_constant": "0.2 s"}},
+    }
+    nominal, plain, late = (
+        flying.fly(LEVEL, craft, dispersions=case)["thrust_n"].to_numpy()
+        for craft, case in (("ghame_x", {}), ("ghame_x", failure), (relights, failure))
+    )
+    share = late[:600] / nominal[:600]
+    np.testing.assert_allclose(share[:200], 1.0)
+    np.testing.assert_allclose(share[200:210], np.exp(-0.1 * np.arange(1, 11)), rtol=0.03)  # 2 zeta / wn = 0.1 s
+    assert np.abs(np.diff(late[:600])).max() < 0.15 * nominal[0]
+    assert share[345] < 1e-3 and share[360] > 0.35  # half a second after the second is over
+    assert plain[305] / nominal[305] > 0.3
+
+
+def test_rotary_gusts_have_the_rms_of_their_spectra():
+    plan = flying.make_flight_plan({"base": "level", "duration": "60 s"}, "ghame_x", "lqr_robust")
+    rows = nominal_parameters(40)
+    for name, value in {"turbulence": 0.3, "turbulence_rotary": 1.0, "turbulence_length": 200.0}.items():
+        rows[:, PARAMETER_INDEX[f"wind.{name}"]] = value
+    rows[:, PARAMETER_INDEX["wind.turbulence_right"]] = 0.5
+    rows[:, PARAMETER_INDEX["wind.turbulence_seed"]] = (np.arange(40) + 0.5) / 40
+    gusts = np.array([kept.rows[:, s.GUST_P : s.GUST_R + 1] for kept in _kept(plan, rows, range(1000, 6000, 250))])
+    span, sigma, length, speed = plan.vehicle.constants.span, 0.3, 200.0, 1400.0
+    omega = np.geomspace(1e-2, 3e4, 200_000)
+    lag = lambda b: 1.0 + (b * span * omega / (np.pi * speed)) ** 2  # noqa: E731
+    a = length * omega / speed
+    vertical = sigma**2 * length / (np.pi * speed) * (1.0 + 3.0 * a**2) / (1.0 + a**2) ** 2
+    p = sigma**2 / (speed * length) * 0.8 * (np.pi * length / (4.0 * span)) ** (1.0 / 3.0) / lag(4.0)
+    q, r = ((omega / speed) ** 2 * vertical / lag(b) for b in (4.0, 3.0))
+    expected = np.sqrt([np.trapezoid(each, omega) for each in (p, q, 0.25 * r)])
+    # The tick holds a gust over 14 m: what is faster than that is not there.
+    np.testing.assert_allclose(gusts[..., 0].std(), expected[0], rtol=0.06)
+    assert (gusts[..., 1:].std(axis=(0, 1)) < 1.05 * expected[1:]).all()
+
+
+def _kept(plan, rows, ticks):
+    from abhv_mc.flight.fly import fly_until
+
+    kept = None
+    for tick in ticks:
+        kept = fly_until(plan, rows, tick, kept)
+        yield kept
+
+
+LAW = """
+from typing import NamedTuple
+from abhv_mc.extend import Command, controller
+
+class Memory(NamedTuple):
+    airspeed: float = 0.0
+    mach: float = 0.0
+    load_factor: float = 0.0
+    pitch: float = 0.0
+    roll: float = 0.0
+    yaw: float = 0.0
+    latitude: float = 0.0
+    longitude: float = 0.0
+    north: float = 0.0
+    east: float = 0.0
+
+@controller
+def law(measured, reference, memory):
+    m = measured
+    kept = Memory(m.airspeed, m.mach, m.load_factor, m.pitch, m.roll, m.yaw, m.latitude, m.longitude, m.north, m.east)
+    return Command(0.0, 0.0, reference.elevator, reference.equivalence_ratio), kept
+"""
+
+
+def test_an_own_law_may_ask_for_more(tmp_path):
+    (tmp_path / "law.py").write_text(LAW)
+    (tmp_path / "law.yaml").write_text("law: python\nfile: law.py\nrate: 100 Hz\n")
+    plan = flying.make_flight_plan({**LEVEL, "duration": "3 s"}, "ghame_x", str(tmp_path / "law.yaml"))
+    rows = nominal_parameters()
+    rows[:, PARAMETER_INDEX["wind.east"]] = 30.0
+    from abhv_mc.flight.fly import fly_until
+    from abhv_mc.flight.user_law import law_memory
+
+    seen = fly_until(plan, rows, 201).rows[0, [row for row, _ in law_memory(plan).values()]]
+    block = fly(plan, rows, 1)
+    here = block.history[0, 200].astype(np.float64)
+
+    def channel(name):
+        return here[CHANNEL_INDEX[name]]
+
+    assert block.outcome[0] == Outcome.OK
+    np.testing.assert_allclose(seen[0], channel("speed_mps") - 30.0 * np.cos(seen[3]) / np.cos(seen[3]), rtol=1e-5)
+    np.testing.assert_allclose(seen[1], channel("mach"), rtol=1e-5)
+    np.testing.assert_allclose(seen[2], channel("load_factor_g"), rtol=1e-3)
+    pitch = channel("angle_of_attack_deg") * seen[0] / channel("speed_mps") + channel("flight_path_angle_deg")
+    np.testing.assert_allclose(np.rad2deg(seen[3]), pitch, atol=0.1)
+    np.testing.assert_allclose(np.rad2deg(seen[4]), channel("bank_deg"), atol=0.05)
+    np.testing.assert_allclose(np.rad2deg(seen[5]), channel("heading_deg"), atol=0.1)
+    np.testing.assert_allclose(np.rad2deg(seen[6]), channel("latitude_deg"), rtol=1e-6)
+    np.testing.assert_allclose(seen[8:], [channel("north_m"), channel("east_m")], rtol=1e-5, atol=1e-3)
+    assert plan.reference[0, ref.HEADING] == pytest.approx(np.pi / 2.0)
