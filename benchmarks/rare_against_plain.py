@@ -19,9 +19,9 @@ import numpy as np
 import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
+from abhv_mc.flight.metrics import BUILT_IN
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.report.figures.style import BLUE, INK, MARKERS, SKY, VERMILION, new_figure, styled, write_png
-from abhv_mc.report.numbers.metrics import words_of
 from abhv_mc.statistics.binomial import clopper_pearson
 
 _TOO_FAR = 2.58
@@ -97,7 +97,7 @@ def main() -> None:
         arguments.json.write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
     if arguments.figure:
         shown = values[np.isfinite(values)]
-        write_png(plot_tails(words_of(metric).label_with_unit, shown, result, limit), arguments.figure)
+        write_png(plot_tails(BUILT_IN[metric].label_with_unit, shown, result, limit), arguments.figure)
     sys.exit(apart > _TOO_FAR)
 
 

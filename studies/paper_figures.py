@@ -4,7 +4,7 @@ from matplotlib.figure import Figure
 from paper_points import Point
 
 from abhv_mc.report.figures.style import GRID, controller_colors, new_figure, styled
-from abhv_mc.report.numbers.metrics import controller_label
+from abhv_mc.report.numbers.labels import controller_label
 from abhv_mc.report.numbers.results import Results
 
 THEIR_START = 180.0  # s, the paper's time at the beginning of the S

@@ -15,6 +15,7 @@ from abhv_mc.folder.flights import VALUES, FlightRows, flights_schema, write_blo
 from abhv_mc.folder.histories import write_histories, write_nominal
 from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import write_manifest
+from abhv_mc.statistics.ranking import choose_worst, order_of
 
 CONTROLLERS = ("tlc", "lqr", "lqr_retuned")
 # How far each controller strays (1 = a wide error) and how much surface it uses, beside the first.
@@ -177,7 +178,7 @@ def write_campaign(folder: Path, runs: int = 60, sampling: str = "random", faili
         digests[name] = write_flights(
             paths.flights, name, samples, outcome, {**metrics, "end_time_s": np.full(runs, 60.0)}
         )
-        worst = np.sort(np.argsort(metrics["altitude_error_max_m"])[-20:])
+        worst = worst_of(metrics, np.flatnonzero(outcome != "ok"))
         history = np.stack([channels[signal.name] for signal in CHANNELS], axis=2)
         names = [signal.name for signal in CHANNELS]
         write_histories(paths.histories / f"{name}.parquet", name, worst, time, history[worst], names)
@@ -219,6 +220,14 @@ def sign(folder: Path, manifest: dict[str, Any]) -> None:
     files = [path for path in folder.rglob("*") if path.is_file() and path.name != "manifest.json"]
     manifest["files"] = {path.relative_to(folder).as_posix(): hash_file(path) for path in files}
     write_manifest(folder / "manifest.json", manifest)
+
+
+def worst_of(metrics, early):
+    """The 20 worst flights by the three requirements, ascending."""
+    limits = {"altitude_error_max_m": 50.0, "speed_error_max_mps": 5.0, "sideslip_max_deg": 0.7}
+    whole = np.setdiff1d(np.arange(len(metrics["sideslip_max_deg"])), early)
+    orders = [order_of(metrics[name][whole] - limit, whole) for name, limit in limits.items()]
+    return np.sort(choose_worst([(60.0, k) for k in early.tolist()], orders, 20))
 
 
 def write_flights(folder, name, samples, outcome, values):

@@ -13,21 +13,21 @@ from abhv_mc.report.numbers.results import BANDS
 from abhv_mc.report.pages.gallery import make_figures
 
 FILES = [
+    "aileron",
+    "altitude_speed",
+    "angle_of_attack",
+    "bank",
     "convergence",
-    "distribution_tracking",
+    "distribution_asked",
     "distribution_usage",
     "drivers",
+    "elevator",
+    "equivalence_ratio",
     "error_against_usage",
-    "fig02_ground_track",
-    "fig03_altitude_speed",
-    "fig04_heading",
-    "fig05_angle_of_attack",
-    "fig06_sideslip",
-    "fig07_bank",
-    "fig08_aileron",
-    "fig09_rudder",
-    "fig10_elevator",
-    "fig11_equivalence_ratio",
+    "ground_track",
+    "heading",
+    "rudder",
+    "sideslip",
     "worst_flights",
 ]
 
@@ -108,11 +108,11 @@ def test_nothing_is_cut_off_and_no_panel_reaches_into_another(figures):
 
 def test_altitude_errors_are_in_metres_and_a_moving_reference_is_not_the_flights_spread(figures):
     """The band of all flights spans the ticks of a tenth of a second, in which the reference itself moves 15 m."""
-    assert "(m)" in figures["fig03_altitude_speed"].axes[0].get_ylabel()
+    assert "(m)" in figures["altitude_speed"].axes[0].get_ylabel()
     assert "(m)" in figures["worst_flights"].axes[0].get_ylabel()
-    low, high = figures["fig03_altitude_speed"].axes[0].get_ylim()
+    low, high = figures["altitude_speed"].axes[0].get_ylim()
     assert -40.0 < low < 0.0 < high < 40.0
-    track, deviation = figures["fig02_ground_track"].axes[0], figures["fig02_ground_track"].axes[3]
+    track, deviation = figures["ground_track"].axes[0], figures["ground_track"].axes[3]
     assert len(track.collections) == 3
     assert len(deviation.collections) == 2
 

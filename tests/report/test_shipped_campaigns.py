@@ -53,7 +53,7 @@ def number(text):
 
 def check_captions(page, numbers, flights):
     """Captions said 'TLC -13 to 5 deg' where every flight reached 20.0: their ranges were of samples, not of ticks."""
-    title = r"<strong>(?:Altitude and )?(\w[\w ]*?)(?: angle)? \(Fig\. \d+\)\.</strong>"
+    title = r"<strong>(?:Altitude and )?(\w[\w ]*?)(?: angle)?\.</strong>"
     captions = dict(re.findall(rf"^ *<figcaption>{title} (.*)$", page, re.M))
     captions = {title.capitalize(): html.unescape(caption) for title, caption in captions.items()}
     of = np.array(flights["controller"].to_pylist())

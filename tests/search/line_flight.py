@@ -15,8 +15,8 @@ METRIC = "altitude_error_max_m"
 def fly_line(plan, parameters, record_every=None):
     """A metric that is the lift's normal number: the probability of each limit is known."""
     lift = (parameters[:, LIFT] - 1.0) / 0.05
-    metrics = np.tile(lift[:, None], (1, len(METRICS)))
-    metrics[:, -1] = parameters[:, DENSITY]  # so that the trials see it matter
+    metrics = np.tile(lift[:, None], (1, len(plan.metrics)))
+    metrics[:, len(METRICS) - 1] = parameters[:, DENSITY]  # so that the trials see it matter
     ticks = plan.timing.ticks + 1
     history = (
         np.zeros((len(lift), ticks, len(CHANNELS)), np.float32) + parameters[:, [DENSITY]].astype(np.float32)[:, None]

@@ -95,7 +95,7 @@ def test_worst_finds_the_corner_and_its_folder_reads_like_a_campaigns(tmp_path, 
     reader = SampleReader(tmp_path / "out/samples.parquet")
     assert reader.flights == found.flights.stop
     np.testing.assert_array_equal(reader.rows(0, reader.flights), found.flights.samples)
-    smallest = find_worst(SearchRequest(line, tmp_path / "low"), WorstSettings(METRIC, False, 400, 2.5), LINE)
+    smallest = find_worst(SearchRequest(line, tmp_path / "low"), WorstSettings(METRIC, "low", 400, 2.5), LINE)
     assert smallest.numbers()["value"] == pytest.approx(-2.5)
 
 
@@ -190,14 +190,21 @@ def test_numbers_are_json_and_fixed_names(tmp_path, line):
     assert wanted <= json.loads(json.dumps(worst)).keys()
 
 
-def test_a_requirement_on_a_metric_that_its_flights_do_not_have_is_refused(tmp_path):
+def test_a_metric_that_the_campaign_declares_is_searched_like_any_other(tmp_path):
     campaign = write_line(
         tmp_path / "files",
         metrics="{swing: {of: bank_deg, statistic: peak_to_peak}}",
         requirements="[{metric: swing, below: 3 deg, probability: 0.9}]",
     )
-    with pytest.raises(InputError, match="no requirement on 'swing'"):
-        find_rare(SearchRequest(campaign, tmp_path / "out"), RareSettings("swing", flights=8000), LINE)
+    found = find_rare(SearchRequest(campaign, tmp_path / "out"), RareSettings("swing", flights=8000), LINE)
+    assert found.estimate.low <= stats.norm.sf(3.0) <= found.estimate.high
+    worst = find_worst(SearchRequest(campaign, tmp_path / "worst"), WorstSettings("swing", flights=400, box=2.5), LINE)
+    assert worst.numbers()["value"] == pytest.approx(2.5)
+
+
+def test_margins_are_not_searched_where_the_campaign_has_none(tmp_path, line):
+    with pytest.raises(InputError, match="'gain_margin_min_db' without 'margins'"):
+        find_worst(SearchRequest(line, tmp_path / "out"), WorstSettings("gain_margin_min_db", flights=400), LINE)
     assert not (tmp_path / "out").exists()
 
 

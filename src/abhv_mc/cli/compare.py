@@ -46,7 +46,6 @@ def command(
 
 def _print(found: dict[str, Any]) -> None:
     from abhv_mc.cli.printing import new_table, print_table
-    from abhv_mc.report.numbers.metrics import words_of
     from abhv_mc.report.numbers.words import p_value, significant
 
     for pair in found["paired"]:
@@ -54,17 +53,17 @@ def _print(found: dict[str, Any]) -> None:
         title = f"{pair['a']}  minus  {pair['b']}: {pair['pairs']} flights"
         table = new_table(("metric",), headings, title)
         for metric, numbers in pair["metrics"].items():
-            words = words_of(metric)
+            words = found["words"][metric]
             gain = numbers["pairing_gain"]
             saved = f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none"
             row = (str(numbers["a_better"]), str(numbers["b_better"]), saved)
             table.add_row(
-                words.label_with_unit, _with_bounds(numbers["median_difference"]), _with_bounds(numbers["q95"]), *row
+                words["label_with_unit"], _with_bounds(numbers["median_difference"]), _with_bounds(numbers["q95"]), *row
             )
         print_table(table)
-        _print_usage(pair["usage"])
+        _print_usage(pair["usage"], found["words"])
         for metric, gate in pair["not_worse"].items():
-            say(f"{words_of(metric).label}: {_gate_words(gate)}")
+            say(f"{found['words'][metric]['label']}: {_gate_words(gate)}")
         listed = [*found["requirements"], "reached the end of the mission"]
         for words_, failed in zip(listed, [*pair["requirements"], pair["ended_early"]], strict=True):
             say(
@@ -101,10 +100,9 @@ def _listed(failed: dict[str, Any]) -> str:
     return "".join(parts)
 
 
-def _print_usage(usage: dict[str, Any]) -> None:
+def _print_usage(usage: dict[str, Any], words: dict[str, Any]) -> None:
     """Tracking error against control usage: the ratios, and in how many flights less error was bought with more use."""
     from abhv_mc.cli.printing import new_table, print_table
-    from abhv_mc.report.numbers.metrics import words_of
 
     headings = "error ratio", "usage ratio", "less error, no more use", "less error, more use"
     table = new_table(("metric",), headings, "A to B: error against surface usage")
@@ -112,6 +110,6 @@ def _print_usage(usage: dict[str, Any]) -> None:
         if numbers:
             counts = [str(numbers[f"less_error_{use}_usage"]) for use in ("less", "more")]
             ratios = [_with_bounds(numbers[name]) for name in ("error_ratio", "usage_ratio")]
-            table.add_row(words_of(metric).label, *ratios, *counts)
+            table.add_row(words[metric]["label"], *ratios, *counts)
     if table.row_count:
         print_table(table)

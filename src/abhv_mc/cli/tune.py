@@ -56,7 +56,7 @@ def command(
 
 
 def _print(found: "TuneFound") -> None:
-    gain = found.validation.difference
+    gain = found.difference
     for side in found.sides:
         bound = "" if side.limit is None else f"  (limit {side.limit:.5g}{'' if side.keeps else ', broken'})"
         say(f"{side.words}: {side.start:.5g} -> {side.best:.5g}{bound}")

@@ -30,7 +30,7 @@ def command(
 
 def _print(found: dict[str, Any]) -> None:
     from abhv_mc.cli.printing import new_table, print_table
-    from abhv_mc.report.numbers.metrics import HEADLINE, USAGE, controller_label, words_of
+    from abhv_mc.report.numbers.labels import controller_label
     from abhv_mc.report.numbers.words import bounds, estimate, percent, significant
 
     for name, after in found["after"].items():
@@ -41,9 +41,9 @@ def _print(found: dict[str, Any]) -> None:
         worth = significant(part["effective_flights"])
         title = f"{controller_label(name)}: {part['flights']} flights, worth {worth} under the changed dispersions"
         table = new_table(("",), ("quantile", "as flown", "changed"), title)
-        for metric in (*HEADLINE, *USAGE):
+        for metric in found["asked"]:
             for level, pair in part["metrics"].get(metric, {}).items():
-                label = words_of(metric).label if level == "q50" else ""
+                label = found["words"][metric]["label"] if level == "q50" else ""
                 cells = [
                     f"{estimate(cell)} ({bounds(cell) or 'no bounds'})" for cell in (pair["before"], pair["after"])
                 ]

@@ -19,8 +19,8 @@ def command(
         Path, typer.Option("--output", "-o", callback=campaign_folder, metavar="DIR", help="For flights and page.")
     ],
     controller: Controller = None,
-    above: Annotated[bool, typer.Option("--above", help="Large values are bad (the default).")] = False,
-    below: Annotated[bool, typer.Option("--below", help="Small values are bad.")] = False,
+    above: Annotated[bool, typer.Option("--above", help="Large values are bad.")] = False,
+    below: Annotated[bool, typer.Option("--below", help="Small values are bad; by default as the campaign.")] = False,
     flights: Annotated[int, typer.Option(min=1, help="Flights of the search; as many random ones follow.")] = 2000,
     box: Annotated[float, typer.Option(min=0.1, max=8.0, help="Box of unbounded laws, sigma.")] = 3.0,
     seed: Seed = None,
@@ -44,7 +44,7 @@ def command(
     from abhv_mc.search.worst import WorstSettings, find_worst
 
     request = SearchRequest(campaign, out, controller, seed, workers, scheduler, fresh)
-    found = find_worst(request, WorstSettings(metric, not below, flights, box))
+    found = find_worst(request, WorstSettings(metric, "high" if above else "low" if below else None, flights, box))
     numbers = found.numbers()
     page = write_worst_page(found, out / "report.html")
 

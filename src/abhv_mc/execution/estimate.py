@@ -81,7 +81,7 @@ def estimate_campaign(campaign: CheckedCampaign, engine: Engine, workers: int | 
             histories_size += path.stat().st_size // len(block.outcome)
     workers = workers or model.execution.workers or count_cores()
     counts: FlightCounts = next(iter(make_flight_counts(campaign).values()))
-    counts.worst = [(True, 0.0, flight) for flight in range(min(counts.worst_kept, campaign.runs))]
+    counts.early = [(0.0, flight) for flight in range(min(counts.worst_kept, campaign.runs))]
     kept = len(choose_kept(model.keep.histories.flights, campaign.runs, counts))
     cells = (first.timing.ticks // every + 1) * len(model.keep.envelopes.channels)
     per_cell = 4 * campaign.runs if campaign.runs <= EXACT_FLIGHTS else 4 * (BINS + 2 * KEPT)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Mask
+from abhv_mc.campaign.file.asked import ranking_criteria, worst_asked
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import TRACED, Requirement
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
@@ -18,6 +19,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.statistics.judgement import Pair, judge_pairs
+from abhv_mc.statistics.ranking import Criterion, choose_worst
 from abhv_mc.statistics.requirement import measured_failures, requirement_failures
 from abhv_mc.statistics.verdict_words import verdict_words
 from abhv_mc.statistics.verdicts import Verdict
@@ -54,13 +56,14 @@ class FlightCounts:
 
     controller: str
     worst_kept: int
-    worst_by: str
+    criteria: tuple[Criterion, ...]
     requirements: list[RequirementCount]
     uncomputed: Mask  # [flight] that the machine could not compute
     digest: Digest = field(default_factory=Digest)
     outcomes: Counter[str] = field(default_factory=Counter)
     failed: "array[int]" = field(default_factory=lambda: array("q"))  # flights that ended early; perhaps a million
-    worst: list[tuple[bool, float, int]] = field(default_factory=list)  # ok?, -metric, flight: rising
+    early: list[tuple[float, int]] = field(default_factory=list)  # time and flight of those that ended first
+    beyond: dict[Criterion, list[tuple[float, int]]] = field(default_factory=dict)  # -excess and flight, rising
 
     def add(self, rows: FlightRows, digest: Digest) -> None:
         """Count one block."""
@@ -75,10 +78,17 @@ class FlightCounts:
             column = rows.columns.index(count.requirement.metric)
             count.add(rows.values[flown, column], early[flown], rows.flights[flown])
         if self.worst_kept:
-            metric = rows.values[:, rows.columns.index(self.worst_by)]
-            metric = np.where(np.isnan(metric), np.inf, metric)
-            candidates = zip((~early).tolist(), (-metric).tolist(), rows.flights.tolist(), flown.tolist(), strict=True)
-            self.worst = sorted([*self.worst, *(c[:3] for c in candidates if c[3])])[: self.worst_kept]
+            self._rank(rows, early, flown & ~early)
+
+    def _rank(self, rows: FlightRows, early: Mask, whole: Mask) -> None:
+        """Keep the first so many of each order in which flights are the worst."""
+        kept = self.worst_kept
+        ends = rows.values[early, rows.columns.index(END_TIME.name)].tolist()
+        self.early = sorted([*self.early, *zip(ends, rows.flights[early].tolist(), strict=True)])[:kept]
+        for criterion in self.criteria:
+            excess = criterion.excess(rows.values[whole, rows.columns.index(criterion.metric)])
+            found = zip((-excess).tolist(), rows.flights[whole].tolist(), strict=True)
+            self.beyond[criterion] = sorted([*self.beyond.get(criterion, ()), *found])[:kept]
 
     @property
     def not_computed(self) -> list[int]:
@@ -88,15 +98,15 @@ class FlightCounts:
 
     @property
     def worst_flights(self) -> list[int]:
-        """The worst first: flights that ended early, then those with the largest metric."""
-        return [flight for _, _, flight in self.worst]
+        """Those that ended early, then in turn those furthest beyond each requirement."""
+        orders = [[flight for _, flight in found] for found in self.beyond.values()]
+        return choose_worst(self.early, orders, self.worst_kept)
 
 
 def make_flight_counts(campaign: CheckedCampaign) -> dict[str, FlightCounts]:
     """An empty counts for each controller."""
     model = campaign.model
-    keep = model.keep.histories
-    number = max((int(str(item).split()[1]) for item in keep.flights if str(item).startswith("worst")), default=0)
+    number, criteria = worst_asked(campaign), ranking_criteria(campaign)
     first = next(iter(model.controllers))
     all_counts = {}
     for name in model.controllers:
@@ -104,7 +114,7 @@ def make_flight_counts(campaign: CheckedCampaign) -> dict[str, FlightCounts]:
             RequirementCount(entry, limit, name in (entry.controllers or (first,)), np.zeros(campaign.runs, bool))
             for entry, limit in zip(model.requirements, campaign.limits, strict=True)
         ]
-        all_counts[name] = FlightCounts(name, number, keep.by, counts, np.zeros(campaign.runs, bool))
+        all_counts[name] = FlightCounts(name, number, criteria, counts, np.zeros(campaign.runs, bool))
     return all_counts
 
 

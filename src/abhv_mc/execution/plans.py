@@ -37,20 +37,24 @@ def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) 
     model = campaign.model
     check_own_code(campaign)
     made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
-    plans = {name: _declare(campaign, plan) for name, plan in made.items()}
-    if model.channels is None:
-        return plans
-    channels = read_source(model.channels)
-    check_closure(channels)
-    plans = {name: replace(plan, channels_source=channels, channels_hash=channels.hash) for name, plan in plans.items()}
-    for plan in plans.values():
+    plans = {name: declare(campaign, plan) for name, plan in made.items()}
+    for plan in plans.values() if model.channels else ():
         with open_law(plan, LANES):  # compiled now, before anything is written
             pass
     return plans
 
 
+def declare(campaign: CheckedCampaign, plan: FlightPlan) -> FlightPlan:
+    """The plan with the metrics and channels that the campaign itself declares: no file of plans holds them."""
+    plan = _declare(campaign, plan)
+    if campaign.model.channels is None:
+        return plan
+    channels = read_source(campaign.model.channels)
+    check_closure(channels)
+    return replace(plan, channels_source=channels, channels_hash=channels.hash)
+
+
 def _declare(campaign: CheckedCampaign, plan: FlightPlan) -> FlightPlan:
-    """The plan with the metrics that the campaign itself declares: no file that plans are made from holds them."""
     return replace(plan, declared=pack_metrics(campaign.declared), own_sources=pack_sources(campaign.own_sources))
 
 

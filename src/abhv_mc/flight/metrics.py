@@ -67,17 +67,23 @@ class Metric(Signal):
     never_negative: bool = False
     leads: bool = False  # whether it stands first in a report where the campaign requires nothing
     plateaus: tuple[float, ...] = ()  # values that many flights share
+    band: tuple[float, float] | None = None  # where a campaign requires it on both sides: in between is good
 
     @property
     def label_with_unit(self) -> str:
         """For axes and table heads."""
         return self.label if self.unit == "-" else f"{self.label} ({self.unit})"
 
+    def with_unit(self, value: str) -> str:
+        """A value in print, with its unit."""
+        return value if self.unit == "-" else f"{value}\N{NO-BREAK SPACE}{self.unit}"
+
     @property
     def phrase(self) -> str:
         """The label within a sentence: 'rms angle of attack error'."""
-        words = " ".join(reversed(self.label.split(", ")))
-        return words if words[1:2].isupper() else words[:1].lower() + words[1:]
+        head, *others = self.label.split(", ")
+        head = head if head[1:2].isupper() else head[:1].lower() + head[1:]
+        return " ".join([*reversed(others), head])
 
     @property
     def counted(self) -> str:
@@ -89,6 +95,11 @@ class Metric(Signal):
         words += f", from {self.start:g} s" if self.start else ""
         words += f", to {self.end:g} s" if self.end < math.inf else ""
         return f"{words}, settled stretches only" if self.settled else words
+
+    def as_words(self) -> dict[str, str]:
+        """What a report says of it."""
+        keys = ("label", "label_with_unit", "phrase", "unit", "doc", "group", "bad")
+        return {key: getattr(self, key) for key in keys}
 
     def as_entry(self) -> dict[str, Any]:
         """The record with the keys by which a campaign declares a metric."""
@@ -301,7 +312,7 @@ METRIC_INDEX: dict[str, int] = {metric.name: i for i, metric in enumerate(METRIC
 BUILT_IN: dict[str, Metric] = {metric.name: metric for metric in (*METRICS, *MARGINS)}
 SURFACE_USAGE = tuple(m.name for m in METRICS if m.group == "usage" and m.statistic == Statistic.RMS)
 
-_TEXT = tuple(field.name for field in fields(Metric) if field.name not in ("plateaus", "leads"))
+_TEXT = tuple(field.name for field in fields(Metric) if field.name not in ("plateaus", "leads", "band"))
 NO_METRICS: NDArray[np.str_] = np.empty((0, len(_TEXT)), dtype=np.str_)
 
 

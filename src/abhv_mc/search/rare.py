@@ -9,7 +9,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
 from abhv_mc.execution.engine import Engine, make_engine
-from abhv_mc.flight.metrics import METRIC_INDEX
+from abhv_mc.flight.metrics import BUILT_IN, Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains
@@ -18,6 +18,7 @@ from abhv_mc.search.methods.subset import SubsetPlan
 from abhv_mc.search.search_flights import DrawnFlights, SearchRequest, open_search, read_searched
 from abhv_mc.search.severity import FAILS_ABOVE, Severity, ended_early, rank_distinct
 from abhv_mc.search.space import Space, make_space
+from abhv_mc.statistics.ranking import Criterion
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class RareFound:
     settings: RareSettings
     controller: str
     requirement: Requirement
+    metric: Metric
     limit: float  # of the requirement, in its metric's unit
     estimate: RareEstimate
     strata: tuple[Stratum, ...]  # combinations of what comes with a probability; empty where nothing does
@@ -104,10 +106,10 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
     least = FEWEST * SubsetPlan(1, 0.0, 0, chains).size
     if settings.flights < least:
         raise InputError("--flights", None, None, f"{settings.flights}", f"at least {least}")
-    sign = 1.0 if requirement.below is not None else -1.0
+    criterion = Criterion(settings.requirement, "high" if requirement.below is not None else "low", limit, True)
     early = requirement.ended_early == "failure"
     with open_search(request, {"kind": "rare", **vars(settings)}, settings.flights, engine or make_engine()) as search:
-        severity = Severity(settings.requirement, sign, search.plan.timing.duration, limit, early)
+        severity = Severity(criterion, search.plan.timing.duration, early)
 
         def evaluate(points: Floats, on: Switched) -> Floats:
             # What cannot be computed counts as a failure, as in every verdict.
@@ -123,6 +125,7 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
             settings,
             controller,
             requirement,
+            campaign.metrics[requirement.metric],
             limit,
             estimate,
             strata,
@@ -140,13 +143,17 @@ def _find_requirement(campaign: CheckedCampaign, controller: str, metric: str) -
     """The campaign's requirement on this metric, and its limit. Raises InputError where there is none, or several."""
     pairs = zip(campaign.model.requirements, campaign.limits, strict=True)
     bound = [entry for entry in pairs if controller in (entry[0].controllers or (controller,))]
-    entries = [entry for entry in bound if entry[0].metric in METRIC_INDEX]  # its flights have no others
-    own = [entry for entry in entries if entry[0].metric == metric]
+    own = [entry for entry in bound if entry[0].metric == metric]
+    where = ("requirements",)
+    if metric in BUILT_IN and BUILT_IN[metric].plateaus:
+        values = " or ".join(f"{value:g}" for value in BUILT_IN[metric].plateaus)
+        said = f"'{metric}', of which many flights share the value {values}"
+        wish = "a metric that grows from flight to flight: on a plateau no flight is nearer to failing than another"
+        raise campaign.document.error(where if own else (), said, wish)
     if len(own) == 1:
         return own[0]
-    where = ("requirements",)
     if not own:
-        names = [entry.metric for entry, _ in entries]
+        names = [entry.metric for entry, _ in bound]
         said = f"no requirement on '{metric}' for '{controller}'"
         wanted = one_of(names, metric) if names else "a requirement with the limit that is meant"
         raise campaign.document.error(where if names else (), said, wanted)

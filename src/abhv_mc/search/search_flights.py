@@ -6,7 +6,7 @@ and `export` read the folder like any campaign's.
 """
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
+from abhv_mc.campaign.file.asked import known_metrics
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
 from abhv_mc.campaign.file.user_code import check_own_code
 from abhv_mc.campaign.sampling.samples import full_rows
@@ -24,12 +25,15 @@ from abhv_mc.execution.blocks import choose_batch
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.engine import Engine, check_source
 from abhv_mc.execution.executor import Executor, open_executor
+from abhv_mc.execution.margin_plans import make_margin_plans
+from abhv_mc.execution.plans import make_plans
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.progress import Progress
+from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.blocks import read_own_block
-from abhv_mc.folder.flights import DamagedFileError, FlightRows, block_path, flights_schema, write_block
+from abhv_mc.folder.flights import END_TIME, DamagedFileError, FlightRows, block_path, flights_schema, write_block
 from abhv_mc.folder.inputs import FolderInputs, collect_inputs, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
@@ -73,6 +77,16 @@ def read_searched(path: Path, controller: str | None, seed: int | None) -> tuple
     return campaign, name
 
 
+def find_metric(campaign: CheckedCampaign, name: str, place: Callable[[str, str], InputError]) -> Metric:
+    """What the campaign knows of a metric; raises what ``place`` makes of what was found and what was expected."""
+    metrics = known_metrics(campaign)
+    if name in MARGIN_NAMES and campaign.model.margins is None:
+        raise place(f"'{name}' without 'margins'", "'margins: {at: [trim]}' in the campaign, which finds them")
+    if name not in metrics:
+        raise place(f"unknown metric '{name}'", one_of(metrics, name))
+    return metrics[name]
+
+
 @dataclass(frozen=True)
 class DrawnFlights:
     """Histories of some flights, after the nominal one."""
@@ -92,16 +106,23 @@ class SearchFlights:
         plan: FlightPlan,
         executor: Executor,
         threads: ThreadPoolExecutor,
+        margins: FlightPlan | None = None,
     ) -> None:
-        """``threads``: one more than the executor has workers, for the block that is being written."""
+        """``threads``: one more than the executor has workers, for the block that is being written.
+
+        ``margins``: the plan of flights whose stability margins are found.
+        """
         self._threads, self._writing = threads, Future[Any]()
         self._writing.set_result(None)
         self.folder, self.manifest, self.files = flown.folder, flown.manifest, flown.files
         self.campaign, self.plan, self.executor = campaign, plan, executor
+        self.flown_by = margins or plan
+        signals = (*plan.metrics, END_TIME, *(MARGIN_VALUES if margins else ()))
+        self.columns = tuple(signal.name for signal in signals)
         self.space: Space = make_space(campaign)
         self.seed = campaign.model.seed
         provenance = {"seed": str(self.seed), "campaign_hash": self.manifest["campaign_hash"]}
-        self.schema = flights_schema(self.space.columns, provenance)
+        self.schema = flights_schema(self.space.columns, provenance, signals)
         self.blocks: list[FlightRows] = []
         self.remembered = 0  # flights that were stored already
         self.progress: Progress | None = None
@@ -121,9 +142,8 @@ class SearchFlights:
         names = self.space.columns
         samples = np.concatenate([block.samples for block in self.blocks])
         outcome = tuple(code for block in self.blocks for code in block.outcome)
-        return FlightRows(
-            self.plan.controller, 0, names, samples, outcome, np.concatenate([block.values for block in self.blocks])
-        )
+        values = np.concatenate([block.values for block in self.blocks])
+        return FlightRows(self.plan.controller, 0, names, samples, outcome, values, self.columns)
 
     def fly(self, values: Floats, common_seed: bool) -> FlightRows:
         """The flights of parameter values ``[flight, dimension]``; seeds are one for all, or each flight's own."""
@@ -146,7 +166,8 @@ class SearchFlights:
         path = block_path(self.folder.flights, self.plan.controller, first, first + len(samples))
         with contextlib.suppress(DamagedFileError):
             rows = read_own_block(path, self.space.columns, self.files)
-            if np.array_equal(rows.samples, samples) and not not_computed(rows).any():
+            same = rows.columns == self.columns and np.array_equal(rows.samples, samples)
+            if same and not not_computed(rows).any():
                 return rows
         return None
 
@@ -154,10 +175,12 @@ class SearchFlights:
         parameters = full_rows(self.space.columns, samples)
         share = choose_batch(len(samples), self.executor.workers)
         pieces = [parameters[start : start + share] for start in range(0, len(samples), share)]
-        blocks = list(self._threads.map(lambda piece: self.executor.fly(self.plan, piece, None), pieces))
+        blocks = list(self._threads.map(lambda piece: self.executor.fly(self.flown_by, piece, None), pieces))
         outcome = tuple(Outcome(code).code for block in blocks for code in block.outcome)
-        values = np.concatenate([np.column_stack([block.metrics, block.end_time]) for block in blocks])
-        return FlightRows(self.plan.controller, first, self.space.columns, samples, outcome, values)
+        count = len(self.plan.metrics)
+        values = [np.column_stack([b.metrics[:, :count], b.end_time, b.metrics[:, count:]]) for b in blocks]
+        names = self.space.columns
+        return FlightRows(self.plan.controller, first, names, samples, outcome, np.concatenate(values), self.columns)
 
     def draw(self, severities: Floats) -> DrawnFlights:
         """Fly the nominal flight and the worst of the first ones again, with their histories.
@@ -212,9 +235,11 @@ class SearchFlights:
 
 @contextlib.contextmanager
 def open_search(
-    request: SearchRequest, settings: dict[str, Any], flights: int, engine: Engine
+    request: SearchRequest, settings: dict[str, Any], flights: int, engine: Engine, with_margins: bool = False
 ) -> Iterator[SearchFlights]:
     """The folder of a search, locked, and its executor; ``settings`` are what the search's result depends on.
+
+    ``with_margins``: every flight has the stability margins that the campaign asks for.
 
     Raises InputError before anything is written where something is wrong, or the folder holds anything else than the
     beginning of the same search.
@@ -231,8 +256,7 @@ def open_search(
             manifest, files = flown.manifest, flown.files
             plan = read_trusted_plan(folder, campaign, name)
         else:
-            model = campaign.model
-            plan = engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
+            plan = make_plans(campaign, [name], engine)[name]
             fly_probes(campaign, {name: plan}, engine.fly, plan.timing.ticks)
             files = begin_folder(folder, inputs, {name: plan}, stack)
             manifest = {
@@ -252,7 +276,8 @@ def open_search(
         cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
         executor = stack.enter_context(open_executor(engine, campaign.model.execution, request.workers, cluster))
         threads = stack.enter_context(ThreadPoolExecutor(executor.workers + 1))
-        search = SearchFlights(FlownFolder(folder, manifest, files), campaign, plan, executor, threads)
+        margins = make_margin_plans(campaign, {name: plan}, engine.device)[name] if with_margins else None
+        search = SearchFlights(FlownFolder(folder, manifest, files), campaign, plan, executor, threads, margins)
         with Progress("flights", flights) as search.progress:
             try:
                 yield search

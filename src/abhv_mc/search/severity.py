@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import FlightRows
+from abhv_mc.statistics.ranking import Criterion
 
 # A flight that ends early is worse than every other; the earlier the worse, in seconds on top of this.
 ENDED_EARLY = 1e9
@@ -20,19 +20,17 @@ FAILS_ABOVE = -float(np.finfo(np.float64).tiny)
 class Severity:
     """Severity by a metric: larger is worse. Flights that could not be computed have none (not-a-number)."""
 
-    metric: str
-    sign: float  # 1 where large values of the metric are bad, -1 where small ones are
+    criterion: Criterion  # the metric, which values of it are bad, and the limit of a requirement
     duration: float  # s, of a flight that does not end early
-    offset: float = 0.0  # what is subtracted: the limit of a requirement
     early_is_worse: bool = True
 
     def of(self, rows: FlightRows) -> Floats:
         """Severities ``[flight]``."""
-        metric = self.sign * (rows.values[:, METRIC_INDEX[self.metric]] - self.offset)
-        metric = np.where(np.isnan(metric), ENDED_EARLY, metric)
+        excess = self.criterion.excess(rows.column(self.criterion.metric))
+        severities = np.where(np.isinf(excess), ENDED_EARLY, excess)
         if self.early_is_worse:
-            metric = np.where(ended_early(rows), ENDED_EARLY + self.duration - rows.values[:, -1], metric)
-        return np.where(not_computed(rows), np.nan, metric)
+            severities = np.where(ended_early(rows), ENDED_EARLY + self.duration - rows.end_time, severities)
+        return np.where(not_computed(rows), np.nan, severities)
 
     def ranked(self, rows: FlightRows) -> Floats:
         """Severities ``[flight]`` with flights that could not be computed behind all others (-infinity)."""

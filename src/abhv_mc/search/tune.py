@@ -2,15 +2,17 @@
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.campaign.file.asked import known_metrics
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import THREADS
 from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
@@ -18,19 +20,20 @@ from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.engine import Engine, make_engine
 from abhv_mc.execution.executor import open_executor
 from abhv_mc.execution.progress import Progress
-from abhv_mc.flight.metrics import MARGIN_NAMES, METRIC_INDEX
+from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.inputs import collect_inputs
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.folder.lock import hold_lock
-from abhv_mc.io.documents import Document, InputError, one_of, read_document, validate
+from abhv_mc.io.documents import Document, InputError, read_document, validate
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.search.controller_numbers import ControllerNumbers, read_controller_numbers
 from abhv_mc.search.methods.tune import Scores, Tuning, Validation, tune
 from abhv_mc.search.methods.tune import validate as validate_gain
-from abhv_mc.search.search_flights import read_searched
+from abhv_mc.search.search_flights import find_metric, read_searched
 from abhv_mc.search.space import make_space
-from abhv_mc.search.tune_limits import bound_of, excess_of, limited_value, lost_as_worst, quantile_of, score
+from abhv_mc.search.tune_limits import bound_of, excess_of, limited_value, score, severities_of, value_of
 from abhv_mc.search.tune_trials import MOST_CORNERED, Trials, cornered_vehicles
+from abhv_mc.statistics.estimates import Interval
 
 _KEPT, _PAGE = ".tuning", ".html"  # endings of the folder of candidates and of the page
 
@@ -79,6 +82,18 @@ class TuneFound:
     tuning: Tuning
     validation: Validation
     sides: tuple[Sides, ...]  # the aim first, then the limits, then the usage
+    metrics: Mapping[str, Metric]
+
+    @property
+    def aim(self) -> Metric:
+        """What is made better."""
+        return self.metrics[self.block.minimise.metric]
+
+    @property
+    def difference(self) -> Interval:
+        """The result's quantile minus the start's, in the metric's unit."""
+        found = self.validation.difference
+        return found.scaled(-1.0) if self.aim.bad == "low" else found
 
     @property
     def shown(self) -> bool:
@@ -87,7 +102,7 @@ class TuneFound:
 
     def as_json(self) -> dict[str, Any]:
         """The result as JSON holds it."""
-        gain = self.validation.difference
+        gain = self.difference
         front = self.tuning.front
         return {
             "controller": self.controller,
@@ -135,9 +150,7 @@ def read_tune_block(campaign: CheckedCampaign, path: Path | None) -> tuple[Tune,
         (("usage", "metric"), block.usage.metric),
         *((("limits", i, "metric"), limit.metric) for i, limit in enumerate(block.limits) if not limit.is_margin),
     ):
-        if metric not in METRIC_INDEX:
-            known = (*METRIC_INDEX, *MARGIN_NAMES) if keys[0] == "limits" else METRIC_INDEX
-            raise document.error((*where, *keys), f"unknown metric '{metric}'", one_of(known, metric))
+        find_metric(campaign, metric, partial(document.error, (*where, *keys)))
     return block, document, where
 
 
@@ -194,7 +207,10 @@ def _tune(request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None
         identity = hashlib.sha256(text.encode()).hexdigest()
         vehicles = cornered_vehicles(space, block)
         beside = kept, identity, engine, executor
-        trials = Trials(campaign, name, space, numbers, *beside, vehicles, block.margins_at)
+        asked = {block.minimise.metric, block.usage.metric} & set(MARGIN_NAMES)
+        times = model.margins.at if model.margins and asked else ()
+        trials = Trials(campaign, name, space, numbers, *beside, vehicles, block.margins_at, times)
+        metrics = known_metrics(campaign)
         flown = trials.draw(model.seed, block.flights)
         (start,) = trials.measure(np.zeros((1, len(block.free))), flown)
         bounds = [bound_of(limit, start) for limit in block.limits]
@@ -203,10 +219,10 @@ def _tune(request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None
             def measure(points: Floats) -> Scores:
                 found = trials.measure(points, flown)
                 progress.add(len(points) * block.flights)
-                return score(found, block, bounds)
+                return score(found, block, bounds, metrics)
 
             found = tune(measure, np.zeros(len(block.free)), block.candidates, model.seed)
-        result = _validate(trials, block, found, name)
+        result = _validate(trials, block, found, name, metrics)
     if tell is not None:
         tell(result)
     if result.shown:
@@ -214,15 +230,15 @@ def _tune(request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None
     return result
 
 
-def _validate(trials: Trials, block: Tune, found: Tuning, name: str) -> TuneFound:
+def _validate(trials: Trials, block: Tune, found: Tuning, name: str, metrics: Mapping[str, Metric]) -> TuneFound:
     """The result beside the start on flights of another seed."""
     fresh = trials.draw((trials.campaign.model.seed + 1) % 2**63, block.validation)
     start, best = trials.measure(np.stack([np.zeros(len(block.free)), found.place]), fresh)
     aim, usage = block.minimise, block.usage
-    of_start, of_best = (lost_as_worst(trial.metrics[:, METRIC_INDEX[aim.metric]]) for trial in (start, best))
+    of_start, of_best = (severities_of(trial, metrics[aim.metric]) for trial in (start, best))
 
     def side(entry: Aim) -> Sides:
-        at_start, at_best = (quantile_of(trial.metrics, entry.metric, entry.quantile) for trial in (start, best))
+        at_start, at_best = (value_of(trial, metrics[entry.metric], entry.quantile) for trial in (start, best))
         return Sides(entry.metric, entry.quantile, None, at_start, at_best)
 
     def limited(entry: Limit) -> Sides:
@@ -236,12 +252,12 @@ def _validate(trials: Trials, block: Tune, found: Tuning, name: str) -> TuneFoun
     known = [(aim.metric, aim.quantile), *((entry.metric, entry.quantile) for entry in limits)]
     more = () if (usage.metric, usage.quantile) in known else (side(usage),)
     validation = validate_gain(of_start, of_best, aim.quantile)
-    return TuneFound(name, block, trials.numbers, found, validation, (side(aim), *limits, *more))
+    return TuneFound(name, block, trials.numbers, found, validation, (side(aim), *limits, *more), metrics)
 
 
 def _comment(found: TuneFound, request: TuneRequest, seed: int) -> str:
     """How the file was made, for its head."""
-    aim, gain = found.sides[0], found.validation.difference
+    aim, gain = found.sides[0], found.difference
     percent = f"{100 * found.block.minimise.quantile:g} % quantile of {aim.metric}"
     command = f"abhv-mc tune {request.campaign} --controller {found.controller} -o {request.out} --seed {seed}"
     command += f" --tune {request.block}" if request.block else ""

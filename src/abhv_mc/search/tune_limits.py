@@ -1,31 +1,34 @@
 """Quantiles, margins and limits of tuning: candidates' trials as scores."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.tuning import Limit, Tune
-from abhv_mc.flight.metrics import MARGIN_NAMES, METRIC_INDEX
+from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
+from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.search.methods.tune import Scores
 from abhv_mc.search.tune_trials import Trial
-from abhv_mc.statistics.estimates import sorted_quantile
+from abhv_mc.statistics.estimates import severity, sorted_quantile
 
 
-def quantile_of(metrics: Floats, metric: str, quantile: float, sign: float = 1.0) -> float:
-    """A quantile of a metric, lost flights being the worst: of its largest values, or its smallest for ``sign`` -1."""
-    return sign * sorted_quantile(np.sort(lost_as_worst(sign * metrics[:, METRIC_INDEX[metric]])), quantile)
+def severities_of(trial: Trial, metric: Metric) -> Floats:
+    """A metric [flight], larger being worse, with those of lost flights infinite."""
+    return severity(trial.column(metric.name), metric.bad)
 
 
-def lost_as_worst(values: Floats) -> Floats:
-    """Values ``[flight]``, large ones being bad, with those of lost flights infinite."""
-    return np.where(np.isnan(values), np.inf, values)
+def value_of(trial: Trial, metric: Metric, quantile: float) -> float:
+    """A quantile of a metric over the flights, from its good side, in its unit; lost flights are the worst."""
+    found = sorted_quantile(np.sort(severities_of(trial, metric)), quantile)
+    return -found if metric.bad == "low" else found
 
 
 def limited_value(trial: Trial, limit: Limit) -> float:
     """What a limit bounds: a quantile over the flights, or the least margin of the vehicles that it names."""
     if not limit.is_margin:
-        return quantile_of(trial.metrics, limit.metric, limit.quantile, -1.0 if limit.above is not None else 1.0)
+        sign = -1.0 if limit.above is not None else 1.0
+        worse = severity(sign * trial.column(limit.metric), "high")
+        return sign * sorted_quantile(np.sort(worse), limit.quantile)
     margins = trial.margins[:, MARGIN_NAMES.index(limit.metric)]
     return float(margins.min() if limit.vehicles == "corners" else margins[0])
 
@@ -43,14 +46,14 @@ def excess_of(trial: Trial, limit: Limit, bound: float) -> float:
     return sign * (limited_value(trial, limit) - bound) / (abs(bound) or 1.0)
 
 
-def score(trials: Sequence[Trial], block: Tune, bounds: Sequence[float]) -> Scores:
-    """Scores of candidates on the same flights."""
-    aim, usage = block.minimise, block.usage
+def score(trials: Sequence[Trial], block: Tune, bounds: Sequence[float], metrics: Mapping[str, Metric]) -> Scores:
+    """Scores of candidates on the same flights: quantiles of severities, the smaller the better."""
     excess = [
         [excess_of(trial, limit, bound) for limit, bound in zip(block.limits, bounds, strict=True)] for trial in trials
     ]
-    return Scores(
-        np.array([quantile_of(trial.metrics, aim.metric, aim.quantile) for trial in trials]),
-        np.array(excess).reshape(len(trials), len(bounds)),
-        np.array([quantile_of(trial.metrics, usage.metric, usage.quantile) for trial in trials]),
-    )
+
+    def scores(aim: Aim) -> Floats:
+        found = [np.sort(severities_of(trial, metrics[aim.metric])) for trial in trials]
+        return np.array([sorted_quantile(values, aim.quantile) for values in found])
+
+    return Scores(scores(block.minimise), np.array(excess).reshape(len(trials), len(bounds)), scores(block.usage))

@@ -19,7 +19,8 @@ from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.execution.engine import Engine
 from abhv_mc.execution.executor import Executor
-from abhv_mc.flight.metrics import MARGIN_NAMES, METRIC_INDEX
+from abhv_mc.execution.plans import declare
+from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import own_parts_of
@@ -29,6 +30,7 @@ from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.search.controller_numbers import ControllerNumbers
 from abhv_mc.search.space import Space
 from abhv_mc.stability.analysis import Time, margins_of_flights
+from abhv_mc.stability.metrics import add_margins
 from abhv_mc.stability.steady import make_steady_plan
 from abhv_mc.vehicle.model import Vehicle
 
@@ -41,8 +43,13 @@ _BOX = 3.0  # standard deviations at which laws without ends have their corners
 class Trial:
     """One candidate's flights and margins."""
 
+    columns: tuple[str, ...]  # names of the metrics
     metrics: Floats  # [flight, metric]; not-a-number in the rows of flights that are lost
     margins: Floats  # [vehicle, margin], the nominal one first; no rows where no limit asks for them
+
+    def column(self, metric: str) -> Floats:
+        """A metric [flight]."""
+        return self.metrics[:, self.columns.index(metric)]
 
 
 @dataclass(frozen=True)
@@ -78,6 +85,7 @@ class Trials:
     executor: Executor
     vehicles: Floats  # [vehicle, parameter] whose margins are found
     margins_at: tuple[Time, ...]
+    flights_at: tuple[Time, ...] = ()  # where margins of each flight are found; none: nowhere
 
     def draw(self, seed: int, flights: int) -> Floats:
         """Parameter rows ``[flight, parameter]`` that all candidates fly."""
@@ -92,13 +100,18 @@ class Trials:
             found = list(threads.map(lambda point: self._one(point, parameters), different))
         return [found[place] for place in places.reshape(-1).tolist()]
 
+    @functools.cached_property
+    def columns(self) -> tuple[str, ...]:
+        """The metrics of the flights, with their margins where these are asked for."""
+        return (*self.campaign.metrics, *(signal.name for signal in (MARGIN_VALUES if self.flights_at else ())))
+
     def _one(self, point: Floats, parameters: Floats) -> Trial:
-        candidate = self._plan(point)
-        metrics = self._remember(point, parameters, len(METRIC_INDEX), lambda: self._fly(candidate(), parameters))
+        candidate, columns = self._plan(point), self.columns
+        metrics = self._remember(point, parameters, len(columns), lambda: self._fly(candidate(), parameters))
         if not len(self.vehicles):
-            return Trial(metrics, np.empty((0, len(MARGIN_NAMES))))
+            return Trial(columns, metrics, np.empty((0, len(MARGIN_NAMES))))
         found = self._remember(point, self.vehicles, len(MARGIN_NAMES), lambda: self.margins_of(candidate()))
-        return Trial(metrics, found)
+        return Trial(columns, metrics, found)
 
     def _remember(self, point: Floats, parameters: Floats, columns: int, make: Callable[[], Floats]) -> Floats:
         key = hashlib.sha256(point.tobytes() + parameters.tobytes() + self.identity.encode()).hexdigest()[:32]
@@ -112,10 +125,14 @@ class Trials:
 
     def _fly(self, candidate: Candidate | None, parameters: Floats) -> Floats:
         if candidate is None:
-            return np.full((len(parameters), len(METRIC_INDEX)), np.nan)
+            return np.full((len(parameters), len(self.columns)), np.nan)
+        steady = self._steady(candidate) if self.flights_at else None
+        plan = candidate.plan if steady is None else add_margins(candidate.plan, steady, self.flights_at)
         starts = range(0, len(parameters), _BLOCK)
-        pieces = [self.executor.fly(candidate.plan, parameters[start : start + _BLOCK], None) for start in starts]
+        pieces = [self.executor.fly(plan, parameters[start : start + _BLOCK], None) for start in starts]
         metrics = np.concatenate([piece.metrics for piece in pieces])
+        none = len(self.columns) - metrics.shape[1]  # no steady flight: no margin
+        metrics = np.hstack([metrics, np.zeros((len(metrics), none))])
         lost = np.concatenate([piece.outcome for piece in pieces]) != Outcome.OK
         return np.where(lost[:, None], np.nan, metrics)
 
@@ -124,12 +141,18 @@ class Trials:
         none = np.zeros((len(self.vehicles), len(MARGIN_NAMES)))
         if candidate is None:
             return none
+        steady = self._steady(candidate)
+        return (
+            none if steady is None else margins_of_flights(candidate.plan, steady, self.vehicles, self.margins_at).table
+        )
+
+    def _steady(self, candidate: Candidate) -> FlightPlan | None:
+        """The plan of the candidate's steady flight; None where there is none."""
         try:
             parts = own_parts_of(candidate.plan)
-            steady = make_steady_plan(*self._vehicle_and_mission, candidate.controller, self.name, own=parts)
+            return make_steady_plan(*self._vehicle_and_mission, candidate.controller, self.name, own=parts)
         except (InputError, np.linalg.LinAlgError):
-            return none
-        return margins_of_flights(candidate.plan, steady, self.vehicles, self.margins_at).table
+            return None
 
     @functools.cached_property
     def _vehicle_and_mission(self) -> tuple[Vehicle, Mission]:
@@ -145,7 +168,7 @@ class Trials:
             try:
                 self.numbers.write(file, point)
                 plan = self.engine.prepare(model.vehicle, model.mission, file, self.name)
-                return Candidate(read_controller(file), plan)
+                return Candidate(read_controller(file), declare(self.campaign, plan))
             except InputError:
                 if not np.any(point):
                     raise

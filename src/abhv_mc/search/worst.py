@@ -1,25 +1,27 @@
 """``abhv-mc worst``: the worst value of a metric over the box of a campaign's dispersions."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.engine import Engine, make_engine
-from abhv_mc.flight.metrics import METRIC_INDEX
+from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.flights import FlightRows
-from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.io.documents import InputError
 from abhv_mc.search.methods.worst import WorstCase, choose_batch, least_evaluations, search_worst
 from abhv_mc.search.search_flights import (
     DrawnFlights,
     SearchFlights,
     SearchRequest,
+    find_metric,
     open_search,
     read_searched,
 )
 from abhv_mc.search.severity import Severity, ended_early
 from abhv_mc.search.space import make_space
+from abhv_mc.statistics.ranking import Criterion
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class WorstSettings:
     """What is searched."""
 
     metric: str
-    largest: bool = True  # whether large values are bad
+    bad: Literal["high", "low"] | None = None  # which values are bad; None: those that the campaign takes for bad
     flights: int = 2000
     box: float = 3.0  # sigma of unbounded laws
 
@@ -37,6 +39,8 @@ class WorstFound:
     """The worst flight of a search, and what it is to be seen beside."""
 
     settings: WorstSettings
+    metric: Metric
+    criterion: Criterion
     controller: str
     case: WorstCase
     names: tuple[str, ...]
@@ -51,9 +55,21 @@ class WorstFound:
     failed_to_run: int
     drawn: DrawnFlights
 
-    def metric(self, flight: int) -> float:
+    def value(self, flight: int) -> float:
         """The metric of a flight."""
-        return float(self.flights.values[flight, METRIC_INDEX[self.settings.metric]])
+        return float(self.flights.column(self.metric.name)[flight])
+
+    @property
+    def sign(self) -> float:
+        """What turns a severity into a value that is drawn."""
+        return -1.0 if self.criterion.bad == "low" and self.criterion.band is None else 1.0
+
+    @property
+    def side(self) -> str:
+        """'largest', 'smallest': what is searched for."""
+        if self.criterion.band is not None:
+            return "farthest out"
+        return {"high": "largest", "low": "smallest", "size": "largest absolute"}[self.criterion.bad]
 
     @property
     def at_bounds(self) -> list[str]:
@@ -66,12 +82,12 @@ class WorstFound:
         return {
             "metric": self.settings.metric,
             "controller": self.controller,
-            "value": self.metric(self.worst),
+            "value": self.value(self.worst),
             "outcome": self.flights.outcome[self.worst],
             "flight": self.worst,
             "flights": self.searched,
             "parameters": dict(zip(self.flights.names, samples, strict=True)),
-            "random_worst": self.metric(self.random_worst),
+            "random_worst": self.value(self.random_worst),
             "random_outcome": self.flights.outcome[self.random_worst],
             "random_flight": self.random_worst,
             "at_bounds": self.at_bounds,
@@ -83,9 +99,10 @@ class WorstFound:
 def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine | None = None) -> WorstFound:
     """Search, then fly as many random flights in the same box. Raises InputError for a request that is wrong."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
-    if settings.metric not in METRIC_INDEX:
-        wanted = one_of(METRIC_INDEX, settings.metric)
-        raise InputError("--metric", None, None, f"unknown metric '{settings.metric}'", wanted)
+    metric = find_metric(
+        campaign, settings.metric, lambda found, wanted: InputError("--metric", None, None, found, wanted)
+    )
+    criterion = Criterion(metric.name, settings.bad or metric.bad, band=None if settings.bad else metric.band)
     space = make_space(campaign)
     bounds = space.bounds(settings.box)
     space.refuse_small(bounds, settings.box)
@@ -95,9 +112,10 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
             "--flights", None, None, f"{settings.flights}", f"at least {least} for {len(space.names)} dispersions"
         )
     held = {"kind": "worst", **vars(settings)}
-    with open_search(request, held, 2 * settings.flights, engine or make_engine()) as search:
-        sign = 1.0 if settings.largest else -1.0
-        severity = Severity(settings.metric, sign, search.plan.timing.duration)
+    with open_search(
+        request, held, 2 * settings.flights, engine or make_engine(), metric.name in MARGIN_NAMES
+    ) as search:
+        severity = Severity(criterion, search.plan.timing.duration)
 
         def evaluate(points: Floats) -> Floats:
             return severity.of(search.fly(space.from_box(points, bounds), common_seed=True))
@@ -109,6 +127,8 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
         severities = severity.ranked(rows)
         found = WorstFound(
             settings,
+            metric,
+            criterion,
             controller,
             case,
             space.names,

@@ -23,7 +23,7 @@ def test_flights_ascend_whatever_the_order_of_their_blocks(tmp_path):
     assert found["x"].failed.tolist() == [False, False, True, False]
     assert found["x"].count_outcomes() == {"altitude_limit": 1, "ok": 3}
     assert found["y"].metrics["a_m"].tolist() == [3.0, 5.0]
-    assert list(found["x"].metrics) == ["a_m"]  # neither samples nor the end time
+    assert list(found["x"].metrics) == ["a_m", "end_time_s"]  # no samples
 
 
 def test_only_computed_flights_have_metrics(tmp_path):

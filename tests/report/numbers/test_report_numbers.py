@@ -41,16 +41,17 @@ def test_duel_counts_every_pair(failing_numbers):
     pair = failing_numbers["paired"]["tlc - lqr"]
     assert pair["pairs"] == 100
     assert pair["ended_early"]["only_b"] == 12
-    attack = pair["metrics"]["angle_of_attack_error_rms_deg"]
-    assert (attack["a_better"], attack["winner"]) == (100, "tlc")
+    sideslip = pair["metrics"]["sideslip_max_deg"]
+    assert (sideslip["a_better"], sideslip["winner"]) == (100, "tlc")
+    assert pair["metrics"]["angle_of_attack_error_rms_deg"]["winner"] is None  # nobody asked
 
 
 def test_worst_flights_begin_with_those_that_ended_early(failing_numbers):
     worst = failing_numbers["worst"]["lqr"]
-    assert len(worst) == 10
-    assert {entry["outcome"] for entry in worst} == {"sideslip_limit"}
-    shares = [entry["share"] for entry in failing_numbers["worst"]["tlc"]]
-    assert shares == sorted(shares, reverse=True)
+    assert len(worst) == 20
+    assert [entry["outcome"] for entry in worst] == ["sideslip_limit"] * 12 + ["ok"] * 8
+    beyond = [entry["beyond"] for entry in failing_numbers["worst"]["tlc"]]
+    assert beyond == sorted(beyond, reverse=True)
 
 
 def test_the_planted_driver_and_rule_are_found(failing_numbers):

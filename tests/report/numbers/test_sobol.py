@@ -59,7 +59,7 @@ def test_indices_within_noise_are_not_told(flown):
             for entry, total in zip(entries, (0.6, 0.5, 0.1), strict=True):
                 entry["total"], entry["first"] = [total, total - 0.4, total + 0.4], [0.7, 0.4, 1.0]
     first, second, *_ = summary_sentences(numbers)
-    assert first.startswith("What spreads an error most is for one and two open in altitude, speed")
+    assert first.startswith("What spreads an error most is for one and two open in max altitude error")
     assert "too few flights to share out" in second and "alone" not in second and "within" not in second
     for part in numbers["sobol"]["controllers"].values():
         for entries in part["metrics"].values():

@@ -15,10 +15,10 @@ def test_the_first_sentence_says_who_wins_and_at_what_usage(report_json):
         name: cell["q50"]["value"]
         for name, cell in report_json["metrics"]["speed_error_max_mps"]["controllers"].items()
     }
-    assert "TLC is closer on more flights in angle of attack (closer on" in first
+    assert "TLC is better on more flights in max speed error (closer on" in first
     assert f"medians {medians['tlc']:.1f} and {medians['lqr']:.1f} m/s)" in first
-    assert "no difference is shown in altitude" in first
-    usage = "TLC uses 10\u202f% more aileron, 10\u202f% more rudder and 10\u202f% more elevator"
+    assert "no difference is shown in max altitude error" in first
+    usage = "TLC uses 10\u202f% more aileron, 10\u202f% more elevator and 10\u202f% more rudder"
     assert f"{usage} (rms, median of the flights' ratios)" in first
 
 
@@ -34,11 +34,11 @@ def test_early_ends_are_told(failing_numbers):
 def test_tails_and_lost_flights_that_contradict_the_median_make_no_winner(report_json):
     numbers = copy.deepcopy(report_json)
     for pair in numbers["paired"].values():
-        pair["metrics"]["sideslip_rms_deg"] |= {"winner": None, "mixed": True, "closer": "tlc", "loses_more": True}
+        pair["metrics"]["sideslip_max_deg"] |= {"winner": None, "mixed": True, "closer": "tlc", "loses_more": True}
     first = summary_sentences(numbers)[0]
     assert first.startswith("Mixed: ")
-    assert "undecided in sideslip (TLC is closer on more flights but has more flights lost)" in first
-    assert "no difference is shown in altitude" in first
+    assert "undecided in max sideslip (TLC is closer on more flights but has more flights lost)" in first
+    assert "no difference is shown in max altitude error" in first
 
 
 def test_the_risk_is_of_the_rule_not_of_the_result(report_json):
@@ -66,10 +66,10 @@ def test_the_strongest_rival_comes_first(report_json):
     """The page began with the weakest rival: 'TLC is better', where a tuned LQR beats it in some errors."""
     numbers = copy.deepcopy(report_json)
     pair = numbers["paired"]["tlc - lqr_retuned"]
-    for metric in ("sideslip_rms_deg", "speed_error_max_mps"):
+    for metric in ("sideslip_max_deg", "speed_error_max_mps"):
         pair["metrics"][metric] |= {"winner": "lqr_retuned", "mixed": False}
     sentences = summary_sentences(numbers)
-    assert sentences[0].startswith("Mixed: against LQR retuned") and "further off on more flights in" in sentences[0]
+    assert sentences[0].startswith("Mixed: against LQR retuned") and "worse on more flights in" in sentences[0]
     assert any(text.startswith("Against LQR, on the same") for text in sentences[1:])
 
 
@@ -78,7 +78,7 @@ def test_of_rivals_that_stand_alike_the_one_that_fails_less_comes_first(report_j
     numbers = copy.deepcopy(report_json)
     for pair in numbers["paired"].values():
         for metric, entry in pair["metrics"].items():
-            entry |= {"winner": "tlc" if metric == "sideslip_rms_deg" else None, "mixed": False}
+            entry |= {"winner": "tlc" if metric == "sideslip_max_deg" else None, "mixed": False}
     for entry in numbers["requirements"]:
         entry["controllers"]["lqr"]["status"] = "FAIL"
         entry["controllers"]["lqr_retuned"]["status"] = "NOT SHOWN"
@@ -92,7 +92,7 @@ def test_errors_that_no_single_parameter_moves_are_told_together(report_json):
             parameter["driver"] = False
     (text,) = [text for text in summary_sentences(numbers) if text.startswith("What moves the errors of TLC")]
     assert text.count("no single parameter") == 1
-    assert "no single parameter moves altitude, speed, angle of attack, sideslip and bank." in text
+    assert "no single parameter moves max altitude error, max speed error and max sideslip." in text
 
 
 def test_flights_that_were_not_computed_are_told(report_json):

@@ -1,7 +1,7 @@
 import pytest
 
+from abhv_mc.flight.metrics import BUILT_IN
 from abhv_mc.plant.parameters import PARAMETERS
-from abhv_mc.report.numbers.metrics import _METRIC_WORDS
 from abhv_mc.report.numbers.parameters import shown_value, spoken_name
 from abhv_mc.report.numbers.words import bounds, estimate, fixed, p_value, percent, significant
 
@@ -67,7 +67,8 @@ def test_parameters_are_shown_as_deviations():
 
 
 def test_every_metric_has_words():
-    labels = [words.label_with_unit for words in _METRIC_WORDS.values()]
+    labels = [metric.label_with_unit for metric in BUILT_IN.values()]
     assert len(set(labels)) == len(labels)
-    assert _METRIC_WORDS["cross_track_error_final_m"].label_with_unit == "Cross-track error at the end (m)"
-    assert _METRIC_WORDS["angle_of_attack_min_deg"].sense == "low"
+    assert BUILT_IN["cross_track_error_final_m"].label_with_unit == "Cross-track error at the end (m)"
+    assert BUILT_IN["bank_error_settled_max_deg"].phrase == "max settled bank error"
+    assert BUILT_IN["angle_of_attack_min_deg"].bad == "low"

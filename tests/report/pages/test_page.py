@@ -102,7 +102,7 @@ def test_how_far_apart_the_samples_of_the_bands_lie_is_told(report_page):
 
 
 def test_every_command_is_there(report_page):
-    assert report_page.count("abhv-mc replay ") == 30
+    assert report_page.count("abhv-mc replay ") == 60
     assert re.search(r"abhv-mc replay &#39;[^&]*a campaign&#39; --flight \d+ --controller lqr_retuned", report_page)
     assert "abhv-mc verify campaign" in report_page
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.campaign.file.config import Campaign
+from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
 from abhv_mc.campaign.file.mistakes import find_more
 from abhv_mc.campaign.file.requirement_table import read_requirements
 from abhv_mc.campaign.file.requirements import (
@@ -127,14 +128,15 @@ def check_campaign(document: Document) -> CheckedCampaign:
     names = sample_file.names if sample_file else tuple(model.dispersions)
     copula = _make_copula(document, model, names, errors)
     own = find_own_channels(model.channels) if model.channels else ()
-    declared = _declare_metrics(document, model, own, errors)
+    declared, written = _declare_metrics(document, model, own, errors)
     metrics = {metric.name: metric for metric in (*METRICS, *declared)}
     measured = metrics | {metric.name: metric for metric in MARGINS}
-    limits = tuple(check_requirements(document, model, measured, errors))
-    by = model.keep.histories.by
-    if by not in metrics:
-        errors.append(document.error(("keep", "histories", "by"), f"unknown metric '{by}'", one_of(metrics, by)))
+    limits = tuple(check_requirements(document, model, measured, written, errors))
     number = _check_runs(document, model, names, sample_file, errors)
+    by = model.keep.histories.by
+    ranked = (BY_REQUIREMENTS, *(measured if model.margins and model.margins.of(number) == number else metrics))
+    if by not in ranked:
+        errors.append(document.error(("keep", "histories", "by"), f"'{by}'", one_of(ranked, by)))
     for item in model.keep.histories.flights:
         if isinstance(item, int) and item >= number:
             where = ("keep", "histories", "flights")
@@ -255,14 +257,15 @@ def _make_copula(document: Document, model: Campaign, names: Sequence[str], erro
 
 def _declare_metrics(
     document: Document, model: Campaign, own: Sequence[tuple[str, str]], errors: list[InputError]
-) -> tuple[Metric, ...]:
-    """The records of the campaign's own metrics; nothing of a file of channels is run."""
+) -> tuple[tuple[Metric, ...], frozenset[str]]:
+    """The records of the campaign's own metrics, and which of them say what is bad; no file of channels is run."""
     place: tuple[str, ...] = ("metrics",)
     entries, of = model.metrics, document
     if isinstance(entries, Path):
         of, entries = read_metrics_file(entries)
         place = ()
-    return declare_metrics(entries, own, of, place, errors)
+    written = frozenset(name for name, entry in entries.items() if entry.bad is not None)
+    return declare_metrics(entries, own, of, place, errors), written
 
 
 def _check_runs(

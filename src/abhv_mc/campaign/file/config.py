@@ -239,4 +239,8 @@ class Campaign(StrictModel):
         None, description="one risk for all verdicts together; left out: each requirement has its own"
     )
     keep: Keep = Field(Keep(), description="what is written besides the metrics of every flight")
+    figures: Literal["paper"] | None = Field(
+        None,
+        description="'paper': the channels' figures are those of Zhu and Shen 2014, with their numbers beside them",
+    )
     execution: Execution = Field(Execution(), description="how it is flown; no result depends on it")

@@ -11,7 +11,7 @@ import numpy as np
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
-from abhv_mc.flight.metrics import METRIC_INDEX, METRICS
+from abhv_mc.flight.metrics import BUILT_IN
 from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.statistics.evidence import flights_to_pass
@@ -41,7 +41,8 @@ def _requirements(campaign: CheckedCampaign) -> Iterator[InputError]:
     document, entries = campaign.document, campaign.model.requirements
     for i, (entry, limit) in enumerate(zip(entries, campaign.limits, strict=True)):
         side = "below" if entry.below is not None else "above"
-        if entry.metric not in METRIC_INDEX or not METRICS[METRIC_INDEX[entry.metric]].never_negative:
+        known = campaign.metrics | BUILT_IN
+        if not known[entry.metric].never_negative:
             continue
         if side == "below" and limit <= 0.0:
             found = f"'{entry.metric}' below {limit:g}, which no flight meets: it is never negative"

@@ -9,6 +9,7 @@ from abhv_mc.io.documents import Refusal, StrictModel, describe, one_of
 from abhv_mc.io.units import FREQUENCY, Frequency, parse_quantity
 
 _ALL_CHANNELS = tuple(CHANNEL_INDEX)
+BY_REQUIREMENTS = "requirements"
 
 
 def _rate(value: Any) -> Any:
@@ -68,7 +69,9 @@ class KeepHistories(StrictModel):
         ("worst 20",), description="all, none, failed, 'worst 20', 'every 100', a flight's number, or a list of these"
     )
     by: str = Field(
-        "altitude_error_max_m", description="metric that 'worst' goes by; flights that ended early come first"
+        BY_REQUIREMENTS,
+        description="what 'worst' goes by: requirements, shared in turn over them, or a metric; flights that ended "
+        "early come first",
     )
     channels: Channels = Field(_ALL_CHANNELS, description="names of channels, or all")
     rate: Rate = Field(10.0, description="samples per second of flight")

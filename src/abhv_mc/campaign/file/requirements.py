@@ -1,7 +1,7 @@
 """What a campaign requires of its flights, against the tables of metrics, its design and its mission."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from abhv_mc.campaign.file.config import Campaign, Requirement
@@ -35,9 +35,13 @@ def join_requirements(first: Iterable[Any], second: Iterable[Any], controllers: 
 
 
 def check_requirements(
-    document: Document, model: Campaign, metrics: Mapping[str, Metric], errors: list[InputError]
+    document: Document,
+    model: Campaign,
+    metrics: Mapping[str, Metric],
+    written: Collection[str],
+    errors: list[InputError],
 ) -> Iterator[float]:
-    """The limit of each requirement, in its metric's unit."""
+    """The limit of each requirement, in its metric's unit; ``written``: the metrics that say what is bad."""
     ids = [entry.id for entry in model.requirements]
     for i, entry in enumerate(model.requirements):
         where = ("requirements", i)
@@ -51,10 +55,15 @@ def check_requirements(
             wanted = one_of([name for name in metrics if model.margins or name not in _MARGIN_METRICS], entry.metric)
             errors.append(document.error((*where, "metric"), f"unknown metric '{entry.metric}'", wanted))
             continue
+        key, bad = ("below", "high") if entry.below is not None else ("above", "low")
+        said = metrics[entry.metric].bad
+        alone = len({other.below is None for other in model.requirements if other.metric == entry.metric}) == 1
+        if entry.metric in written and alone and said not in (bad, "size"):
+            found = f"'{key}' of '{entry.metric}', which says 'bad: {said}'"
+            errors.append(document.key_error((*where, key), found, f"'bad: {bad}' there, or a limit on the other side"))
         try:
             yield _limit(entry, metrics[entry.metric].unit)
         except Refusal as refusal:
-            key = "below" if entry.below is not None else "above"
             errors.append(document.error((*where, key), refusal.found, refusal.wanted))
 
 

@@ -1,4 +1,4 @@
-"""The paper's figures of single flights: every controller in the same axes, beside reference and command."""
+"""Channels of single flights: every controller in the same axes, beside reference and command."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
-from abhv_mc.report.figures.paper import GROUND_TRACK, PAPER_FIGURES, Curve
+from abhv_mc.report.figures.channels import CHANNEL_FIGURES, Curve, ground_track_text
 from abhv_mc.report.figures.style import INK, controller_colors, legend_below, new_figure, pad_if_flat, styled
-from abhv_mc.report.numbers.metrics import controller_label
+from abhv_mc.report.numbers.labels import controller_label
 
 Columns = Mapping[str, Floats]  # time and channels of one flight, or of the reference
 
@@ -24,11 +24,11 @@ class _Row:
 
 
 def plot_flown(flights: Mapping[str, Columns], reference: Columns) -> Iterator[tuple[str, Figure]]:
-    """Name and figure of Figures 2 to 11 with one flight of each controller."""
+    """Name and figure of each channel with one flight of each controller."""
     track = _Row(Curve("north_m", "north (km)", "north_reference_m", scale=1e-3), "east", "east (km)", 1e-3)
-    yield GROUND_TRACK.name, _plot([track], flights, reference)
-    for figure in PAPER_FIGURES:
-        yield figure.text.name, _plot([_Row(curve) for curve in figure.curves], flights, reference)
+    yield ground_track_text(of_paper=False).name, _plot([track], flights, reference)
+    for figure in CHANNEL_FIGURES:
+        yield figure.name, _plot([_Row(curve) for curve in figure.curves], flights, reference)
 
 
 def _x(row: _Row, columns: Columns, ending: str) -> Floats:

@@ -19,7 +19,7 @@ class MarginMarks:
 
     gain_db: Floats  # [flight]
     phase_deg: Floats
-    worst: Floats  # [flight] largest share of any limit; infinite where the flight ended early
+    worst: Floats  # [flight] distance beyond any limit; infinite where the flight ended early
     failed: NDArray[np.bool_]
 
 
@@ -30,7 +30,8 @@ def plot_margins(
     """How bad each flight is against its least gain and phase margin; filled marks are flights that failed."""
     figure, grid = new_panels(2, 2, 2.1, between=(0.3, 0.0), sharey=True)
     finite = np.concatenate([each.worst[np.isfinite(each.worst)] for each in marks.values()])
-    ceiling = 1.3 * float(finite.max(initial=1.0))
+    low, high = float(finite.min(initial=0.0)), float(finite.max(initial=0.0))
+    ceiling = high + 0.15 * (high - low or 1.0)
     panels = zip(
         grid.flat, ("gain_db", "phase_deg"), ("least gain margin (dB)", "least phase margin (deg)"), strict=True
     )
@@ -42,9 +43,7 @@ def plot_margins(
             style = {"s": 9, "marker": marker, "edgecolors": colors[name], "linewidths": 0.6}
             axes.scatter(across[~failed], height[~failed], facecolors="none", label=labels[name], **style)
             axes.scatter(across[failed], height[failed], facecolors=colors[name], **style)
-        if (finite > 0.0).any():
-            axes.set_yscale("log")
-        axes.axhline(1.0, color=INK, linewidth=0.7, linestyle="--")
+        axes.axhline(0.0, color=INK, linewidth=0.7, linestyle="--")
         axes.set_xlabel(label)
     grid.flat[0].set_ylabel(worst_label)
     legend_below(figure, grid.flat[0])

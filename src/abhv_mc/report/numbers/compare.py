@@ -1,17 +1,17 @@
 """Two campaigns flown on the same samples, compared flight by flight."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.report.numbers.failures import requirement_words
-from abhv_mc.report.numbers.flights import ControllerFlights, common_rows, severities
+from abhv_mc.report.numbers.flights import ControllerFlights, common_rows, distances
 from abhv_mc.report.numbers.paired import pair_numbers
 from abhv_mc.report.numbers.plain import plain
 from abhv_mc.report.numbers.results import Results, read_results
@@ -47,9 +47,6 @@ def parse_margins(texts: Sequence[str]) -> dict[str, float]:
             margin = parse_in_unit(value.strip(), "-") if sign else -1.0
         except Refusal:
             margin = -1.0
-        if metric.strip() not in METRIC_INDEX:
-            wanted = one_of(METRIC_INDEX, metric.strip())
-            raise InputError("--fail-if-worse", None, None, f"metric '{metric.strip()}'", wanted)
         if margin < 0.0:
             raise InputError("--fail-if-worse", None, None, f"'{text}'", "METRIC=SHARE, a share from 0 such as 5%")
         if metric.strip() in margins:
@@ -70,31 +67,45 @@ def compare_folders(
     a, b = read_results(folder_a), read_results(folder_b)
     require_same_samples(a, b)
     metrics = [name for name in a.metrics if name in b.metrics]
+    compared = [name for name in a.compared if name in metrics]
+    records = a.campaign.metrics
+    for metric in margins or {}:
+        if metric not in metrics:
+            raise InputError("--fail-if-worse", None, None, f"unknown metric '{metric}'", one_of(metrics, metric))
     requirements = [item for item in a.campaign.requirements if item.metric in metrics]
     pairs = []
     for one, other in _pairs(a, b, controllers):
         names = (f"{folder_a}: {one}", f"{folder_b}: {other}")
         found = pair_numbers(
-            a.flights[one], b.flights[other], names, metrics, requirements, independent=a.campaign.independent
+            a.flights[one],
+            replace(b.flights[other], records=records),
+            names,
+            metrics,
+            compared,
+            requirements,
+            independent=a.campaign.independent,
         )
         if found is not None:
             gates = {
-                metric: _gate(a.flights[one], b.flights[other], metric, m) for metric, m in (margins or {}).items()
+                metric: _gate(a.flights[one], replace(b.flights[other], records=records), metric, m)
+                for metric, m in (margins or {}).items()
             }
             pairs.append(found | {"not_worse": gates})
     if not pairs:
         raise InputError(folder_b, None, None, "no flight that both campaigns flew", f"flights of {folder_a}")
     for results in (a, b):
         results.refuse_changes()
-    return {"requirements": [requirement_words(item) for item in requirements], "paired": pairs}
+    return {
+        "requirements": [requirement_words(item, records) for item in requirements],
+        "words": {name: records[name].as_words() for name in metrics},
+        "paired": pairs,
+    }
 
 
 def _gate(a: ControllerFlights, b: ControllerFlights, metric: str, margin: float) -> dict[str, Any]:
-    """Whether `b` is shown to be at most so much worse. Raises InputError where one of them lacks the metric."""
-    if metric not in a.metrics or metric not in b.metrics:
-        raise InputError("--fail-if-worse", None, None, f"'{metric}', which not both have", "a metric of both")
+    """Whether `b` is shown to be at most so much worse."""
     rows_a, rows_b = common_rows(a, b)
-    values = severities(a, metric, rows_a), severities(b, metric, rows_b)
+    values = distances(a, metric, rows_a), distances(b, metric, rows_b)
     found = not_worse(*values, a.failed[rows_a], b.failed[rows_b], margin)
     return {**plain(found), "shown": found.shown}
 

@@ -4,7 +4,6 @@ from typing import Any
 
 from abhv_mc.report.numbers.failures import requirement_failures
 from abhv_mc.report.numbers.flights import severities
-from abhv_mc.report.numbers.metrics import words_of
 from abhv_mc.report.numbers.plain import level_name, plain
 from abhv_mc.report.numbers.results import Results
 from abhv_mc.statistics.convergence import Trace, failure_trace, looks, quantile_traces
@@ -26,7 +25,7 @@ def convergence_numbers(results: Results) -> dict[str, Any]:
         metrics = {}
         for metric in results.metrics:
             traces = quantile_traces(severities(flights, metric), counts)
-            sense = words_of(metric).sense
+            sense = flights.records[metric].bad
             metrics[metric] = {
                 level_name(level): _series(trace, sense) for level, trace in zip(LEVELS, traces, strict=True)
             }

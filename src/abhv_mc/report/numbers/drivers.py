@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.report.numbers.failures import failure_kinds
-from abhv_mc.report.numbers.flights import severities
-from abhv_mc.report.numbers.metrics import HEADLINE
+from abhv_mc.report.numbers.flights import distances
 from abhv_mc.report.numbers.parameters import shown_value, spoken_name
 from abhv_mc.report.numbers.plain import interval_at, plain
 from abhv_mc.report.numbers.results import Results
@@ -70,7 +69,7 @@ def _coefficients(results: Results, controller: str, rows: NDArray[np.intp]) -> 
     metrics, names = list(results.metrics), list(results.dispersed)
     flights = results.flights[controller]
     first = rows[:_MOST_FLIGHTS]
-    outputs = np.column_stack([severities(flights, metric, first) for metric in metrics])
+    outputs = np.column_stack([distances(flights, metric, first) for metric in metrics])
     inputs, folded = [], []
     for sampled in map(results.samples.__getitem__, names):
         inputs.append(sampled[flights.flight[first]])
@@ -116,7 +115,7 @@ def _given_data(
     whose flights are no random draws have an order that these would take for an effect.
     """
     names = list(results.dispersed)
-    chosen = [c for c, metric in enumerate(results.metrics) if metric in HEADLINE and not tells[c]]
+    chosen = [c for c, metric in enumerate(results.metrics) if metric in results.asked and not tells[c]]
     found = given_data_indices(inputs, outputs[:, chosen]) if chosen and results.campaign.independent else None
     if found is None:
         return {}

@@ -15,12 +15,12 @@ from abhv_mc.flight.failure_case import NO_FAILURE, failure_cases, failure_times
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.plant.parameters import FAILURE_TIMES
+from abhv_mc.report.figures.channels import FigureText, off_reference
 from abhv_mc.report.figures.failure_cases import CaseBand, CasePanel, plot_bands, plot_survival
-from abhv_mc.report.figures.paper import FigureText, off_reference
 from abhv_mc.report.numbers.columns import read_table
 from abhv_mc.report.numbers.failures import requirement_failures, requirement_words
 from abhv_mc.report.numbers.flights import ControllerFlights
-from abhv_mc.report.numbers.metrics import controller_label
+from abhv_mc.report.numbers.labels import controller_label
 from abhv_mc.report.numbers.plain import plain
 from abhv_mc.report.numbers.results import Results, read_histories
 from abhv_mc.report.numbers.words import count_of, percent
@@ -101,7 +101,8 @@ def failure_case_numbers(results: Results) -> dict[str, Any]:
                     missed = int(np.sum(requirement_failures(flights, item) & inside))
                     pair = Pair(missed, number, 0, item.probability, item.consumer_risk, item.producer_risk)
                     verdict = judge_pairs([pair], campaign.independent)[0]
-                    cell["requirements"][requirement_words(item)] = {"missed": missed, "status": verdict.status}
+                    words = requirement_words(item, campaign.metrics)
+                    cell["requirements"][words] = {"missed": missed, "status": verdict.status}
             entry["controllers"][name] = cell
         rows.append(entry)
     return {"cases": rows, "end_s": float(results.reference["time"][-1])}

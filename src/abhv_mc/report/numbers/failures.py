@@ -1,10 +1,12 @@
 """Which flights count as failures, and of what."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.flight.metrics import Metric
 from abhv_mc.report.numbers.flights import ControllerFlights
-from abhv_mc.report.numbers.metrics import words_of
 from abhv_mc.report.numbers.results import Requirement, Results
 from abhv_mc.statistics.judgement import Pair, judge_pairs
 from abhv_mc.statistics.requirement import requirement_failures as failures
@@ -61,15 +63,14 @@ def find_tolerance(flights: ControllerFlights, requirement: Requirement) -> dict
     return {"tolerance_limit": sign * found, "room": room, "beyond_lost": False}
 
 
-def requirement_words(requirement: Requirement) -> str:
+def requirement_words(requirement: Requirement, records: Mapping[str, Metric]) -> str:
     """'Altitude error, max < 50 m'."""
-    return limit_words(requirement.metric, requirement.limit, requirement.below)
+    return limit_words(records[requirement.metric], requirement.limit, requirement.below)
 
 
-def limit_words(metric: str, limit: float, below: bool) -> str:
+def limit_words(metric: Metric, limit: float, below: bool) -> str:
     """The same of a metric and its limit."""
-    words = words_of(metric)
-    return f"{words.label} {'<' if below else '>'} {limit:g}\N{NO-BREAK SPACE}{words.unit}".strip()
+    return f"{metric.label} {'<' if below else '>'} {metric.with_unit(f'{limit:g}')}"
 
 
 def failure_kinds(results: Results, controller: str) -> list[tuple[str, NDArray[np.bool_]]]:
@@ -77,7 +78,10 @@ def failure_kinds(results: Results, controller: str) -> list[tuple[str, NDArray[
     early = results.flights[controller].failed
     kinds = [(EARLY, early)]
     kinds += [
-        (f"missed: {requirement_words(item)}", requirement_failures(results.flights[controller], item))
+        (
+            f"missed: {requirement_words(item, results.campaign.metrics)}",
+            requirement_failures(results.flights[controller], item),
+        )
         for item in results.campaign.requirements
     ]
     return [(words, failed) for words, failed in kinds if failed.any()]

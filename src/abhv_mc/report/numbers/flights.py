@@ -1,7 +1,7 @@
 """The flights of a campaign by controller, from its blocks."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
+from abhv_mc.flight.metrics import BUILT_IN, Metric
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.report.numbers.columns import SpooledColumns, missing_file, read_table
-from abhv_mc.report.numbers.metrics import words_of
 from abhv_mc.statistics.estimates import severity
 
 _WANTED = "a block of flights"
@@ -29,6 +29,12 @@ class ControllerFlights:
     outcome: NDArray[np.uint8]  # [flight], of `Outcome`
     metrics: Mapping[str, Floats]  # name -> [flight], copied anew each time
     absent: NDArray[np.int64]  # numbers of the flights that could not be computed, ascending
+    records: Mapping[str, Metric] = field(default_factory=lambda: BUILT_IN)  # of the metrics, with what is bad
+
+    @property
+    def end_time(self) -> Floats:
+        """When each flight [flight] ended, s."""
+        return self.metrics[END_TIME.name]
 
     @property
     def not_computed(self) -> int:
@@ -51,7 +57,16 @@ def severities(flights: ControllerFlights, metric: str, rows: Any = slice(None))
 
     Of all flights, or of those in `rows`.
     """
-    return severity(flights.metrics[metric][rows], words_of(metric).sense, flights.failed[rows])
+    return severity(flights.metrics[metric][rows], flights.records[metric].bad, flights.failed[rows])
+
+
+def distances(flights: ControllerFlights, metric: str, rows: Any = slice(None)) -> Floats:
+    """The same, but for a metric that is required on both sides the distance [flight] outside its limits."""
+    band = flights.records[metric].band
+    if band is None:
+        return severities(flights, metric, rows)
+    values = flights.metrics[metric][rows]
+    return severity(np.maximum(band[0] - values, values - band[1]), "high", flights.failed[rows])
 
 
 def common_rows(a: ControllerFlights, b: ControllerFlights) -> tuple[Any, Any]:
@@ -77,18 +92,22 @@ class _Collected:
         self.outcome.append(outcome[computed])
         self.metrics.append(values[:, computed])
 
-    def finish(self) -> ControllerFlights:
+    def finish(self, records: Mapping[str, Metric]) -> ControllerFlights:
         """All of them, ascending by number."""
         flight, outcome = np.concatenate(self.flight), np.concatenate(self.outcome)
         if np.any(flight[1:] < flight[:-1]):
             order = np.argsort(flight, kind="stable")
             flight, outcome = flight[order], outcome[order]
             self.metrics.put_in_order(order)
-        return ControllerFlights(flight, outcome, self.metrics, np.sort(np.concatenate(self.absent)))
+        return ControllerFlights(flight, outcome, self.metrics, np.sort(np.concatenate(self.absent)), records)
 
 
-def read_flights(folder: Path, known: Collection[Path] | None = None) -> dict[str, ControllerFlights]:
+def read_flights(
+    folder: Path, known: Collection[Path] | None = None, records: Mapping[str, Metric] = BUILT_IN
+) -> dict[str, ControllerFlights]:
     """All blocks of a folder, each read once; controllers without a computed flight are left out.
+
+    ``records``: the metrics that the campaign knows.
 
     With ``known``, only those among them, which are as they were written.
 
@@ -109,7 +128,7 @@ def read_flights(folder: Path, known: Collection[Path] | None = None) -> dict[st
         for k, name in enumerate(names):
             rows = owner == k
             collected.setdefault(name, _Collected(metrics)).add(flight[rows], outcome[rows], values[:, rows])
-    flown = {name: found.finish() for name, found in collected.items()}
+    flown = {name: found.finish(records) for name, found in collected.items()}
     flown = {name: flights for name, flights in flown.items() if flights.flight.size}
     if not flown:
         raise missing_file(folder, "a flight that was computed")
@@ -117,12 +136,8 @@ def read_flights(folder: Path, known: Collection[Path] | None = None) -> dict[st
 
 
 def _find_metrics(schema: pa.Schema) -> list[str]:
-    """Columns of numbers that are neither samples, whose names have a point, nor the end time."""
-    return [
-        field.name
-        for field in schema
-        if "." not in field.name and field.name != END_TIME.name and pa.types.is_floating(field.type)
-    ]
+    """Columns of numbers that are no samples, whose names have a point."""
+    return [field.name for field in schema if "." not in field.name and pa.types.is_floating(field.type)]
 
 
 def _distinct(table: pa.Table, name: str) -> tuple[list[str], NDArray[np.intp]]:

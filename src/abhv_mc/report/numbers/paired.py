@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
+from abhv_mc.flight.metrics import SURFACE_USAGE, Metric
 from abhv_mc.report.numbers.failures import requirement_failures
-from abhv_mc.report.numbers.flights import ControllerFlights, common_rows, severities
-from abhv_mc.report.numbers.metrics import FOLLOWING, HEADLINE, HOLDING, USAGE, words_of
+from abhv_mc.report.numbers.flights import ControllerFlights, common_rows, distances
 from abhv_mc.report.numbers.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.numbers.results import Requirement, Results
 from abhv_mc.statistics.paired import compare_failures, compare_metric, compare_usage, median_ratio
@@ -27,6 +27,7 @@ def paired_numbers(results: Results) -> dict[str, Any]:
             results.flights[b],
             (a, b),
             results.metrics,
+            results.compared,
             results.campaign.requirements,
             rivals=len(list(results.pairs)),
             independent=results.campaign.independent,
@@ -41,20 +42,22 @@ def pair_numbers(
     flights_b: ControllerFlights,
     names: tuple[str, str],
     metrics: Iterable[str],
+    compared: Sequence[str],
     requirements: Sequence[Requirement],
     rivals: int = 1,
     independent: bool = True,
 ) -> dict[str, Any] | None:
     """Every metric, every requirement and the control usage of `a` against `b`; None without a common flight.
 
-    Winners allow for all `rivals` and for all metrics of the first screen; flights that are not `independent` draws
-    name none.
+    Winners are named of the `compared` metrics, and allow for all of these and for all `rivals`; flights that are not
+    `independent` draws name none.
     """
     rows_a, rows_b = common_rows(flights_a, flights_b)
     if not rows_a.size:
         return None
     metrics = list(metrics)
-    compared = rivals * max(1, sum(metric in (*FOLLOWING, *HOLDING) for metric in metrics))
+    rows = rivals * max(1, len(compared))
+    errors = [name for name in compared if flights_a.records[name].group == "tracking"]
     lost = flights_a.failed[rows_a], flights_b.failed[rows_b]
     numbers = flights_a.flight[rows_a]
     return {
@@ -63,12 +66,12 @@ def pair_numbers(
         "pairs": int(rows_a.size),
         "metrics": {
             metric: _metric(
-                severities(flights_a, metric, rows_a),
-                severities(flights_b, metric, rows_b),
-                metric,
+                distances(flights_a, metric, rows_a),
+                distances(flights_b, metric, rows_b),
                 names,
                 lost,
-                compared if independent else None,
+                rows if independent and metric in compared else 0,
+                flights_a.records[metric],
             )
             for metric in metrics
         },
@@ -79,10 +82,10 @@ def pair_numbers(
             for item in requirements
         ],
         "ended_early": _failures(flights_a.failed[rows_a], flights_b.failed[rows_b], numbers),
-        "usage": _usage(flights_a, flights_b, rows_a, rows_b),
+        "usage": _usage(flights_a, flights_b, rows_a, rows_b, errors),
         "surfaces": {
             metric: plain(median_ratio(flights_a.metrics[metric][rows_a], flights_b.metrics[metric][rows_b]))
-            for metric in USAGE
+            for metric in SURFACE_USAGE
             if metric in flights_a.metrics and metric in flights_b.metrics
         },
     }
@@ -91,16 +94,18 @@ def pair_numbers(
 def _metric(
     a: Floats,
     b: Floats,
-    metric: str,
     names: tuple[str, str],
     lost: tuple[NDArray[np.bool_], NDArray[np.bool_]],
-    compared: int | None,
+    rows: int,
+    record: Metric,
 ) -> dict[str, Any]:
+    """One metric; a winner is named among so many ``rows`` that are compared, or not where they are 0."""
     found = compare_metric(a, b)
-    decision = decide(a, b, *lost, compared) if compared else Decision("")
-    sense = words_of(metric).sense
+    decision = decide(a, b, *lost, rows) if rows else Decision("")
+    sense = "high" if record.band else record.bad
     levels = zip(found.levels, found.quantile_differences, strict=True)
     return {
+        "compared": rows > 0,
         "a_better": found.a_better,
         "b_better": found.b_better,
         "ties": found.ties,
@@ -125,18 +130,22 @@ def _failures(a: NDArray[np.bool_], b: NDArray[np.bool_], flight: NDArray[np.int
 
 def total_usage(metrics: Mapping[str, Floats]) -> Floats:
     """Root of the sum of the squared rms deflections of the three surfaces, deg [flight]."""
-    squares: Floats = np.sum([metrics[name] ** 2 for name in USAGE], axis=0)
+    squares: Floats = np.sum([metrics[name] ** 2 for name in SURFACE_USAGE], axis=0)
     return np.sqrt(squares)
 
 
 def _usage(
-    a: ControllerFlights, b: ControllerFlights, rows_a: NDArray[np.intp], rows_b: NDArray[np.intp]
+    a: ControllerFlights,
+    b: ControllerFlights,
+    rows_a: NDArray[np.intp],
+    rows_b: NDArray[np.intp],
+    errors: Sequence[str],
 ) -> dict[str, Any]:
-    if not {*USAGE, *HEADLINE} <= set(a.metrics) & set(b.metrics):
+    if not set(SURFACE_USAGE) <= set(a.metrics) & set(b.metrics):
         return {}
     flown = ~(a.failed[rows_a] | b.failed[rows_b])
     use_a, use_b = total_usage(a.metrics)[rows_a][flown], total_usage(b.metrics)[rows_b][flown]
     return {
         metric: plain(compare_usage(a.metrics[metric][rows_a][flown], b.metrics[metric][rows_b][flown], use_a, use_b))
-        for metric in HEADLINE
+        for metric in errors
     }

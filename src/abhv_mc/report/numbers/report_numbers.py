@@ -4,16 +4,18 @@ The same folder gives the same numbers to the last bit: seeds are fixed and noth
 Infinite and missing values are None.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from abhv_mc.flight.metrics import Metric
 from abhv_mc.report.numbers.convergence import convergence_numbers
 from abhv_mc.report.numbers.drivers import driver_numbers
 from abhv_mc.report.numbers.failure_cases import failure_case_numbers
 from abhv_mc.report.numbers.failures import find_tolerance, judge_all, requirement_failures, requirement_words
 from abhv_mc.report.numbers.findings import finding_numbers, left_out
-from abhv_mc.report.numbers.metrics import full_labels, words_of
+from abhv_mc.report.numbers.labels import full_labels
 from abhv_mc.report.numbers.paired import paired_numbers
 from abhv_mc.report.numbers.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.numbers.results import Requirement, Results
@@ -51,8 +53,8 @@ def _requirements(results: Results, judged: list[dict[str, Verdict]]) -> list[di
         {
             **item.traced,
             **{key: getattr(item, key) for key in ("metric", "below", "limit", "probability", "consumer_risk")},
-            "words": requirement_words(item),
-            "unit": words_of(item.metric).unit,
+            "words": requirement_words(item, results.campaign.metrics),
+            "unit": results.campaign.metrics[item.metric].unit.removeprefix("-"),
             "binds": list(item.controllers),
             "controllers": {name: _verdict(results, item, name, verdict) for name, verdict in verdicts.items()},
         }
@@ -97,14 +99,14 @@ def _together(results: Results, judged: list[dict[str, Verdict]]) -> dict[str, A
 def _metric_table(results: Results) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for metric in results.metrics:
-        words = words_of(metric)
+        record = results.campaign.metrics[metric]
         entry: dict[str, Any] = {}
         for name in results.controllers:
             flights = results.flights[name]
             measured = flights.metrics[metric]
-            values = severity(measured, words.sense, flights.failed)
+            values = severity(measured, record.bad, flights.failed)
             cell: dict[str, Any] = {
-                level_name(level): interval_in_sense(interval, words.sense)
+                level_name(level): interval_in_sense(interval, record.bad)
                 for level, interval in zip(LEVELS, quantiles(values, LEVELS), strict=True)
             }
             flown = np.where(flights.failed | np.isnan(measured), -np.inf, values)
@@ -115,8 +117,23 @@ def _metric_table(results: Results) -> dict[str, Any]:
             else:
                 cell["worst"] = cell["worst_flight"] = None
             entry[name] = cell
-        table[metric] = {"sense": words.sense, "controllers": entry}
+        table[metric] = {**record.as_words(), "same_as": _unsettled(results, record), "controllers": entry}
     return table
+
+
+def _unsettled(results: Results, record: Metric) -> str | None:
+    """The metric without the settled stretches' restriction that is the same in every flight; None for none."""
+    if not record.settled:
+        return None
+    for other in map(results.campaign.metrics.__getitem__, results.metrics):
+        same = replace(other, name="", doc="", label="", settled=True) == replace(record, name="", doc="", label="")
+        if same and not other.settled:
+            pairs = (
+                (flights.metrics[record.name], flights.metrics[other.name]) for flights in results.flights.values()
+            )
+            if all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
+                return other.name
+    return None
 
 
 def _ranges(results: Results) -> dict[str, Any]:
@@ -154,6 +171,8 @@ def make_numbers(results: Results) -> dict[str, Any]:
         "family_risk": results.campaign.family_risk,
         "held_together": _together(results, verdicts),
         "requirements": _requirements(results, verdicts),
+        "asked": list(results.asked),
+        "compared": list(results.compared),
         "metrics": _metric_table(results),
         "paired": paired_numbers(results),
         "noteworthy": finding_numbers(results),

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.campaign.sampling.seeds import is_seed
-from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES, METRICS
+from abhv_mc.flight.metrics import BUILT_IN, MARGIN_FAULTS, MARGIN_NAMES, Metric
 from abhv_mc.folder.envelopes import QUANTILE_COLUMNS
+from abhv_mc.folder.flights import END_TIME
 from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
@@ -23,6 +24,7 @@ from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.columns import FileColumns, read_table
 from abhv_mc.report.numbers.flights import ControllerFlights, read_flights
+from abhv_mc.statistics.ranking import Criterion
 
 BANDS = ("min", *QUANTILE_COLUMNS, "max")
 INDEPENDENT_DESIGNS = ("random",)
@@ -55,6 +57,11 @@ class CampaignFacts:
     sampling: str
     dispersions: dict[str, dict[str, Any]]
     requirements: tuple[Requirement, ...]
+    metrics: Mapping[str, Metric] = field(default_factory=lambda: BUILT_IN)  # with what is bad of them
+    asked: tuple[str, ...] = ()  # the metrics of its requirements, or what leads without any
+    criteria: tuple[Criterion, ...] = ()  # by which its flights are the worst
+    worst: int = 0  # how many of them keep their histories
+    figures: str | None = None  # the set of figures, where it names one
     margin_flights: int = 0  # of which margins were asked for
     margin_points: tuple[str | float, ...] = ()  # "trim", or s
     stops_when_proven: bool = False
@@ -107,15 +114,27 @@ class Results:
 
     @property
     def metrics(self) -> tuple[str, ...]:
-        """Metrics that the flights hold, in the order of the signal table, others after them."""
+        """Metrics that the flights hold: those that the campaign asks for first, then in the order of the records."""
         held = [name for name in next(iter(self.flights.values())).metrics if name not in self._apart]
-        known = [signal.name for signal in METRICS if signal.name in held]
-        return (*known, *(name for name in held if name not in known))
+        known = [name for name in (*self.asked, *self.campaign.metrics) if name in held]
+        return tuple(dict.fromkeys(known))
+
+    @property
+    def asked(self) -> tuple[str, ...]:
+        """The metrics that stand first."""
+        held = next(iter(self.flights.values())).metrics
+        return tuple(name for name in self.campaign.asked if name in held and name not in self._apart)
+
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """The metrics in which a winner is named: what is asked, and the control usage."""
+        usage = [name for name in self.metrics if self.campaign.metrics[name].group == "usage"]
+        return tuple(dict.fromkeys((*self.asked, *usage)))
 
     @property
     def _apart(self) -> tuple[str, ...]:
-        """Margins that not every flight has, which only the section on stability shows; and why there are none."""
-        faults = tuple(signal.name for signal in MARGIN_FAULTS)
+        """What is no metric; and margins that not every flight has, which only the section on stability shows."""
+        faults = (END_TIME.name, *(signal.name for signal in MARGIN_FAULTS))
         return faults if self.campaign.margin_flights >= self.campaign.runs else (*faults, *MARGIN_NAMES)
 
     @property
@@ -127,6 +146,8 @@ class Results:
 
 def read_facts(path: Path) -> CampaignFacts:
     """The resolved campaign file of a folder. Raises InputError where it is missing or is not one."""
+    from abhv_mc.campaign.file.asked import asked_metrics, known_metrics, ranking_criteria, worst_asked
+
     campaign = read_folder_campaign(CampaignFolder(path.parent))
     model, plain = campaign.model, campaign.document.data
     controllers = tuple(model.controllers)
@@ -140,6 +161,11 @@ def read_facts(path: Path) -> CampaignFacts:
         stops_when_proven=model.stop is not None,
         pooled_seeds=tuple(part.seed for part in model.pooled),
         family_risk=model.family.risk if model.family else None,
+        metrics=known_metrics(campaign),
+        asked=asked_metrics(campaign),
+        figures=model.figures,
+        criteria=ranking_criteria(campaign),
+        worst=worst_asked(campaign),
         margin_flights=model.margins.of(campaign.runs) if model.margins else 0,
         margin_points=model.margins.at if model.margins else (),
         dispersions=dict(plain.get("dispersions") or {}) if isinstance(plain, dict) else {},
@@ -193,7 +219,8 @@ def read_results(root: Path) -> Results:
         found = "shard {}/{} of a campaign".format(*manifest["shard"])
         raise InputError(root, None, None, found, "all of it: 'abhv-mc merge' joins its shards")
     samples = FileColumns(folder.samples, "the samples of a campaign", without="flight")
-    campaign, flights = read_facts(folder.campaign), read_flights(folder.flights, data_files(folder, manifest))
+    campaign = read_facts(folder.campaign)
+    flights = read_flights(folder.flights, data_files(folder, manifest), campaign.metrics)
     reference = _columns(read_table(folder.reference, "the mission's reference"))
     return Results(
         folder=root,

@@ -8,7 +8,7 @@ import numpy as np
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.report.numbers.failures import failed_anyhow
 from abhv_mc.report.numbers.flights import ControllerFlights
-from abhv_mc.report.numbers.metrics import controller_label
+from abhv_mc.report.numbers.labels import controller_label
 from abhv_mc.report.numbers.plain import plain
 from abhv_mc.report.numbers.results import Results
 from abhv_mc.report.numbers.words import count_of, fixed, percent

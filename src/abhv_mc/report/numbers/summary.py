@@ -7,17 +7,9 @@ from typing import Any
 from abhv_mc.report.numbers.drivers import otherwise_words
 from abhv_mc.report.numbers.failure_cases import failure_case_sentence
 from abhv_mc.report.numbers.findings import finding_sentences
-from abhv_mc.report.numbers.metrics import FOLLOWING, HOLDING, words_of
 from abhv_mc.report.numbers.parameters import spoken_name
 from abhv_mc.report.numbers.words import count_of, fixed, joined, p_value, percent, significant
 
-_SHORT = {
-    "angle_of_attack_error_rms_deg": "angle of attack",
-    "sideslip_rms_deg": "sideslip",
-    "bank_error_rms_deg": "bank",
-    "altitude_error_max_m": "altitude",
-    "speed_error_max_mps": "speed",
-}
 _NAMED = 2  # drivers of an error
 _MOVED = 2  # controllers whose drivers are told
 _LOST_RISK = 0.05  # of saying that one controller loses more flights where both are as good
@@ -27,6 +19,10 @@ _SURE = 0.5  # of a total index: half an interval up to which it is told
 
 def _label(numbers: Mapping[str, Any], name: str) -> str:
     return str(numbers["campaign"]["labels"][name])
+
+
+def _phrase(numbers: Mapping[str, Any], metric: str) -> str:
+    return str(numbers["metrics"][metric]["phrase"])
 
 
 def _requirements_sentence(numbers: Mapping[str, Any]) -> str:
@@ -56,21 +52,21 @@ def _together_words(numbers: Mapping[str, Any]) -> str:
     )
 
 
-def _standing(pair: Mapping[str, Any], numbers: Mapping[str, Any] | None = None) -> dict[str, list[str]]:
-    """What the first controller of a pair is better in, worse in, mixed, and where no difference is shown.
+def _standing(pair: Mapping[str, Any], numbers: Mapping[str, Any], full: bool = False) -> dict[str, list[str]]:
+    """What of what is asked the first controller of a pair is better in, worse in, mixed, and what is open.
 
-    With the campaign's numbers, the shares of flights that were tested stand beside what one is better in.
+    In ``full``, the shares of flights that were tested stand beside what one is better in.
     """
     found: dict[str, list[str]] = {"better": [], "worse": [], "mixed": [], "open": []}
-    for metric in (*FOLLOWING, *HOLDING):
+    for metric in numbers["asked"]:
         if metric in pair["metrics"]:
             entry = pair["metrics"][metric]
             won = {pair["a"]: "better", pair["b"]: "worse"}.get(entry["winner"], "open")
-            words = _SHORT[metric]
+            words = _phrase(numbers, metric)
             if entry["mixed"]:
                 won = "mixed"
-                words += f" ({_contradiction(entry, numbers)})" if numbers else ""
-            elif numbers and won != "open":
+                words += f" ({_contradiction(entry, numbers)})" if full else ""
+            elif full and won != "open":
                 words += _counts(pair, metric, numbers)
             found[won].append(words)
     return found
@@ -85,24 +81,25 @@ def _counts(pair: Mapping[str, Any], metric: str, numbers: Mapping[str, Any]) ->
     cells = [numbers["metrics"][metric]["controllers"][pair[side]]["q50"] for side in ("a", "b")]
     if any(cell["value"] is None for cell in cells):  # so many flights were lost that there is no median
         return f" ({', '.join(words)})"
-    for digits in (2, 3, 4):  # as many as tell them apart
+    unit = numbers["metrics"][metric]["unit"].removeprefix("-")
+    for digits in (2, 3, 4, 6):  # as many as tell them apart
         a, b = (significant(cell["value"], digits) for cell in cells)
         if a != b:
             break
-    return f" ({', '.join(words)}; medians {a} and {b} {words_of(metric).unit})"
+    return f" ({', '.join(words)}; medians {a} and {b} {unit})".replace(" )", ")")
 
 
 def _contradiction(entry: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
     """Why the controller that is closer on more flights is no winner."""
     closer = _label(numbers, entry["closer"]) if entry.get("closer") else "one"
-    reasons = [f"a larger {100.0 * level:.4g} % quantile" for level in entry.get("worse_tails", [])[:1]]
+    reasons = [f"a worse {100.0 * level:.4g} % quantile" for level in entry.get("worse_tails", [])[:1]]
     reasons += ["more flights lost"] if entry.get("loses_more") else []
     return f"{closer} is closer on more flights but has {joined(reasons)}"
 
 
-def _verdict_of(pair: Mapping[str, Any]) -> str:
+def _verdict_of(pair: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
     """'better', 'worse', 'mixed' or 'open' over all errors of a pair, lost flights among them."""
-    found, lost = _standing(pair), pair["ended_early"]
+    found, lost = _standing(pair, numbers), pair["ended_early"]
     sides = {side for side in ("better", "worse") if found[side]}
     if found["mixed"] or len(sides) == 2:
         return "mixed"
@@ -116,22 +113,22 @@ def _by_strength(numbers: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     order = {"worse": 0, "mixed": 1, "open": 2, "better": 3}
 
     def strength(pair: Mapping[str, Any]) -> tuple[int, int, int]:
-        found = _standing(pair)
+        found = _standing(pair, numbers)
         failed = sum(entry["controllers"][pair["b"]]["status"] == "FAIL" for entry in numbers["requirements"])
-        return order[_verdict_of(pair)], len(found["better"]) - len(found["worse"]), failed
+        return order[_verdict_of(pair, numbers)], len(found["better"]) - len(found["worse"]), failed
 
     return sorted(numbers["paired"].values(), key=strength)
 
 
 def _pair_sentences(numbers: Mapping[str, Any]) -> list[str]:
     """Against each rival, the strongest first; the first sentence begins with the answer over all rivals."""
-    pairs = [pair for pair in _by_strength(numbers) if any(_standing(pair).values())]
+    pairs = [pair for pair in _by_strength(numbers) if any(_standing(pair, numbers).values())]
     if not pairs:
         return []
     if not numbers["campaign"]["independent_flights"]:
         design = numbers["campaign"]["sampling"]
         return [f"No winner is named: the flights of a {design} design are not independent draws."]
-    verdicts = {_verdict_of(pair) for pair in pairs}
+    verdicts = {_verdict_of(pair, numbers) for pair in pairs}
     name = _label(numbers, pairs[0]["a"])
     overall = {"better": f"{name} is better: ", "worse": f"{name} is worse: ", "open": "No difference is shown: "}
     head = overall.get(next(iter(verdicts)), "Mixed: ") if len(verdicts) == 1 else "Mixed: "
@@ -140,22 +137,22 @@ def _pair_sentences(numbers: Mapping[str, Any]) -> list[str]:
 
 
 def _pair_sentence(pair: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
-    found, first = _standing(pair, numbers), _label(numbers, pair["a"])
+    found, first = _standing(pair, numbers, full=True), _label(numbers, pair["a"])
     words = {
-        "better": "it is closer on more flights in",
-        "worse": "it is further off on more flights in",
+        "better": "it is better on more flights in",
+        "worse": "it is worse on more flights in",
         "mixed": "undecided in",
         "open": "no difference is shown in",
     }
     parts = [f"{words[side]} {joined(found[side])}" for side in words if found[side]]
-    text = "; ".join(parts).replace("it is", f"{first} is", 1) + _tails_words(pair)
+    text = "; ".join(parts).replace("it is", f"{first} is", 1) + _tails_words(pair, numbers)
     flights = f"on the same {fixed(pair['pairs'], 0)} flights"
     return f"against {_label(numbers, pair['b'])}, {flights}, {text}{_usage_words(pair, first)}."
 
 
-def _tails_words(pair: Mapping[str, Any]) -> str:
+def _tails_words(pair: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
     """'; tails not compared ...' where the flights are too few to compare the tails of an error with a winner."""
-    metrics = [m for m in (*FOLLOWING, *HOLDING) if m in pair["metrics"]]
+    metrics = [m for m in numbers["asked"] if m in pair["metrics"]]
     entries = [pair["metrics"][m] for m in metrics if pair["metrics"][m]["winner"]]
     levels = sorted({level for entry in entries for level in entry.get("uncompared_tails", [])})
     if not levels:
@@ -209,11 +206,11 @@ def _driver_sentence(numbers: Mapping[str, Any], name: str) -> str:
     parts, widths = [], [0.0]
     none: list[str] = []
     unsure: list[str] = []
-    for metric in (*HOLDING, *FOLLOWING):
+    for metric in numbers["asked"]:
         if metric in sobol:
             top = [e for e in sobol[metric] if e["total"][1] > _LEAST_SHARE][:_NAMED]
             sure = [e for e in top if _half(e) <= max(_SURE * e["total"][0], _LEAST_SHARE)]
-            unsure += [_SHORT[metric]] if top and not sure else []
+            unsure += [_phrase(numbers, metric)] if top and not sure else []
             widths += [_half(e) for e in sure]
             words = [f"{spoken_name(e['parameter'])} ({_share(e, 'total')}, {_share(e, 'first')} alone)" for e in sure]
         else:
@@ -221,9 +218,9 @@ def _driver_sentence(numbers: Mapping[str, Any], name: str) -> str:
             words = [spoken_name(parameter) for parameter in dict.fromkeys(found)][:_NAMED]
             words = words or otherwise_words(ranks.get(metric, {}).get("otherwise", []))[:_NAMED]
             if not words and metric in ranks:
-                none.append(_SHORT[metric])
+                none.append(_phrase(numbers, metric))
         if words:
-            parts.append(f"{_SHORT[metric]}: {joined(words)}")
+            parts.append(f"{_phrase(numbers, metric)}: {joined(words)}")
     told = bool(parts)
     parts += [f"no single parameter moves {joined(none)}"] if none else []
     parts += [f"too few flights to share out {joined(unsure)}"] if unsure else []
@@ -239,17 +236,17 @@ def _first_drivers_sentence(numbers: Mapping[str, Any]) -> str:
     """In which errors the parameter with the largest total index is the same for all controllers, and where not."""
     found = {n: part["metrics"] for n, part in numbers["sobol"].get("controllers", {}).items() if part["metrics"]}
     same, apart, untold = [], [], []
-    for metric in (*HOLDING, *FOLLOWING) if len(found) > 1 else ():
+    for metric in numbers["asked"] if len(found) > 1 else ():
         if any(metric not in part for part in found.values()):
             continue
         first = {name: spoken_name(part[metric][0]["parameter"]) for name, part in found.items()}
         if not all(_leads(part[metric]) for part in found.values()):
-            untold.append(_SHORT[metric])
+            untold.append(_phrase(numbers, metric))
         elif len(set(first.values())) == 1:
-            same.append(f"{_SHORT[metric]} ({next(iter(first.values()))})")
+            same.append(f"{_phrase(numbers, metric)} ({next(iter(first.values()))})")
         else:
             each = [f"{word} for {_label(numbers, name)}" for name, word in first.items()]
-            apart.append(f"{_SHORT[metric]} ({', '.join(each)})")
+            apart.append(f"{_phrase(numbers, metric)} ({', '.join(each)})")
     parts = [f"the same in {joined(same)}"] if same else []
     parts += [f"it differs in {joined(apart)}"] if apart else []
     if untold:

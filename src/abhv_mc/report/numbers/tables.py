@@ -4,15 +4,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from abhv_mc.report.numbers.drivers import otherwise_words
-from abhv_mc.report.numbers.metrics import FOLLOWING, HOLDING, USAGE, controller_label, words_of
+from abhv_mc.report.numbers.labels import controller_label
 from abhv_mc.report.numbers.parameters import parameter_doc, shown_value, spoken_name
 from abhv_mc.report.numbers.words import bounds, count_of, estimate, fixed, joined, p_value, percent, significant
 
 GROUPS = {
+    "asked": "What is asked",
     "tracking": "Tracking errors",
     "usage": "Control usage",
     "loads": "Loads and validity",
     "stability": "Stability margins",
+    "user": "Metrics of this campaign",
 }
 _BOUGHT = ("less_error_less", "less_error_more", "more_error_less", "more_error_more")
 _LEVELS = ("q50", "q95", "q99.73")
@@ -65,7 +67,7 @@ def _tolerance(found: Mapping[str, Any], entry: Mapping[str, Any]) -> tuple[str,
         return "\N{EM DASH}", "\N{EM DASH}"
     if found["tolerance_limit"] is None:
         return ("too many flights lost" if found["beyond_lost"] else "too few flights"), "\N{EM DASH}"
-    unit, room = words_of(entry["metric"]).unit, found["room"]
+    unit, room = entry["unit"], found["room"]
     limit = (
         f"{'<' if entry['below'] else '>'} {significant(found['tolerance_limit'], 4)}\N{NO-BREAK SPACE}{unit}".rstrip()
     )
@@ -79,10 +81,9 @@ def headline_rows(numbers: Mapping[str, Any]) -> list[Row]:
     """Medians and paired differences of what the first screen compares: errors first, then usage."""
     rows = []
     controllers = numbers["campaign"]["controllers"]
-    for metric in (*FOLLOWING, *HOLDING, *USAGE):
-        if metric not in numbers["metrics"]:
-            continue
-        table = numbers["metrics"][metric]["controllers"]
+    for metric in numbers["compared"]:
+        words = numbers["metrics"][metric]
+        table = words["controllers"]
         differences = []
         for other in controllers[1:]:
             pair = _pair_of(numbers, controllers[0], other)
@@ -98,8 +99,8 @@ def headline_rows(numbers: Mapping[str, Any]) -> list[Row]:
             )
         rows.append(
             {
-                "label": words_of(metric).label_with_unit,
-                "group": words_of(metric).group,
+                "label": words["label_with_unit"],
+                "group": "" if metric in numbers["asked"] else words["group"],
                 "medians": [_cell(table[name]["q50"]) for name in controllers],
                 "differences": differences,
             }
@@ -114,12 +115,13 @@ def _winner(found: Mapping[str, Any]) -> str:
 
 
 def metric_groups(numbers: Mapping[str, Any]) -> Iterator[Row]:
-    """Every metric of every controller, by group."""
+    """Every metric of every controller: what is asked, then by group; settled ones where they say something else."""
     controllers = numbers["campaign"]["controllers"]
     for group, title in GROUPS.items():
         entries = []
         for metric, table in numbers["metrics"].items():
-            if words_of(metric).group != group:
+            own = "asked" if metric in numbers["asked"] else table["group"]
+            if own != group or (group != "asked" and table["same_as"]):
                 continue
             lines = []
             for name in controllers:
@@ -136,10 +138,8 @@ def metric_groups(numbers: Mapping[str, Any]) -> Iterator[Row]:
                         "better": count_of(found["a_better"], pair["pairs"]) if found and pair else "",
                     }
                 )
-            low = table["sense"] == "low"
-            entries.append(
-                {"label": words_of(metric).label_with_unit, "doc": words_of(metric).doc, "low": low, "lines": lines}
-            )
+            low = table["bad"] == "low"
+            entries.append({"label": table["label_with_unit"], "doc": table["doc"], "low": low, "lines": lines})
         if entries:
             yield {"title": title, "name": group, "entries": entries}
 
@@ -150,13 +150,13 @@ def pair_tables(numbers: Mapping[str, Any]) -> list[Row]:
     for pair in numbers["paired"].values():
         a, b = controller_label(pair["a"]), controller_label(pair["b"])
         quantiles = []
-        for metric in (*FOLLOWING, *HOLDING, *USAGE):
+        for metric in numbers["compared"]:
             if metric in pair["metrics"]:
                 found = pair["metrics"][metric]
                 gain = found["pairing_gain"]
                 quantiles.append(
                     {
-                        "label": words_of(metric).label_with_unit,
+                        "label": numbers["metrics"][metric]["label_with_unit"],
                         "levels": [_cell(found[level]) for level in _LEVELS],
                         "saved": f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none",
                     }
@@ -168,7 +168,7 @@ def pair_tables(numbers: Mapping[str, Any]) -> list[Row]:
         failures.append(_failure_row("Reached the end of the mission", pair["ended_early"]))
         usage = [
             {
-                "label": words_of(metric).label,
+                "label": numbers["metrics"][metric]["label"],
                 "error": _cell(found["error_ratio"]),
                 "usage": _cell(found["usage_ratio"]),
                 "shares": [percent(found[f"{kind}_usage"] / found["pairs"], 2) for kind in _BOUGHT],
@@ -201,7 +201,7 @@ def driver_rows(numbers: Mapping[str, Any]) -> list[Row]:
     """For each controller and headline metric, what drives it."""
     rows = []
     for name, part in numbers["drivers"].get("controllers", {}).items():
-        for metric in (*FOLLOWING, *HOLDING):
+        for metric in numbers["asked"]:
             if metric not in part["metrics"]:
                 continue
             table = part["metrics"][metric]
@@ -209,7 +209,7 @@ def driver_rows(numbers: Mapping[str, Any]) -> list[Row]:
             rows.append(
                 {
                     "controller": controller_label(name),
-                    "label": words_of(metric).label,
+                    "label": numbers["metrics"][metric]["label"],
                     "explained": percent(table["explained"], 2),
                     "otherwise": _otherwise(table["otherwise"]),
                     "drivers": [
@@ -245,14 +245,14 @@ def sobol_rows(numbers: Mapping[str, Any]) -> list[Row]:
     for name, part in numbers["sobol"].get("controllers", {}).items():
         if part["refused"]:
             rows.append({"controller": controller_label(name), "refused": part["refused"], "label": "", "indices": []})
-        for metric in (*FOLLOWING, *HOLDING):
+        for metric in numbers["asked"]:
             if metric in part["metrics"]:
                 indices = [
                     {key: word(entry["parameter"]) for key, word in _PARAMETER_WORDS.items()}
                     | {kind: _cell(_interval(entry[kind])) for kind in ("first", "total")}
                     for entry in part["metrics"][metric][:4]
                 ]
-                label = words_of(metric).label
+                label = numbers["metrics"][metric]["label"]
                 rows.append({"controller": controller_label(name), "refused": None, "label": label, "indices": indices})
     return rows
 
@@ -271,9 +271,9 @@ def worst_tables(numbers: Mapping[str, Any], folder: str) -> list[Row]:
             {
                 "flight": entry["flight"],
                 "outcome": entry["outcome"].replace("_", " "),
-                "by": words_of(entry["by"]).label if entry["by"] else "",
-                "share": percent(entry["share"], 2),
-                "values": [significant(entry["metrics"].get(m)) for m in (*FOLLOWING, *HOLDING)],
+                "by": numbers["metrics"][entry["by"]]["label"] if entry["by"] else "",
+                "beyond": significant(entry["beyond"], 3),
+                "values": [significant(entry["metrics"].get(m), 6) for m in numbers["asked"]],
                 "samples": ", ".join(_dispersion_words(dispersion) for dispersion in entry["largest"]),
                 "command": f"abhv-mc replay {folder} --flight {entry['flight']} --controller {name}",
             }

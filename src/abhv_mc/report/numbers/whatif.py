@@ -13,7 +13,6 @@ from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.failures import requirement_failures, requirement_words
 from abhv_mc.report.numbers.flights import ControllerFlights, severities
-from abhv_mc.report.numbers.metrics import words_of
 from abhv_mc.report.numbers.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.numbers.results import Results, read_results
 from abhv_mc.statistics.binomial import clopper_pearson
@@ -53,6 +52,8 @@ def make_whatif(root: Path, settings: Mapping[str, Mapping[str, Any]]) -> dict[s
         "before": plain(change.before),
         "after": plain(change.after),
         "stopped_when_proven": campaign.model.stop is not None,
+        "asked": list(results.compared),
+        "words": {name: results.campaign.metrics[name].as_words() for name in results.metrics},
         "controllers": controllers,
     }
 
@@ -76,7 +77,11 @@ def _requirements(results: Results, flights: ControllerFlights, weights: Floats,
         count = int(failed.sum())
         before = Interval(count / failed.size, *clopper_pearson(count, failed.size))
         after = weighted_share(failed, weights, unseen)
-        entry = {"metric": item.metric, "words": requirement_words(item), "probability": item.probability}
+        entry = {
+            "metric": item.metric,
+            "words": requirement_words(item, flights.records),
+            "probability": item.probability,
+        }
         listed.append(entry | {"failure_share": {"before": plain(before), "after": plain(after)}})
     return listed
 
@@ -84,7 +89,7 @@ def _requirements(results: Results, flights: ControllerFlights, weights: Floats,
 def _metrics(results: Results, flights: ControllerFlights, weights: Floats, unseen: float) -> dict[str, Any]:
     table = {}
     for metric in results.metrics:
-        values, sense = severities(flights, metric), words_of(metric).sense
+        values, sense = severities(flights, metric), flights.records[metric].bad
         table[metric] = {
             level_name(level): {
                 "before": interval_in_sense(quantile(values, level), sense),

@@ -1,6 +1,6 @@
 """The worst flights of each controller."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,58 +9,47 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.report.numbers.flights import ControllerFlights, severities
-from abhv_mc.report.numbers.metrics import HEADLINE, USAGE
+from abhv_mc.report.numbers.flights import ControllerFlights
 from abhv_mc.report.numbers.plain import plain
-from abhv_mc.report.numbers.results import Requirement, Results
+from abhv_mc.report.numbers.results import Results
+from abhv_mc.statistics.ranking import Criterion, choose_worst, order_of, spread
 
-_LISTED = 10
+_LISTED = 10  # where no number of worst flights keeps its histories
 _LARGEST = 3  # dispersions of a flight that are told
 
 
-def _scores(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -> Iterator[tuple[str, Floats]]:
-    """Metrics as shares [flight] of what they may be: of the limit that they have to keep, or of their own median."""
-    for metric, item in {item.metric: item for item in requirements}.items():
-        value = flights.metrics[metric]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = value / item.limit if item.below else item.limit / value
-        yield metric, _comparable(share)
-    if requirements:
-        return
-    for metric in HEADLINE:
-        if metric in flights.metrics:
-            value = severities(flights, metric)
-            finite = value[np.isfinite(value)]
-            middle = float(np.median(finite)) if finite.size else 0.0
-            yield metric, _comparable(value / (middle or 1.0))
+def rank_worst(flights: ControllerFlights, criteria: Sequence[Criterion], number: int) -> list[int]:
+    """The rows [flight] of the worst flights, as histories are kept of them; listed with the very worst first.
 
-
-def _comparable(share: Floats) -> Floats:
-    return np.where(np.isnan(share), np.inf, share)
-
-
-def rank_worst(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -> NDArray[np.intp]:
-    """Rows [flight], worst first: those that ended early, then by the largest share of any limit."""
-    share: Floats | None = None
-    for _, score in _scores(flights, requirements):
-        share = score if share is None else np.maximum(share, score)
-    if share is None:
-        return np.lexsort((flights.flight, ~flights.failed))
-    return np.lexsort((flights.flight, -share, ~flights.failed))
-
-
-def worst_share(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -> Floats:
-    """The largest share [flight] of any limit, or, without requirements, of any headline metric's median.
-
-    Infinite where the flight ended early.
+    Those that ended early, then those furthest beyond a limit, in spreads of its metric.
     """
-    share = np.zeros(flights.flight.size)
-    for _, score in _scores(flights, requirements):
-        share = np.maximum(share, score)
-    return np.where(flights.failed, np.inf, share)
+    whole = ~flights.failed
+    early = zip(flights.end_time[~whole].tolist(), flights.flight[~whole].tolist(), strict=True)
+    excess = [criterion.excess(flights.metrics[criterion.metric])[whole] for criterion in criteria]
+    chosen = choose_worst(early, [order_of(each, flights.flight[whole]) for each in excess], number)
+    rows = np.searchsorted(flights.flight, chosen)
+    beyond = distance_beyond(flights, criteria)[0][rows]
+    early_first = np.where(flights.failed[rows], flights.end_time[rows], np.inf)
+    return rows[np.lexsort((flights.flight[rows], -beyond, early_first))].tolist()
 
 
-def _spread(column: Floats) -> tuple[float, float]:
+def distance_beyond(flights: ControllerFlights, criteria: Sequence[Criterion]) -> tuple[Floats, NDArray[np.intp]]:
+    """The largest distance [flight] beyond a limit, in spreads of its metric over all flights, and which limit that is.
+
+    Without requirements the limit is the median. Infinite where the flight ended early.
+    """
+    table = np.zeros((max(1, len(criteria)), flights.flight.size))
+    for i, criterion in enumerate(criteria):
+        values = flights.metrics[criterion.metric]
+        excess = criterion.excess(values)
+        finite = excess[np.isfinite(excess) & ~flights.failed]
+        middle = 0.0 if criterion.required or not finite.size else float(np.median(finite))
+        table[i] = (excess - middle) / spread(values[~flights.failed])
+    which = np.argmax(table, axis=0)
+    return np.where(flights.failed, np.inf, table.max(axis=0)), which
+
+
+def _moments(column: Floats) -> tuple[float, float]:
     """Mean and standard deviation; both infinite where some flights have an infinite value: it never comes to them."""
     return (float(np.mean(column)), float(np.std(column))) if np.isfinite(column).all() else (np.inf, np.inf)
 
@@ -83,28 +72,27 @@ def _largest(samples: Mapping[str, float], spread: Mapping[str, tuple[float, flo
 
 
 def worst_numbers(results: Results) -> dict[str, Any]:
-    """The ten worst flights of each controller, with what they were worst in."""
+    """The worst flights of each controller, those whose histories are kept, with what they were worst in."""
     worst = {}
-    requirements = results.campaign.requirements
+    criteria = results.campaign.criteria
     for name in results.controllers:
         flights = results.flights[name]
-        rows = rank_worst(flights, requirements)[:_LISTED]
+        rows = np.array(rank_worst(flights, criteria, results.campaign.worst or _LISTED), dtype=np.intp)
+        beyond, which = distance_beyond(flights, criteria)
         numbers = flights.flight[rows]
-        scores = {metric: score[rows] for metric, score in _scores(flights, requirements)}
-        table = np.stack(list(scores.values())) if scores else np.zeros((0, 0))
-        metrics = {m: flights.metrics[m][rows] for m in (*HEADLINE, *USAGE) if m in flights.metrics}
+        metrics = {m: flights.metrics[m][rows] for m in results.compared}
         samples = {key: value[numbers] for key, value in results.samples.items()}
-        spread = {key: _spread(column) for key, column in results.samples.items() if not is_seed(key)}
+        moments = {key: _moments(column) for key, column in results.samples.items() if not is_seed(key)}
         worst[name] = [
             {
                 "flight": int(numbers[i]),
                 "outcome": Outcome(int(flights.outcome[row])).code,
-                "by": list(scores)[int(np.argmax(table[:, i]))] if scores else None,
-                "share": plain(float(table[:, i].max())) if scores else None,
+                "by": None if flights.failed[row] or not criteria else criteria[which[row]].metric,
+                "beyond": plain(float(beyond[row])),
                 "metrics": {metric: plain(values[i]) for metric, values in metrics.items()},
                 "samples": {key: plain(values[i]) for key, values in samples.items()},
-                "largest": _largest({key: float(values[i]) for key, values in samples.items()}, spread),
+                "largest": _largest({key: float(values[i]) for key, values in samples.items()}, moments),
             }
-            for i, row in enumerate(rows)
+            for i, row in enumerate(rows.tolist())
         ]
     return worst

@@ -11,7 +11,7 @@ from abhv_mc.analysis.explain import Explanation
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.report.figures.explained import ExplainedPanel, plot_explained
-from abhv_mc.report.numbers.metrics import FLIGHT_PANELS, controller_label
+from abhv_mc.report.numbers.labels import FLIGHT_PANELS, controller_label
 from abhv_mc.report.numbers.parameters import shown_value
 
 _IN_TITLE = 4

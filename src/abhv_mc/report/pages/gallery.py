@@ -7,69 +7,68 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.metrics import MARGIN_NAMES
+from abhv_mc.flight.metrics import MARGIN_NAMES, SURFACE_USAGE, Statistic
+from abhv_mc.report.figures.channels import FigureText, channel_figures, off_reference, shown_bands
 from abhv_mc.report.figures.convergence import ConvergencePanel, plot_convergence
 from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributions, plot_error_against_usage
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.report.figures.marks import MarksPanel, plot_marks
-from abhv_mc.report.figures.paper import FigureText, off_reference, paper_figures, shown_bands
 from abhv_mc.report.figures.stability import MarginMarks, plot_margins
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.numbers.failure_cases import failure_case_figures
 from abhv_mc.report.numbers.failures import failed_anyhow
-from abhv_mc.report.numbers.metrics import FOLLOWING, HEADLINE, HOLDING, USAGE, words_of
 from abhv_mc.report.numbers.paired import total_usage
 from abhv_mc.report.numbers.parameters import spoken_name
 from abhv_mc.report.numbers.results import Results, read_histories
-from abhv_mc.report.numbers.worst import rank_worst, worst_share
+from abhv_mc.report.numbers.worst import distance_beyond
 
-_SHOWN_WORST = 3
+_AMOUNTS = (Statistic.RMS, Statistic.SUM)
 _SHOWN_PARAMETERS = 6
-
-
-def _held(results: Results, wanted: tuple[str, ...]) -> list[str]:
-    return [metric for metric in wanted if metric in results.metrics]
 
 
 def _spread(results: Results, metric: str) -> Spread:
     flown = {name: results.flights[name] for name in results.controllers}
-    values = {name: np.where(flights.failed, np.inf, flights.metrics[metric]) for name, flights in flown.items()}
+    record = results.campaign.metrics[metric]
+    lost = -np.inf if record.bad == "low" else np.inf
+    values = {name: np.where(flights.failed, lost, flights.metrics[metric]) for name, flights in flown.items()}
     limits = [item.limit for item in results.campaign.requirements if item.metric == metric]
-    return Spread(words_of(metric).label_with_unit, values, limits)
+    return Spread(record.label_with_unit, values, limits)
 
 
-_DISTRIBUTIONS = {
-    FigureText(
-        "distribution_tracking",
-        "Tracking errors over the flights",
-        "Share of flights at or below each tracking error; the further left, the better. "
-        "A curve that ends below 100 % had flights that ended early.",
-    ): (*FOLLOWING, *HOLDING, "cross_track_error_max_m"),
-    FigureText(
-        "distribution_usage",
-        "Control usage over the flights",
-        "Share of flights at or below each amount of control: rms deflection from trim, and the way that each "
-        "surface travelled.",
-    ): (*USAGE, "aileron_travel_deg", "rudder_travel_deg", "elevator_travel_deg"),
-}
+_ASKED_TEXT = FigureText(
+    "distribution_asked",
+    "What is asked, over the flights",
+    "Share of flights at or below each value. A curve that ends below 100 % had flights that ended early; where small "
+    "values are bad, one that begins above 0 %.",
+)
+_USAGE_TEXT = FigureText(
+    "distribution_usage",
+    "Control usage over the flights",
+    "Share of flights at or below each amount of control: rms deflection from trim, and the way that each surface "
+    "travelled.",
+)
+_MOST_TRADES = 3
 
 
 def _distributions(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
-    for text, metrics in _DISTRIBUTIONS.items():
-        held = _held(results, metrics)
-        if held:
-            yield text, plot_distributions([_spread(results, metric) for metric in held], labels, colors)
+    records = results.campaign.metrics
+    usage = [m for m in results.metrics if records[m].group == "usage" and records[m].statistic in _AMOUNTS]
+    for text, metrics in ((_ASKED_TEXT, results.asked), (_USAGE_TEXT, usage)):
+        if metrics:
+            yield text, plot_distributions([_spread(results, metric) for metric in metrics], labels, colors)
 
 
 def _trade(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
-    if len(_held(results, (*USAGE, *FOLLOWING))) < len((*USAGE, *FOLLOWING)):
+    records = results.campaign.metrics
+    errors = [metric for metric in results.asked if records[metric].group == "tracking"][:_MOST_TRADES]
+    if not errors or not set(SURFACE_USAGE) <= set(results.metrics):
         return
     flights = {name: results.flights[name] for name in results.controllers}
     flown = {name: ~table.failed for name, table in flights.items()}
     usage = {name: total_usage(table.metrics)[flown[name]] for name, table in flights.items()}
     trades = [
-        Trade(words_of(m).label_with_unit, {name: table.metrics[m][flown[name]] for name, table in flights.items()})
-        for m in FOLLOWING
+        Trade(records[m].label_with_unit, {name: table.metrics[m][flown[name]] for name, table in flights.items()})
+        for m in errors
     ]
     text = FigureText(
         "error_against_usage",
@@ -88,14 +87,12 @@ _WORST_CHANNELS = (
 )
 
 
-def _worst(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
+def _worst(
+    results: Results, numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]
+) -> Iterator[Any]:
     names = results.controllers
     kept = {name: read_histories(results.folder, name) for name in names}
-    listed = {}
-    for name in names:
-        flights = results.flights[name]
-        ranked = flights.flight[rank_worst(flights, results.campaign.requirements)]
-        listed[name] = ranked[np.isin(ranked, list(kept[name]))][:_SHOWN_WORST].tolist()
+    listed = {name: [e["flight"] for e in numbers["worst"][name] if e["flight"] in kept[name]] for name in names}
     if not any(listed.values()):
         return
     rows = []
@@ -122,13 +119,13 @@ def _worst(results: Results, labels: Mapping[str, str], colors: Mapping[str, str
         text = FigureText(
             "worst_flights",
             "The worst flights",
-            f"The worst flights whose histories were kept, over the bands of all flights. Flights of {flown}.",
+            f"The worst flights, over the bands of all flights. Flights of {flown}.",
         )
         yield text, plot_envelopes(rows, list(labels.values()), list(colors.values()))
 
 
 def _marks_panel(
-    metric: str, ranked: list[Any], names: list[str], tables: Mapping[str, Mapping[Any, Any]], kinds: Mapping[str, Any]
+    label: str, ranked: list[Any], names: list[str], tables: Mapping[str, Mapping[Any, Any]], kinds: Mapping[str, Any]
 ) -> MarksPanel:
     """Marks of the ranked parameters; ``kinds`` says for each kind of number which entries are filled."""
     missing = {"driver": False} | dict.fromkeys(kinds, (np.nan,) * 3)
@@ -140,7 +137,7 @@ def _marks_panel(
         ]
         for name, listed in entries.items()
     }
-    return MarksPanel(words_of(metric).label, names, marks)
+    return MarksPanel(label, names, marks)
 
 
 def _drivers(
@@ -148,7 +145,7 @@ def _drivers(
 ) -> Iterator[Any]:
     found = {name: part["metrics"] for name, part in numbers["drivers"].get("controllers", {}).items()}
     panels = []
-    for metric in HEADLINE:
+    for metric in numbers["asked"]:
         tables = {
             name: {(e["parameter"], e["either_way"]): e for e in part[metric]["parameters"]}
             for name, part in found.items()
@@ -161,7 +158,9 @@ def _drivers(
             key=lambda p: -max(abs(table[p]["srrc"][0]) if p in table else 0.0 for table in tables.values()),
         )[:_SHOWN_PARAMETERS]
         names = [spoken_name(name) + (", high or low" if either else "") for name, either in ranked]
-        panels.append(_marks_panel(metric, ranked, names, tables, {"srrc": lambda e: e["driver"]}))
+        panels.append(
+            _marks_panel(numbers["metrics"][metric]["label"], ranked, names, tables, {"srrc": lambda e: e["driver"]})
+        )
     if panels:
         text = FigureText(
             "drivers",
@@ -182,13 +181,15 @@ def _sobol(
     found = {n: part["metrics"] for n, part in numbers["sobol"].get("controllers", {}).items() if part["metrics"]}
     kinds = {"total": lambda _: False, "first": lambda _: True}
     panels = []
-    for metric in HEADLINE:
+    for metric in numbers["asked"]:
         tables = {name: {e["parameter"]: e for e in part[metric]} for name, part in found.items() if metric in part}
         if not tables:
             continue
         ranked = sorted(results.dispersed, key=lambda p: -max(table[p]["total"][0] for table in tables.values()))
         ranked = ranked[:_SHOWN_PARAMETERS]
-        panels.append(_marks_panel(metric, ranked, [spoken_name(p) for p in ranked], tables, kinds))
+        panels.append(
+            _marks_panel(numbers["metrics"][metric]["label"], ranked, [spoken_name(p) for p in ranked], tables, kinds)
+        )
     if panels:
         text = FigureText(
             "sobol",
@@ -203,7 +204,7 @@ def _sobol(
 def _convergence(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
     traces = numbers["convergence"]
     panels = []
-    for metric in HEADLINE:
+    for metric in numbers["asked"]:
         if any(metric not in part["metrics"] for part in traces.values()):
             continue
         tables = {name: part["metrics"][metric] for name, part in traces.items()}
@@ -216,7 +217,7 @@ def _convergence(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: 
         if all(np.isnan(table[:, 0]).all() for table in series.values()):
             continue
         flights = {name: np.array(part["flights"], float) for name, part in traces.items()}
-        panels.append(ConvergencePanel(f"{words_of(metric).label_with_unit}\n{words}", flights, series))
+        panels.append(ConvergencePanel(f"{numbers['metrics'][metric]['label_with_unit']}\n{words}", flights, series))
     if panels and any(table.shape[0] > 1 for panel in panels for table in panel.series.values()):
         text = FigureText(
             "convergence",
@@ -229,41 +230,39 @@ def _convergence(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: 
 
 
 def _margins(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
-    """Each flight's severity over its margins, where flights have them."""
+    """How bad each flight is over its margins, where flights have them."""
     marks = {}
     for name in results.controllers:
         flights = results.flights[name]
         if MARGIN_NAMES[0] not in flights.metrics:
             return
         rows = np.flatnonzero(np.isfinite(flights.metrics[MARGIN_NAMES[0]]))
-        share = worst_share(flights, results.campaign.requirements)[rows]
+        beyond = distance_beyond(flights, results.campaign.criteria)[0][rows]
         gain, phase = (flights.metrics[metric][rows] for metric in MARGIN_NAMES[:2])
-        marks[name] = MarginMarks(gain, phase, share, failed_anyhow(flights, results.campaign.requirements)[rows])
+        marks[name] = MarginMarks(gain, phase, beyond, failed_anyhow(flights, results.campaign.requirements)[rows])
     if not any(each.gain_db.size for each in marks.values()):
         return
     required = bool(results.campaign.requirements)
-    words = "limit of any requirement" if required else "median of any headline error"
+    words = "limit of any requirement" if required else "median of any metric asked for"
     text = FigureText(
         "margins",
         "Margins against failure",
-        f"Each mark is one flight: its largest share of the {words} over its least gain and phase margin. "
+        f"Each mark is one flight: how far it is beyond the {words}, in the metric's spread (5 to 95 %), "
+        "over its least gain and phase margin. "
         + ("Filled marks failed; marks at the upper end ended early." if required else "Filled marks ended early."),
     )
-    yield (
-        text,
-        plot_margins(marks, "largest share of a limit" if required else "largest share of a median", labels, colors),
-    )
+    yield text, plot_margins(marks, f"beyond a {'limit' if required else 'median'} (spreads)", labels, colors)
 
 
 def make_figures(results: Results, numbers: Mapping[str, Any]) -> Iterator[tuple[FigureText, Figure]]:
     """Every figure that the campaign's folder has the data for."""
     labels = numbers["campaign"]["labels"]
     colors = controller_colors(results.controllers)
-    yield from paper_figures(results, list(labels.values()))
+    yield from channel_figures(results, list(labels.values()))
     yield from _distributions(results, labels, colors)
     yield from _trade(results, labels, colors)
     yield from failure_case_figures(results, labels, colors)
-    yield from _worst(results, labels, colors)
+    yield from _worst(results, numbers, labels, colors)
     yield from _margins(results, labels, colors)
     yield from _drivers(results, numbers, labels, colors)
     yield from _sobol(results, numbers, labels, colors)

@@ -1,4 +1,4 @@
-"""Nominal flights in a folder: their history as Parquet, and a figure of each of the paper's."""
+"""Nominal flights in a folder: their history as Parquet, and figures of their channels."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path

@@ -15,12 +15,12 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup
 
-from abhv_mc.report.figures.paper import FigureText
+from abhv_mc.report.figures.channels import FigureText
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.numbers import tables
 from abhv_mc.report.numbers.confidence import sureness_sentence
 from abhv_mc.report.numbers.failure_cases import failure_case_rows, failure_case_sentence
-from abhv_mc.report.numbers.metrics import FOLLOWING, HOLDING, controller_label, words_of
+from abhv_mc.report.numbers.labels import controller_label
 from abhv_mc.report.numbers.parameters import parameter_doc
 from abhv_mc.report.numbers.results import Results
 from abhv_mc.report.numbers.stability import stability_context
@@ -47,6 +47,7 @@ def _embedded(figure: PageFigure, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "name": figure.text.name,
         "file": f"figures/{figure.path.name}",
         "title": figure.text.title,
+        "gallery": figure.text.gallery,
         "caption": f"{figure.text.caption}{paper}{' Here: ' + here + '.' if here else ''}",
         "alt": f"{figure.text.title}. {here + '.' if here else 'The caption and the tables say what it shows.'}",
         "source": Markup(f"data:image/png;base64,{image}"),  # noqa: S704  letters of base64 only
@@ -160,7 +161,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
         },
         "stability": stability_context(numbers, folder),
         "worst": tables.worst_tables(numbers, folder),
-        "worst_heads": [words_of(m).label_with_unit for m in (*FOLLOWING, *HOLDING)],
+        "worst_heads": [numbers["metrics"][m]["label_with_unit"] for m in numbers["asked"]],
         "dispersions": _dispersions(numbers),
         "outcomes": [
             {
@@ -172,6 +173,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
         ],
         "step": _sample_step(results),
         "state": numbers["state"],
+        "figure_set": results.campaign.figures,
         "provenance": _provenance(results),
         "folder": folder,
     }

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.campaign.file.asked import known_metrics
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.feasibility import asked_in_vain
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
@@ -26,7 +27,7 @@ def plan_numbers(campaign: CheckedCampaign) -> dict[str, Any]:
     Chances are at some flight up to so many, for one who looks after each, and at that number itself. All curves
     stand on `rates_over_allowed`, the true failure rate divided by what the requirement allows.
     """
-    model, runs = campaign.model, campaign.runs
+    model, runs, known = campaign.model, campaign.runs, known_metrics(campaign)
     verdicts = len(model.requirements) * len(model.controllers)
     requirements: list[dict[str, Any]] = []
     for item, limit in zip(model.requirements, campaign.limits, strict=True):
@@ -37,7 +38,7 @@ def plan_numbers(campaign: CheckedCampaign) -> dict[str, Any]:
         requirements.append(
             {
                 "metric": item.metric,
-                "words": limit_words(item.metric, limit, item.below is not None),
+                "words": limit_words(known[item.metric], limit, item.below is not None),
                 "probability": item.probability,
                 "consumer_risk": item.consumer_risk,
                 "risk_used": risk,

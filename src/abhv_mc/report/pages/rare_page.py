@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.report.figures.searches import plot_failures, plot_levels, plot_mixing
-from abhv_mc.report.numbers.metrics import controller_label, words_of
-from abhv_mc.report.pages.searched_flights import drawn_figure, flights_table, lower_label, with_unit
+from abhv_mc.report.numbers.labels import controller_label
+from abhv_mc.report.pages.searched_flights import drawn_figure, flights_table, with_unit
 from abhv_mc.report.pages.summary_page import LONG, SHORT, Shown, Table, write_answer_page
 from abhv_mc.search.methods import second_look
 from abhv_mc.search.methods.subset import ACCEPTANCE
@@ -16,8 +16,8 @@ from abhv_mc.search.severity import ENDED_EARLY
 
 def write_rare_page(found: RareFound, path: Path) -> Path:
     """Write the page of an estimate of a rare failure and its figures beside it."""
-    metric, failures = found.settings.requirement, found.estimate.failures
-    asked = f"{lower_label(metric)} {_side(found)} {with_unit(found.limit, metric)}"
+    metric, failures = found.metric, found.estimate.failures
+    asked = f"{metric.phrase} {_side(found)} {with_unit(found.limit, metric)}"
     shown = [_levels(found), _mixing(found)] if found.estimate.repetitions else []
     if len(failures):
         caption = (
@@ -104,7 +104,7 @@ def _levels(found: RareFound) -> Shown:
     )
     if any(np.isnan(limits).any() for limits, _ in ways):
         caption += " A line ends where the next threshold is an early end, which has no value of the metric."
-    label = words_of(found.settings.requirement).label_with_unit
+    label = found.metric.label_with_unit
     return Shown("levels", "Levels", caption, plot_levels(label, found.limit, ways))
 
 

@@ -6,6 +6,8 @@ from typing import Any
 
 from abhv_mc.io.documents import InputError
 
+SIDES: dict[str | None, tuple[str, ...]] = {"high": ("--above",), "low": ("--below",), None: ()}
+
 
 def refuse_search(root: Path, manifest: dict[str, Any]) -> None:
     """Raise InputError for a search's folder, naming the command that makes its page again."""
@@ -19,7 +21,7 @@ def search_command(root: Path, manifest: dict[str, Any]) -> str:
     held = manifest["search"]
     words = ["abhv-mc", held["kind"], str(root / "campaign.yaml"), "--controller", held["controller"]]
     if held["kind"] == "worst":
-        words += ["--metric", held["metric"], "--above" if held["largest"] else "--below", "--box", f"{held['box']:g}"]
+        words += ["--metric", held["metric"], *SIDES[held["bad"]], "--box", f"{held['box']:g}"]
     else:
         words += ["--requirement", held["requirement"], "--target-cov", f"{held['target_cov']:g}"]
     return shlex.join([*words, "--flights", str(held["flights"]), "-o", str(root)])

@@ -8,10 +8,10 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.flight.metrics import METRIC_INDEX
+from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.report.figures.searches import plot_flights
-from abhv_mc.report.numbers.metrics import FLIGHT_PANELS, words_of
+from abhv_mc.report.numbers.labels import FLIGHT_PANELS
 from abhv_mc.report.numbers.parameters import shown_value
 from abhv_mc.report.pages.summary_page import CODE, LONG, SHORT, Shown, Table
 from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights
@@ -24,15 +24,9 @@ _ELSEWHERE = (
 )
 
 
-def lower_label(metric: str) -> str:
-    """A metric's words inside a sentence."""
-    label = words_of(metric).label
-    return label[:1].lower() + label[1:]
-
-
-def with_unit(value: float, metric: str) -> str:
+def with_unit(value: float, metric: Metric) -> str:
     """A value to five digits with its unit."""
-    return f"{value:.5g} {words_of(metric).unit}".rstrip()
+    return metric.with_unit(f"{value:.5g}")
 
 
 def drawn_figure(drawn: DrawnFlights) -> Shown:
@@ -47,7 +41,7 @@ def drawn_figure(drawn: DrawnFlights) -> Shown:
 
 
 def flights_table(
-    flights: FlightRows, severities: Floats, dimensions: int, metric: str, controller: str, folder: Path
+    flights: FlightRows, severities: Floats, dimensions: int, metric: Metric, controller: str, folder: Path
 ) -> Table:
     """The worst flights, and how each is flown again."""
     numbers: Sequence[int] = rank_distinct(
@@ -56,8 +50,8 @@ def flights_table(
     rows = [
         [
             str(k),
-            f"{flights.values[k, METRIC_INDEX[metric]]:.5g}",
-            f"{flights.outcome[k]}, {flights.values[k, -1]:.4g} s",
+            f"{flights.column(metric.name)[k]:.5g}",
+            f"{flights.outcome[k]}, {flights.end_time[k]:.4g} s",
             ", ".join(
                 f"{name} {shown_value(name, x)}"
                 for name, x in zip(flights.names[:dimensions], flights.samples[k].tolist(), strict=False)
@@ -66,6 +60,6 @@ def flights_table(
         ]
         for k in numbers
     ]
-    heads = ("flight", words_of(metric).label_with_unit, "ended", "parameters", "flown again, bit for bit, by")
+    heads = ("flight", metric.label_with_unit, "ended", "parameters", "flown again, bit for bit, by")
     caption = f"{_ELSEWHERE[:1].upper()}{_ELSEWHERE[1:]}."
     return Table("Worst flights", caption, heads, rows, (SHORT, SHORT, SHORT, LONG, CODE))

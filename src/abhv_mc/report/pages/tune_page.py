@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.report.figures.searches import plot_front, plot_gains
-from abhv_mc.report.numbers.metrics import controller_label, words_of
-from abhv_mc.report.pages.searched_flights import lower_label
+from abhv_mc.report.numbers.labels import controller_label
 from abhv_mc.report.pages.summary_page import LONG, SHORT, Shown, Table, write_answer_page
 from abhv_mc.search.tune import TuneFound
 
@@ -15,7 +14,7 @@ def write_tune_page(found: TuneFound, path: Path) -> Path:
     """Write the page; its figures go into the folder of the candidates' flights."""
     scores, block = found.tuning.scores, found.block
     aim, usage = (
-        f"{words_of(entry.metric).label_with_unit}, {100 * entry.quantile:g} %"
+        f"{found.metrics[entry.metric].label_with_unit}, {100 * entry.quantile:g} %"
         for entry in (block.minimise, block.usage)
     )
     shown = [
@@ -36,19 +35,18 @@ def write_tune_page(found: TuneFound, path: Path) -> Path:
             plot_gains(aim, scores.objective, scores.allowed),
         ),
     ]
-    title = f"{controller_label(found.controller)} tuned for {lower_label(block.minimise.metric)}"
+    title = f"{controller_label(found.controller)} tuned for {found.aim.phrase}"
     folder = path.with_suffix(".tuning") / "figures"
     return write_answer_page(path, title, "Tuning", _answers(found), shown, [_sides(found), _numbers(found)], folder)
 
 
 def _answers(found: TuneFound) -> list[str]:
-    gain, block, aim = found.validation.difference, found.block, found.sides[0]
+    gain, block, aim = found.difference, found.block, found.sides[0]
     interval = f"difference {gain.value:.4g}, 95 % interval {gain.low:.4g} .. {gain.high:.4g}"
-    quantile = f"{100 * block.minimise.quantile:g} % quantile of {lower_label(aim.metric)}"
+    quantile = f"{100 * block.minimise.quantile:g} % quantile of {found.aim.phrase}"
     fresh = f"On {block.validation} fresh flights the {quantile}"
     broken = [side.words for side in found.sides if not side.keeps]
-    unit = f" {words_of(aim.metric).unit}".rstrip()
-    change = f"{fresh} is {aim.best:.4g} instead of {aim.start:.4g}{unit} ({interval})."
+    change = f"{fresh} is {aim.best:.4g} instead of {found.aim.with_unit(f'{aim.start:.4g}')} ({interval})."
     if found.shown:
         answers = [change]
     elif found.tuning.best == 0:
@@ -63,7 +61,7 @@ def _answers(found: TuneFound) -> list[str]:
         why = (
             f"beyond its limits on fresh flights: {'; '.join(broken)}"
             if broken
-            else "the interval is not all below zero"
+            else "the interval is not all on the good side of zero"
         )
         answers = [f"No file is written: {why}.", change]
     ends = found.numbers.at_ends(found.tuning.place)

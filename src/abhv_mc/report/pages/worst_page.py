@@ -6,10 +6,10 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.searches import plot_convergence, plot_place
-from abhv_mc.report.numbers.metrics import controller_label, words_of
+from abhv_mc.report.numbers.labels import controller_label
 from abhv_mc.report.numbers.parameters import shown_value
 from abhv_mc.report.numbers.words import percent
-from abhv_mc.report.pages.searched_flights import drawn_figure, flights_table, lower_label, with_unit
+from abhv_mc.report.pages.searched_flights import drawn_figure, flights_table, with_unit
 from abhv_mc.report.pages.summary_page import SHORT, Shown, Table, write_answer_page
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
@@ -17,12 +17,12 @@ from abhv_mc.search.worst import WorstFound
 
 def write_worst_page(found: WorstFound, path: Path) -> Path:
     """Write the page of a worst-case search and its figures beside it."""
-    metric = found.settings.metric
+    metric = found.metric
     searched = found.severities[: found.searched]
     table = flights_table(found.flights, searched, len(found.names), metric, found.controller, path.parent)
     return write_answer_page(
         path,
-        f"Worst case of {controller_label(found.controller)}: {lower_label(metric)}",
+        f"Worst case of {controller_label(found.controller)}: {metric.phrase}",
         "Worst-case search",
         _answers(found),
         [_convergence(found), _place(found), drawn_figure(found.drawn)],
@@ -31,14 +31,13 @@ def write_worst_page(found: WorstFound, path: Path) -> Path:
 
 
 def _answers(found: WorstFound) -> list[str]:
-    metric = found.settings.metric
+    metric = found.metric
     worst, random = (_words(found, flight) for flight in (found.worst, found.random_worst))
-    side = "largest" if found.settings.largest else "smallest"
     counted = f"{found.searched} flights of the search"
     if _ended_early(found, found.worst):
-        first = f"The worst of {counted} {worst}: worse than any value of {lower_label(metric)}, the earlier the worse."
+        first = f"The worst of {counted} {worst}: worse than any value of {metric.phrase}, the earlier the worse."
     else:
-        first = f"The {side} value of {lower_label(metric)} in {counted} is {worst}."
+        first = f"The {found.side} value of {metric.phrase} in {counted} is {worst}."
     how_many = "As many" if found.flights.stop == 2 * found.searched else f"{found.flights.stop - found.searched}"
     answers = [
         first,
@@ -69,8 +68,8 @@ def _ended_early(found: WorstFound, flight: int) -> bool:
 def _words(found: WorstFound, flight: int) -> str:
     """'20.25 m', or 'ended early, at 31.2 s (sideslip_limit)'."""
     if _ended_early(found, flight):
-        return f"ended early, at {found.flights.values[flight, -1]:.4g} s ({found.flights.outcome[flight]})"
-    return with_unit(found.metric(flight), found.settings.metric)
+        return f"ended early, at {found.flights.end_time[flight]:.4g} s ({found.flights.outcome[flight]})"
+    return with_unit(found.value(flight), found.metric)
 
 
 def _convergence(found: WorstFound) -> Shown:
@@ -81,8 +80,7 @@ def _convergence(found: WorstFound) -> Shown:
             stages.append((last, step.stage))
         last = step.evaluations
     parts = np.split(found.severities, [found.searched])
-    sign = 1.0 if found.settings.largest else -1.0
-    curves = {words_of(found.settings.metric).label_with_unit: [_so_far(part, sign) for part in parts]}
+    curves = {found.metric.label_with_unit: [_so_far(part, found.sign) for part in parts]}
     caption = "The worst value so far over the flights of the search and over the random flights of the same box."
     if _ended_early(found, found.worst) or _ended_early(found, found.random_worst):
         parts = np.split(found.severities - ENDED_EARLY, [found.searched])
@@ -108,8 +106,8 @@ def _place(found: WorstFound) -> Shown:
     if _ended_early(found, found.worst):
         what, change, gap = "time of the end (s)", -change, "the flight does not end early"
     else:
-        what, gap = words_of(found.settings.metric).label_with_unit, "the flight ended early"
-        change = change if found.settings.largest else -change
+        what, gap = found.metric.label_with_unit, "the flight ended early"
+        change = found.sign * change
     return Shown(
         "place",
         "Where it is, and what matters there",

@@ -1,6 +1,6 @@
 """How a report speaks of metrics and controllers."""
 
-from abhv_mc.report.numbers.metrics import full_labels
+from abhv_mc.report.numbers.labels import full_labels
 from abhv_mc.shipped import shipped_files
 
 

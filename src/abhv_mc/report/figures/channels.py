@@ -1,4 +1,8 @@
-"""Figures 2 to 11 of Zhu & Shen 2014 from a campaign: which channels each shows, and what it says."""
+"""The channels of a campaign over all flights: which of them each figure shows, and what it says.
+
+A campaign of the paper's experiment (``figures: paper``) has the numbers and the words of Figures 2 to 11 of Zhu & Shen
+2014 beside them.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -30,6 +34,7 @@ class Curve:
     x_range: tuple[float, float] | None = None
     note: str = ""
     off_reference: bool = False  # what is left of it without the reference
+    begins: bool = False  # whether the paper shows its first seconds, too
 
 
 @dataclass(frozen=True)
@@ -42,113 +47,140 @@ class FigureText:
     paper: str = ""  # what the paper's single flight shows
     channel: str = ""  # whose range over all flights goes with it
     unit: str = ""
+    gallery: bool = False  # whether it stands among the figures of channels
 
 
 @dataclass(frozen=True)
-class PaperFigure:
-    """One of the paper's figures."""
+class InPaper:
+    """A figure of Zhu & Shen 2014."""
 
-    text: FigureText
+    number: int
+    shows: str  # what its single flight shows
+    mirrored: bool = False
+
+
+@dataclass(frozen=True)
+class ChannelFigure:
+    """The bands of one channel, or of two that belong together."""
+
+    name: str
+    title: str
+    caption: str
     curves: tuple[Curve, ...]
+    unit: str
+    paper: InPaper
+
+    def text(self, of_paper: bool) -> FigureText:
+        """Its words; in the paper's set with the paper's number and what is seen there."""
+        channel = self.curves[-1].channel
+        if not of_paper:
+            return FigureText(self.name, self.title, f"{self.caption} {_BANDS}", "", channel, self.unit, True)
+        name, title = f"fig{self.paper.number:02d}_{self.name}", f"{self.title} (Fig. {self.paper.number})"
+        caption = f"{self.caption} {_BANDS}{' ' + _SIGN if self.paper.mirrored else ''}"
+        return FigureText(name, title, caption, self.paper.shows, channel, self.unit, True)
+
+    def rows(self, of_paper: bool) -> Iterator[Curve]:
+        """Its curves; in the paper's set an angle at one's own command also in its first seconds, as there."""
+        for curve in self.curves:
+            yield curve
+            if of_paper and curve.begins:
+                yield replace(curve, x_range=(0.0, 8.0), note="first 8 s")
 
 
-def _angle_figure(number: str, title: str, caption: str, paper: str, curves: tuple[Curve, ...]) -> PaperFigure:
-    """A figure of one angle, named after its channel."""
-    channel = curves[0].channel
-    name = f"{number}_{channel.removesuffix('_deg')}"
-    return PaperFigure(FigureText(name, title, caption, paper, channel, "deg"), curves)
-
-
-def _begun(curve: Curve) -> tuple[Curve, Curve]:
-    """A curve, and below it its first seconds."""
-    return curve, replace(curve, x_range=(0.0, 8.0), note="first 8 s")
-
-
-PAPER_FIGURES: tuple[PaperFigure, ...] = (
-    PaperFigure(
-        FigureText(
-            "fig03_altitude_speed",
-            "Altitude and speed (Fig. 3)",
-            f"Altitude less its reference, and speed beside its reference. {_BANDS} The altitude "
-            "error has no band of all flights where the reference climbs.",
-            "altitude within 50 m, speed 1400 ± 5 m/s",
-            "speed_mps",
-            "m/s",
-        ),
+CHANNEL_FIGURES: tuple[ChannelFigure, ...] = (
+    ChannelFigure(
+        "altitude_speed",
+        "Altitude and speed",
+        "Altitude less its reference, and speed beside its reference. The altitude error has no band of all flights "
+        "where the reference climbs.",
         (
             Curve("altitude_m", "altitude error (m)", "altitude_reference_m", off_reference=True),
             Curve("speed_mps", "speed (m/s)", "speed_reference_mps"),
         ),
+        "m/s",
+        InPaper(3, "altitude within 50 m, speed 1400 ± 5 m/s"),
     ),
-    _angle_figure(
-        "fig04",
-        "Heading (Fig. 4)",
-        f"Heading of the velocity against its reference, clockwise from north. {_BANDS}",
-        "84 to 91 deg",
+    ChannelFigure(
+        "heading",
+        "Heading",
+        "Heading of the velocity against its reference, clockwise from north.",
         (Curve("heading_deg", "heading (deg)", "heading_reference_deg"),),
+        "deg",
+        InPaper(4, "84 to 91 deg"),
     ),
-    _angle_figure(
-        "fig05",
-        "Angle of attack (Fig. 5)",
-        f"Angle of attack beside the command of its own guidance; below, the first seconds. {_BANDS}",
-        "2 to 6 deg",
-        _begun(Curve("angle_of_attack_deg", "angle of attack (deg)", command="angle_of_attack_command_deg")),
+    ChannelFigure(
+        "angle_of_attack",
+        "Angle of attack",
+        "Angle of attack beside the command of its own guidance.",
+        (Curve("angle_of_attack_deg", "angle of attack (deg)", command="angle_of_attack_command_deg", begins=True),),
+        "deg",
+        InPaper(5, "2 to 6 deg"),
     ),
-    _angle_figure(
-        "fig06",
-        "Sideslip (Fig. 6)",
-        f"Sideslip, whose command is zero; below, the first seconds. {_BANDS} {_SIGN}",
-        "−0.2 to 0.7 deg",
-        _begun(Curve("sideslip_deg", "sideslip (deg)")),
+    ChannelFigure(
+        "sideslip",
+        "Sideslip",
+        "Sideslip, whose command is zero.",
+        (Curve("sideslip_deg", "sideslip (deg)", begins=True),),
+        "deg",
+        InPaper(6, "−0.2 to 0.7 deg", mirrored=True),
     ),
-    _angle_figure(
-        "fig07",
-        "Bank angle (Fig. 7)",
-        f"Bank beside the command of its own guidance; below, the first seconds. {_BANDS} {_SIGN}",
-        "−55 to 55 deg",
-        _begun(Curve("bank_deg", "bank (deg)", command="bank_command_deg")),
+    ChannelFigure(
+        "bank",
+        "Bank angle",
+        "Bank beside the command of its own guidance.",
+        (Curve("bank_deg", "bank (deg)", command="bank_command_deg", begins=True),),
+        "deg",
+        InPaper(7, "−55 to 55 deg", mirrored=True),
     ),
-    _angle_figure(
-        "fig08",
-        "Aileron (Fig. 8)",
-        f"Aileron deflection; below, the first seconds. {_BANDS} {_SIGN}",
-        "−1.2 to 0.8 deg",
-        _begun(Curve("aileron_deg", "aileron (deg)")),
+    ChannelFigure(
+        "aileron",
+        "Aileron",
+        "Aileron deflection.",
+        (Curve("aileron_deg", "aileron (deg)", begins=True),),
+        "deg",
+        InPaper(8, "−1.2 to 0.8 deg", mirrored=True),
     ),
-    _angle_figure(
-        "fig09",
-        "Rudder (Fig. 9)",
-        f"Rudder deflection; below, the first seconds. {_BANDS} {_SIGN}",
-        "−0.4 to 0.3 deg",
-        _begun(Curve("rudder_deg", "rudder (deg)")),
+    ChannelFigure(
+        "rudder",
+        "Rudder",
+        "Rudder deflection.",
+        (Curve("rudder_deg", "rudder (deg)", begins=True),),
+        "deg",
+        InPaper(9, "−0.4 to 0.3 deg", mirrored=True),
     ),
-    _angle_figure(
-        "fig10",
-        "Elevator (Fig. 10)",
-        f"Elevator deflection. {_BANDS}",
-        "−0.5 to 2.5 deg",
+    ChannelFigure(
+        "elevator",
+        "Elevator",
+        "Elevator deflection.",
         (Curve("elevator_deg", "elevator (deg)"),),
+        "deg",
+        InPaper(10, "−0.5 to 2.5 deg"),
     ),
-    PaperFigure(
-        FigureText(
-            "fig11_equivalence_ratio",
-            "Fuel equivalence ratio command (Fig. 11)",
-            f"Commanded fuel equivalence ratio. {_BANDS}",
-            "0.8 to 1.25",
-            "equivalence_ratio_command",
-        ),
+    ChannelFigure(
+        "equivalence_ratio",
+        "Fuel equivalence ratio command",
+        "Commanded fuel equivalence ratio.",
         (Curve("equivalence_ratio_command", "equivalence ratio (–)", "equivalence_ratio_reference"),),
+        "",
+        InPaper(11, "0.8 to 1.25"),
     ),
 )
 
-GROUND_TRACK = FigureText(
-    "fig02_ground_track",
-    "Ground track (Fig. 2)",
+_GROUND_TRACK = ChannelFigure(
+    "ground_track",
+    "Ground track",
     "Northward against eastward displacement, and below what is left of it without the reference. The bands at each "
-    "moment are drawn at the median displacement east of that moment. " + _BANDS + " Below there is no band of all "
-    "flights: it spans what a flight passes in a tenth of a second.",
-    "5 km offset",
+    "moment are drawn at the median displacement east of that moment. Below there is no band of all flights: it spans "
+    "what a flight passes in a tenth of a second.",
+    (Curve("north_m", "north (km)", "north_reference_m", scale=1e-3),),
+    "",
+    InPaper(2, "5 km offset"),
 )
+
+
+def ground_track_text(of_paper: bool) -> FigureText:
+    """The words of the ground track, which has no range of a channel."""
+    return replace(_GROUND_TRACK.text(of_paper), channel="")
 
 
 def off_reference(x: Floats, y: Floats, time: Floats, reference: Floats | None) -> Floats:
@@ -217,9 +249,9 @@ def _ground_track(results: Results, controller: str) -> tuple[EnvelopePanel, Env
     return track, deviation
 
 
-def paper_figures(results: Results, titles: list[str]) -> Iterator[tuple[FigureText, Figure]]:
-    """Figures 2 to 11, as far as the envelopes hold their channels."""
-    names = results.controllers
+def channel_figures(results: Results, titles: list[str]) -> Iterator[tuple[FigureText, Figure]]:
+    """The figures of channels, as far as the envelopes hold them."""
+    names, of_paper = results.controllers, results.campaign.figures == "paper"
     colors = list(controller_colors(names).values())
     tracks = [_ground_track(results, name) for name in names]
     kept = [track for track in tracks if track is not None]
@@ -228,12 +260,12 @@ def paper_figures(results: Results, titles: list[str]) -> Iterator[tuple[FigureT
             EnvelopeRow("north (km)", [track for track, _ in kept], "east (km)"),
             EnvelopeRow("north minus reference (m)", [deviation for _, deviation in kept], "east (km)"),
         ]
-        yield GROUND_TRACK, plot_envelopes(rows, titles, colors)
-    for figure in PAPER_FIGURES:
+        yield ground_track_text(of_paper), plot_envelopes(rows, titles, colors)
+    for figure in CHANNEL_FIGURES:
         rows = []
-        for curve in figure.curves:
+        for curve in figure.rows(of_paper):
             panels = [panel for name in names if (panel := _panel(results, name, curve)) is not None]
             if len(panels) == len(names) and np.any([np.isfinite(p.bands["q50"]).any() for p in panels]):
                 rows.append(EnvelopeRow(curve.label, panels, x_range=curve.x_range, note=curve.note))
         if rows:
-            yield figure.text, plot_envelopes(rows, titles, colors)
+            yield figure.text(of_paper), plot_envelopes(rows, titles, colors)

@@ -1,0 +1,57 @@
+"""What a campaign asks of its metrics: which stand first, on which side they are bad, and which flights are worst."""
+
+from collections.abc import Collection
+from dataclasses import replace
+
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
+from abhv_mc.flight.metrics import MARGINS, Metric
+from abhv_mc.statistics.ranking import Criterion
+
+
+def known_metrics(campaign: CheckedCampaign) -> dict[str, Metric]:
+    """The metrics of its flights by name, margins among them where it asks for some; a requirement's side is the bad
+    one, and of requirements on both sides the distance outside their limits."""
+    metrics = dict(campaign.metrics)
+    if campaign.model.margins is not None:
+        metrics |= {metric.name: metric for metric in MARGINS}
+    for name in {entry.metric for entry in campaign.model.requirements}:
+        pairs = zip(campaign.model.requirements, campaign.limits, strict=True)
+        own = [(entry.below is not None, limit) for entry, limit in pairs if entry.metric == name]
+        above = [limit for below, limit in own if not below]
+        below = [limit for below, limit in own if below]
+        if above and below:
+            metrics[name] = replace(metrics[name], band=(max(above), min(below)))
+        else:
+            metrics[name] = replace(metrics[name], bad="high" if below else "low")
+    return metrics
+
+
+def asked_metrics(campaign: CheckedCampaign, held: Collection[str] | None = None) -> tuple[str, ...]:
+    """The metrics of its requirements; without any, those that lead the table. ``held``: those that there are."""
+    required = dict.fromkeys(entry.metric for entry in campaign.model.requirements)
+    names = required or [metric.name for metric in campaign.metrics.values() if metric.leads]
+    return tuple(name for name in names if held is None or name in held)
+
+
+def ranking_criteria(campaign: CheckedCampaign) -> tuple[Criterion, ...]:
+    """By what its flights are ranked: ``keep.histories.by``, a metric or all requirements (or what leads without)."""
+    by, metrics = campaign.model.keep.histories.by, known_metrics(campaign)
+    if by == BY_REQUIREMENTS and campaign.model.requirements:
+        pairs = zip(campaign.model.requirements, campaign.limits, strict=True)
+        found = [_criterion(metrics[entry.metric], entry.below is not None, limit) for entry, limit in pairs]
+        return tuple(dict.fromkeys(found))
+    names = asked_metrics(campaign) if by == BY_REQUIREMENTS else (by,)
+    return tuple(Criterion(name, metrics[name].bad, band=metrics[name].band) for name in names)
+
+
+def _criterion(metric: Metric, below: bool, limit: float) -> Criterion:
+    if metric.band is not None:
+        return Criterion(metric.name, metric.bad, required=True, band=metric.band)
+    return Criterion(metric.name, "high" if below else "low", limit, required=True)
+
+
+def worst_asked(campaign: CheckedCampaign) -> int:
+    """How many of the worst flights keep their histories: the N of 'worst N', 0 without."""
+    items = [str(item).split() for item in campaign.model.keep.histories.flights]
+    return max((int(words[1]) for words in items if words[0] == "worst"), default=0)
