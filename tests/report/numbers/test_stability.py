@@ -62,12 +62,12 @@ def test_the_answer_names_the_unstable_controller_with_its_poles_and_the_weak_on
     assert lqr == "unstable in steady, level flight (poles at +0.120 \N{PLUS-MINUS SIGN} 2.78j per second)"
     assert retuned.startswith("least margins in steady, level flight 12.0 dB")
     page = (folder / "report.html").read_text(encoding="utf-8")
-    assert page.index("unstable in steady, level flight") < page.index('id="campaign"')
+    assert page.index("unstable in steady, level flight") < page.index('id="each-flight"')
 
 
 def test_the_section_has_each_loop_and_the_report_follows_from_the_data(folder):
     page = (folder / "report.html").read_text(encoding="utf-8")
-    section = page[page.index('id="stability"') : page.index('id="envelopes"')]
+    section = page[page.index('<section id="stability"') : page.index('<section id="settled"')]
     assert section.count("throttle") == 2  # of the two stable controllers
     assert "all 8 corners" in section and "\N{MINUS SIGN}9.0 / 0.7" in section
     assert list(verify_campaign(folder)) == []

@@ -15,6 +15,7 @@ from abhv_mc.report.numbers.drivers import driver_numbers
 from abhv_mc.report.numbers.failure_cases import failure_case_numbers
 from abhv_mc.report.numbers.failures import find_tolerance, judge_all, requirement_failures, requirement_words
 from abhv_mc.report.numbers.findings import finding_numbers, left_out
+from abhv_mc.report.numbers.glance import glance_numbers
 from abhv_mc.report.numbers.labels import full_labels
 from abhv_mc.report.numbers.paired import paired_numbers
 from abhv_mc.report.numbers.plain import interval_in_sense, level_name, plain
@@ -151,6 +152,7 @@ def make_numbers(results: Results) -> dict[str, Any]:
     """All numbers of the report of a campaign, as JSON holds them."""
     campaign, manifest = results.campaign, results.manifest
     verdicts = judge_all(results)
+    requirements = _requirements(results, verdicts)
     return {
         "format": FORMAT,
         "campaign": {
@@ -170,7 +172,8 @@ def make_numbers(results: Results) -> dict[str, Any]:
         "flights": _flight_counts(results),
         "family_risk": results.campaign.family_risk,
         "held_together": _together(results, verdicts),
-        "requirements": _requirements(results, verdicts),
+        "requirements": requirements,
+        "glance": glance_numbers(results, requirements),
         "asked": list(results.asked),
         "compared": list(results.compared),
         "metrics": _metric_table(results),

@@ -1,6 +1,7 @@
 """The report's section on stability: margins in steady flight and of the flights, as numbers, tables and sentences."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,31 @@ def _flight_numbers(results: Results, flights: ControllerFlights) -> dict[str, A
     return entry
 
 
+@dataclass(frozen=True)
+class LeastMargins:
+    """The least of all loops in steady flight; infinite where nothing bounds it."""
+
+    stable: bool
+    gain: float = np.inf  # dB
+    gain_loop: str = ""
+    phase: float = np.inf  # deg
+    phase_loop: str = ""
+
+
+def least_margins(numbers: Mapping[str, Any], name: str) -> LeastMargins | None:
+    """Of the nominal vehicle in steady flight; None where no margins were found."""
+    entry = numbers["stability"]["steady"].get("controllers", {}).get(name)
+    if entry is None or "fault" in entry:
+        return None
+    *loops, together = entry["nominal"]
+    if not together["stable"]:
+        return LeastMargins(stable=False)
+    gain, loop = min((_gain(row), row["loop"]) for row in loops)
+    phases = [(row["phase_margin_deg"], row["loop"]) for row in loops if row["phase_margin_deg"]]
+    phase, which = min(phases, default=(np.inf, loop))
+    return LeastMargins(True, gain, _loop(loop), phase, _loop(which))
+
+
 def stability_words(numbers: Mapping[str, Any], name: str) -> str:
     """What the first screen says of a controller's loops in steady flight; '' where nothing is known."""
     steady = numbers["stability"]["steady"]
@@ -75,16 +101,14 @@ def stability_words(numbers: Mapping[str, Any], name: str) -> str:
         return ""
     if "fault" in entry:
         return f"no margins in steady flight at the mission's start: {entry['fault']}"
-    *loops, together = entry["nominal"]
+    together = entry["nominal"][-1]
     if not together["stable"]:
         poles = ", ".join(_pole(*pole) for pole in together["poles"] if pole[0] > 0.0)
         return f"unstable in steady, level flight (poles at {poles} per second)"
-    gain, loop = min((_gain(row), row["loop"]) for row in loops)
-    phases = [(row["phase_margin_deg"], row["loop"]) for row in loops if row["phase_margin_deg"]]
-    phase, which = min(phases, default=(np.inf, loop))
-    little = gain < LOW["gain_margin_min_db"] or phase < LOW["phase_margin_min_deg"]
-    margins = f"{fixed(gain, 1)} dB ({_loop(loop)})" if np.isfinite(gain) else "no limit on the gain"
-    margins += f" and {fixed(phase, 0)} deg ({_loop(which)})" if np.isfinite(phase) else ""
+    least = least_margins(numbers, name) or LeastMargins(stable=True)
+    little = least.gain < LOW["gain_margin_min_db"] or least.phase < LOW["phase_margin_min_deg"]
+    margins = f"{fixed(least.gain, 1)} dB ({least.gain_loop})" if np.isfinite(least.gain) else "no limit on the gain"
+    margins += f" and {fixed(least.phase, 0)} deg ({least.phase_loop})" if np.isfinite(least.phase) else ""
     words = f"least margins in steady, level flight {margins}"
     if little:
         words = f"little margin in steady, level flight: {margins}, where 6 dB and 30 to 45 deg are customary"

@@ -10,6 +10,7 @@ from abhv_mc.report.numbers.findings import finding_sentences
 from abhv_mc.report.numbers.parameters import spoken_name
 from abhv_mc.report.numbers.words import count_of, fixed, joined, p_value, percent, significant
 
+_DROPPED = 4  # verdicts that do not stand jointly, told by name
 _NAMED = 2  # drivers of an error
 _MOVED = 2  # controllers whose drivers are told
 _LOST_RISK = 0.05  # of saying that one controller loses more flights where both are as good
@@ -46,10 +47,9 @@ def _together_words(numbers: Mapping[str, Any]) -> str:
     if numbers["family_risk"] or not held["dropped"]:
         return f" {'They hold' if numbers['family_risk'] else 'All PASS also hold'} together, with {risk}."
     dropped = [f"{numbers['requirements'][i]['words']} ({_label(numbers, name)})" for i, name in held["dropped"]]
-    return (
-        f" Taken together, with {risk}, {held['stand'] or 'none'} of the {held['stand'] + len(dropped)} PASS would "
-        f"stand; not shown jointly: {joined(dropped)}."
-    )
+    passed = held["stand"] + len(dropped)
+    named = f"; not {joined(dropped)}" if held["stand"] and len(dropped) <= _DROPPED else ""
+    return f" Taken together, with {risk}, {held['stand'] or 'none'} of the {passed} PASS would stand{named}."
 
 
 def _standing(pair: Mapping[str, Any], numbers: Mapping[str, Any], full: bool = False) -> dict[str, list[str]]:

@@ -21,6 +21,8 @@ _LEVELS = ("q50", "q95", "q99.73")
 _PARAMETER_WORDS: dict[str, Callable[[str], str]] = {"parameter": str, "spoken": spoken_name, "doc": parameter_doc}
 Row = dict[str, Any]
 
+WORST_COLUMNS = 5  # metrics beside each of the worst flights
+
 
 def _cell(interval: Mapping[str, Any] | None) -> dict[str, str]:
     if interval is None or interval["value"] is None:
@@ -273,11 +275,11 @@ def worst_tables(numbers: Mapping[str, Any], folder: str) -> list[Row]:
                 "outcome": entry["outcome"].replace("_", " "),
                 "by": numbers["metrics"][entry["by"]]["label"] if entry["by"] else "",
                 "beyond": significant(entry["beyond"], 3),
-                "values": [significant(entry["metrics"].get(m), 6) for m in numbers["asked"]],
+                "values": [significant(entry["metrics"].get(m), 6) for m in numbers["asked"][:WORST_COLUMNS]],
                 "samples": ", ".join(_dispersion_words(dispersion) for dispersion in entry["largest"]),
-                "command": f"abhv-mc replay {folder} --flight {entry['flight']} --controller {name}",
             }
             for entry in flights
         ]
-        tables.append({"controller": controller_label(name), "rows": rows})
+        command = f"abhv-mc replay {folder} --controller {name} --flight NUMBER"
+        tables.append({"name": name, "controller": controller_label(name), "rows": rows, "command": command})
     return tables

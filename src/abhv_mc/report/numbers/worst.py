@@ -14,7 +14,7 @@ from abhv_mc.report.numbers.plain import plain
 from abhv_mc.report.numbers.results import Results
 from abhv_mc.statistics.ranking import Criterion, choose_worst, order_of, spread
 
-_LISTED = 10  # where no number of worst flights keeps its histories
+LISTED_WORST = 10  # where no number of worst flights keeps its histories
 _LARGEST = 3  # dispersions of a flight that are told
 
 
@@ -77,7 +77,7 @@ def worst_numbers(results: Results) -> dict[str, Any]:
     criteria = results.campaign.criteria
     for name in results.controllers:
         flights = results.flights[name]
-        rows = np.array(rank_worst(flights, criteria, results.campaign.worst or _LISTED), dtype=np.intp)
+        rows = np.array(rank_worst(flights, criteria, results.campaign.worst or LISTED_WORST), dtype=np.intp)
         beyond, which = distance_beyond(flights, criteria)
         numbers = flights.flight[rows]
         metrics = {m: flights.metrics[m][rows] for m in results.compared}

@@ -1,4 +1,4 @@
-"""What the page's interactive envelopes show, as JSON small enough to travel inside it."""
+"""What the page's interactive envelopes show: words for the script, and the curves, which travel packed."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,16 +10,6 @@ from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS
 from abhv_mc.report.numbers.results import BANDS, Results
 
 _MOST_TIMES = 301
-_DIGITS = 6  # significant, of a curve's largest value
-
-
-def _rounded(curve: Floats) -> list[float | None]:
-    """Six digits of the curve's range and magnitude; what is not finite becomes None."""
-    finite = curve[np.isfinite(curve)]
-    largest = float(np.max(np.abs(finite))) if finite.size else 0.0
-    decimals = _DIGITS - 1 - int(np.floor(np.log10(largest))) if largest > 0.0 else 0
-    rounded = np.round(curve, decimals).tolist()
-    return [value if np.isfinite(value) else None for value in rounded]
 
 
 def _thinned(curve: Floats, band: str, every: int) -> Floats:
@@ -38,46 +28,43 @@ def _label(name: str, unit: str) -> str:
     return words[0].upper() + words[1:]
 
 
-def envelope_data(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> dict[str, Any]:
-    """Channels, controllers and their curves; every curve lies on its controller's `time`."""
+def envelope_data(
+    results: Results, labels: Mapping[str, str], colors: Mapping[str, str]
+) -> tuple[dict[str, Any], dict[str, Floats]]:
+    """Channels and controllers; and arrays: ``time:CONTROLLER`` and ``CHANNEL:CONTROLLER`` [band, time], the bands in
+    their order and the nominal flight behind them, and ``reference:CHANNEL``, each [time]."""
     names = results.controllers
     held = [s for s in CHANNELS if all((name, s.name) in results.envelopes for name in names)]
     references = {signal.name for signal in REFERENCE_CHANNELS}
     channels = []
+    arrays: dict[str, Floats] = {}
+    every = max(1, -(-results.reference["time"].size // _MOST_TIMES))
+    arrays["reference:time"] = results.reference["time"][::every]
     for signal in held:
         stem, _, ending = signal.name.rpartition("_") if signal.unit != "-" else (signal.name, "", "")
         reference, command = (f"{stem}_{kind}_{ending}".rstrip("_") for kind in ("reference", "command"))
+        if reference in references and reference in results.reference:
+            arrays[f"reference:{reference}"] = results.reference[reference][::every]
         channels.append(
             {
                 "name": signal.name,
                 "label": _label(signal.name, signal.unit),
                 "unit": "" if signal.unit == "-" else signal.unit,
                 "doc": signal.doc,
-                "reference": reference if reference in references else None,
+                "reference": reference if f"reference:{reference}" in arrays else None,
                 "command": command if any(s.name == command for s in held) else None,
             }
         )
-    data: dict[str, Any] = {"channels": channels, "controllers": [], "reference": _reference(results, channels)}
     for name in names:
-        curves: dict[str, Any] = {}
-        time: Floats = np.empty(0)
         for signal in held:
             envelope = results.envelopes[name, signal.name]
             every = max(1, -(-envelope.time.size // _MOST_TIMES))
-            time = envelope.time[::every]
-            curves[signal.name] = {band: _rounded(_thinned(envelope.bands[band], band, every)) for band in BANDS}
-            flown = results.nominal.get(name)
-            if flown is not None and signal.name in flown:
+            time = arrays[f"time:{name}"] = envelope.time[::every]
+            curves = [_thinned(envelope.bands[band], band, every) for band in BANDS]
+            flown = results.nominal.get(name, {})
+            nominal = np.full(time.shape, np.nan)
+            if signal.name in flown:
                 nominal = np.interp(time, flown["time"], flown[signal.name], right=np.nan)
-                curves[signal.name]["nominal"] = _rounded(nominal)
-        data["controllers"].append(
-            {"name": name, "label": labels[name], "color": colors[name], "time": _rounded(time), "curves": curves}
-        )
-    return data
-
-
-def _reference(results: Results, channels: list[dict[str, Any]]) -> dict[str, Any]:
-    held = results.reference
-    every = max(1, -(-held["time"].size // _MOST_TIMES))
-    names = ["time", *(channel["reference"] for channel in channels if channel["reference"] in held)]
-    return {name: _rounded(held[name][::every]) for name in names}
+            arrays[f"{signal.name}:{name}"] = np.stack([*curves, nominal])
+    controllers = [{"name": name, "label": labels[name], "color": colors[name]} for name in names]
+    return {"channels": channels, "controllers": controllers, "bands": [*BANDS, "nominal"]}, arrays

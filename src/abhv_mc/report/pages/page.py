@@ -26,7 +26,18 @@ from abhv_mc.report.numbers.results import Results
 from abhv_mc.report.numbers.stability import stability_context
 from abhv_mc.report.numbers.summary import summary_sentences
 from abhv_mc.report.numbers.words import fixed, joined, percent, significant
+from abhv_mc.report.pages.first_screen import (
+    LIMIT_PLACE,
+    SHAPES,
+    cards,
+    chart_rows,
+    confidence_line,
+    more_words,
+    sentences,
+)
+from abhv_mc.report.pages.flights_view import make_flights_view, mark_of
 from abhv_mc.report.pages.interactive import envelope_data
+from abhv_mc.report.pages.packed import pack_arrays
 
 
 @dataclass(frozen=True)
@@ -86,12 +97,6 @@ def _script_hashes(*scripts: str) -> Markup:
     return Markup(" ".join(f"'sha256-{value}'" for value in hashes))  # noqa: S704  letters of base64 only
 
 
-def _packed(library: str) -> Markup:
-    """A library, compressed to a third; the page's script unpacks it."""
-    packed = gzip.compress(library.encode(), compresslevel=6, mtime=0)
-    return Markup(base64.b64encode(packed).decode("ascii"))  # noqa: S704  letters of base64 only
-
-
 def _dispersions(numbers: Mapping[str, Any]) -> list[dict[str, str]]:
     rows = []
     for name, entry in numbers["campaign"]["dispersions"].items():
@@ -106,7 +111,7 @@ def _provenance(results: Results) -> list[tuple[str, str]]:
     """What the manifest says, flat, as pairs of words."""
     rows = []
     for key, value in results.manifest.items():
-        if key in ("controllers", "requirements", "files"):  # in tables of their own, or too many
+        if key in ("controllers", "requirements", "files", "inputs"):  # in tables of their own
             continue
         label = key.replace("_", " ")
         if isinstance(value, dict):
@@ -161,7 +166,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
         },
         "stability": stability_context(numbers, folder),
         "worst": tables.worst_tables(numbers, folder),
-        "worst_heads": [numbers["metrics"][m]["label_with_unit"] for m in numbers["asked"]],
+        "worst_heads": [numbers["metrics"][m]["label_with_unit"] for m in numbers["asked"][: tables.WORST_COLUMNS]],
         "dispersions": _dispersions(numbers),
         "outcomes": [
             {
@@ -211,23 +216,36 @@ def _code(text: str) -> Markup:
 
 def make_page(results: Results, numbers: Mapping[str, Any], figures: Sequence[PageFigure]) -> str:
     """The whole report as one HTML file: no request leaves it, and no script runs in it but its own."""
-    from plotly.offline import get_plotlyjs
-
     environment = _environment(html=True)
     labels = numbers["campaign"]["labels"]
     colors = controller_colors(results.controllers)
+    marks = {name: mark_of(k) for k, name in enumerate(results.controllers)}
     template = files("abhv_mc.report.pages") / "template"
     embedded = [_embedded(figure, numbers) for figure in figures]
-    script, library = (template / "page.js").read_text("utf-8"), get_plotlyjs()
+    script = "".join((template / name).read_text("utf-8") for name in ("flights.js", "page.js"))
+    packed_library = (template / "plotly-basic.min.js.gz").read_bytes()
+    envelopes, arrays = envelope_data(results, labels, colors)
+    view = make_flights_view(results, labels, colors)
+    places, packed = pack_arrays({**arrays, **view.arrays})
     return environment.get_template("page.html.j2").render(
         **_context(results, numbers),
         figures=embedded,
         figure_of={figure["name"]: figure for figure in embedded},
         style=Markup((template / "style.css").read_text("utf-8")),  # noqa: S704  our own files
         script=Markup(script),  # noqa: S704
-        script_hashes=_script_hashes(script, library),
-        plotly=_packed(library),
-        envelopes=_script_json(envelope_data(results, labels, colors)),
+        script_hashes=_script_hashes(script, gzip.decompress(packed_library).decode()),
+        plotly=Markup(base64.b64encode(packed_library).decode()),  # noqa: S704  letters of base64 only
+        packed=Markup(packed),  # noqa: S704  letters of base64 only
+        data=_script_json({"envelopes": envelopes, "flights": view.data, "places": places}),
+        strips=view.strips,
+        chart=chart_rows(numbers, colors, marks),
+        cards=cards(numbers, colors),
+        sentences=sentences(numbers),
+        confidence_line=confidence_line(numbers),
+        limit_place=LIMIT_PLACE,
+        shapes=SHAPES,
+        more_rows=more_words(numbers["glance"]),
+        flight_heads=[numbers["metrics"][name]["label_with_unit"] for name in view.data["headed"]],
     )
 
 

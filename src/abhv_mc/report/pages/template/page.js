@@ -1,6 +1,31 @@
-"use strict";
 (() => {
-  const data = JSON.parse(document.getElementById("envelope-data").textContent);
+  const page = JSON.parse(document.getElementById("page-data").textContent);
+  const data = page.envelopes;
+  const unpack = async (id) => {
+    const bytes = Uint8Array.from(atob(document.getElementById(id).textContent), (letter) => letter.charCodeAt(0));
+    return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip")));
+  };
+  // See packed.py: 16 bits a number, its difference to the one before, low bytes first.
+  let codes = null;
+  const decoded = new Map();
+  const numbers = (name, row = null) => {
+    const key = `${name}/${row}`;
+    if (!decoded.has(key)) {
+      const { start, shape, low, high } = page.places[name];
+      const size = row === null ? shape.reduce((a, b) => a * b, 1) : shape[shape.length - 1];
+      const from = start + (row ?? 0) * size;
+      const total = codes.length / 2;
+      const values = new Array(size);
+      for (let i = 0, n = 0; i < size; i += 1) {
+        n = (n + codes[from + i] + 256 * codes[total + from + i]) & 65535;
+        values[i] = n === 65535 ? NaN : low + ((high - low) * n) / 65534;
+      }
+      decoded.set(key, values);
+    }
+    return decoded.get(key);
+  };
+  const curve = (controller, channel, band) => numbers(`${channel}:${controller.name}`, data.bands.indexOf(band));
+  const timeOf = (controller) => numbers(`time:${controller.name}`);
   const plot = document.getElementById("plot");
   const words = document.getElementById("plot-words");
   const channelBox = document.getElementById("channel");
@@ -36,32 +61,31 @@
   const isOn = (name) => layers.find((layer) => layer.name === name).box.checked;
   const shownControllers = () => data.controllers.filter((controller) => controller.box.checked);
 
-  const bandTraces = (controller, curves) =>
+  const bandTraces = (controller, channel) =>
     layers.filter((layer) => layer.low && layer.box.checked).flatMap((layer) => {
-      const common = { x: controller.time, mode: "lines", line: { width: 0.6, color: rgba(controller.color, 0.5) },
+      const common = { x: timeOf(controller), mode: "lines", line: { width: 0.6, color: rgba(controller.color, 0.5) },
         legendgroup: controller.name, showlegend: false };
       return [
-        { ...common, y: curves[layer.low], name: `${controller.label} ${layer.low === "min" ? "smallest" : layer.low.slice(1) + " %"}` },
-        { ...common, y: curves[layer.high], name: `${controller.label} ${layer.high === "max" ? "largest" : layer.high.slice(1) + " %"}`,
+        { ...common, y: curve(controller, channel.name, layer.low), name: `${controller.label} ${layer.low === "min" ? "smallest" : layer.low.slice(1) + " %"}` },
+        { ...common, y: curve(controller, channel.name, layer.high), name: `${controller.label} ${layer.high === "max" ? "largest" : layer.high.slice(1) + " %"}`,
           fill: "tonexty", fillcolor: rgba(controller.color, layer.opacity) },
       ];
     });
 
-  const lineTraces = (controller, curves, channel) => {
-    const line = (y, name, dash, width) => ({ x: controller.time, y, name: `${controller.label} ${name}`, mode: "lines",
+  const lineTraces = (controller, channel) => {
+    const line = (y, name, dash, width) => ({ x: timeOf(controller), y, name: `${controller.label} ${name}`, mode: "lines",
       line: { color: controller.color, dash, width }, legendgroup: controller.name });
     const traces = [];
-    if (isOn("median")) traces.push(line(curves.q50, "median", "solid", 2.4));
-    if (isOn("nominal") && curves.nominal) traces.push(line(curves.nominal, "nominal", "dash", 1.8));
-    if (isOn("command") && channel.command) traces.push(line(controller.curves[channel.command].q50, "command", "dot", 1.8));
+    if (isOn("median")) traces.push(line(curve(controller, channel.name, "q50"), "median", "solid", 2.4));
+    if (isOn("nominal")) traces.push(line(curve(controller, channel.name, "nominal"), "nominal", "dash", 1.8));
+    if (isOn("command") && channel.command) traces.push(line(curve(controller, channel.command, "q50"), "command", "dot", 1.8));
     return traces;
   };
 
   const describe = (channel, controllers) => {
     const range = (controller) => {
-      const curves = controller.curves[channel.name];
-      const low = Math.min(...curves.min.filter((v) => v !== null));
-      const high = Math.max(...curves.max.filter((v) => v !== null));
+      const low = Math.min(...curve(controller, channel.name, "min").filter(Number.isFinite));
+      const high = Math.max(...curve(controller, channel.name, "max").filter(Number.isFinite));
       const text = (value) => String(Number(value.toPrecision(4))).replace("-", "\u2212");
       return `${controller.label} ${text(low)} to ${text(high)} ${channel.unit}`.trim();
     };
@@ -74,10 +98,10 @@
     const channel = data.channels[channelBox.selectedIndex];
     const controllers = shownControllers();
     const traces = [];
-    for (const controller of controllers) traces.push(...bandTraces(controller, controller.curves[channel.name]));
-    for (const controller of controllers) traces.push(...lineTraces(controller, controller.curves[channel.name], channel));
-    if (isOn("reference") && data.reference[channel.reference]) {
-      traces.push({ x: data.reference.time, y: data.reference[channel.reference], name: "reference", mode: "lines",
+    for (const controller of controllers) traces.push(...bandTraces(controller, channel));
+    for (const controller of controllers) traces.push(...lineTraces(controller, channel));
+    if (isOn("reference") && channel.reference) {
+      traces.push({ x: numbers("reference:time"), y: numbers(`reference:${channel.reference}`), name: "reference", mode: "lines",
         line: { color: getComputedStyle(document.documentElement).getPropertyValue("--ink").trim(), width: 1.2 } });
     }
     const narrow = plot.clientWidth < 560;
@@ -113,25 +137,24 @@
   controls.addEventListener("submit", (event) => event.preventDefault());
 
   // The plotting library travels compressed; unpacked, it runs like any script of the page.
-  const unpack = async () => {
-    const letters = atob(document.getElementById("plotly-packed").textContent);
-    const bytes = Uint8Array.from(letters, (letter) => letter.charCodeAt(0));
-    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-    const script = document.createElement("script");
-    script.textContent = await new Response(stream).text();
-    document.head.append(script);
-  };
   const start = async () => {
-    await unpack();
+    const script = document.createElement("script");
+    script.textContent = await (await unpack("plotly-packed")).text();
+    document.head.append(script);
+    codes = new Uint8Array(await (await unpack("arrays-packed")).arrayBuffer());
     controls.hidden = false;
     if (data.channels.length) draw();
+    const color = (name) => () => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+    const style = { font: "system-ui, Segoe UI, Liberation Sans, Arial, sans-serif", ink: color("--ink"), line: color("--line") };
+    flights = page.flights ? flightsView({ ...page.flights, places: page.places }, numbers, style) : null;
     dispatchEvent(new Event("drawn"));
   };
+  let flights = null;
   if (typeof DecompressionStream === "undefined") {
     words.textContent = "This browser is too old for the interactive envelopes; the figures below show the same bands.";
   } else {
     start();
   }
 
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (!controls.hidden) draw(); });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (!controls.hidden) { draw(); flights?.draw(); } });
 })();

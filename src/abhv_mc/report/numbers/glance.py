@@ -1,0 +1,63 @@
+"""What the first screen's chart shows: for each requirement the spread of the flights beside its limit."""
+
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.array_types import Floats
+from abhv_mc.report.numbers.failures import requirement_words
+from abhv_mc.report.numbers.plain import plain
+from abhv_mc.report.numbers.results import Results
+from abhv_mc.report.numbers.words import count_of, significant
+
+_SHARES = {"low": 5.0, "median": 50.0, "high": 95.0}  # percent of the flights
+
+
+def glance_numbers(results: Results, requirements: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A row for each requirement; without any, for each metric that stands first, beside its nominal value.
+
+    Of each controller the 5 %, 50 % and 95 % quantiles, None where they lie among lost flights, which are worst.
+    """
+    records = results.campaign.metrics
+    rows = []
+    for item, entry in zip(results.campaign.requirements, requirements, strict=True):
+        cells = {}
+        for name, verdict in entry["controllers"].items():
+            cells[name] = {
+                **_quantiles(results, name, item.metric, item.below),
+                "tolerance": verdict.get("tolerance_limit"),
+                "status": verdict["status"],
+                "failures": count_of(verdict["failures"], verdict["flights"]),
+            }
+        words, _, limit = requirement_words(item, records).rpartition(" < " if item.below else " > ")
+        rows.append(
+            {
+                "metric": item.metric, "label": words, "unit": records[item.metric].unit, "limit": item.limit,
+                "below": item.below, "text": f"{'<' if item.below else '>'} {limit}", "cells": cells,
+            }
+        )  # fmt: skip
+    return rows or [_unlimited(results, metric) for metric in results.asked]
+
+
+def _unlimited(results: Results, metric: str) -> dict[str, Any]:
+    """A metric without a requirement: the first controller's median stands where a limit would."""
+    record = results.campaign.metrics[metric]
+    below = record.bad != "low"
+    none = {"tolerance": None, "status": "", "failures": ""}
+    cells = {name: {**_quantiles(results, name, metric, below), **none} for name in results.controllers}
+    middle = next((cell["median"] for cell in cells.values() if cell["median"] is not None), 0.0)
+    text = f"{significant(middle, 3)} {'' if record.unit == '-' else record.unit} at 1".replace("  ", " ")
+    return {
+        "metric": metric, "label": record.label, "unit": record.unit, "limit": middle, "below": below, "text": text,
+        "cells": cells,
+    }  # fmt: skip
+
+
+def _quantiles(results: Results, name: str, metric: str, below: bool) -> dict[str, Any]:
+    flights = results.flights[name]
+    values: Floats = flights.metrics[metric]
+    worst = np.inf if below else -np.inf
+    values = np.where(flights.failed | np.isnan(values), worst, values)
+    with np.errstate(invalid="ignore"):
+        ends = np.percentile(values, list(_SHARES.values()), method="nearest")
+    return dict(zip(_SHARES, plain(ends), strict=True))

@@ -1,0 +1,225 @@
+"""The first screen: a sentence a controller, a chart with a row a requirement, a card a controller, and how sure."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from abhv_mc.report.numbers.stability import LOW, least_margins
+from abhv_mc.report.numbers.words import count_of, fixed, joined, percent, significant
+
+_ROWS, _SENTENCES = 8, 2  # shown; then 'and n more'
+_LEFT, _RIGHT = 0.0, 1.35  # ends of the chart, in units of the limit; what lies beyond is a mark at the edge
+# Marks as in the scatter, around their middle.
+SHAPES = {
+    "square": "M-3.6-3.6H3.6V3.6H-3.6z",
+    "triangle-up": "M0-4.6L4.4 3.6H-4.4z",
+    "diamond": "M0-5L5 0L0 5L-5 0z",
+    "triangle-down": "M0 4.6L4.4-3.6H-4.4z",
+    "pentagon": "M0-4.8L4.6-1.4L2.8 4H-2.8L-4.6-1.4z",
+}
+_SURFACES = ("aileron_rms_deg", "rudder_rms_deg", "elevator_rms_deg")
+
+
+@dataclass(frozen=True)
+class Bar:
+    """One controller in a row of the chart; places are percent of the chart's width, None where there is nothing."""
+
+    controller: str
+    label: str
+    color: str
+    mark: str  # 'circle', 'square' ... as in the scatter
+    low: float | None
+    high: float | None
+    median: float | None
+    tolerance: float | None
+    beyond: bool  # whether something lies to the right of the chart
+    words: str  # the same for those who cannot see it
+    status: str
+    failures: str
+
+
+@dataclass(frozen=True)
+class Row:
+    """A requirement (or, without any, a metric)."""
+
+    metric: str
+    label: str
+    limit: str
+    bars: tuple[Bar, ...]
+
+
+@dataclass(frozen=True)
+class Card:
+    """What decides about a controller."""
+
+    controller: str
+    label: str
+    color: str
+    met: str
+    lost: str
+    margin: str
+    poor: bool  # whether its margins are below what is customary, or it is unstable
+    notes: tuple[str, ...]
+    usage: str
+
+
+def place(value: float | None, limit: float, below: bool, span: float) -> float | None:
+    """Where a value stands: its room to the limit in units of the limit's size (0: of the flights' span), bad to the
+    right, the limit at 1. In percent of the chart's width; None for what is missing."""
+    if value is None or not math.isfinite(value):
+        return None
+    size = abs(limit) or span or 1.0
+    at = 1.0 + (value - limit) / size * (1.0 if below else -1.0)
+    return 100.0 * (min(max(at, _LEFT), _RIGHT) - _LEFT) / (_RIGHT - _LEFT)
+
+
+LIMIT_PLACE = 100.0 * (1.0 - _LEFT) / (_RIGHT - _LEFT)
+
+
+def chart_rows(numbers: Mapping[str, Any], colors: Mapping[str, str], marks: Mapping[str, str]) -> list[Row]:
+    """The rows of the chart, those nearest to their limit first where there are more than eight."""
+    entries = list(numbers["glance"])
+    if len(entries) > _ROWS:
+        entries = sorted(entries, key=lambda entry: -_nearest(entry))[:_ROWS]
+    labels = numbers["campaign"]["labels"]
+    rows = []
+    for entry in entries:
+        bars = []
+        for name, cell in entry["cells"].items():
+            span = abs((cell["high"] or 0.0) - (cell["low"] or 0.0))
+            at = {key: place(cell[key], entry["limit"], entry["below"], span) for key in ("low", "median", "high")}
+            tolerance = place(cell["tolerance"], entry["limit"], entry["below"], span)
+            ends = sorted(value for value in (at["low"], at["high"]) if value is not None)
+            bars.append(
+                Bar(
+                    name, labels[name], colors[name], marks[name],
+                    low=ends[0] if ends else None, high=ends[-1] if len(ends) > 1 else 100.0 if ends else None,
+                    median=at["median"], tolerance=tolerance,
+                    beyond=any(cell[key] is None for key in ("low", "median", "high")) or 100.0 in ends,
+                    words=_bar_words(entry, labels[name], cell), status=cell["status"], failures=cell["failures"],
+                )
+            )  # fmt: skip
+        rows.append(Row(entry["metric"], entry["label"], entry["text"], tuple(bars)))
+    return rows
+
+
+def _nearest(entry: Mapping[str, Any]) -> float:
+    """How near the worst controller comes to the limit; infinite where something is lost."""
+    places = [
+        place(cell["high"] if entry["below"] else cell["low"], entry["limit"], entry["below"], 1.0)
+        for cell in entry["cells"].values()
+    ]
+    return max((math.inf if at is None else at for at in places), default=0.0)
+
+
+def _bar_words(entry: Mapping[str, Any], label: str, cell: Mapping[str, Any]) -> str:
+    low, median, high = (
+        "beyond all" if cell[key] is None else significant(cell[key], 3) for key in ("low", "median", "high")
+    )
+    tolerance = "" if cell["tolerance"] is None else f", tolerance limit {significant(cell['tolerance'], 3)}"
+    return f"{label}: median {median}, 5 to 95 % {low} to {high}{tolerance} {entry['unit']}".strip()
+
+
+def cards(numbers: Mapping[str, Any], colors: Mapping[str, str]) -> list[Card]:
+    """A card for each controller."""
+    return [_card(numbers, name, colors[name]) for name in numbers["campaign"]["controllers"]]
+
+
+def _card(numbers: Mapping[str, Any], name: str, color: str) -> Card:
+    found, counts = numbers["noteworthy"][name], numbers["flights"][name]
+    margin, poor = _margin(numbers, name)
+    cycling = max((count or 0 for count in found["cycling"].values()), default=0)
+    notes = [
+        f"{count_of(found['saturated'], found['flown'])} saturate" if found["saturated"] else "",
+        f"{count_of(cycling, found['flown'])} cycle" if cycling else "",
+        f"{counts['not_computed']} not computed" if counts["not_computed"] else "",
+    ]
+    used = [
+        significant(numbers["metrics"][metric]["controllers"][name]["q50"]["value"], 2)
+        for metric in _SURFACES
+        if metric in numbers["metrics"]
+    ]
+    return Card(
+        name, numbers["campaign"]["labels"][name], color, met_words(numbers, name),
+        f"{fixed(counts['failed'], 0)} of {fixed(counts['flown'], 0)} lost", margin, poor,
+        tuple(filter(None, notes)), f"{' / '.join(used)} deg" if len(used) == len(_SURFACES) else "",
+    )  # fmt: skip
+
+
+def met_words(numbers: Mapping[str, Any], name: str) -> str:
+    """'5 of 5 met', and what fails or is not shown; '' without requirements."""
+    found = [entry["controllers"][name]["status"] for entry in numbers["requirements"]]
+    if not found:
+        return ""
+    if "ESTIMATE" in found:
+        kept = sum(entry["controllers"][name]["failures"] == 0 for entry in numbers["requirements"])
+        return f"{kept} of {len(found)} kept in every flight"
+    rest = [f"{found.count(word)} {words}" for word, words in (("FAIL", "missed"), ("NOT SHOWN", "not shown"))
+            if word in found]  # fmt: skip
+    return ", ".join([f"{found.count('PASS')} of {len(found)} met", *rest])
+
+
+def _margin(numbers: Mapping[str, Any], name: str) -> tuple[str, bool]:
+    """The least margins in steady flight in words, and whether they are less than is customary."""
+    found = least_margins(numbers, name)
+    if found is None:
+        return "margins: not asked", False
+    if not found.stable:
+        return "unstable", True
+    parts = [f"{fixed(found.gain, 1)} dB ({found.gain_loop})"] if math.isfinite(found.gain) else ["any gain"]
+    parts += [f"{fixed(found.phase, 0)} deg ({found.phase_loop})"] if math.isfinite(found.phase) else []
+    return ", ".join(parts), found.gain < LOW["gain_margin_min_db"] or found.phase < LOW["phase_margin_min_deg"]
+
+
+def sentences(numbers: Mapping[str, Any]) -> list[str]:
+    """One for each of the two controllers that matter, and how many more there are."""
+    first, *rivals = numbers["campaign"]["controllers"]
+    rivals = sorted(rivals, key=lambda name: _strength(numbers, name), reverse=True)
+    found = [_sentence(numbers, name) for name in (first, *rivals[: _SENTENCES - 1])]
+    more = len(rivals) + 1 - len(found)
+    return [*found, f"{more} more below."] if more > 0 else found
+
+
+def _strength(numbers: Mapping[str, Any], name: str) -> tuple[int, int, bool]:
+    """Verdicts passed, flights not lost, and whether it is stable."""
+    passed = sum(entry["controllers"][name]["status"] == "PASS" for entry in numbers["requirements"])
+    margin = least_margins(numbers, name)
+    return passed, -numbers["flights"][name]["failed"], margin is None or margin.stable
+
+
+def _sentence(numbers: Mapping[str, Any], name: str) -> str:
+    label, counts = numbers["campaign"]["labels"][name], numbers["flights"][name]
+    found = [entry["controllers"][name]["status"] for entry in numbers["requirements"]]
+    parts = []
+    if found and "ESTIMATE" not in found:
+        parts.append(f"meets {found.count('PASS')} of {len(found)}")
+    if counts["failed"]:
+        parts.append(f"loses {fixed(counts['failed'], 0)} of {fixed(counts['flown'], 0)} flights")
+    margin = least_margins(numbers, name)
+    if margin is not None and not margin.stable:
+        parts.append("is unstable in steady flight")
+    text = f"{label} {joined(parts or ['loses no flight'])}"
+    if margin is not None and margin.stable and margin.gain < LOW["gain_margin_min_db"]:
+        text += f", with {fixed(margin.gain, 1)} dB of {margin.gain_loop} margin"
+    return f"{text}."
+
+
+def confidence_line(numbers: Mapping[str, Any]) -> str:
+    """How sure the verdicts are, each and jointly."""
+    if numbers["state"] != "complete":
+        return f"This campaign is {numbers['state']}: all numbers are preliminary."
+    held = numbers["held_together"]
+    if not numbers["requirements"] or held is None:
+        return "Exact for independent flights only: no verdicts for this design." if numbers["requirements"] else ""
+    risks = {entry["consumer_risk"] for entry in numbers["requirements"]}
+    passed = held["stand"] + len(held["dropped"])
+    text = f"Each verdict at {percent(max(risks), 2)} risk, however often one looks."
+    if passed > 1:
+        text += f" Jointly {held['stand'] or 'none'} of the {passed} PASS stand{'s' if held['stand'] == 1 else ''}."
+    return text
+
+
+def more_words(entries: Sequence[Any]) -> str:
+    """'and 4 more below'; '' where the chart has all."""
+    return f"and {len(entries) - _ROWS} more below" if len(entries) > _ROWS else ""

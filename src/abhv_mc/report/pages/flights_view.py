@@ -1,0 +1,182 @@
+"""What the page's linked view of the flights shows: every point a flight, its dispersions, metrics and history."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.array_types import Floats
+from abhv_mc.flight.channels import CHANNELS
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.report.numbers.parameters import spoken_name
+from abhv_mc.report.numbers.results import Results, read_histories
+from abhv_mc.report.numbers.worst import LISTED_WORST, rank_worst
+
+MOST_FLIGHTS = 6000  # points of the view, of all controllers together
+LISTED = 100  # rows of the table
+_HISTORY_RATE = 5.0  # Hz
+_STRIPS = 12  # dispersions drawn
+_HEADED = 4  # metrics in the table
+_MARKS = ("circle", "square", "triangle-up", "diamond", "triangle-down", "pentagon")
+
+
+@dataclass(frozen=True)
+class FlightsView:
+    """Plain data for the page's script, and the arrays that travel packed."""
+
+    data: dict[str, Any]
+    arrays: dict[str, Floats]
+    strips: tuple[tuple[str, str], ...]  # dispersions drawn: name and words
+
+
+def make_flights_view(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> FlightsView:
+    """The view of a campaign: of all its flights, or of the worst and the first where there are too many."""
+    names = results.controllers
+    records = results.campaign.metrics
+    metrics = [
+        {"name": name, "label": records[name].label, "unit": records[name].unit.removeprefix("-")}
+        for name in results.metrics
+    ]
+    headed = results.asked[:_HEADED]
+    limits: dict[str, list[float]] = {}
+    for item in results.campaign.requirements:
+        limits.setdefault(item.metric, []).append(item.limit)
+    most = MOST_FLIGHTS // len(names)
+    ranking = {name: _rank(results, name, most) for name in names}
+    kept = {name: _kept(results.flights[name].flight.size, ranking[name], most) for name in names}
+    controller = np.concatenate([np.full(rows.size, k) for k, rows in enumerate(kept.values())])
+    flights = {name: results.flights[name] for name in names}
+    number = np.concatenate([flights[name].flight[rows] for name, rows in kept.items()])
+    outcome = np.concatenate([flights[name].outcome[rows] for name, rows in kept.items()])
+    arrays: dict[str, Floats] = {}
+    for entry in metrics:
+        values = [flights[name].metrics[entry["name"]][rows] for name, rows in kept.items()]
+        arrays[f"column:{entry['name']}"] = np.concatenate(values)
+    dispersions = [{"name": name, "label": _capital(spoken_name(name)), "unit": ""} for name in results.dispersed]
+    for name in results.dispersed:
+        arrays[f"column:{name}"] = results.samples[name][number]
+    places = {
+        (name, int(n)): i for i, (name, n) in enumerate(zip(np.array(names)[controller].tolist(), number, strict=True))
+    }
+    history = np.full(number.size, -1)
+    channels, count = _add_histories(results, names, places, history, arrays)
+    position = _in_order(kept, ranking)
+    total = sum(flights[name].flight.size for name in names)
+    data = {
+        "controllers": [
+            {"name": name, "label": labels[name], "color": colors[name], "mark": mark_of(k)}
+            for k, name in enumerate(names)
+        ],
+        "folder": results.folder.as_posix(),
+        "rows": {
+            "controller": controller.tolist(),
+            "flight": number.tolist(),
+            "outcome": outcome.tolist(),
+            "failed": (outcome != Outcome.OK).astype(int).tolist(),
+            "history": history.tolist(),
+        },
+        "outcomes": {int(code): Outcome(int(code)).code.replace("_", " ") for code in np.unique(outcome)},
+        "order": position,
+        "metrics": metrics,
+        "dispersions": dispersions,
+        "headed": list(headed),
+        "limits": limits,
+        "channels": channels,
+        "track": count > 0 and {"north_m", "east_m"} <= {channel["name"] for channel in channels},
+        "listed": LISTED,
+        "left": "" if number.size == total else f"Shown of {total:,}: the worst, those that failed, and the first",
+        "start": {
+            "x": dispersions[0]["name"] if dispersions else metrics[0]["name"],
+            "y": headed[0] if headed else metrics[0]["name"],
+            "channel": "bank_deg",
+        },
+    }
+    strips = tuple((entry["name"], entry["label"]) for entry in dispersions[:_STRIPS])
+    return FlightsView(data, arrays, strips)
+
+
+def mark_of(number: int) -> str:
+    """The mark of the controller with this number: colours carry no meaning alone."""
+    return _MARKS[number % len(_MARKS)]
+
+
+def _rank(results: Results, name: str, most: int) -> list[int]:
+    """Rows of the worst flights of a controller: those that the report lists in its order, then the next."""
+    flights, criteria = results.flights[name], results.campaign.criteria
+    listed = rank_worst(flights, criteria, results.campaign.worst or LISTED_WORST)
+    return list(dict.fromkeys([*listed, *rank_worst(flights, criteria, most)]))
+
+
+def _kept(flights: int, worst: Sequence[int], most: int) -> NDArray[np.intp]:
+    """Rows [flight], ascending: all where there are few enough, else the worst half and the first of the others."""
+    if flights <= most:
+        return np.arange(flights)
+    worst = worst[: most // 2]
+    others = np.setdiff1d(np.arange(most), worst)[: most - len(worst)]
+    return np.sort(np.concatenate([worst, others]).astype(np.intp))
+
+
+def _in_order(kept: Mapping[str, NDArray[np.intp]], ranking: Mapping[str, Sequence[int]]) -> list[int]:
+    """Rows of the view, the worst first, the controllers in turn."""
+    columns, start = [], 0
+    for name, rows in kept.items():
+        rank = {row: place for place, row in enumerate(ranking[name])}
+        places = [rank.get(row, len(rank)) for row in rows.tolist()]
+        columns.append((start + np.argsort(places, kind="stable")).tolist())
+        start += rows.size
+    longest = max(map(len, columns), default=0)
+    return [column[i] for i in range(longest) for column in columns if i < len(column)]
+
+
+def _add_histories(
+    results: Results,
+    names: Sequence[str],
+    places: Mapping[tuple[str, int], int],
+    history: NDArray[np.int64],
+    arrays: dict[str, Floats],
+) -> tuple[list[dict[str, Any]], int]:
+    """Put the kept histories into ``arrays`` (``history:CHANNEL`` [flight, time]) and their numbers into ``history``.
+
+    The channels that all of them have, and how many flights these are.
+    """
+    found = [
+        (places[name, flight], columns)
+        for name in names
+        for flight, columns in read_histories(results.folder, name).items()
+        if (name, flight) in places
+    ]
+    if not found:
+        return [], 0
+    longest = max((columns["time"] for _, columns in found), key=len)
+    step = float(np.median(np.diff(longest))) if longest.size > 1 else 1.0
+    every = max(1, round(1.0 / (_HISTORY_RATE * step)))
+    time = longest[::every]
+    held = [signal for signal in CHANNELS if all(signal.name in columns for _, columns in found)]
+    arrays["history-time"] = time
+    for signal in held:
+        table = np.full((len(found), time.size), np.nan)
+        for i, (_, columns) in enumerate(found):
+            values = columns[signal.name][::every]
+            table[i, : values.size] = values
+        arrays[f"history:{signal.name}"] = table
+    for i, (row, _) in enumerate(found):
+        history[row] = i
+    return [_channel(signal.name, signal.unit, {s.name for s in held}) for signal in held], len(found)
+
+
+def _channel(name: str, unit: str, held: set[str]) -> dict[str, Any]:
+    stem, _, end = name.rpartition("_") if unit != "-" else (name, "", "")
+    command = f"{stem}_command_{end}".rstrip("_")
+    words = _capital(stem.replace("_", " "))
+    return {
+        "name": name,
+        "label": words,
+        "unit": "" if unit == "-" else unit,
+        "command": command if command in held else None,
+    }
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
