@@ -1,12 +1,18 @@
 """Single flights and trims from Python: inputs by shipped name, path or mapping, results as pandas tables.
 
 A mapping is the file's content; with ``base`` it is that file (or shipped name) with entries replaced, nested ones by
-dotted keys: ``{"base": "tlc", "attitude.bank.bandwidth": "0.4 rad/s"}``. Nothing is written.
+dotted keys: ``{"base": "tlc", "attitude.bank.bandwidth": "0.4 rad/s"}``. A controller may be a
+law's function.
 """
 
+import atexit
 import copy
+import functools
+import hashlib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,7 +31,7 @@ if TYPE_CHECKING:
     from abhv_mc.vehicle.model import Vehicle
     from abhv_mc.world.earth import Earth
 
-Input = str | Path | Mapping[str, Any]
+Input = str | Path | Mapping[str, Any] | Callable[..., Any]
 Quantity = float | str  # a number in SI (angles in rad), or text with a unit
 
 TRIM_UNITS = {
@@ -56,6 +62,8 @@ TRIM_LIMITS = {  # in SI
 
 def make_document(kind: str, given: Input) -> Document:
     """An input of a kind (``vehicle``, ``mission``, ``control``) as a document. Raises InputError."""
+    if callable(given):
+        return _make_law_document(kind, given)
     if not isinstance(given, Mapping):
         return read_document(find_input(given, kind))
     changes = {str(key): value for key, value in given.items()}
@@ -77,6 +85,30 @@ def make_document(kind: str, given: Input) -> Document:
             raise InputError(document.path, None, None, f"no entry '{key}'", "the key of a mapping")
         place[last] = value
     return Document(document.path, data, document.value_places, document.key_places)
+
+
+def _make_law_document(kind: str, law: Callable[..., Any]) -> Document:
+    """A law's function as a controller; its text is taken now."""
+    from abhv_mc.user_code.from_function import make_law_text
+
+    if kind != "control":
+        raise InputError(kind, None, None, "a function", "a name, a path or a mapping")
+    text = make_law_text(law)
+    folder = _temporary_folder() / hashlib.sha256(text.encode()).hexdigest()[:16]
+    folder.mkdir(exist_ok=True)
+    file = folder / f"{law.__name__}.py"
+    file.write_text(text, encoding="utf-8")
+    path = file.with_suffix(".yaml")
+    path.write_text(f"law: python\nfile: {file.name}\n", encoding="utf-8")
+    return read_document(path)
+
+
+@functools.cache
+def _temporary_folder() -> Path:
+    """A folder for as long as this process lives."""
+    folder = tempfile.mkdtemp(prefix="abhv-mc-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
 
 
 def make_flight_plan(mission: Input, vehicle: Input = "ghame_x", controller: Input = "tlc") -> "FlightPlan":

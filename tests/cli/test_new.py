@@ -1,6 +1,8 @@
 """A new folder is complete in itself."""
 
 import json
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -42,13 +44,25 @@ def test_every_shipped_campaign_can_be_copied_whole(name: str, tmp_path: Path) -
 
 
 def test_a_law_of_ones_own_comes_with_a_campaign_that_asks_about_it_and_flies(tmp_path: Path) -> None:
-    written = write_new_campaign(tmp_path / "study", law=True)
+    written = write_new_campaign(tmp_path / "study", law="python")
     model = read_campaign(written[0]).model
     assert next(iter(model.controllers)) == "my_law" and model.question.startswith("Does my own law")
     checked = check_inputs(written[0])  # compiles it and flies a tick
     assert not any(found.warnings for found in checked if found.path.name == "my_law.yaml")
     flight = abhv_mc.fly(model.mission, model.vehicle, model.controllers["my_law"], every=100)
     assert flight.attrs["outcome"] == "ok" and flight.attrs["metrics"]["altitude_error_max_m"] < 50.0
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_a_law_in_c_flies_as_the_same_law_in_python_and_builds_by_its_makefile(tmp_path: Path) -> None:
+    python, c = (write_new_campaign(tmp_path / law, law=law)[0].parent / "control" for law in ("python", "c"))
+    flights = [abhv_mc.fly("level", controller=folder / "my_law.yaml", every=100) for folder in (python, c)]
+    assert flights[1].attrs["outcome"] == "ok"
+    assert flights[1].equals(flights[0])
+    subprocess.run(["make", "--quiet", "CC=cc"], cwd=c, check=True)
+    text = (c / "my_law.yaml").read_text().replace("sources: [my_law.c]", "library: libmy_law.so")
+    (c / "my_law.yaml").write_text(text)
+    assert abhv_mc.fly("level", controller=c / "my_law.yaml", every=100).equals(flights[0])
 
 
 def test_an_unknown_name_is_refused_with_the_known_ones(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import shutil
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from execution.test_cluster import Dask
 from report.few_figures import build_with
@@ -193,6 +194,42 @@ def test_one_changed_byte_of_a_declared_file_is_another_campaign(study, tmp_path
         run_campaign(Request(study(), tmp_path / "out", runs=4), threads())
     again = run_campaign(Request(study(), tmp_path / "out", runs=4, fresh=True), threads()).manifest
     assert again["digest"] != run["digest"]
+
+
+def write_c_law(repository, folder, line=""):
+    """The shipped LQR in C, with a line of its own, as the law of the study's campaign."""
+    shipped = repository / "configs" / "control" / "lqr_c"
+    shutil.copy(shipped / "lqr_design.py", folder)
+    shutil.copy(shipped / "lqr_c.yaml", folder / "law.yaml")
+    text = (shipped / "lqr.c").read_text()
+    (folder / "lqr.c").write_text(text.replace("    double path =", f"    {line}\n    double path ="))
+    return Request(folder / "campaign.yaml", folder / ("crashing" if line else "whole"))
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_a_crash_in_c_costs_one_flight_of_a_campaign_that_ends_and_reports(study, repository, tmp_path, capfd):
+    """In worker processes; the other flights are those of the built-in law, as is a replay of one of them."""
+    study(24)
+    request = write_c_law(repository, tmp_path)
+    whole = run_campaign(request, make_engine()).manifest
+    assert whole["controllers"]["mine"]["outcomes"] == {"ok": 24}
+    flown = read_results(request.out).flights
+    errors = np.array(flown["mine"].metrics["altitude_error_max_m"])
+    assert np.array_equal(errors, flown["lqr"].metrics["altitude_error_max_m"])
+    assert replay_flight(request.out, "mine", 3, fly).differences == ()
+    second, first = np.sort(errors)[-2:]
+    line = f"if (altitude * altitude > {float(0.5 * (first + second)) ** 2!r}) *(volatile int *)0 = 1;"
+    crashing = write_c_law(repository, tmp_path, line)
+    with pytest.raises(InputError, match=r"inputs/controllers/mine/lqr.c: other content"):
+        run_campaign(dataclasses.replace(crashing, out=request.out), make_engine())
+    found = run_campaign(crashing, make_engine()).manifest
+    assert found["state"] == "complete"
+    assert found["controllers"]["mine"]["outcomes"] == {"ok": 23, "law_crashed": 1}
+    again = read_results(crashing.out).flights["mine"]
+    rest = np.arange(24) != int(np.argmax(errors))
+    assert np.array_equal(np.array(again.metrics["altitude_error_max_m"])[rest], errors[rest])
+    assert build_with(crashing.out).exists()
+    assert "SIGSEGV" in capfd.readouterr().err
 
 
 def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):

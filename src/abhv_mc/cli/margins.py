@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from abhv_mc.stability.analysis import Stability, Time
 
 _FREQUENCIES = 1000
+_MOST_TIMES = 10_000
 _COLUMNS = (
     ("gain_margin_low_db", "gain down\ndB", 2),
     ("gain_margin_high_db", "gain up\ndB", 2),
@@ -86,16 +87,30 @@ def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], flo
     from abhv_mc.io.units import ANGLE, TIME
     from abhv_mc.linearizing import check_bank
 
-    times: list[Time] = [
-        "trim" if each.strip() == "trim" else parse_option("--at", each, TIME, "s") for each in at.split(",")
-    ]
-    if one and len(times) > 1:
-        raise InputError("--at", None, None, f"'{at}'", "one point")
+    times: list[Time] = []
+    for each in at.split(","):
+        if each.count(":") == 2:
+            times += _read_range([parse_option("--at", part, TIME, "s") for part in each.split(":")])
+        else:
+            times.append("trim" if each.strip() == "trim" else parse_option("--at", each, TIME, "s"))
+    if one and len(times) > 1 and "trim" in times:
+        raise InputError("--at", None, None, f"'{at}'", "one point, or times such as 0s:60s:1s")
     for time in times:
         if time != "trim" and time < 0.0:
             raise InputError("--at", None, None, f"{time:g} s", "trim, or a time from 0 s")
     angle = check_bank(parse_option("--bank", bank, ANGLE, "deg"), "trim" not in times, "--bank")
     return times, angle
+
+
+def _read_range(ends: "list[float]") -> "list[Time]":
+    """Times (s) from the first to the last, both among them, the third apart. Raises InputError."""
+    from abhv_mc.io.input_error import InputError
+
+    first, last, step = ends
+    if step <= 0.0 or last < first or last - first > _MOST_TIMES * step:
+        found = f"{first:g} s to {last:g} s every {step:g} s"
+        raise InputError("--at", None, None, found, f"rising times, at most {_MOST_TIMES}, such as 0s:60s:1s")
+    return [first + i * step for i in range(int((last - first) / step + 1e-9) + 1)]
 
 
 def read_setups(

@@ -7,6 +7,7 @@ import typer
 
 from abhv_mc.cli.outputs import output_folder
 from abhv_mc.cli.printing import say
+from abhv_mc.io.input_error import InputError
 
 
 def command(
@@ -14,13 +15,20 @@ def command(
     source: Annotated[
         str, typer.Option("--from", metavar="NAME", help="Name of a shipped campaign, such as wide or failures.")
     ] = "s_manoeuvre",
-    law: Annotated[bool, typer.Option("--law", help="Add a commented control law of your own in Python.")] = False,
+    law: Annotated[bool, typer.Option("--law", help="Add a commented control law of your own.")] = False,
+    language: Annotated[
+        str | None, typer.Argument(metavar="[LANGUAGE]", help="Of the law: python or c.", show_default="python")
+    ] = None,
 ) -> None:
     """Write a commented campaign with its vehicle, mission and control files to start from."""
     from abhv_mc.campaign.file.new_campaign import write_new_campaign
 
-    campaign, *others = write_new_campaign(folder, source, law)
+    if language is not None and not law:
+        raise InputError(language, None, None, "a language without --law", "--law before it")
+    chosen = (language or "python") if law else None
+    campaign, *others = write_new_campaign(folder, source, chosen)
     say(f"{campaign} and {len(others)} files that it needs. Next:")
     if law:
-        say(f"  cd {folder} && abhv-mc fly level --controllers control/my_law.yaml   # after each edit of my_law.py")
+        file = "my_law.c" if chosen == "c" else "my_law.py"
+        say(f"  cd {folder} && abhv-mc fly level --controllers control/my_law.yaml   # after each edit of {file}")
     say(f"  cd {folder} && abhv-mc run {campaign.name}")

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, RootModel, Tag, model_validator
 
-from abhv_mc.control.law_file import PythonController, UserController
+from abhv_mc.control.law_file import CController, FmuController, PythonController, UserController
 from abhv_mc.io.documents import Document, Refusal, StrictModel, describe, one_of, read_document, validate
 from abhv_mc.io.units import Angle, AngularRate, Frequency, Pressure, Time
 
@@ -262,6 +262,15 @@ class LqrController(StrictModel):
 Controller = TlcController | LqrController | UserController
 
 
+CONTROLLERS: dict[str, type[Controller]] = {
+    "tlc": TlcController,
+    "lqr": LqrController,
+    "python": PythonController,
+    "c": CController,
+    "fmu": FmuController,
+}
+
+
 class ControllerFile(RootModel[Annotated[Controller, Field(discriminator="law")]]):
     """Any controller file."""
 
@@ -270,10 +279,9 @@ def read_controller_document(path: str | Path) -> tuple[Document, Controller]:
     """Read and check a controller file; a law of one's own is not run. Raises InputError."""
     document = read_document(path)
     law = document.data.get("law") if isinstance(document.data, dict) else None
-    models: dict[Any, type[Controller]] = {"tlc": TlcController, "lqr": LqrController, "python": PythonController}
-    if not isinstance(law, str) or law not in models:
-        raise document.error(("law",), describe(law), one_of(models, law))
-    return document, validate(document, models[law])
+    if not isinstance(law, str) or law not in CONTROLLERS:
+        raise document.error(("law",), describe(law), one_of(CONTROLLERS, law))
+    return document, validate(document, CONTROLLERS[law])
 
 
 def read_controller(path: str | Path) -> Controller:

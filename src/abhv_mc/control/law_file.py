@@ -1,6 +1,7 @@
 """Controller files that name code of the user's own, and which files that code consists of."""
 
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -8,11 +9,12 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from abhv_mc.io.documents import File, Refusal, StrictModel
-from abhv_mc.io.units import Frequency
+from abhv_mc.io.units import Frequency, parse_any
 
 Rate = Annotated[Frequency, Field(gt=0.0)]
 _RATE = "control ticks per second"
 _FILES = "data and modules beside the law that it reads: names, patterns such as tables/*.csv, folders"
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 class PythonController(StrictModel):
@@ -34,18 +36,106 @@ class PythonController(StrictModel):
         return []
 
 
-UserController = PythonController
-USER_LAWS = ("python",)
-NAMING_KEYS = ("file",)  # of controller files: paths from the file's own folder
+class CController(StrictModel):
+    """A law of one's own in C, by the interface of abhv_law.h."""
+
+    law: Literal["c"] = Field(description="the control law")
+    library: File | None = Field(None, description="the law as a shared library")
+    sources: tuple[File, ...] = Field((), description="the law's C sources, in place of a library: built by cc")
+    flags: tuple[str, ...] = Field(("-O2",), description="what cc is given besides -ffp-contract=off")
+    design: File | None = Field(None, description="gains: a Python file with design(), or a CSV file over time")
+    files: tuple[str, ...] = Field((), description=_FILES)
+    rate: Rate = Field(100.0, description=_RATE)
+    settings: dict[str, Any] = Field(
+        {}, description="numbers or lists of numbers, with units: the struct abhv_settings"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "CController":
+        if (self.library is None) == (not self.sources):
+            raise Refusal("both or none of the two", "library or sources")
+        for name, value in self.settings.items():
+            if not _NAME.fullmatch(name):
+                raise Refusal(f"the setting '{name}'", "a name that C allows", ("settings", name))
+            parse_numbers(value, ("settings", name))
+        find_files(self)
+        return self
+
+    @property
+    def layout(self) -> "Layout":
+        """Name and length of each setting, 0 for a number by itself, in the file's order."""
+        return [(name, len(value) if isinstance(value, list) else 0) for name, value in self.settings.items()]
+
+    @property
+    def numbers(self) -> list[float]:
+        """The settings one after another, SI."""
+        return [number for name, value in self.settings.items() for number in parse_numbers(value, ("settings", name))]
+
+    def warnings(self) -> list[str]:
+        """Nothing that a file alone shows."""
+        return []
+
+
+class FmuController(StrictModel):
+    """A law of one's own as a Functional Mock-up Unit for co-simulation."""
+
+    law: Literal["fmu"] = Field(description="the control law")
+    file: File = Field(description="the FMU, of FMI 2.0 or 3.0")
+    inputs: dict[str, str] = Field(description="its inputs: measured.NAME, reference.NAME, gains.NAME or time")
+    outputs: dict[str, str] = Field(
+        description="the command's fields, such as elevator, and the outputs that give them"
+    )
+    params: dict[str, Any] = Field({}, description="start values of its parameters, with units where it has them")
+    design: File | None = Field(None, description="gains: a Python file with design(), or a CSV file over time")
+    files: tuple[str, ...] = Field((), description=_FILES)
+    rate: Rate = Field(100.0, description=_RATE)
+
+    @model_validator(mode="after")
+    def _check(self) -> "FmuController":
+        for name, value in self.params.items():
+            parse_numbers(value, ("params", name))
+        find_files(self)
+        return self
+
+    def warnings(self) -> list[str]:
+        """Nothing that a file alone shows."""
+        return []
+
+
+def parse_numbers(value: Any, keys: tuple[str | int, ...]) -> list[float]:
+    """A number or a list of them, each with a unit of any dimension or none, SI. Raises Refusal."""
+    items = value if isinstance(value, list) else [value]
+    numbers = []
+    for i, item in enumerate(items):
+        try:
+            numbers.append(parse_any(item))
+        except Refusal as refusal:
+            place = (*keys, i) if isinstance(value, list) else keys
+            raise Refusal(refusal.found, refusal.wanted, place) from None
+    if not numbers:
+        raise Refusal("an empty list", "at least one number", keys)
+    return numbers
+
+
+Layout = list[tuple[str, int]]  # of settings: name and length, 0 for a number by itself
+UserController = PythonController | CController | FmuController
+USER_LAWS = ("python", "c", "fmu")
+NAMING_KEYS = ("file", "library", "design", "sources")  # of controller files: paths from the file's own folder
 
 
 def find_files(law: UserController) -> dict[str, Path]:
     """Every file that a law consists of, by its name from the folder that holds them all; the law itself first.
 
-    ``files`` lie beside the law. Raises Refusal for an entry
+    ``files`` lie beside the law: beside its Python file, FMU, library or first source. Raises Refusal for an entry
     that names none, or one that lies elsewhere.
     """
-    paths = [Path(os.path.abspath(path)) for path in (law.file, *expand(law.file.parent, law.files))]  # noqa: PTH100
+    if isinstance(law, CController):
+        named = [law.library] if law.library is not None else list(law.sources)
+    else:
+        named = [law.file]
+    beside = expand(named[0].parent, law.files)
+    design = getattr(law, "design", None)
+    paths = [Path(os.path.abspath(path)) for path in (*named, *([design] if design is not None else []), *beside)]  # noqa: PTH100
     root = Path(os.path.commonpath([path.parent for path in paths]))
     return {path.relative_to(root).as_posix(): path for path in paths}
 

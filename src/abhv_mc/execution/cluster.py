@@ -29,6 +29,8 @@ from abhv_mc.folder.plans import flatten, rebuild
 from abhv_mc.identity import code_hash
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.metrics import MarginPlan
+from abhv_mc.user_code.c_source import refuse_platform
+from abhv_mc.user_code.child import allow_here
 from abhv_mc.user_code.source import OwnSource
 
 if TYPE_CHECKING:
@@ -68,6 +70,9 @@ def fly_remote(
     plan: FlightPlan = with_code(rebuild(kind_of_plan, arrays), code)
     if source and code_hash() != source:
         return sign(make_failed(plan, None))  # refused where it is merged, before it costs a flight
+    allow_here()
+    if plan.source is not None and (words := refuse_platform(plan.source)) is not None:
+        raise UnusableError(f"a worker of the cluster has {words}")
     with _warming:
         kind = (f"{plan.law} {plan.source_hash} {plan.channels_hash}", type(plan).__name__, fly.__qualname__)
         if kind not in _warm:
@@ -137,8 +142,11 @@ class Cluster:
         )
         try:
             block: FlightBlock = future.result()
+        except UnusableError:
+            raise
         except KilledWorker as error:
-            raise FlightLostError(f"workers of the cluster ended on it ({error.last_worker.address})") from None
+            words = f"workers of the cluster ended on it ({error.last_worker.address})"
+            raise FlightLostError(words, process=True) from None
         except (CancelledError, OSError) as error:
             raise UnusableError(f"the cluster is gone: {type(error).__name__}: {error}") from None
         except Exception as error:

@@ -11,12 +11,12 @@ from abhv_mc.campaign.file.user_metrics import pack_sources
 from abhv_mc.execution.engine import Engine, check_source
 from abhv_mc.flight.metrics import pack_metrics
 from abhv_mc.flight.plan import LANES, FlightPlan
-from abhv_mc.flight.user_law import open_law
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.inputs import FolderInputs
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.plans import read_trusted_plan
 from abhv_mc.io.documents import Document, InputError
+from abhv_mc.user_code.channels import compile_channels
 from abhv_mc.user_code.closure import check_closure
 from abhv_mc.user_code.source import read_source
 from abhv_mc.vehicle.sensing import IN_WIND
@@ -38,9 +38,9 @@ def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) 
     check_own_code(campaign)
     made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
     plans = {name: declare(campaign, plan) for name, plan in made.items()}
-    for plan in plans.values() if model.channels else ():
-        with open_law(plan, LANES):  # compiled now, before anything is written
-            pass
+    for plan in plans.values():
+        if plan.channels_source is not None:
+            compile_channels(plan.channels_source, LANES)  # now, before anything is written
     return plans
 
 

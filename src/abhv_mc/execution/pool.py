@@ -88,12 +88,13 @@ class _Worker:
         connection: Connection = self._connection
         if not wait([connection], limit):
             self.kill()
-            raise FlightLostError(f"not done in {limit:g} s")
+            raise FlightLostError(f"not done in {limit:g} s", process=True, hung=True)
         try:
             return connection.recv()
         except (EOFError, OSError):
             self.kill()
-            raise FlightLostError(f"its process ended: {_describe_exit(self.process.exitcode)}") from None
+            words = f"its process ended: {_describe_exit(self.process.exitcode)}"
+            raise FlightLostError(words, process=True) from None
 
     def kill(self) -> None:
         """End the process, whatever it does."""

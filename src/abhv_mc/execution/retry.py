@@ -1,6 +1,7 @@
 """Retries: a block that is lost is flown again in smaller pieces, down to the single flight that cannot be computed.
 
-That flight has the outcome ``failed_to_run``, which says nothing about the vehicle.
+That flight has the outcome ``failed_to_run``, which says nothing about the vehicle; where native code of a law's may
+have ended or held up its process, ``law_crashed`` or ``law_hung``, which count as ``law_failed`` does.
 """
 
 import math
@@ -12,7 +13,8 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.blocks import Asked, Recorded
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.lost import make_lost
+from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, recording_of
 from abhv_mc.folder.counted import Counting, count_flights
 from abhv_mc.stability.metrics import count_metrics
@@ -24,7 +26,11 @@ _PIECES = (PIECE, 1, 1)  # a single flight is tried twice: its process may have 
 
 
 class FlightLostError(Exception):
-    """Flights that raised, took too long or ended their process; the message says which of these."""
+    """Flights that raised, took too long (``hung``) or ended their ``process``; the message says which of these."""
+
+    def __init__(self, words: str, process: bool = False, hung: bool = False) -> None:
+        super().__init__(words)
+        self.process, self.hung = process, hung
 
 
 class UnusableError(Exception):
@@ -70,19 +76,12 @@ def _fly(
     except FlightLostError as error:
         if not sizes:
             reasons.append(str(error))
-            return make_failed(plan, recorded)
+            outcome = find_lost_outcome(plan.law, error.hung) if error.process else Outcome.FAILED_TO_RUN
+            return make_lost(plan, outcome, recording_of(recorded), count_metrics(plan))
         pieces = np.split(parameters, range(sizes[0], len(parameters), sizes[0]))
         return join_blocks([_fly(attempt, plan, piece, recorded, sizes[1:], reasons) for piece in pieces])
 
 
 def make_failed(plan: FlightPlan, recorded: Recorded) -> FlightBlock:
     """The row of one flight that could not be computed."""
-    recording = recording_of(recorded)
-    times = np.arange(recording.count_samples(plan.timing)) * (recording.every * plan.timing.tick)
-    return FlightBlock(
-        outcome=np.array([Outcome.FAILED_TO_RUN], np.int64),
-        end_time=np.full(1, np.nan),
-        metrics=np.full((1, count_metrics(plan)), np.nan),
-        history=np.full((1, len(times), len(recording.channels)), np.nan, np.float32),
-        times=times.astype(np.float64),
-    )
+    return make_lost(plan, Outcome.FAILED_TO_RUN, recording_of(recorded), count_metrics(plan))

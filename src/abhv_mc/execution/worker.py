@@ -11,6 +11,7 @@ from abhv_mc.execution.attest import sign
 from abhv_mc.execution.blocks import Fly, fly_recorded
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.user_code.child import allow_here
 
 
 def serve(connection: Connection, fly: Fly) -> None:
@@ -18,6 +19,7 @@ def serve(connection: Connection, fly: Fly) -> None:
 
     Each is answered with None as each batch starts, for the parent's clock, then the block or what was raised.
     """
+    allow_here()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches everyone in the terminal; the parent decides
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()

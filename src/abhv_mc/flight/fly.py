@@ -11,10 +11,14 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.arguments import Kept, KernelPlan, KernelResults, check_written, make_kernel_plan, make_results
 from abhv_mc.flight.extremes import join_bins
 from abhv_mc.flight.kernel import make_fly_lanes
+from abhv_mc.flight.lost import fly_in_child
 from abhv_mc.flight.memory import Memory, make_memory
 from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan, Recording, recording_of
-from abhv_mc.flight.user_law import open_law
+from abhv_mc.flight.user_law import must_fly_elsewhere, open_law
 from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.user_code.child import in_child
+
+_LONGEST = 600.0  # s that flights of native code may take up to where they are kept
 
 compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
 
@@ -63,9 +67,11 @@ def fly(
     """
     parameters = check_parameters(parameters)
     recording = recording_of(record_every)
+    if must_fly_elsewhere(plan):
+        return fly_in_child(fly, plan, parameters, recording, lanes, keep_states, start)
     results = make_results(plan, len(parameters), recording, keep_states)
     kernel_plan, memory, results = flight_arguments(plan, parameters, results, recording, lanes, start)
-    with open_law(plan, lanes, memory_in_rows=start is not None) as own:
+    with open_law(plan, lanes, memory_in_rows=start is not None, flights=len(parameters)) as own:
         compiled_flight(lanes)(kernel_plan._replace(own=own), memory, results)
     return make_block(plan, results, recording)
 
@@ -77,6 +83,8 @@ def fly_until(plan: FlightPlan, parameters: Floats, tick: int, start: Kept | Non
     has the memory of its end, in which nothing is promised but that its lane is no longer alive. Raises InputError for
     a law in plain Python whose memory is no named tuple of numbers.
     """
+    if must_fly_elsewhere(plan):
+        return in_child(fly_until, plan, parameters, tick, start, limit=_LONGEST)
     shorter = replace(plan, timing=plan.timing._replace(ticks=tick))
     results = make_results(shorter, len(parameters), Recording(0), False, keep=True)
     kernel_plan, memory, results = flight_arguments(shorter, parameters, results, Recording(0), LANES, start)

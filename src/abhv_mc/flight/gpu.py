@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.control.laws.trim_lookup import AXES, TrimCells
 from abhv_mc.flight.arguments import LAWS, KernelResults, make_kernel_plan, make_results
 from abhv_mc.flight.counting import MAX_REGISTERS
@@ -125,8 +126,8 @@ def fly_on_gpu(
     type or shape. Of extremes nothing is recorded: they would be shared by all threads.
     """
     find_device()
-    if plan.law == "python" or plan.channels_hash:
-        what = "a law" if plan.law == "python" else "channels"
+    if plan.law in USER_LAWS or plan.channels_hash:
+        what = "a law" if plan.law in USER_LAWS else "channels"
         found = f"'{plan.controller}' with {what} of one's own, which is compiled for the processor only"
         raise Refusal(found, "--device cpu, or the laws and channels of the program")
     recording = recording_of(record_every)._replace(extremes=False)

@@ -34,6 +34,16 @@ class Outcome(IntEnum):
         return self.name.lower()
 
 
+LAW_LOST = (Outcome.LAW_CRASHED, Outcome.LAW_HUNG)  # they count as a failed law does, and have no metrics
+
+
+def find_lost_outcome(law: str, hung: bool) -> Outcome:
+    """The outcome of a flight whose process was lost with it alone, twice: the law's where that is native code."""
+    if law not in ("c", "fmu"):
+        return Outcome.FAILED_TO_RUN
+    return Outcome.LAW_HUNG if hung else Outcome.LAW_CRASHED
+
+
 SENTENCES: dict[Outcome, str] = {
     Outcome.OK: "The flight reached the end of the mission.",
     Outcome.ALTITUDE_LIMIT: "The altitude left the mission's limits.",

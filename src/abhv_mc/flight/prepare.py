@@ -20,12 +20,13 @@ from abhv_mc.control.design.guidance_trim import trim_faults
 from abhv_mc.control.design.lqr_design import make_lqr_gains, make_lqr_settings
 from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, solve_reference
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
-from abhv_mc.control.law_file import UserController
+from abhv_mc.control.law_file import USER_LAWS, CController, PythonController, UserController
 from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.flight.native_check import check_native
 from abhv_mc.flight.outcome import EndBounds
 from abhv_mc.flight.plan import LANES, FlightPlan, Limits, Timing
 from abhv_mc.flight.start import multiply
-from abhv_mc.flight.user_law import PYTHON, load_plan_law, open_law
+from abhv_mc.flight.user_law import NATIVE, load_plan_parts, open_law
 from abhv_mc.io.documents import InputError
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.plant import state as s
@@ -35,6 +36,7 @@ from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.user_code.closure import check_closure, watched_design
 from abhv_mc.user_code.design import DesignModel
 from abhv_mc.user_code.law_source import read_trusted_law
+from abhv_mc.user_code.native import NativeLaw
 from abhv_mc.user_code.settings import make_own_settings
 from abhv_mc.user_code.source import Law, load_law
 from abhv_mc.vehicle.limits import tighter
@@ -64,6 +66,9 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
         found = f"a mission along which {law.law} has no gains for this vehicle ({str(error).lower()})"
         wanted = "one where the controls rule the flight"
         raise InputError(mission, None, None, found, wanted) from None
+    if plan.law in NATIVE:
+        check_native(plan)
+        return plan
     with open_law(plan, LANES):  # compiled now, before anything is written
         return plan
 
@@ -71,7 +76,7 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
 class OwnParts(NamedTuple):
     """A law of the user's own, and its settings."""
 
-    law: Law
+    law: Law | NativeLaw
     settings: Floats
 
 
@@ -81,6 +86,9 @@ def read_law(controller: Path) -> tuple[Controller, OwnParts | None]:
     if not isinstance(law, UserController):
         return law, None
     source = read_trusted_law(law)
+    if not isinstance(law, PythonController):
+        numbers = law.numbers if isinstance(law, CController) else []
+        return law, OwnParts(NativeLaw(source), np.array(numbers, dtype=np.float64))
     check_closure(source)
     loaded = load_law(source)
     return law, OwnParts(loaded, make_own_settings(document, law, loaded))
@@ -88,7 +96,7 @@ def read_law(controller: Path) -> tuple[Controller, OwnParts | None]:
 
 def own_parts_of(plan: FlightPlan) -> OwnParts | None:
     """A plan's own law and its settings; None for a law of the program. Raises ValueError without its source."""
-    return OwnParts(load_plan_law(plan), plan.settings) if plan.law == PYTHON else None
+    return OwnParts(load_plan_parts(plan), plan.settings) if plan.law in USER_LAWS else None
 
 
 def has_authority(vehicle: Vehicle, mission: Mission) -> bool:

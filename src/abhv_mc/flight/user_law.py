@@ -5,38 +5,53 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.control.laws.user import MAX_MEMORY, MEMORY
 from abhv_mc.flight.arguments import OwnLaw
+from abhv_mc.flight.memory import TOGETHER
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant import state as s
 from abhv_mc.user_code.channels import compile_channels
+from abhv_mc.user_code.child import in_child, may_run_here
 from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.law_interface import Measured
+from abhv_mc.user_code.native import NativeLaw, find_memory, open_native
 from abhv_mc.user_code.plain import PlainLaw
 from abhv_mc.user_code.source import Law, OwnSource, is_number, load_law
 
 PYTHON = "python"
+NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 
 
 @contextlib.contextmanager
-def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False) -> Iterator[OwnLaw]:
+def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights: int = TOGETHER) -> Iterator[OwnLaw]:
     """The law and the channels of a plan for ``width`` lanes; nothing for a plan without its own.
 
-    ``memory_in_rows`` keeps the memory of a law in plain Python where a compiled law has it, see
-    :func:`law_memory`. Raises ValueError for a plan whose source is missing: a stored plan has none.
+    ``memory_in_rows`` keeps the memory of a law in plain Python or native code where a compiled law has it, see
+    :func:`law_memory`; ``flights`` says how many are flown. Raises ValueError for a plan whose source is missing: a
+    stored plan has none.
     """
-    address, onboard, channels, more = 0, 0, 0, 0
+    address, onboard, channels, more, context = 0, 0, 0, 0, 0
     made: Any = None  # held while it flies
     if plan.law == PYTHON:
         law = load_plan_law(plan)
         source, gains = law.source, tuple(plan.gain_names.tolist())
         made = compile_law(source, gains, width) if law.mark.compiled else PlainLaw(law, gains, width, memory_in_rows)
         address, onboard, more = int(made.address), int("onboard" in law.arguments), int(asks_for_more(law))
+    elif plan.law in NATIVE:
+        places = -(-max(min(flights, TOGETHER), 1) // width) * width  # more are flown after these
+        memory = len(native_memory(plan)) if memory_in_rows else None
+        source = _checked(plan.source, plan.source_hash)
+        made = open_native(source, tuple(plan.gain_names.tolist()), width, places, memory)
+        address, context, more = made.address, made.context, int(_names_more(source.text))
     if plan.channels_hash:
         channels = int(compile_channels(_checked(plan.channels_source, plan.channels_hash), width).address)
-    yield OwnLaw(address, onboard, channels, more)
-    del made
+    try:
+        yield OwnLaw(address, onboard, channels, more, context)
+    finally:
+        if plan.law in NATIVE:
+            made.close()
 
 
 def asks_for_more(law: Law) -> bool:
@@ -45,8 +60,12 @@ def asks_for_more(law: Law) -> bool:
         law.source.text,
         *(content.decode(errors="replace") for name, content in law.source.files if name.endswith(".py")),
     ]
+    return "measured" in law.arguments and any(map(_names_more, texts))
+
+
+def _names_more(text: str) -> bool:
     names = "|".join(Measured._fields[s.N_MEASURED :])
-    return "measured" in law.arguments and any(re.search(rf"\.({names})\b", text) for text in texts)
+    return re.search(rf"\.({names})\b", text) is not None
 
 
 def measured_count(plan: FlightPlan) -> int:
@@ -65,12 +84,35 @@ def _checked(source: OwnSource | None, digest: str) -> OwnSource:
     return source
 
 
+def load_plan_parts(plan: FlightPlan) -> Law | NativeLaw:
+    """The code of a plan that has its own, of any kind."""
+    return load_plan_law(plan) if plan.law == PYTHON else NativeLaw(_checked(plan.source, plan.source_hash))
+
+
+def native_memory(plan: FlightPlan) -> tuple[float, ...]:
+    """The numbers that a law in native code remembers, as a flight starts. Raises InputError where it hides them."""
+    source = _checked(plan.source, plan.source_hash)
+    found = in_child(find_memory, source, plan.settings, plan.reference[0])
+    if found is None:
+        words = "a law whose memory is not known"
+        needed = {"c": "abhv_law_state_get and abhv_law_state_set", "fmu": "an FMU without a memory of its own"}
+        raise InputError(source.file, None, None, words, f"{needed[plan.law]}, for slopes")
+    return found
+
+
+def must_fly_elsewhere(plan: FlightPlan) -> bool:
+    """Whether the plan's law is native code, and this process not one that may be lost."""
+    return plan.law in NATIVE and not may_run_here()
+
+
 def law_memory(plan: FlightPlan) -> dict[str, tuple[int, float]]:
     """Row of the lane memory and value at the start of each number that the plan's own law remembers, by its name.
 
     The last commands are among them where the law sees them (``onboard``): they start as the nominal flight's
     actuators do. Raises InputError for a memory in plain Python that is no named tuple of numbers.
     """
+    if plan.law in NATIVE:
+        return {f"memory_{i}": (MEMORY + i, value) for i, value in enumerate(native_memory(plan))}
     law = load_plan_law(plan)
     names: tuple[str, ...] = ()
     if "memory" in law.arguments:

@@ -26,6 +26,7 @@ from abhv_mc.plant.air_profile import PROFILE
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.state import N_STATES
 from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.c_source import with_library
 from abhv_mc.user_code.law_source import read_law_source
 from abhv_mc.user_code.source import OwnSource, read_source
 from abhv_mc.user_code.trust import check_trusted
@@ -161,7 +162,7 @@ def _take(sources: Iterable[OwnSource], place: Path, digest: str, trusted: bool)
     for source in sources:
         if source.hash == digest:
             check_trusted(source, trusted)
-            return source
+            return with_library(source)
     raise InputError(place, None, None, "no copy of the code that was flown", _WISH)
 
 

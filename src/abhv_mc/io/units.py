@@ -163,6 +163,13 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
     return value
 
 
+def parse_any(text: str | float) -> float:
+    """A quantity of any dimension in SI, or a plain number. Raises :class:`Refusal`."""
+    match = _QUANTITY.fullmatch(str(text).strip()) if isinstance(text, str) else None
+    unit = match.group(2).strip() if match else ""
+    return parse_quantity(text, dimension_of(unit) if unit else FRACTION)
+
+
 def parse_in_unit(value: str | float, unit: str) -> float:
     """A quantity in the SI unit ``unit`` ('-' takes a plain number or a percentage). Raises :class:`Refusal`."""
     return parse_quantity(value, dimension_of(unit))

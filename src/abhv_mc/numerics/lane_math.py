@@ -35,7 +35,7 @@ _LOG = (
     0.15331721600556042,
     0.14616449685043406,
 )
-_SIN = (
+SIN = (
     -0.16666666666666666,
     0.008333333333330948,
     -0.00019841269836758574,
@@ -43,7 +43,7 @@ _SIN = (
     -2.5051131845003624e-08,
     1.5918129294866608e-10,
 )
-_COS = (
+COS = (
     0.041666666666666664,
     -0.0013888888888887398,
     2.480158729876569e-05,
@@ -66,7 +66,7 @@ _ATAN = (
 )
 # Constants in parts whose products with the small integers of a reduction are exact.
 _LN2 = (0.6931471803691238, 1.9082149292705877e-10)
-_HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
+HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 
 _LOG2_E = 1.4426950408889634
 _TWO_OVER_PI = 0.6366197723675814
@@ -143,21 +143,21 @@ def sincos(x: float) -> tuple[float, float]:
     n = rounded - _ROUND
     quadrant = float_bits(rounded) & 3
     # r + tail = x - n pi/2: the first two products are exact, the sum of the second keeps its rounding error
-    a = x - n * _HALF_PI[0]
-    b = -(n * _HALF_PI[1])
+    a = x - n * HALF_PI[0]
+    b = -(n * HALF_PI[1])
     c = a + b
     part = c - a
-    tail = ((a - (c - part)) + (b - part)) - n * _HALF_PI[2]
+    tail = ((a - (c - part)) + (b - part)) - n * HALF_PI[2]
     r = c + tail
     tail = (c - r) + tail
 
     z = r * r
     z2 = z * z
     half_z = 0.5 * z
-    s = (_SIN[1] + z * _SIN[2]) + z2 * ((_SIN[3] + z * _SIN[4]) + z2 * _SIN[5])
+    s = (SIN[1] + z * SIN[2]) + z2 * ((SIN[3] + z * SIN[4]) + z2 * SIN[5])
     r3 = z * r
-    sine = r - ((z * (0.5 * tail - r3 * s) - tail) - r3 * _SIN[0])
-    c = (_COS[0] + z * _COS[1]) + z2 * ((_COS[2] + z * _COS[3]) + z2 * (_COS[4] + z * _COS[5]))
+    sine = r - ((z * (0.5 * tail - r3 * s) - tail) - r3 * SIN[0])
+    c = (COS[0] + z * COS[1]) + z2 * ((COS[2] + z * COS[3]) + z2 * (COS[4] + z * COS[5]))
     w = 1.0 - half_z
     cosine = w + (((1.0 - w) - half_z) + (z2 * c - r * tail))
 

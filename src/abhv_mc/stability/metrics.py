@@ -8,7 +8,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.metrics import MARGIN_VALUES
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.outcome import LAW_LOST, Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def fly_with_margins(plan: FlightPlan, parameters: Floats, record_every: Recordi
         return block
     found = [_find(plan, parameters[first : first + _GROUP]) for first in range(0, len(parameters), _GROUP)]
     values = np.concatenate(found) if found else np.empty((0, len(MARGIN_VALUES)))
-    values[block.outcome == Outcome.FAILED_TO_RUN] = np.nan
+    values[np.isin(block.outcome, (Outcome.FAILED_TO_RUN, *LAW_LOST))] = np.nan
     return replace(block, metrics=np.hstack([block.metrics, values]))
 
 

@@ -1,6 +1,7 @@
 """A linear model in a file: for numpy (.npz), MATLAB (.mat) or anything else (.json)."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -77,6 +78,18 @@ def _names(states: Any, state_units: Any, inputs: Any, input_units: Any, outputs
     named = {"states": states, "inputs": inputs, "outputs": outputs}
     units = {"state_units": state_units, "input_units": input_units, "output_units": output_units}
     return {key: list(values) for key, values in (named | units).items()}
+
+
+def stack_models(models: Sequence[dict[str, Any]], times: Sequence[float]) -> dict[str, Any]:
+    """Models along a flight as one: numbers and arrays have the time first, names are those of the first."""
+
+    def stack(values: list[Any]) -> Any:
+        if isinstance(values[0], dict):
+            return {key: stack([value[key] for value in values]) for key in values[0]}
+        return values[0] if isinstance(values[0], list) else np.stack([np.asarray(value) for value in values])
+
+    fixed = {key: models[0][key] for key in ("period_s", "measurement_delay_periods")}
+    return {"time_s": np.array(times)} | stack(list(models)) | fixed
 
 
 def write_model(file: Path, model: dict[str, Any]) -> None:

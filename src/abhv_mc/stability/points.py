@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
+from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.flight.fly import fly_until
 from abhv_mc.flight.memory import Z_ROWS
 from abhv_mc.flight.observe import ALIVE
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.user_law import PYTHON, measured_count
+from abhv_mc.flight.user_law import measured_count
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import NEVER
 from abhv_mc.stability import path_coordinates as path
@@ -67,7 +68,7 @@ def behind_limit(plan: FlightPlan, points: Points) -> NDArray[np.bool_]:
     beyond = np.asarray((eta < c.equivalence_ratio_min) | (eta > c.equivalence_ratio_max))
     moves = points.lane[:, s.STUCK_SURFACE : s.STUCK_SURFACE + 3] == NEVER
     beyond |= (moves & (np.abs(free.command[:, :3]) > c.surface_limit)).any(axis=1)
-    if plan.law == PYTHON:  # its limits of the angle of attack and the bank are in its code
+    if plan.law in USER_LAWS:  # its limits of the angle of attack and the bank are in its code
         return beyond
     low, high, bank = plan.settings[-3:]
     alpha, sigma = free.guidance[:, 1], np.abs(free.guidance[:, 2])

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats, Ints
+from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.control.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
 from abhv_mc.control.laws.user import FAULT
 from abhv_mc.flight.arguments import Kept, make_kernel_plan
@@ -18,7 +19,7 @@ from abhv_mc.flight.kernel import begin_tick, control, evaluate, find_active, in
 from abhv_mc.flight.memory import Z_ROWS, has_width, make_memory
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.plan import LANES, FlightPlan, Recording
-from abhv_mc.flight.user_law import PYTHON, law_memory, measured_count, open_law
+from abhv_mc.flight.user_law import law_memory, measured_count, must_fly_elsewhere, open_law
 from abhv_mc.jit import kernel, lanes
 from abhv_mc.plant import state as s
 from abhv_mc.plant.air_profile import nominal_density
@@ -27,6 +28,7 @@ from abhv_mc.plant.equations import Stage
 from abhv_mc.plant.failures import fail_plant, fail_sensors
 from abhv_mc.plant.parameters import NEVER
 from abhv_mc.plant.state import SUM, XS, X
+from abhv_mc.user_code.child import in_child
 from abhv_mc.vehicle.arrays import VARIABLES
 
 # What a law of the program remembers from tick to tick, as rows of the lane memory; the last commands are among it
@@ -52,6 +54,7 @@ _MEMORY: dict[str, dict[str, int]] = {
     },
     "lqr": {},
 }
+_LONGEST = 600.0  # s that ticks of a law in native code may take
 _WIDE = 1e6  # beyond any command: a law linearized without its limits
 _N_SEEN = len(VARIABLES) + 7  # variables of the tables, then the guidance's commands, then those to the actuators
 
@@ -205,7 +208,7 @@ def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
 
     Raises InputError for a law in plain Python whose memory is no named tuple of numbers.
     """
-    if plan.law == PYTHON:
+    if plan.law in USER_LAWS:
         return {name: row for name, (row, _) in law_memory(plan).items()}
     return _MEMORY[plan.law]
 
@@ -236,7 +239,7 @@ def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
     memory = sensed[:, list(kept.values())]
     if tick > 0:
         return memory
-    if plan.law == PYTHON:
+    if plan.law in USER_LAWS:
         memory[:] = [start for _, start in law_memory(plan).values()]
     rows = np.arange(Z_ROWS)
     resting = [name.startswith("differentiator") for name in kept]
@@ -246,6 +249,8 @@ def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
 
 
 def _run_law(plan: FlightPlan, tick: int, rows: Ints, before: Floats) -> tuple[Floats, Floats]:
+    if must_fly_elsewhere(plan):
+        return in_child(_run_law, plan, tick, rows, before, limit=_LONGEST)
     after, seen = np.empty_like(before), np.empty((len(before), _N_SEEN))
     with open_law(plan, LANES, memory_in_rows=True) as own:
         arguments = (
@@ -263,7 +268,7 @@ def _without_limits(plan: FlightPlan, tick: int) -> FlightPlan:
         surface_limit=_WIDE, equivalence_ratio_min=-_WIDE, equivalence_ratio_max=_WIDE
     )
     settings = plan.settings.copy()
-    if plan.law != PYTHON:
+    if plan.law not in USER_LAWS:
         settings[-3:] = -_WIDE, _WIDE, _WIDE  # lowest and highest angle of attack, bank: last in both laws' settings
     free = replace(plan, vehicle=plan.vehicle._replace(constants=constants), settings=settings)
     if tick > 0:

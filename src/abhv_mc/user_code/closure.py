@@ -5,7 +5,9 @@ hash in the user's cache. Laws and channels in Python all come through :func:`ch
 """
 
 import hashlib
-from typing import Any
+from types import FunctionType
+
+import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.compiler_target import code_folder
@@ -15,6 +17,7 @@ from abhv_mc.jit import compiler
 from abhv_mc.user_code.child import LostError, in_child
 from abhv_mc.user_code.compiled import own_hash
 from abhv_mc.user_code.design import DesignModel, design_gains
+from abhv_mc.user_code.native import NativeLaw
 from abhv_mc.user_code.source import Law, OwnSource, load_law, run_module
 from abhv_mc.user_code.unpack import in_its_folder
 from abhv_mc.user_code.watch import watching
@@ -44,14 +47,26 @@ def _run_watched(source: OwnSource) -> None:
         run_module(source)
 
 
-def watched_design(law: Law, model: DesignModel, settings: Floats) -> tuple[tuple[str, ...], Floats]:
-    """As :func:`abhv_mc.user_code.design.design_gains`, run in the child under the watch."""
+def watched_design(law: Law | NativeLaw, model: DesignModel, settings: Floats) -> tuple[tuple[str, ...], Floats]:
+    """Names and columns [tick, gain] of what the law's design gives, run in the child under the watch.
+
+    Raises InputError.
+    """
     if law.design is None:
-        return (), design_gains(law, model, settings)[1]
-    return in_child(_design, law.source, model, settings)
+        return (), np.empty((len(model.table), 0))
+    if isinstance(law, NativeLaw) and not str(law.design).endswith(".py"):
+        return law.read_gains(model.time)
+    return in_child(_design, law if isinstance(law, NativeLaw) else law.source, model, settings)
 
 
-def _design(source: OwnSource, model: DesignModel, settings: Any) -> tuple[tuple[str, ...], Floats]:
-    law = load_law(source)
+def _design(law: NativeLaw | OwnSource, model: DesignModel, settings: Floats) -> tuple[tuple[str, ...], Floats]:
+    source = law.design_source() if isinstance(law, NativeLaw) else law
     with in_its_folder(source), watching(source):
-        return design_gains(law, model, settings)
+        if isinstance(law, NativeLaw):
+            design, given = run_module(source).names.get("design"), law.make_settings(settings)
+            if not isinstance(design, FunctionType):
+                raise InputError(source.file, None, None, "no function design", "def design(model, settings)")
+            return design_gains(source, design, model, given)
+        loaded = load_law(law)
+        given = loaded.settings(*settings.tolist()) if loaded.settings is not None else None
+        return design_gains(source, loaded.design, model, given)

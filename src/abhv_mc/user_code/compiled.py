@@ -76,8 +76,15 @@ def _gains_class(names: tuple[str, ...]) -> Any:
 
 def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> Any:
     """Compile the function ``loop`` of a generated text with these names. Raises InputError."""
-    source = module.source
-    key = hashlib.sha256(f"{source.hash} {salt} {text} {own_hash()}".encode()).hexdigest()[:24]
+    try:
+        return build_loop(f"{module.source.hash} {salt}", text, names)
+    except Uncompilable as error:
+        raise _explain(module, error) from None
+
+
+def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
+    """Compile the function ``loop`` of a text with these names, which ``salt`` stands for. Raises Uncompilable."""
+    key = hashlib.sha256(f"{salt} {text} {own_hash()}".encode()).hexdigest()[:24]
     path = code_folder(compiler()) / "laws" / f"law_{key}.py"
     if not path.exists():
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -87,11 +94,8 @@ def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> A
     sys.modules[home.__name__] = home
     home.__dict__.update(names, __name__=home.__name__, __file__=str(path))
     exec(compile(text, str(path), "exec", dont_inherit=True), home.__dict__)  # our text, with the user's functions
-    try:
-        with one_compiles(path.parent.parent, f"{path.stem}.loop"):
-            return compile_pointer(home.__dict__["loop"])
-    except Uncompilable as error:
-        raise _explain(module, error) from None
+    with one_compiles(path.parent.parent, f"{path.stem}.loop"):
+        return compile_pointer(home.__dict__["loop"])
 
 
 @functools.cache

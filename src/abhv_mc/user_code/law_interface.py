@@ -129,3 +129,25 @@ class Thrust(NamedTuple):
 GIVEN = {"measured": Measured, "reference": Reference, "onboard": Onboard}
 CLASSES = {"memory": "Memory", "settings": "Settings", "gains": "gains"}
 ARGUMENTS = ("measured", "reference", "memory", "settings", "gains", "onboard", "time", "dt")
+
+_UNITS = {  # of measurements, reference and commands, SI; what is in no group is a plain number
+    "m": ("altitude", "north", "east", "radius"),
+    "m/s": ("speed", "altitude_rate", "sound_speed", "airspeed"),
+    "m/s2": ("speed_rate", "gravity"),
+    "s": ("time",),
+    "kg": ("mass",),
+    "kg/m3": ("density",),
+    "rad/s": ("roll_rate", "pitch_rate", "yaw_rate", "heading_rate"),
+    "rad": (
+        *("flight_path_angle", "heading", "angle_of_attack", "sideslip", "bank", "pitch", "roll", "yaw", "latitude"),
+        *("longitude", "aileron", "rudder", "elevator"),
+    ),
+}
+
+
+def find_unit(name: str) -> str | None:
+    """The SI unit of a quantity that a law is given or gives: measured.altitude, time, elevator; None for a gain."""
+    group, _, field = name.rpartition(".")
+    if group == "gains" or not field:
+        return None
+    return next((unit for unit, names in _UNITS.items() if field in names), "-")

@@ -31,6 +31,7 @@ class OwnSource:
     text: str
     file: str  # what its user calls it
     files: tuple[tuple[str, bytes], ...] = ()  # name from the folder that holds them all, content; itself among them
+    library: bytes = b""  # of a law in C, built from all this
 
     @functools.cached_property
     def hash(self) -> str:

@@ -16,6 +16,7 @@ from typing import Protocol
 from abhv_mc.compiler_target import code_folder
 from abhv_mc.jit import compiler
 
+BUILT = "abhv_built_law.so"  # name of the library that is built of a law's sources
 _modules: dict[str, dict[str, ModuleType]] = {}  # of each law's own, by hash: taken out of Python's while it rests
 _lock = threading.RLock()
 
@@ -25,6 +26,9 @@ class Source(Protocol):
 
     @property
     def files(self) -> tuple[tuple[str, bytes], ...]: ...
+
+    @property
+    def library(self) -> bytes: ...
 
     @property
     def hash(self) -> str: ...
@@ -41,7 +45,7 @@ def unpack(source: Source) -> Path:
         return folder
     laws.mkdir(mode=0o700, parents=True, exist_ok=True)
     made = Path(tempfile.mkdtemp(dir=laws))
-    for name, content in source.files:
+    for name, content in _contents(source):
         (made / name).parent.mkdir(parents=True, exist_ok=True)
         (made / name).write_bytes(content)
         (made / name).chmod(0o700)  # a library must be executable on some systems
@@ -51,9 +55,13 @@ def unpack(source: Source) -> Path:
     return folder if _holds(folder, source) else made
 
 
+def _contents(source: Source) -> tuple[tuple[str, bytes], ...]:
+    return (*source.files, (BUILT, source.library)) if source.library else source.files
+
+
 def _holds(folder: Path, source: Source) -> bool:
     try:
-        return all((folder / name).read_bytes() == content for name, content in source.files)
+        return all((folder / name).read_bytes() == content for name, content in _contents(source))
     except OSError:
         return False
 

@@ -10,13 +10,8 @@ from pydantic import BaseModel
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.feasibility import find_impossible
-from abhv_mc.control.controller_file import (
-    ControllerFile,
-    LqrController,
-    TlcController,
-    read_controller,
-)
-from abhv_mc.control.law_file import PythonController, UserController
+from abhv_mc.control.controller_file import CONTROLLERS, ControllerFile, read_controller
+from abhv_mc.control.law_file import UserController
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.io.documents import InputError, InputErrors, describe, one_of, read_document
 from abhv_mc.plant.vehicles import load_vehicle
@@ -31,7 +26,7 @@ MODELS: dict[str, type[BaseModel]] = {
 }
 _KEYS: dict[str, set[str]] = {
     **{kind: set(model.model_fields) for kind, model in MODELS.items()},
-    "controller": {key for model in (TlcController, LqrController, PythonController) for key in model.model_fields},
+    "controller": {key for model in CONTROLLERS.values() for key in model.model_fields},
 }
 
 Pending = list[tuple[Path, str | None, tuple[Path, Path] | None]]  # file, kind, vehicle and mission of its campaign

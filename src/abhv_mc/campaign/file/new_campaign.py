@@ -10,21 +10,36 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.inputs import MODELS, find_kind
 from abhv_mc.campaign.file.references import find_references
 from abhv_mc.campaign.file.schema import make_schema
+from abhv_mc.control.controller_file import read_controller
+from abhv_mc.control.law_file import CController
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.shipped import shipped_configs, shipped_files
+from abhv_mc.user_code.c_source import write_headers
 
 DEFAULT = "s_manoeuvre"
-_LAW = "cascade"
+LAWS = ("python", "c")
 _SCHEMAS = "schemas"
+_MAKEFILE = """\
+# The library by hand: 'library: libmy_law.so' in my_law.yaml, in place of 'sources: [my_law.c]', flies it.
+# The headers are written by abhv-mc: again with `make headers`, after an edit of the settings in my_law.yaml.
+libmy_law.so: my_law.c abhv_law.h abhv_settings.h
+\tcc -shared -fPIC -O2 -Wall -ffp-contract=off -I. -o $@ my_law.c -lm
+
+headers: my_law.yaml
+\tpython3 -m abhv_mc.user_code.c_source my_law.yaml
+"""
 _QUESTION = "Does my own law fly this mission as well as the controllers that come with the program?"
 
 
-def write_new_campaign(folder: Path, name: str = DEFAULT, law: bool = False) -> list[Path]:
+def write_new_campaign(folder: Path, name: str = DEFAULT, law: str | None = None) -> list[Path]:
     """Fill a new or empty folder with the shipped campaign ``name`` and all that it refers to; name what was written.
 
-    The campaign, ``campaign.yaml``, comes first; ``law`` adds a commented controller of one's own to it.
+    The campaign, ``campaign.yaml``, comes first; ``law`` (``python`` or ``c``) adds a commented controller of one's
+    own to it.
     Raises :class:`InputError` for an unknown name, or where the folder holds something already.
     """
+    if law is not None and law not in LAWS:
+        raise InputError("--law", None, None, f"'{law}'", one_of(LAWS, law))
     known = shipped_files("campaign")
     if name not in known:
         raise InputError("--from", None, None, f"'{name}'", one_of(known, name))
@@ -43,8 +58,8 @@ def write_new_campaign(folder: Path, name: str = DEFAULT, law: bool = False) -> 
         shutil.copyfile(file, target)
         written.append(target)
     written[0].write_text(source.read_text(encoding="utf-8").replace("../configs/", ""), encoding="utf-8")
-    if law:
-        written += _add_law(folder, written[0])
+    if law is not None:
+        written += _add_law(folder, written[0], law)
     return written + _write_schemas(folder, [file for file in written if file.suffix == ".yaml"])
 
 
@@ -62,16 +77,35 @@ def _write_schemas(folder: Path, files: list[Path]) -> list[Path]:
     return written
 
 
-def _add_law(folder: Path, campaign: Path) -> list[Path]:
+def _add_law(folder: Path, campaign: Path, law: str) -> list[Path]:
     """The shipped example of a controller of one's own, by the name ``my_law``."""
     source, target = shipped_configs() / "control", folder / "control"
-    files = [target / "my_law.py", target / "my_law.yaml"]
-    shutil.copyfile(source / f"{_LAW}.py", files[0])
-    text = (source / f"{_LAW}.yaml").read_text(encoding="utf-8").replace(f"{_LAW}.py", files[0].name)
-    files[1].write_text(text, encoding="utf-8")
+    if law == "c":
+        files = _add_c_law(source, target)
+    else:
+        files = [target / "my_law.py", target / "my_law.yaml"]
+        shutil.copyfile(source / "cascade.py", files[0])
+        text = (source / "cascade.yaml").read_text(encoding="utf-8").replace("cascade.py", files[0].name)
+        files[1].write_text(text, encoding="utf-8")
     text = campaign.read_text(encoding="utf-8")
-    mine = "  my_law: control/my_law.yaml # your own: control/my_law.py\n"
+    mine = f"  my_law: control/my_law.yaml # your own: control/{files[0].name}\n"
     text = re.sub(r"(?m)^(controllers:.*\n)", rf"\1{mine}", text)
     text = re.sub(r"(?m)^question:.*$", f"question: {_QUESTION}", text)
     campaign.write_text(text, encoding="utf-8")
+    return files
+
+
+def _add_c_law(source: Path, target: Path) -> list[Path]:
+    """The same law in C, its design, the headers, and a Makefile for whoever builds the library himself."""
+    text = (source / "cascade_c" / "cascade_c.yaml").read_text(encoding="utf-8")
+    text = text.replace("cascade.c", "my_law.c").replace("../cascade.py", "my_design.py")
+    code = (source / "cascade_c" / "cascade.c").read_text(encoding="utf-8").replace("../cascade.py", "my_design.py")
+    contents = {"my_law.c": code, "my_law.yaml": text, "Makefile": _MAKEFILE}
+    contents["my_design.py"] = (source / "cascade.py").read_text(encoding="utf-8")
+    files = [target / name for name in contents]
+    for file, content in zip(files, contents.values(), strict=True):
+        file.write_text(content, encoding="utf-8")
+    controller = read_controller(target / "my_law.yaml")
+    if isinstance(controller, CController):
+        files += write_headers(controller, target)
     return files

@@ -1,0 +1,60 @@
+"""A controller's gains along a mission in a file of another program: MATLAB, CSV, C arrays."""
+
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.control.columns import LQR_GAINS, TIME, TLC_GAINS
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.io.atomic_write import atomic_write
+from abhv_mc.io.input_error import InputError
+
+FORMATS = (".mat", ".csv", ".h")
+_BUILT_IN = {"tlc": TLC_GAINS, "lqr": LQR_GAINS}
+
+
+def check_gain_format(file: Path) -> None:
+    """Raise InputError for a file name with an ending that is none of FORMATS."""
+    if file.suffix not in FORMATS:
+        raise InputError(file, None, None, f"the ending '{file.suffix}'", "a file name that ends in .mat, .csv or .h")
+
+
+def write_gains(file: Path, plan: FlightPlan) -> None:
+    """Write a plan's gains [tick, gain] with their names and the time (s) of each tick, SI and radians.
+
+    Numbers read back to the same bits. Raises InputError for another ending, and for a law without gains.
+    """
+    check_gain_format(file)
+    names = _BUILT_IN.get(plan.law) or tuple(plan.gain_names.tolist())
+    if not names:
+        raise InputError(file, None, None, f"the law {plan.controller}, which has no gains", "one with a design")
+    ticks = plan.timing.ticks + 1
+    times, gains = plan.reference[:ticks, TIME], plan.gains[:ticks]
+    with atomic_write(file) as aside:
+        if file.suffix == ".mat":
+            from scipy.io import savemat
+
+            with aside.open("wb") as stream:
+                content = {"time_s": times, "gains": gains, "names": np.array(names, dtype=object)}
+                savemat(stream, content, oned_as="column")
+        else:
+            make = _make_csv if file.suffix == ".csv" else _make_header
+            aside.write_text(make(plan.controller, names, times, gains), encoding="utf-8")
+
+
+def _make_csv(controller: str, names: tuple[str, ...], times: np.ndarray, gains: np.ndarray) -> str:
+    rows = np.column_stack([times, gains]).tolist()
+    return "\n".join([",".join(("time_s", *names)), *(",".join(map(repr, row)) for row in rows)]) + "\n"
+
+
+def _make_header(controller: str, names: tuple[str, ...], times: np.ndarray, gains: np.ndarray) -> str:
+    """C99: an enumerator for each column, the times, the gains."""
+    columns = "".join(f"    GAIN_{name.upper()},\n" for name in names)
+    rows = "".join(f"    {{{', '.join(map(repr, row))}}},\n" for row in gains.tolist())
+    return (
+        f"/* Gains of {controller} along its mission, SI and radians: gain[tick][GAIN_...] at gain_time_s[tick]. */\n"
+        f"enum gain {{\n{columns}    GAINS\n}};\n"
+        f"#define GAIN_TICKS {len(times)}\n"
+        f"static const double gain_time_s[GAIN_TICKS] = {{{', '.join(map(repr, times.tolist()))}}};\n"
+        f"static const double gain[GAIN_TICKS][GAINS] = {{\n{rows}}};\n"
+    )

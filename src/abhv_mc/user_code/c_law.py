@@ -1,0 +1,243 @@
+"""A law's library in C, loaded and called: a loop over the lanes fills the structs of abhv_law.h and calls its step.
+
+A flight's state lies where it was first put, in memory of this call; its lane holds the place's number and takes it
+along. Native code runs in processes that may be lost: workers and the child, never the launching one.
+"""
+
+import ctypes
+import functools
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from abhv_mc.array_types import Floats
+from abhv_mc.control.columns import REFERENCE
+from abhv_mc.control.laws.user import FAULT, MAX_MEMORY, MEMORY
+from abhv_mc.io.input_error import InputError
+from abhv_mc.jit_pointer import address_of, call_c, floats_at
+from abhv_mc.numerics.lane_memory import aligned_zeros
+from abhv_mc.plant import state as s
+from abhv_mc.user_code.c_source import describe_layout, interface, recipe_of, refuse_platform
+from abhv_mc.user_code.child import may_run_here
+from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop
+from abhv_mc.user_code.law_interface import NOT_GIVEN
+from abhv_mc.user_code.plain import LAW_FAILED
+from abhv_mc.user_code.source import OwnSource
+from abhv_mc.user_code.unpack import BUILT, unpack
+
+_SYSTEM = ("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/System", "/usr/local/lib")
+_LINE = 64  # bytes that states begin at multiples of
+_COMMAND = 8 * s.N_MEASURED  # where in the buffer the command lies
+_NUMBERS = _COMMAND + 8 * len(COMMAND_ROWS)  # and the numbers of a memory
+
+
+class CLibrary(NamedTuple):
+    """A loaded library: addresses of its functions, 0 for an optional one that it lacks."""
+
+    init: int
+    step: int
+    get: int
+    set: int
+    state_size: int  # bytes
+    handle: Any
+
+
+@functools.lru_cache(maxsize=16)
+def load_library(source: OwnSource) -> CLibrary:
+    """Load a law's library into this process. Raises InputError for what is no law, or not this interface's."""
+    if not may_run_here():
+        raise RuntimeError("native code of a user's is run by workers and the child alone")
+    if (words := refuse_platform(source)) is not None:
+        raise InputError(source.file, None, None, words, "a law built for this platform")
+    recipe: Any = recipe_of(source)
+    path = unpack(source) / (recipe["library"] or BUILT)
+    before = _mapped()
+    try:
+        handle = ctypes.CDLL(str(path), mode=os.RTLD_NOW | os.RTLD_LOCAL)
+    except OSError as error:
+        words = str(error).replace(str(path.parent) + os.sep, "")
+        raise InputError(source.file, None, None, f"a library that does not load ({words})", _wanted(words)) from None
+    _check_links(source, path.parent, _mapped() - before)
+
+    def find(name: str, needed: bool) -> int:
+        try:
+            return int(ctypes.cast(getattr(handle, name), ctypes.c_void_p).value or 0)
+        except AttributeError:
+            if needed:
+                raise InputError(source.file, None, None, f"a library without {name}", "that of abhv_law.h") from None
+            return 0
+
+    size, init, step = (find(f"abhv_law_{name}", True) for name in ("state_size", "init", "step"))
+    get, put = (find(f"abhv_law_{name}", False) for name in ("state_get", "state_set"))
+    if (get == 0) != (put == 0):
+        found = f"a library with abhv_law_state_{'get' if get else 'set'} alone"
+        raise InputError(source.file, None, None, found, "both of abhv_law_state_get and _set, or none")
+    if address := find("abhv_law_interface", False):
+        told = ctypes.string_at(address).decode(errors="replace")
+        wanted = f"{interface()} {describe_layout(recipe['settings'])}"
+        if told != wanted:
+            found = f"a library built with other headers ({told})"
+            raise InputError(source.file, None, None, found, f"one built with those of this controller ({wanted})")
+    return CLibrary(init, step, get, put, int(ctypes.CFUNCTYPE(ctypes.c_size_t)(size)()), handle)
+
+
+def _mapped() -> set[str]:
+    """Files that this process has loaded code from, as far as the system tells."""
+    try:
+        lines = Path("/proc/self/maps").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return set()
+    return {os.path.realpath(line.split(maxsplit=5)[5]) for line in lines if line.count("/")}
+
+
+def _check_links(source: OwnSource, folder: Path, loaded: set[str]) -> None:
+    """Raise InputError for a library that came with the law's and is neither the system's nor declared."""
+    allowed = tuple(f"{os.path.realpath(place)}{os.sep}" for place in (folder, sys.prefix, sys.base_prefix, *_SYSTEM))
+    for path in sorted(loaded):
+        if not path.startswith(allowed):
+            found = f"a library that links to {path}, which it does not declare"
+            raise InputError(source.file, None, None, found, f"files: [{Path(path).name}] in its controller file")
+
+
+def _wanted(words: str) -> str:
+    name = words.partition(":")[0]
+    return f"files: [{name}] in its controller file" if "cannot open shared object" in words else "a shared library"
+
+
+class CFacts(NamedTuple):
+    """What the launching process knows of a law in C."""
+
+    state_size: int  # bytes
+    memory: tuple[float, ...] | None  # as it starts; None where the law does not give it
+
+
+def inspect_library(source: OwnSource, settings: Floats, first: Floats) -> CFacts:
+    """What a library says of its memory; called in the child. Raises InputError."""
+    library = load_library(source)
+    if not library.get:
+        return CFacts(library.state_size, () if library.state_size == 0 else None)
+    state = aligned_zeros(library.state_size // 8 + 8)
+    given = np.append(settings, 0.0)
+    call = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+    if call(library.init)(given.ctypes.data, np.ascontiguousarray(first).ctypes.data, state.ctypes.data):
+        raise InputError(source.file, None, None, "a law whose abhv_law_init fails", "0 from it")
+    read = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(library.get)
+    count = read(state.ctypes.data, None)
+    if not 0 <= count <= MAX_MEMORY:
+        raise InputError(source.file, None, None, f"a memory of {count} numbers", f"0 to {MAX_MEMORY}")
+    values = np.zeros(count + 1)
+    read(state.ctypes.data, values.ctypes.data)
+    return CFacts(library.state_size, tuple(values[:count].tolist()))
+
+
+@dataclass(frozen=True)
+class CFlights:
+    """A law in C for the flights of one call: what the kernel calls, and all that must live meanwhile."""
+
+    address: int
+    context: int
+    held: tuple[Any, ...]
+
+    def close(self) -> None:
+        """Nothing: all of it is memory of this process."""
+
+
+def open_c_law(source: OwnSource, gains: int, width: int, places: int, memory: int | None) -> CFlights:
+    """The law for ``width`` lanes, with room for the states of ``places`` flights.
+
+    With ``memory`` numbers the lanes' rows hold them, as those of a compiled law, and the state is made anew of them at
+    each tick.
+    """
+    library = load_library(source)
+    loop = compile_adapter(width, memory)
+    stride = -(-max(library.state_size, 1) // _LINE) * _LINE
+    states = aligned_zeros(stride // 8 * places)
+    buffer = aligned_zeros(_NUMBERS // 8 + MAX_MEMORY)
+    addresses = [library.init, library.step, library.get, library.set]
+    context = np.array([*addresses, states.ctypes.data, stride, places, 0, gains, buffer.ctypes.data], np.int64)
+    return CFlights(int(loop.address), int(context.ctypes.data), (loop, states, buffer, context, library))
+
+
+_HEAD = """\
+def loop(context, Z, row, column, given, tick, dt):
+    init, step, get, put = context[0], context[1], context[2], context[3]
+    states, stride, places, buffer = context[4], context[5], context[6], context[9]
+    seen, command, numbers = floats_at(buffer), floats_at(buffer + {command}), floats_at(buffer + {numbers})
+    first, reference = address_of(row), address_of(row) + {row} * tick
+    gains, settings, time = address_of(column) + 8 * context[8] * tick, address_of(given), tick * dt
+    for lane in range({width}):
+        if Z[{fault} + lane] > 0.0:
+            continue
+        total, failed, number = 0.0, 0, lane
+"""
+_OWN_PLACE = """\
+        if tick == 0:
+            number = context[7]
+            context[7] = (number + 1) % places
+            Z[{memory} + lane] = number
+        else:
+            number = int(Z[{memory} + lane])
+            if lane > 0 and Z[{memory} + lane] == Z[{memory} + lane - 1]:  # a spare lane that repeats a flight
+{repeat}
+                continue
+"""
+_CALL = """\
+        state = states + number * stride
+        if {begins}:
+            words = floats_at(state)
+            for i in range(stride // 8):
+                words[i] = 0.0
+            failed = call_c(init, (settings, first, state))
+{restore}
+{seen}
+        command[4], command[5], command[6] = inf, inf, inf
+        if failed == 0 and total - total == 0.0:
+            failed = call_c(step, (buffer, reference, gains, settings, time, dt, state, buffer + {command}))
+        else:
+            command[0] = nan
+        if failed != 0:
+            Z[{fault} + lane] = {law_failed}
+            for i in range(7):
+                command[i] = 0.0
+{write}
+{keep}
+"""
+
+
+@functools.cache
+def compile_adapter(width: int, memory: int | None) -> Any:
+    """The compiled loop, the same for every law; ``memory`` as in :func:`open_c_law`."""
+
+    def at(row: int) -> str:
+        return f"Z[{row * width} + lane]"
+
+    def lines(indent: int, items: list[str]) -> str:
+        return "\n".join(" " * indent + item for item in items) or " " * indent + "pass"
+
+    rows = [at(MEMORY + i) for i in range(memory or 0)]
+    restored = [f"numbers[{i}] = {row}" for i, row in enumerate(rows)]
+    restored.append(f"failed = call_c(put, (state, buffer + {_NUMBERS}))")
+    kept = [f"{row} = numbers[{i}]" for i, row in enumerate(rows)]
+    repeat = [f"{at(row)} = {at(row)[:-1]} - 1]" for row in (*COMMAND_ROWS, FAULT)]
+    seen = [f"seen[{i}] = {at(s.MEASURED + i)}\n        total += seen[{i}]" for i in range(s.N_MEASURED)]
+    text = (_HEAD + (_OWN_PLACE if memory is None else "") + _CALL).format(
+        width=width,
+        command=_COMMAND,
+        numbers=_NUMBERS,
+        row=8 * len(REFERENCE),
+        fault=FAULT * width,
+        memory=MEMORY * width,
+        begins="tick == 0" if memory is None else "True",
+        restore="" if not rows else "        if tick > 0 and failed == 0:\n" + lines(12, restored),
+        keep="" if not rows else lines(8, [f"call_c(get, (state, buffer + {_NUMBERS}))", *kept]),
+        repeat=lines(16, repeat),
+        seen=lines(8, seen),
+        law_failed=LAW_FAILED,
+        write=lines(8, [f"{at(row)} = command[{i}]" for i, row in enumerate(COMMAND_ROWS)]),
+    )
+    names = {"floats_at": floats_at, "address_of": address_of, "call_c": call_c, "inf": NOT_GIVEN, "nan": float("nan")}
+    return build_loop("c", text, names)

@@ -1,0 +1,184 @@
+"""A law in C as a controller file names it: read, hashed with all that it is built from, and built by ``cc``."""
+
+import functools
+import hashlib
+import json
+import platform
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from abhv_mc.compiler_target import code_folder
+from abhv_mc.control.columns import REFERENCE
+from abhv_mc.control.law_file import CController, Layout, find_files
+from abhv_mc.io.atomic_write import atomic_write
+from abhv_mc.io.input_error import InputError
+from abhv_mc.jit import compiler
+from abhv_mc.numerics.lane_math import COS, HALF_PI, SIN
+from abhv_mc.plant.state import N_MEASURED
+from abhv_mc.user_code.law_interface import Command, Measured
+from abhv_mc.user_code.source import OwnSource
+from abhv_mc.user_code.unpack import BUILT
+
+_HEADER = Path(__file__).with_name("abhv_law.h")
+_LONGEST = 600.0  # s that cc may take
+_ERROR = re.compile(r"(?m)^(?P<file>[^:\n]+):(?P<line>\d+):(?:(?P<column>\d+):)? (?:fatal )?error: (?P<words>.*)$")
+
+
+def describe_platform() -> str:
+    """What a library must have been built for to run here."""
+    libc = "-".join(part for part in platform.libc_ver() if part)
+    return f"{platform.system()} {platform.machine()} {libc}".strip()
+
+
+@functools.cache
+def find_compiler() -> str:
+    """The C compiler ``cc`` and its version in words. Raises InputError where there is none."""
+    try:
+        told = subprocess.run(["cc", "--version"], capture_output=True, text=True, timeout=60.0, check=True)  # noqa: S607
+    except (OSError, subprocess.SubprocessError) as error:
+        found = f"no C compiler here ({error})"
+        raise InputError("cc", None, None, found, "the system's compiler, or 'library' in place of 'sources'") from None
+    return told.stdout.splitlines()[0]
+
+
+def make_header() -> str:
+    """The text of abhv_law.h for this version's measurements, reference and commands."""
+    fields = {"MEASURED": Measured._fields[:N_MEASURED], "REFERENCE": REFERENCE, "COMMAND": Command._fields}
+    text = _HEADER.read_text(encoding="utf-8").replace("@INTERFACE@", interface())
+    for mark, names in fields.items():
+        text = text.replace(f"@{mark}@", "\n".join(f"    double {name};" for name in names))
+    for mark, numbers in {"SIN": SIN, "COS": COS, "HALF_PI": HALF_PI}.items():
+        for i, number in enumerate(numbers):
+            text = text.replace(f"@{mark}{i}@", repr(number))
+    return text
+
+
+def interface() -> str:
+    """What a library must have been built with, as abhv_law.h says it."""
+    names = ";".join(",".join(group) for group in (Measured._fields[:N_MEASURED], REFERENCE, Command._fields))
+    return hashlib.sha256(names.encode()).hexdigest()[:16]
+
+
+def make_settings_header(layout: Layout) -> str:
+    """The text of abhv_settings.h: the struct of a controller file's settings, in their order."""
+    fields = [f"    double {name}{f'[{length}]' if length else ''};" for name, length in layout]
+    fields = fields or ["    double none; /* no settings */"]
+    head = "/* The settings of the controller file, SI and radians; written from it. */\n"
+    words = describe_layout(layout)
+    return f'{head}#define ABHV_SETTINGS "{words}"\n\ntypedef struct {{\n' + "\n".join(fields) + "\n} abhv_settings;\n"
+
+
+def describe_layout(layout: Layout) -> str:
+    """The settings in words, as a library built with abhv_settings.h holds them."""
+    return ", ".join(f"{name}[{length}]" if length else name for name, length in layout) or "none"
+
+
+def read_c_source(controller: CController) -> OwnSource:
+    """A law's files with what they are built by and for; nothing is built. Raises InputError."""
+    paths = find_files(controller)
+    try:
+        files = tuple((name, path.read_bytes()) for name, path in paths.items())
+    except OSError as error:
+        raise InputError(str(error.filename), None, None, f"a file that cannot be read ({error})", "a file") from None
+    names = list(paths)
+    recipe = {
+        "law": "c",
+        "library": names[0] if controller.library is not None else None,
+        "sources": names[: len(controller.sources)],
+        "flags": list(controller.flags),
+        "compiler": find_compiler() if controller.sources else None,
+        "interface": interface(),
+        "platform": describe_platform(),
+        "settings": controller.layout,
+        "design": find_name(paths, controller.design),
+    }
+    return OwnSource(json.dumps(recipe), str(next(iter(paths.values()))), files)
+
+
+def find_name(paths: Mapping[str, Path], path: Path | None) -> str | None:
+    """The name of one of the files of :func:`abhv_mc.control.law_file.find_files`."""
+    return next((name for name, place in paths.items() if path is not None and place.samefile(path)), None)
+
+
+def with_library(source: OwnSource) -> OwnSource:
+    """A law's source with the library built of it, once for each content. Raises InputError with cc's first error."""
+    recipe = recipe_of(source)
+    if recipe is None or recipe.get("sources") in (None, []):
+        return source
+    kept = code_folder(compiler()) / "laws" / f"built_{source.hash[:24]}.so"
+    if not kept.is_file():
+        content = _build(source, recipe["sources"], recipe["flags"], recipe["settings"])
+        with atomic_write(kept) as aside:
+            aside.write_bytes(content)
+    return replace(source, library=kept.read_bytes())
+
+
+def _build(source: OwnSource, sources: Sequence[str], flags: Sequence[str], layout: Layout) -> bytes:
+    headers = {"abhv_law.h": make_header(), "abhv_settings.h": make_settings_header(layout)}
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        for name, content in {**dict(source.files), **{name: text.encode() for name, text in headers.items()}}.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(content)
+        origin = "@loader_path" if sys.platform == "darwin" else "$ORIGIN"
+        command = ["cc", "-shared", "-fPIC", *flags, "-ffp-contract=off", "-I.", f"-Wl,-rpath,{origin}", "-o", BUILT]
+        try:
+            told = subprocess.run(  # noqa: S603  the user's own flags
+                [*command, *sources, "-lm"], cwd=folder, capture_output=True, text=True, timeout=_LONGEST, check=False
+            )
+        except subprocess.TimeoutExpired:
+            raise InputError(source.file, None, None, f"a build of more than {_LONGEST:g} s", "C code") from None
+        if told.returncode:
+            raise _explain(source, told.stderr)
+        return (folder / BUILT).read_bytes()
+
+
+def _explain(source: OwnSource, told: str) -> InputError:
+    """The compiler's first error at the user's line."""
+    root = Path(source.file.removesuffix(source.files[0][0]))
+    match = _ERROR.search(told)
+    if match is None:
+        words = next((line for line in told.splitlines() if "error" in line or "undefined" in line), told[-200:])
+        return InputError(source.file, None, None, f"what cc does not link ({words.strip():.300})", "C that links")
+    missing = re.match(r"([\w./-]+): No such file", match["words"])
+    wanted = f"files: [{missing[1]}] in its controller file" if missing else "C that cc compiles"
+    column = int(match["column"]) if match["column"] else None
+    return InputError(root / match["file"], int(match["line"]), column, f"'{match['words']:.300}'", wanted)
+
+
+def recipe_of(source: OwnSource) -> dict[str, Any] | None:
+    """What the text of a law in C or an FMU says; None for one in Python."""
+    try:
+        return dict(json.loads(source.text))
+    except ValueError:
+        return None
+
+
+def refuse_platform(source: OwnSource) -> str | None:
+    """Why a law's library cannot fly here, in words; None where it can."""
+    recipe, here = recipe_of(source), describe_platform()
+    if recipe is None or recipe["platform"] == here:
+        return None
+    return f"another platform ({here}) than the law's library is built for ({recipe['platform']})"
+
+
+def write_headers(controller: CController, folder: Path) -> list[Path]:
+    """Write abhv_law.h and abhv_settings.h, with which a user builds the library himself."""
+    texts = {"abhv_law.h": make_header(), "abhv_settings.h": make_settings_header(controller.layout)}
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return [folder / name for name in texts]
+
+
+if __name__ == "__main__":
+    from abhv_mc.control.controller_file import read_controller
+
+    given = read_controller(sys.argv[1])
+    if isinstance(given, CController):
+        write_headers(given, Path(sys.argv[1]).parent)

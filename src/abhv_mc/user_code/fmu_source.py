@@ -1,0 +1,53 @@
+"""A law as an FMU, as a controller file names it: read and hashed with what is wired to it, not unpacked or run."""
+
+import json
+from typing import Any
+
+from abhv_mc.control.columns import REFERENCE
+from abhv_mc.control.law_file import FmuController, find_files, parse_numbers
+from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.user_code.c_source import describe_platform, find_name
+from abhv_mc.user_code.law_interface import Command, Measured
+from abhv_mc.user_code.source import OwnSource
+
+_NEEDED = tuple(name for name in Command._fields if name not in Command._field_defaults)
+_GROUPS = {"measured": Measured._fields, "reference": REFERENCE}
+
+
+def read_fmu_source(controller: FmuController) -> OwnSource:
+    """An FMU's file with what its inputs, outputs and parameters are wired to. Raises InputError."""
+    _check_names(controller)
+    paths = find_files(controller)
+    try:
+        files = tuple((name, path.read_bytes()) for name, path in paths.items())
+    except OSError as error:
+        raise InputError(str(error.filename), None, None, f"a file that cannot be read ({error})", "a file") from None
+    params = {name: parse_numbers(value, ("params", name))[0] for name, value in controller.params.items()}
+    recipe: dict[str, Any] = {
+        "law": "fmu",
+        "file": files[0][0],
+        "library": None,
+        "inputs": controller.inputs,
+        "outputs": controller.outputs,
+        "params": params,
+        "platform": describe_platform(),
+        "settings": [],
+        "design": find_name(paths, controller.design),
+    }
+    return OwnSource(json.dumps(recipe), str(next(iter(paths.values()))), files)
+
+
+def _check_names(controller: FmuController) -> None:
+    for name, source in controller.inputs.items():
+        group, _, field = source.partition(".")
+        known = source == "time" or (group == "gains" and bool(field)) or field in _GROUPS.get(group, ())
+        if not known:
+            choices = [f"{each}.{entry}" for each, entries in _GROUPS.items() for entry in entries]
+            found = f"'{source}' for the input '{name}'"
+            raise InputError(controller.file, None, None, found, one_of([*choices, "gains.NAME", "time"], source))
+    for name in controller.outputs:
+        if name not in Command._fields:
+            raise InputError(controller.file, None, None, f"the output '{name}'", one_of(Command._fields, name))
+    missing = [name for name in _NEEDED if name not in controller.outputs]
+    if missing:
+        raise InputError(controller.file, None, None, f"no output for {', '.join(missing)}", "all four controls")

@@ -1,0 +1,44 @@
+"""Gains for other programs read back to the bit, by MATLAB's reader, as CSV and compiled in C."""
+
+import ctypes
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+from abhv_mc.analysis.gain_file import write_gains
+from abhv_mc.control.columns import LQR_GAINS
+from abhv_mc.flying import make_flight_plan
+from abhv_mc.io.input_error import InputError
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return make_flight_plan("level", "ghame_x", "lqr")
+
+
+def test_mat_and_csv_hold_the_plans_gains(plan, tmp_path):
+    for ending in (".mat", ".csv"):
+        write_gains(tmp_path / f"gains{ending}", plan)
+    held = loadmat(tmp_path / "gains.mat")
+    assert np.array_equal(held["gains"], plan.gains)
+    assert [name.item() for name in held["names"].ravel()] == list(LQR_GAINS)
+    table = np.genfromtxt(tmp_path / "gains.csv", delimiter=",", names=True)
+    assert table.dtype.names == ("time_s", *LQR_GAINS)
+    assert np.array_equal(table["elevator_by_pitch_rate"], plan.gains[:, LQR_GAINS.index("elevator_by_pitch_rate")])
+    with pytest.raises(InputError, match=r"\.txt"):
+        write_gains(tmp_path / "gains.txt", plan)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_c_arrays_hold_the_plans_gains(plan, tmp_path):
+    write_gains(tmp_path / "gains.h", plan)
+    text = '#include "gains.h"\ndouble at(int tick) { return gain[tick][GAIN_RUDDER_BY_BANK]; }\n'
+    (tmp_path / "at.c").write_text(text + "double last(void) { return gain_time_s[GAIN_TICKS - 1]; }\n")
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", "at.so", "at.c"], cwd=tmp_path, check=True)
+    library = ctypes.CDLL(str(tmp_path / "at.so"))
+    library.at.restype = library.last.restype = ctypes.c_double
+    assert library.at(17) == plan.gains[17, LQR_GAINS.index("rudder_by_bank")]
+    assert library.last() == plan.timing.duration

@@ -1,0 +1,335 @@
+"""A law in C flies as the program's own laws do, and what it may not do costs a flight or is refused by name."""
+
+import ctypes
+import dataclasses
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from abhv_mc.control.columns import REFERENCE
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.io.input_error import InputError
+from abhv_mc.numerics.angles import clamp, wrap
+from abhv_mc.numerics.lane_math import sincos
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.stability.linearize import linearize
+from abhv_mc.stability.points import flown_points
+from abhv_mc.user_code.c_source import make_header, make_settings_header
+
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+
+HEAD = """\
+#include "abhv_law.h"
+typedef struct { double speed; long ticks; } memory;
+size_t abhv_law_state_size(void) { return sizeof(memory); }
+"""
+INIT = """\
+int abhv_law_init(const abhv_settings *s, const abhv_reference *first, void *state) {
+    (void)s, (void)first, (void)state;
+    return 0;
+}
+"""
+STEP = """\
+int abhv_law_step(const abhv_measured *m, const abhv_reference *r, const double *k, const abhv_settings *s,
+                  double time, double dt, void *state, abhv_command *c) {
+    memory *own = state;
+    (void)k, (void)time;
+    %s
+    double alpha = r->angle_of_attack - s->path[1] * (m->flight_path_angle - r->flight_path_angle);
+    double bank = abhv_wrap(m->bank - r->bank);
+    c->equivalence_ratio = r->equivalence_ratio - 0.02 * (m->speed - r->speed) - 0.001 * own->speed;
+    c->elevator = r->elevator + 2.0 * (m->angle_of_attack - alpha) + 1.5 * m->pitch_rate;
+    c->aileron = -0.26 * bank - 1.2 * m->sideslip - 0.08 * m->roll_rate + 0.06 * m->yaw_rate;
+    c->rudder = -0.04 * bank - 0.2 * m->sideslip - 0.01 * m->roll_rate + 0.04 * m->yaw_rate;
+    c->angle_of_attack = alpha;
+    own->speed += dt * (m->speed - r->speed);
+    own->ticks += 1;
+    return 0;
+}
+"""
+GET_SET = """\
+int abhv_law_state_get(const void *state, double *values) {
+    if (values) values[0] = ((const memory *)state)->speed, values[1] = (double)((const memory *)state)->ticks;
+    return 2;
+}
+int abhv_law_state_set(void *state, const double *values) {
+    ((memory *)state)->speed = values[0], ((memory *)state)->ticks = (long)values[1];
+    return 0;
+}
+"""
+PLAIN = HEAD + INIT + STEP % "" + GET_SET
+PYTHON = """\
+from typing import NamedTuple
+from abhv_mc.extend import Command, controller, wrap
+
+class Memory(NamedTuple):
+    speed: float = 0.0
+
+@controller
+def law(measured, reference, memory, dt):
+    m, r = measured, reference
+    alpha = r.angle_of_attack - 0.9 * (m.flight_path_angle - r.flight_path_angle)
+    bank = wrap(m.bank - r.bank)
+    eta = r.equivalence_ratio - 0.02 * (m.speed - r.speed) - 0.001 * memory.speed
+    elevator = r.elevator + 2.0 * (m.angle_of_attack - alpha) + 1.5 * m.pitch_rate
+    aileron = -0.26 * bank - 1.2 * m.sideslip - 0.08 * m.roll_rate + 0.06 * m.yaw_rate
+    rudder = -0.04 * bank - 0.2 * m.sideslip - 0.01 * m.roll_rate + 0.04 * m.yaw_rate
+    after = Memory(memory.speed + dt * (m.speed - r.speed))
+    return Command(aileron, rudder, elevator, eta, angle_of_attack=alpha), after
+"""
+
+
+@pytest.fixture
+def make(repository, tmp_path):
+    """A plan of a law's C text, flown for some seconds of level flight."""
+    configs = repository / "configs"
+
+    def make_plan(text, seconds=1.0, more=""):
+        if text.startswith("from"):
+            (tmp_path / "law.py").write_text(text)
+            (tmp_path / "law.yaml").write_text("law: python\nfile: law.py\n")
+        else:
+            (tmp_path / "law.c").write_text(text)
+            settings = "settings: {path: [0.5, 90 %], limit: 60 deg}"
+            (tmp_path / "law.yaml").write_text(f"law: c\nsources: [law.c]\n{settings}\n{more}\n")
+        files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "level.yaml", tmp_path / "law.yaml"
+        plan = prepare(*files, "mine")
+        ticks = round(seconds * 100)
+        rows = {name: getattr(plan, name)[: ticks + 1] for name in ("reference", "gains")}
+        return dataclasses.replace(plan, timing=plan.timing._replace(ticks=ticks), **rows)
+
+    return make_plan
+
+
+def disperse(flights):
+    parameters = nominal_parameters(flights)
+    generator = np.random.default_rng(7)
+    for name, width in (("atmosphere.density", 0.1), ("aero.lift", 0.1), ("aero.pitching_moment", 0.1)):
+        parameters[:, PARAMETER_INDEX[name]] += generator.uniform(-width, width, flights)
+    parameters[::3, PARAMETER_INDEX["initial.angle_of_attack"]] = 0.5  # beyond its limit: lanes to give away
+    parameters[:, PARAMETER_INDEX["initial.bank"]] += generator.uniform(-0.2, 0.2, flights)
+    return parameters
+
+
+def assert_same(one, other):
+    for part in ("outcome", "end_time", "metrics", "history"):
+        assert np.array_equal(getattr(one, part), getattr(other, part), equal_nan=part != "outcome"), part
+
+
+def test_lqr_in_c_is_the_built_in_lqr_to_the_bit_and_has_its_margins(repository):
+    configs = repository / "configs"
+    files = configs / "vehicle" / "ghame_x_coupled.yaml", configs / "mission" / "s_manoeuvre.yaml"
+    mine = prepare(*files, configs / "control" / "lqr_c" / "lqr_c.yaml", "mine")
+    built_in = prepare(*files, configs / "control" / "lqr.yaml", "lqr")
+    parameters = disperse(70)
+    assert_same(fly(mine, parameters, 50), fly(built_in, parameters, 50))
+    some = nominal_parameters(2)
+    some[1, PARAMETER_INDEX["aero.lift"]] = 1.05
+    ours, theirs = (linearize(plan, flown_points(plan, some, 40.0).points) for plan in (mine, built_in))
+    assert np.abs(ours.law_D - theirs.law_D).max() < 1e-6 * np.abs(theirs.law_D).max()
+    assert np.array_equal(ours.A, theirs.A)
+
+
+def test_a_law_with_a_state_does_not_depend_on_lanes_company_or_compaction(make):
+    seconds = 5.5  # past a compaction
+    plan, python = make(PLAIN, seconds), make(PYTHON, seconds)
+    parameters = disperse(300)  # more than share a compaction
+    abreast = fly(plan, parameters, 100)
+    assert 0 < (abreast.outcome != Outcome.OK).sum() < len(parameters)
+    assert_same(abreast, fly(python, parameters, 100))
+    order = np.random.default_rng(1).permutation(len(parameters))
+    assert np.array_equal(abreast.metrics[order], fly(plan, parameters[order]).metrics, equal_nan=True)
+    some = [0, 40, 299]
+    assert np.array_equal(abreast.metrics[some], fly(plan, parameters[some]).metrics, equal_nan=True)
+
+
+def test_its_memory_is_linearised_as_that_of_a_law_in_python(make):
+    parameters = disperse(2)
+    parameters[0, PARAMETER_INDEX["initial.angle_of_attack"]] = 0.0
+    plans = make(PLAIN, 2.0), make(PYTHON, 2.0)
+    c, python = (linearize(plan, flown_points(plan, parameters, 1.0).points) for plan in plans)
+    assert np.array_equal(c.law_D, python.law_D)
+    assert np.abs(c.law_C[..., :1] - python.law_C).max() < 1e-9 and np.abs(c.law_C[..., 1]).max() < 1e-9
+    assert np.array_equal(c.law_A[..., :1, :1], python.law_A)
+
+
+def test_memory_that_is_not_given_is_refused_by_name_where_slopes_are_taken(make):
+    plan = make(HEAD + INIT + STEP % "")
+    with pytest.raises(InputError, match="abhv_law_state_get"):
+        flown_points(plan, nominal_parameters(), 0.5)
+
+
+def test_a_crash_costs_its_flight_alone(make, capfd):
+    """SIGSEGV in one flight of six, not in the launching process; the rest is as without it."""
+    crash = "if (m->bank > 0.35) { volatile int *nowhere = 0; *nowhere = 1; }"
+    plan, whole = make(HEAD + INIT + STEP % crash), make(PLAIN)
+    parameters = nominal_parameters(6)
+    parameters[:, PARAMETER_INDEX["aero.lift"]] += np.linspace(-0.05, 0.05, 6)
+    parameters[4, PARAMETER_INDEX["initial.bank"]] = 0.4
+    block, sound = fly(plan, parameters, 10), fly(whole, parameters, 10)
+    assert [Outcome(code) for code in block.outcome] == [Outcome.OK] * 4 + [Outcome.LAW_CRASHED] + [Outcome.OK]
+    rest = np.arange(6) != 4
+    assert np.array_equal(block.metrics[rest], sound.metrics[rest]) and np.isnan(block.metrics[4]).all()
+    assert np.array_equal(block.history[rest], sound.history[rest], equal_nan=True) and np.isnan(block.history[4]).all()
+    assert "SIGSEGV" in capfd.readouterr().err
+
+
+def test_a_law_that_returns_an_error_or_no_number_ends_its_flight(make):
+    failing = make(HEAD + INIT + STEP % "if (m->bank > 0.35 && own->ticks == 3) return 1;")
+    parameters = nominal_parameters(3)
+    parameters[1, PARAMETER_INDEX["initial.bank"]] = 0.4
+    block = fly(failing, parameters)
+    assert [Outcome(code) for code in block.outcome] == [Outcome.OK, Outcome.LAW_FAILED, Outcome.OK]
+    assert block.end_time[1] == pytest.approx(0.03)
+    block = fly(make(HEAD + INIT + STEP % "dt = own->ticks == 30 ? 0.0 / 0.0 : dt;"), parameters)
+    assert {Outcome(code) for code in block.outcome} == {Outcome.NOT_FINITE}
+
+
+REFUSED = {
+    "memory of its own": PLAIN.replace("double alpha =", "static double x; x += m->bank;\n    double alpha = x +"),
+    "SIGSEGV": PLAIN.replace("memory *own = state;", "memory *own = state; *(volatile int *)0 = 1;"),
+    "'expected": PLAIN.replace("return 2;", "return 2"),
+    "helper.h: No such file": '#include "helper.h"\n' + PLAIN,
+    "abhv_law_state_get alone": PLAIN.replace("abhv_law_state_set", "another_name"),
+    "without abhv_law_step": PLAIN.replace("abhv_law_step", "another_name"),
+}
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_what_is_no_law_is_refused_in_words(make, words):
+    with pytest.raises(InputError) as refused:
+        make(REFUSED[words])
+    assert words in refused.value.found, refused.value
+    if words.startswith("'expected"):
+        assert refused.value.line == REFUSED[words][: REFUSED[words].index("return 2\n")].count("\n") + 1
+    if "No such file" in words:
+        assert refused.value.wanted.startswith("files: [helper.h]")
+
+
+def test_declared_headers_are_found_and_hashed(make, tmp_path):
+    text = '#include "helper.h"\n' + PLAIN.replace("-0.26", "-HELPED")
+    (tmp_path / "helper.h").write_text("#define HELPED 0.26\n")
+    first = make(text, more="files: [helper.h]")
+    (tmp_path / "helper.h").write_text("#define HELPED 0.27\n")
+    second = make(text, more="files: [helper.h]")
+    assert first.source_hash != second.source_hash
+    parameters = disperse(2)
+    assert not np.array_equal(fly(first, parameters).metrics, fly(second, parameters).metrics, equal_nan=True)
+
+
+def build(folder: Path, text: str, layout, name: str, *flags: str) -> None:
+    """As a user's own Makefile would."""
+    (folder / "abhv_law.h").write_text(make_header())
+    (folder / "abhv_settings.h").write_text(make_settings_header(layout))
+    (folder / f"{name}.c").write_text(text)
+    command = ["cc", "-shared", "-fPIC", "-O2", "-ffp-contract=off", "-I.", "-o", f"{name}.so", f"{name}.c", *flags]
+    subprocess.run(command, cwd=folder, check=True)
+
+
+def test_a_library_flies_and_what_it_links_to_is_declared(make, repository, tmp_path):
+    layout = [("path", 2), ("limit", 0)]
+    (tmp_path / "lib").mkdir()
+    build(tmp_path / "lib", "double helped(void) { return 0.26; }\n", layout, "libhelp")
+    text = "double helped(void);\n" + PLAIN.replace("-0.26", "-helped()")
+    shutil.copy(tmp_path / "lib" / "libhelp.so", tmp_path / "libhelp.so")
+    build(tmp_path, text, layout, "libmine", "-L.", "-lhelp", "-Wl,-rpath,$ORIGIN")
+    configs = repository / "configs"
+    files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "level.yaml", tmp_path / "own.yaml"
+    head = "law: c\nlibrary: libmine.so\nsettings: {path: [0.5, 90 %], limit: 60 deg}\n"
+    (tmp_path / "own.yaml").write_text(head)
+    with pytest.raises(InputError, match=r"libhelp.so.*files: \[libhelp.so\]"):
+        prepare(*files, "mine")
+    (tmp_path / "own.yaml").write_text(head + "files: [libhelp.so]\n")
+    plan = prepare(*files, "mine")
+    short = dataclasses.replace(plan, timing=plan.timing._replace(ticks=100))
+    assert np.array_equal(fly(short, disperse(2)).metrics, fly(make(PLAIN), disperse(2)).metrics, equal_nan=True)
+    (tmp_path / "own.yaml").write_text(head.replace("limit", "bank_limit") + "files: [libhelp.so]\n")
+    with pytest.raises(InputError, match="built with other headers"):
+        prepare(*files, "mine")
+
+
+def test_the_headers_functions_have_the_kernels_bits(tmp_path):
+    text = '#include "abhv_law.h"\nvoid all(const double *x, double *y, long n) { for (long i = 0; i < n; i++) {\n'
+    text += "abhv_sincos(x[i], y + 4 * i, y + 4 * i + 1); y[4 * i + 2] = abhv_wrap(x[i]);\n"
+    text += "y[4 * i + 3] = abhv_clamp(x[i], -1.5, 2.5); } }\n"
+    build(tmp_path, text, [], "all")
+    generator = np.random.default_rng(3)
+    x = np.concatenate([generator.uniform(-9.0, 9.0, 20_000), generator.uniform(-1e6, 1e6, 2000), [np.nan, 2e6, 0.0]])
+    y = np.empty((len(x), 4))
+    ctypes.CDLL(str(tmp_path / "all.so")).all(
+        ctypes.c_void_p(x.ctypes.data), ctypes.c_void_p(y.ctypes.data), ctypes.c_long(len(x))
+    )
+    expected = np.array([(*sincos.py_func(v), wrap.py_func(v), clamp.py_func(v, -1.5, 2.5)) for v in x.tolist()])
+    assert np.array_equal(y, expected, equal_nan=True)
+
+
+def test_the_header_has_the_reference_in_its_order():
+    text = make_header()
+    block = text[text.index("mission's reference") : text.index("abhv_reference;")]
+    assert [line.split()[1].rstrip(";") for line in block.splitlines() if "double" in line] == list(REFERENCE)
+
+
+MODEL_H = """
+typedef struct { double speed; } DW_model_T;
+typedef struct { double m[10], gamma_ref, alpha_ref, bank_ref, speed_ref, eta_ref, elevator_ref, dt; } ExtU_model_T;
+typedef struct { double aileron, rudder, elevator, eta, alpha; } ExtY_model_T;
+typedef struct { DW_model_T *dwork; ExtU_model_T *inputs; ExtY_model_T *outputs; } RT_MODEL_model_T;
+extern void model_initialize(RT_MODEL_model_T *const model_M);
+extern void model_step(RT_MODEL_model_T *const model_M);
+"""
+MODEL_C = """
+#include "model.h"
+void model_initialize(RT_MODEL_model_T *const model_M) { model_M->dwork->speed = 0.0; }
+void model_step(RT_MODEL_model_T *const model_M) {
+    const ExtU_model_T *u = model_M->inputs;
+    ExtY_model_T *y = model_M->outputs;
+    double alpha = u->alpha_ref - 0.9 * (u->m[2] - u->gamma_ref), bank = u->m[6] - u->bank_ref;
+    y->eta = u->eta_ref - 0.02 * (u->m[1] - u->speed_ref) - 0.001 * model_M->dwork->speed;
+    y->elevator = u->elevator_ref + 2.0 * (u->m[4] - alpha) + 1.5 * u->m[8];
+    y->aileron = -0.26 * bank - 1.2 * u->m[5] - 0.08 * u->m[7] + 0.06 * u->m[9];
+    y->rudder = -0.04 * bank - 0.2 * u->m[5] - 0.01 * u->m[7] + 0.04 * u->m[9];
+    y->alpha = alpha;
+    model_M->dwork->speed += u->dt * (u->m[1] - u->speed_ref);
+}
+"""
+ERT = """
+#include "abhv_law.h"
+#include "model.h"
+typedef struct { RT_MODEL_model_T m; DW_model_T dw; ExtU_model_T u; ExtY_model_T y; } all;
+size_t abhv_law_state_size(void) { return sizeof(all); }
+static RT_MODEL_model_T *wire(all *a) { a->m.dwork = &a->dw; a->m.inputs = &a->u; a->m.outputs = &a->y; return &a->m; }
+int abhv_law_init(const abhv_settings *s, const abhv_reference *r, void *state) {
+    (void)s, (void)r;
+    model_initialize(wire(state));
+    return 0;
+}
+int abhv_law_step(const abhv_measured *m, const abhv_reference *r, const double *k, const abhv_settings *s, double time,
+                  double dt, void *state, abhv_command *c) {
+    all *a = state;
+    (void)k, (void)s, (void)time;
+    memcpy(a->u.m, m, sizeof a->u.m);
+    a->u.gamma_ref = r->flight_path_angle, a->u.alpha_ref = r->angle_of_attack, a->u.bank_ref = r->bank;
+    a->u.speed_ref = r->speed, a->u.eta_ref = r->equivalence_ratio, a->u.elevator_ref = r->elevator, a->u.dt = dt;
+    model_step(&a->m);
+    c->aileron = a->y.aileron, c->rudder = a->y.rudder, c->elevator = a->y.elevator;
+    c->equivalence_ratio = a->y.eta, c->angle_of_attack = a->y.alpha;
+    return 0;
+}
+"""
+
+
+def test_code_in_the_style_of_simulinks_coder_flies(repository, make, tmp_path):
+    """Reentrant, its model data one struct with pointers into itself, which must not move."""
+    for name, text in (("model.h", MODEL_H), ("model.c", MODEL_C), ("ert.c", ERT)):
+        (tmp_path / name).write_text(text)
+    (tmp_path / "ert.yaml").write_text('law: c\nsources: [ert.c, model.c]\nfiles: ["*.h"]\n')
+    configs = repository / "configs"
+    plan = prepare(configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "level.yaml", tmp_path / "ert.yaml", "e")
+    short = dataclasses.replace(plan, timing=plan.timing._replace(ticks=600))
+    parameters = disperse(70)
+    assert np.array_equal(fly(short, parameters).metrics, fly(make(PYTHON, 6.0), parameters).metrics, equal_nan=True)

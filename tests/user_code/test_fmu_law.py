@@ -1,0 +1,112 @@
+"""A law as an FMU of FMI 2.0 and 3.0 flies as the program's own law, resets between flights and leaks nothing."""
+
+import dataclasses
+import shutil
+
+import numpy as np
+import pytest
+
+pytest.importorskip("fmpy")
+if shutil.which("cc") is None:
+    pytest.skip("no C compiler", allow_module_level=True)
+
+from user_code.make_fmu import make_fmu, measure_leak, write_controller
+
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.io.input_error import InputError
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.stability.points import flown_points
+from abhv_mc.user_code.child import in_child
+
+
+@pytest.fixture
+def make(repository, tmp_path):
+    def make_plan(version, seconds=1.0, units=None, change=None):
+        make_fmu(tmp_path / "lqr.fmu", version, repository, units)
+        write_controller(tmp_path / "mine.yaml", "lqr.fmu", repository)
+        if change:
+            text = (tmp_path / "mine.yaml").read_text()
+            assert change[0] in text
+            (tmp_path / "mine.yaml").write_text(text.replace(*change))
+        return shorten(read(repository, tmp_path / "mine.yaml"), seconds)
+
+    return make_plan
+
+
+def read(repository, controller):
+    configs = repository / "configs"
+    return prepare(configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml", controller, "mine")
+
+
+def shorten(plan, seconds):
+    ticks = round(seconds * 100)
+    rows = {name: getattr(plan, name)[: ticks + 1] for name in ("reference", "gains")}
+    return dataclasses.replace(plan, timing=plan.timing._replace(ticks=ticks), **rows)
+
+
+def disperse(flights):
+    parameters = nominal_parameters(flights)
+    generator = np.random.default_rng(7)
+    parameters[:, PARAMETER_INDEX["atmosphere.density"]] += generator.uniform(-0.1, 0.1, flights)
+    parameters[::5, PARAMETER_INDEX["initial.angle_of_attack"]] = 0.5  # beyond its limit: lanes to give away
+    return parameters
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_lqr_as_an_fmu_is_the_built_in_lqr_to_the_bit(make, repository, version):
+    mine = make(version, 6.0)
+    built_in = shorten(read(repository, repository / "configs" / "control" / "lqr.yaml"), 6.0)
+    parameters = disperse(300)  # more than share a compaction: instances are reset and flown again
+    one, other = fly(mine, parameters, 50), fly(built_in, parameters, 50)
+    for part in ("outcome", "end_time", "metrics", "history"):
+        assert np.array_equal(getattr(one, part), getattr(other, part), equal_nan=part != "outcome"), part
+    assert (one.outcome != Outcome.OK).any()
+
+
+def test_units_of_the_model_description_are_heeded(make):
+    """A parameter of 70 deg in a variable in degrees is the number 70, which the FMU takes for radians: no limit."""
+    parameters = disperse(3)
+    wired, unlimited = (
+        make(2, units={"bank_limit": "deg"}),
+        make(2, change=("bank_limit: 70 deg", "bank_limit: 70 rad")),
+    )
+    assert np.array_equal(fly(wired, parameters).metrics, fly(unlimited, parameters).metrics, equal_nan=True)
+    plain, seen = make(2), make(3, units={"measured.bank": "deg"})
+    assert not np.array_equal(fly(plain, parameters).metrics, fly(seen, parameters).metrics, equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "units", "words"),
+    [
+        (("measured.bank: measured.bank", "measured.banc: measured.bank"), None, "measured.banc"),
+        (("measured.bank: measured.bank", "measured.bank: measured.banc"), None, "measured.banc"),
+        (("elevator: command.elevator", "elevator: command.elevators"), None, "command.elevators"),
+        (("  rudder: command.rudder\n", ""), None, "rudder"),
+        (("gains.earth_radius: gains.earth_radius", "gains.earth_radius: gains.k"), None, "gains.k"),
+        (None, {"measured.altitude": "deg"}, "measured.altitude"),
+        (None, {"measured.altitude": "furlong"}, "furlong"),
+    ],
+)
+def test_a_wrong_wiring_is_refused_by_name(make, change, units, words):
+    with pytest.raises(InputError) as refused:
+        make(2, units=units, change=change)
+    assert words in str(refused.value)
+
+
+def test_an_error_of_a_step_ends_the_flight_and_margins_are_refused_by_name(make):
+    plan = make(3)
+    parameters = nominal_parameters(3)
+    parameters[1, PARAMETER_INDEX["initial.bank"]] = 1.6
+    outcomes = [Outcome(code) for code in fly(plan, parameters).outcome]
+    assert outcomes[1] == Outcome.LAW_FAILED and Outcome.LAW_FAILED not in (outcomes[0], outcomes[2])
+    with pytest.raises(InputError, match="FMU"):
+        flown_points(plan, nominal_parameters(), 0.5)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_thousand_flights_leak_neither_memory_nor_handles(make, version):
+    memory, handles = in_child(measure_leak, make(version, 0.05), 64)  # 2048 flights
+    assert handles == 0
+    assert memory < 300_000  # an instance that stays would be 0.6 kB: 600 kB of the last half's

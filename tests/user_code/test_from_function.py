@@ -1,0 +1,103 @@
+"""A law from a notebook's cell is the same law as its file: taken with all that it names."""
+
+import types
+
+import numpy as np
+import pytest
+
+from abhv_mc.flying import make_document
+from abhv_mc.io.input_error import InputError
+from abhv_mc.notebook import write_inputs
+from abhv_mc.user_code.from_function import make_law_text
+from abhv_mc.user_code.source import OwnSource, load_law
+
+CELLS = """
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from abhv_mc.extend import Command, clamp, controller, wrap
+
+LIMIT = 0.2
+ARRAY = np.ones(3)
+
+
+class Settings(NamedTuple):
+    path: float = 0.9
+    bank_limit: float = 1.2
+
+
+class Memory(NamedTuple):
+    speed: float = 0.0
+
+
+class Gains(NamedTuple):
+    k: np.ndarray
+
+
+def design(model, settings):
+    return Gains(np.full(len(model.time), settings.path))
+
+
+def helper(x):
+    return clamp(x, -LIMIT, LIMIT) * math.pi
+
+
+@controller(units={"bank_limit": "rad"})
+def law(measured, reference, memory, settings, gains, dt):
+    bank = wrap(measured.bank - reference.bank)
+    command = Command(helper(-gains.k * bank), 0.0, reference.elevator, reference.equivalence_ratio)
+    return command, Memory(memory.speed + dt * measured.speed)
+
+
+def bare(measured, reference):
+    return Command(-helper(measured.bank), 0.0, reference.elevator, reference.equivalence_ratio)
+
+
+def array(measured, reference):
+    return Command(ARRAY[0], 0.0, 0.0, 0.5)
+"""
+
+
+@pytest.fixture
+def cells(monkeypatch):
+    """The names of a notebook that has run these cells: its classes have no text that inspect finds."""
+    import linecache
+    import sys
+
+    name = "<cell>"
+    monkeypatch.setitem(linecache.cache, name, (len(CELLS), None, CELLS.splitlines(keepends=True), name))
+    module = types.ModuleType("a_notebook")
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    exec(compile(CELLS, name, "exec"), module.__dict__)  # noqa: S102
+    return module
+
+
+def test_a_law_of_a_cell_is_taken_with_what_it_names(cells):
+    text = make_law_text(cells.law)
+    law = load_law(OwnSource(text, "law.py"))
+    assert law.mark.units == {"bank_limit": "rad"} and law.settings._field_defaults == {"path": 0.9, "bank_limit": 1.2}
+    assert law.design is not None and law.memory._fields == ("speed",)
+    assert "bare" not in text
+    bare = load_law(OwnSource(make_law_text(cells.bare), "bare.py"))
+    assert bare.arguments == ("measured", "reference")
+    measured, reference = types.SimpleNamespace(bank=0.5), types.SimpleNamespace(elevator=0.0, equivalence_ratio=1.0)
+    assert bare.function(measured, reference)[0] == -0.2 * np.pi
+
+
+def test_what_has_no_text_is_refused_by_name(cells):
+    with pytest.raises(InputError, match="'ARRAY', a ndarray"):
+        make_law_text(cells.array)
+    with pytest.raises(InputError, match="a function"):
+        make_document("vehicle", cells.law)
+
+
+def test_a_campaign_takes_a_function_among_its_controllers(cells, tmp_path):
+    data = {"name": "cells", "vehicle": "ghame_x", "mission": "level", "runs": 8, "seed": 1}
+    data["controllers"] = {"mine": cells.law, "lqr": "lqr"}
+    data["dispersions"] = {"aero.lift": {"distribution": "uniform", "half_width": "5 %"}}
+    write_inputs(data, tmp_path)
+    files = sorted(path.name for path in (tmp_path / "controllers" / "0").iterdir())
+    assert files == ["law.py", "law.yaml"]
+    assert (tmp_path / "controllers" / "0" / "law.py").read_text() == make_law_text(cells.law)
