@@ -1,8 +1,9 @@
-"""What a law and metrics of one's own cost: processor time beside the built-in LQR's, flights taking turns."""
+"""What a law (Python, C, FMU) and metrics of one's own cost: processor time beside the built-in LQR's, in turns."""
 
 import dataclasses
 import statistics
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import pack_metrics
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import Document
+from abhv_mc.user_code.child import allow_here
 
 ROOT = Path(__file__).parents[1]
 FLIGHTS, ROUNDS = 128, int(sys.argv[1]) if len(sys.argv) > 1 else 9
@@ -25,6 +27,10 @@ METRICS = {
     )
 }  # fmt: skip
 
+sys.path.insert(0, str(ROOT / "tests"))
+from user_code.make_fmu import make_fmu, write_controller  # noqa: E402  of the tests, which are no package
+
+allow_here()  # this process may be lost: native code flies in it
 configs = ROOT / "configs"
 files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
 built_in = prepare(*files, configs / "control" / "lqr.yaml", "lqr")
@@ -36,6 +42,12 @@ plans = {
     "with ten metrics": dataclasses.replace(built_in, declared=declared),
     "inversion, on board": prepare(*files, configs / "control" / "inversion.yaml", "own"),
 }
+plans["LQR in C"] = prepare(*files, configs / "control" / "lqr_c" / "lqr_c.yaml", "own")
+for version in (2, 3):
+    folder = Path(tempfile.mkdtemp())
+    make_fmu(folder / "lqr.fmu", version, ROOT)
+    write_controller(folder / "lqr.yaml", "lqr.fmu", ROOT)
+    plans[f"LQR as FMI {version}"] = prepare(*files, folder / "lqr.yaml", "own")
 parameters = nominal_parameters(FLIGHTS)
 seconds: dict[str, list[float]] = {name: [] for name in plans}
 for plan in plans.values():
