@@ -27,9 +27,9 @@ SPREADS = {
 def _prepare(controller):
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
-    from abhv_mc.plant.vehicles import load_vehicle
     from abhv_mc.shipped import shipped_configs
     from abhv_mc.stability.points import make_steady_plan
+    from abhv_mc.user_code.vehicle_functions import load_vehicle
 
     configs = shipped_configs()
     law = read_controller(configs / "control" / f"{controller}.yaml")

@@ -8,11 +8,11 @@ Part of ``make test``: seconds of processor time, ratios only. 2 with AVX-512, 1
 import dataclasses
 import sys
 
+from abhv_mc.array_types import Floats
 from abhv_mc.bench.figures import find_simd
 from abhv_mc.bench.speed import make_work
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.plan import LANES, FlightPlan
-from abhv_mc.vehicle.arrays import Floats
 from benchmarks.timing import measure_ratio
 
 LIMITS = {"AVX-512": 2.0, "AVX2": 1.4}

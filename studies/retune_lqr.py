@@ -40,7 +40,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.io.documents import write_document
-from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 # Varied weights: regulator, states or inputs, name. One input of each regulator keeps the paper's weight.
 VARIED = (

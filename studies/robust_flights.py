@@ -18,9 +18,9 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.stability.analysis import margins_of_flights
 from abhv_mc.stability.steady import make_steady_plan
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 NOMINAL = (6.0, 35.0, 40.0)  # dB, deg, ms: the least of every loop
 CORNER = (4.5, 30.0, 30.0)

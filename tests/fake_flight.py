@@ -23,8 +23,8 @@ from abhv_mc.plant.air_profile import no_profile
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.state import N_STATES
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.arrays import CHUNK
 from abhv_mc.vehicle.model import Vehicle
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.bench.speed import make_work
 from abhv_mc.flight.plan import LANES
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import look_up, make_cells
 from abhv_mc.plant.state import variable_row
-from abhv_mc.vehicle.arrays import Floats
 from benchmarks.timing import measure_ratio
 
 CALLS = 2000

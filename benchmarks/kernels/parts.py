@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.bench.speed import make_work, read_operations
 from abhv_mc.control.laws.lqr import lqr_tick
 from abhv_mc.control.laws.tlc import T_LIFT, nominal_variables, nominal_vehicle, tlc_attitude, tlc_guidance
@@ -35,7 +36,6 @@ from abhv_mc.plant.aerodynamics import build_up, find_cells, interpolate_groups
 from abhv_mc.plant.air_data import air_data, deflections
 from abhv_mc.plant.disturbance import active_disturbances, disturb
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
-from abhv_mc.vehicle.arrays import Floats
 from benchmarks.document import replace_part, write_json
 from benchmarks.spread import Spread, describe_machine, find_spreads, make_note, make_parser, repeat
 from benchmarks.timing import measure_time

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.vehicle.arrays import Floats
 
 
 class Work(NamedTuple):

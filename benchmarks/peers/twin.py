@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.vehicle.arrays import Floats
 from benchmarks.peers.peer import read_work, write_result
 
 SOURCE = Path(__file__).parent / "twin"

@@ -210,7 +210,7 @@ def trim(
     import pandas as pd
 
     from abhv_mc.plant.trim import FlightPoint
-    from abhv_mc.plant.vehicles import load_vehicle
+    from abhv_mc.user_code.vehicle_functions import load_vehicle
     from abhv_mc.world.earth import WGS84
 
     document: Any = make_document("vehicle", vehicle)

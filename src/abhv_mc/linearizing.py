@@ -85,7 +85,7 @@ def read_setup(files: tuple[Path | Document, Path | Document, Path | Document]) 
     """Vehicle, mission and controller; the code of a law of the user's own is run. Raises InputError."""
     from abhv_mc.control.mission import read_mission
     from abhv_mc.flight.prepare import read_law
-    from abhv_mc.plant.vehicles import load_vehicle
+    from abhv_mc.user_code.vehicle_functions import load_vehicle
 
     some: tuple[Any, Any, Any] = files
     vehicle = load_vehicle(some[0])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.design.reference import make_mission_trim_tables, solve_reference
 from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 

@@ -16,8 +16,8 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_plan, prepare
 from abhv_mc.io.documents import InputError, read_document, validate
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import find_input, shipped_configs
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.document import FlightLimits
 from abhv_mc.vehicle.limits import LoadBounds, tighter
 

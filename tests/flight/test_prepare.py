@@ -9,7 +9,7 @@ from abhv_mc.control.mission import Mission, SManoeuvre, read_mission
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.io.documents import InputError
-from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

@@ -12,7 +12,7 @@ from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import build_up, look_up, make_cells
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
-from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.arrays import COEFFICIENTS
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, make_variables
 

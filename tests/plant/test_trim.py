@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from abhv_mc.plant.trim import FlightPoint, trim
-from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
 from abhv_mc.world.earth import WGS84
 

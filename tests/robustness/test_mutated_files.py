@@ -15,7 +15,7 @@ from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.mission import read_mission
 from abhv_mc.control.trajectory_file import read_trajectory
 from abhv_mc.io.input_error import InputError
-from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 ROOT = Path(__file__).parents[2]
 SEED = 81

@@ -9,13 +9,13 @@ from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.stability.analysis import analyse
 from abhv_mc.stability.disturbed import fly_disturbed
 from abhv_mc.stability.linearize import PLANT_STATES, closed_loop, linearize, memory_count
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.steady import make_steady_plan, trim_points
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 
 def read(controller, mission="level", vehicle="ghame_x"):

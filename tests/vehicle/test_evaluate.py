@@ -8,7 +8,7 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
-from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.arrays import COEFFICIENTS
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
 

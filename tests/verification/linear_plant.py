@@ -23,13 +23,14 @@ from verification.nominals import (
     velocity_jacobian,
 )
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.design.trim_tables import trim_elevator
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.plan import Timing
 from abhv_mc.numerics.quaternion import from_euler
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.vehicle.arrays import VARIABLES, BuildUp, Floats
+from abhv_mc.vehicle.arrays import VARIABLES, BuildUp
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.verification.replay import make_replay_plan
 from abhv_mc.world.earth import WGS84, Earth

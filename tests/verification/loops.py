@@ -13,6 +13,7 @@ from verification.nominals import (
     velocity_jacobian,
 )
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.columns import LQR_ELEVATOR, LQR_GUIDANCE, LQR_LATERAL, REFERENCE, TLC_K1, TLC_K2
 from abhv_mc.control.controller_file import LqrController
 from abhv_mc.control.design.design_model import body_rate_rates
@@ -28,7 +29,6 @@ from abhv_mc.control.laws.tlc_loops import (
     rate_gains,
 )
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.verification.rows import Row
 
 NOMINALS = 100

@@ -9,6 +9,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
 from abhv_mc.control.design.design_model import Surroundings, attitude_rates, body_rate_rates, guidance_rates, wrench_at
 from abhv_mc.control.design.design_tables import Numbers, slope
@@ -17,9 +18,9 @@ from abhv_mc.control.design.reference import make_mission_trim_tables, solve_ref
 from abhv_mc.control.design.trim_tables import trim_elevator
 from abhv_mc.control.laws.tlc_loops import AttitudePoint, attitude_inverse
 from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.vehicle.arrays import Floats, Tables
+from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import WGS84
 

@@ -8,7 +8,7 @@ import pytest
 
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant import state as s
-from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.verification.ghame6 import CADAC_EARTH, fly_recording, read_recording, verify_ghame6
 from abhv_mc.world.earth import WGS84, gravity_ned
 

@@ -4,13 +4,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from verification.shown import check
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import Timing
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.vehicle.arrays import Floats
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_fixed, make_variables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.verification.replay import make_replay_plan, make_start, replay

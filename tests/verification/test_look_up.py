@@ -7,12 +7,13 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 from verification.shown import check
 
+from abhv_mc.array_types import Floats
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import look_up, make_cells
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.vehicle.arrays import VARIABLES, Floats, Tables
+from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.vehicle.arrays import VARIABLES, Tables
 from abhv_mc.vehicle.evaluate import evaluate_tables
 from abhv_mc.verification.rows import Row
 

@@ -39,11 +39,19 @@ def rows(given):
 
 
 def test_every_published_simulator_is_met(rows):
-    assert {(row.case, row.simulator) for row in rows} == {
-        (f"nesc {case}", f"sim {simulator}") for case in ("01", "02", "03", "06", "09") for simulator in ("04", "06")
-    }
+    bodies = {(f"nesc {case}", f"sim {sim}") for case in ("01", "02", "03", "06", "09") for sim in ("04", "06")}
+    aircraft = {(f"nesc {case}", f"sim {sim}") for case in ("11", "12", "13.1", "13.2") for sim in ("04", "05")}
+    assert {(row.case, row.simulator) for row in rows} == bodies | aircraft
     assert [row for row in rows if not row.ok] == []
-    assert len(rows) == 60
+    assert len(rows) == 60 + 48
+
+
+def test_the_f16_is_simulator_5(rows):
+    """Its trims, and its own control law at steps: far within what simulators 04 and 05 differ by."""
+    worst = {(row.case, row.quantity): row.difference for row in rows if row.simulator == "sim 05"}
+    for case, altitude in (("11", 0.002), ("12", 0.004), ("13.1", 0.15), ("13.2", 0.01)):
+        assert worst[f"nesc {case}", "altitude"] < altitude  # ft
+        assert worst[f"nesc {case}", "latitude"] < 1e-6
 
 
 def test_without_air_it_is_simulator_4_to_its_printed_digits(rows):
@@ -89,8 +97,8 @@ def test_times_need_not_be_ticks(tmp_path):
 
 def test_other_files_are_left_alone(tmp_path, given):
     shutil.copytree(given / "Atmos_01_DroppedSphere", tmp_path / "deep" / "Atmos_01_DroppedSphere")
-    (tmp_path / "Atmos_11_sim_02.csv").write_text("not a case of ours\n")
-    assert list(find_files(tmp_path)) == [(1, "04"), (1, "06")]
+    (tmp_path / "Atmos_17_sim_02.csv").write_text("not a case of ours\n")
+    assert list(find_files(tmp_path)) == [("01", "04"), ("01", "06")]
 
 
 def test_linked_case_folders_and_copies_are_compared_too(tmp_path, given):
@@ -98,8 +106,8 @@ def test_linked_case_folders_and_copies_are_compared_too(tmp_path, given):
     (tmp_path / "Atmos_01_DroppedSphere").symlink_to(case, target_is_directory=True)
     shutil.copytree(case, tmp_path / "later")
     assert list(find_files(tmp_path)) == [
-        *((1, "04"), (1, "04 later/Atmos_01_sim_04.csv.gz")),
-        *((1, "06"), (1, "06 later/Atmos_01_sim_06.csv.gz")),
+        *(("01", "04"), ("01", "04 later/Atmos_01_sim_04.csv.gz")),
+        *(("01", "06"), ("01", "06 later/Atmos_01_sim_06.csv.gz")),
     ]
 
 
@@ -116,7 +124,7 @@ def test_what_vanishes_while_folders_are_read_is_passed_over(tmp_path, given, mo
         return whole(place)
 
     monkeypatch.setattr(os, "scandir", scan)
-    assert list(find_files(tmp_path)) == [(1, "04"), (1, "06")]
+    assert list(find_files(tmp_path)) == [("01", "04"), ("01", "06")]
 
 
 def test_a_folder_without_cases_is_refused(tmp_path):

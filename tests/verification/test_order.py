@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from verification.shown import check
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import Timing
 from abhv_mc.plant import state as s
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.vehicle.arrays import Floats
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.verification.replay import make_replay_plan, make_start, replay
 from abhv_mc.verification.rows import Row
 from abhv_mc.world.earth import WGS84

@@ -15,15 +15,16 @@ import numpy as np
 import pytest
 from verification.shown import check
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.controller_file import TlcController, read_controller
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.vehicle.arrays import VARIABLES, BuildUp, Floats
+from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.vehicle.arrays import VARIABLES, BuildUp
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.verification.rows import Row
 

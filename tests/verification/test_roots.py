@@ -7,9 +7,9 @@ import numpy as np
 from scipy.optimize import brentq
 from verification.shown import check
 
+from abhv_mc.array_types import Floats
 from abhv_mc.jit import kernel, scalar
 from abhv_mc.numerics.root_finding import CONVERGED, brent
-from abhv_mc.vehicle.arrays import Floats
 from abhv_mc.verification.rows import Row
 
 CASES = 5000

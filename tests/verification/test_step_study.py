@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from verification.shown import check
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import fly, nominal_parameters
@@ -12,9 +13,8 @@ from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.vehicle.arrays import Floats
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.verification.rows import Row
 
 # Zhu & Shen (2014), section 7: uniform, half widths.

@@ -41,7 +41,7 @@ def command(
     from abhv_mc.flying import trim_rows
     from abhv_mc.io.documents import InputError
     from abhv_mc.plant.trim import FlightPoint
-    from abhv_mc.plant.vehicles import load_vehicle
+    from abhv_mc.user_code.vehicle_functions import load_vehicle
     from abhv_mc.world.earth import WGS84
 
     height = _quantity("altitude", altitude)

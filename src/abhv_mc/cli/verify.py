@@ -50,7 +50,7 @@ def nesc(
     tolerance_scale: _Scale = 1.0,
     junit: Junit = None,
 ) -> None:
-    """Fly NASA's atmospheric check-cases 1 to 10, those that DIR has, and compare with each simulator given.
+    """Fly NASA's atmospheric check-cases 1 to 16, those that DIR has, and compare with each simulator given.
 
     Exit code 1 where a difference is outside its tolerance.
     """

@@ -25,6 +25,9 @@ class PythonController(StrictModel):
     files: tuple[str, ...] = Field((), description=_FILES)
     rate: Rate = Field(100.0, description=_RATE)
     settings: dict[str, Any] = Field({}, description="of the file's class Settings; with units where the file says so")
+    commands: dict[str, Any] = Field(
+        {}, description="of the file's class Commands: a value, or values from times on, as {0 s: 100 m, 5 s: 130 m}"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "PythonController":

@@ -34,6 +34,7 @@ SOURCES: dict[str, dict[str, str]] = {
     "inertia": {},
     "control": _MEASURED,
 }
+MEASURED = "_measured"  # a command that says whether the measured value counts
 FORCES = {"body": ("CX", "CY", "CZ"), "stability": ("CL", "CD", "CY")}
 MOMENTS = ("Cl", "Cm", "Cn")
 THRUST = ("force_x", "force_y", "force_z", "fuel_flow", "moment_x", "moment_y", "moment_z")
@@ -97,6 +98,10 @@ def _inputs(model: Model, kind: str, answers: Mapping[str, Answer]) -> str:
         if quantity in sources:
             factor = (sign or 1) * factor_to_si(model, variable, quantity)
             text = _scaled(sources[quantity], factor, divided=True)
+        elif kind == "control" and quantity == "cross_track":  # there to the right, and from where it is wanted
+            name = names[variable.identifier]
+            offset = f"commands.{name} - commands.{name}{MEASURED} * measured.cross_track"
+            text = f"({offset}) / {_command_factor(variable)!r}"
         elif kind == "control":
             text = _scaled(f"commands.{names[variable.identifier]}", _command_factor(variable), divided=True)
         else:
@@ -187,6 +192,10 @@ def write_law(model: Model, answers: Mapping[str, Answer]) -> str:
         name, unit = names[variable.identifier], command_unit(variable)
         value = (variable.initial or 0.0) * _command_factor(variable)
         fields.append(f"    {name}: float = {value!r}  # {variable.name}{'' if unit == '-' else f', {unit}'}")
+        if quantity_of(variable) == "cross_track":
+            fields.append(
+                f"    {name}{MEASURED}: float = 1.0  # 1: from the measured cross-track, 0: as commanded alone"
+            )
         if unit != "-":
             units.append(f'"{name}": "{unit}"')
     marked = f"@controller(units={{{', '.join(units)}}})" if units else "@controller"

@@ -24,6 +24,7 @@ _SYNONYMS: dict[str, tuple[str, ...]] = {
     "roll": ("eulerAngle_Roll",),
     "pitch": ("eulerAngle_Pitch",),
     "yaw": ("eulerAngle_Yaw",),
+    "cross_track": ("lateralDeviationError",),
     "latitude": ("geLatitude", "geodeticLatitude", "latitude", "positionGeodetic_Latitude"),
     "longitude": ("geLongitude", "geodeticLongitude", "longitude", "positionGeodetic_Longitude"),
     # what moves
@@ -66,7 +67,9 @@ _SYNONYMS: dict[str, tuple[str, ...]] = {
 
 SI = {  # the unit of each quantity in the program
     **dict.fromkeys(("airspeed", "equivalent_airspeed", "sound_speed"), "m/s"),
-    **dict.fromkeys(("altitude", "span", "chord", *(f"center_of_gravity_{axis}" for axis in "xyz")), "m"),
+    **dict.fromkeys(
+        ("altitude", "cross_track", "span", "chord", *(f"center_of_gravity_{axis}" for axis in "xyz")), "m"
+    ),
     **dict.fromkeys(("pressure", "dynamic_pressure"), "Pa"),
     **dict.fromkeys(("roll_rate", "pitch_rate", "yaw_rate"), "rad/s"),
     **dict.fromkeys(("angle_of_attack", "sideslip", "roll", "pitch", "yaw", "latitude", "longitude"), "rad"),

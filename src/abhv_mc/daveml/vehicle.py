@@ -1,4 +1,4 @@
-"""``abhv-mc import daveml``: from DAVE-ML files to a folder with Python functions ."""
+"""``abhv-mc import daveml``: from DAVE-ML files to a folder with Python functions and a vehicle file."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -6,8 +6,11 @@ from typing import Any
 
 from abhv_mc.daveml.adapters import (
     Answer,
+    command_inputs,
+    command_unit,
     factor_to_si,
     find_questions,
+    frame_of,
     write_coefficients,
     write_law,
     write_thrust,
@@ -89,6 +92,7 @@ def _write_parts(models: Sequence[Model], kinds: Mapping[str, tuple[str, ...]], 
     values = _constants(models, answers)
     span, chord = values.get("span", 1.0), values.get("chord", 1.0)
     texts: dict[str, str] = {}
+    sections: dict[str, str] = {}
     for model in models:
         extra: list[str] = []
         imports: list[str] = []
@@ -98,14 +102,19 @@ def _write_parts(models: Sequence[Model], kinds: Mapping[str, tuple[str, ...]], 
             if kind == "aerodynamics":
                 extra.append(write_coefficients(model, given, span, chord))
                 imports.append("Coefficients")
+                sections[kind] = f"  python: {module}\n  function: coefficients\n  frame: {frame_of(model)}"
             elif kind == "propulsion":
                 extra.append(write_thrust(model, given))
                 imports.append("Thrust")
+                sections[kind] = f"  python: {module}\n  function: thrust\n  throttle: [0, 1]\n  ideal: true"
             elif kind == "control":
                 extra.append(write_law(model, given))
                 imports += ["Command", "controller"]
+                texts[f"{Path(module).stem}.yaml"] = _controller(model, module)
         used = {*imports, *({"DEGREE"} if any("DEGREE" in text for text in extra) else ())}
         texts[module] = write_module(model, "\n\n".join(extra), used)
+    if "aerodynamics" in sections and "mass" in values:
+        texts["vehicle.yaml"] = _vehicle(models, values, sections)
     return texts
 
 
@@ -126,6 +135,54 @@ def _constants(models: Sequence[Model], answers: Answers) -> dict[str, float]:
             value = getattr(made, names[variable.identifier]) if variable.computed else variable.initial
             found.setdefault(name, float(value or 0.0) * factor_to_si(model, variable, name))
     return found
+
+
+def _vehicle(models: Sequence[Model], values: Mapping[str, float], sections: Mapping[str, str]) -> str:
+    for name in ("inertia_xy", "inertia_yz", "center_of_gravity_y"):
+        if abs(values.get(name, 0.0)) > 1e-9 * values["mass"]:
+            found = f"a vehicle whose {name.replace('_', ' ')} is {values[name]:g}"
+            raise InputError(models[0].path, None, None, found, "one that is symmetric about its x-z plane")
+    lines = [
+        f"# Imported from {', '.join(model.path.name for model in models)} (DAVE-ML, ANSI/AIAA S-119).",
+        f"name: {models[0].path.stem.split('_')[0].lower()}",
+        "",
+        "reference:",
+        f"  area: {values['area']!r} m2",
+        f"  span: {values.get('span', 1.0)!r} m",
+        f"  chord: {values.get('chord', 1.0)!r} m",
+        "",
+        "mass:",
+        f"  start: {values['mass']!r} kg",
+        "  points:",
+        f"    - mass: {values['mass']!r} kg",
+        *(f"      inertia_{axis}: {values[f'inertia_{axis}']!r} kg m2" for axis in ("xx", "yy", "zz")),
+        f"      inertia_matrix_element_13: {-values.get('inertia_zx', 0.0)!r} kg m2 # minus the product of inertia",
+        *(f"      center_of_gravity_{axis}: {values.get(f'center_of_gravity_{axis}', 0.0)!r} m" for axis in ("x", "z")),
+        "",
+        "surfaces: # the files say nothing about actuators",
+        "  ideal: true",
+        "  limit: 30 deg",
+    ]
+    for name, section in sections.items():
+        lines += ["", f"{name}:", section]
+    return "\n".join(lines) + "\n"
+
+
+def _controller(model: Model, module: str) -> str:
+    names = python_names(model)
+    lines = [
+        f"# The control law of {model.path.name}; commands change at times: {{0 s: ..., 5 s: ...}}.",
+        "law: python",
+    ]
+    lines += [f"file: {module}", "rate: 200 Hz"]
+    commands = command_inputs(model)
+    lines += ["commands:"] if commands else []
+    for variable in commands:
+        unit = command_unit(variable)
+        value = f"{variable.initial or 0.0!r}"
+        written = {"m": "ft", "m/s": "kt", "rad": "deg"}.get(unit) if variable.units in ("ft", "nmi_h", "deg") else unit
+        lines.append(f"  {names[variable.identifier]}: {value}{'' if unit == '-' else f' {written}'} # {variable.name}")
+    return "\n".join(lines) + "\n"
 
 
 def _write(folder: Path, texts: Mapping[str, str]) -> list[Path]:

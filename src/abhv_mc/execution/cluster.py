@@ -32,12 +32,13 @@ from abhv_mc.stability.metrics import MarginPlan
 from abhv_mc.user_code.c_source import refuse_platform
 from abhv_mc.user_code.child import allow_here
 from abhv_mc.user_code.source import OwnSource
+from abhv_mc.vehicle.foreign import VehicleCode
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 Arrays = dict[str, np.ndarray]
-Code = tuple[OwnSource | None, OwnSource | None]  # of a law and of channels of one's own
+Code = tuple[OwnSource | None, OwnSource | None, VehicleCode | None]  # of a law, of channels, of a vehicle
 
 _CONNECT = 10.0  # s to find the scheduler
 _PER_THREAD = 2  # blocks under way for each thread of the cluster, so that none waits for the next one
@@ -55,8 +56,8 @@ def hold_plan(arrays: Arrays) -> Arrays:
 def with_code(plan: FlightPlan, code: Code) -> FlightPlan:
     """A plan with the code that travelled beside it."""
     if isinstance(plan, MarginPlan):
-        plan = replace(plan, steady=replace(plan.steady, source=code[0]))
-    return replace(plan, source=code[0], channels_source=code[1])
+        plan = replace(plan, steady=replace(plan.steady, source=code[0], vehicle_code=code[2]))
+    return replace(plan, source=code[0], channels_source=code[1], vehicle_code=code[2])
 
 
 def fly_remote(
@@ -74,7 +75,11 @@ def fly_remote(
     if plan.source is not None and (words := refuse_platform(plan.source)) is not None:
         raise UnusableError(f"a worker of the cluster has {words}")
     with _warming:
-        kind = (f"{plan.law} {plan.source_hash} {plan.channels_hash}", type(plan).__name__, fly.__qualname__)
+        kind = (
+            f"{plan.law} {plan.source_hash} {plan.channels_hash} {plan.vehicle.foreign.digest}",
+            type(plan).__name__,
+            fly.__qualname__,
+        )
         if kind not in _warm:
             fly(plan, nominal_parameters(), None)  # loads or compiles, which is no flight's time
             _warm.add(kind)
@@ -136,7 +141,7 @@ class Cluster:
 
         engine, limit = self._engine, time_limit(at_once(parameters, recorded), self.limit)
         source = engine.source if engine.checked else ""
-        held, code = self._hold(plan), (plan.source, plan.channels_source)
+        held, code = self._hold(plan), (plan.source, plan.channels_source, plan.vehicle_code)
         future = self._client.submit(
             fly_remote, engine.fly, source, held, code, parameters, recorded, limit, pure=False
         )

@@ -18,8 +18,8 @@ def make_margin_plans(campaign: CheckedCampaign, plans: dict[str, FlightPlan], d
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
     from abhv_mc.flight.prepare import own_parts_of
-    from abhv_mc.plant.vehicles import load_vehicle
     from abhv_mc.stability.steady import make_steady_plan
+    from abhv_mc.user_code.vehicle_functions import load_vehicle
 
     vehicle, mission = load_vehicle(model.vehicle), read_mission(model.mission)
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:

@@ -40,8 +40,8 @@ def describe_stability(campaign: CheckedCampaign, plans: Mapping[str, FlightPlan
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
     from abhv_mc.flight.prepare import own_parts_of
-    from abhv_mc.plant.vehicles import load_vehicle
     from abhv_mc.stability.steady import make_steady_plan
+    from abhv_mc.user_code.vehicle_functions import load_vehicle
 
     model = campaign.model
     vehicle, mission = load_vehicle(model.vehicle), read_mission(model.mission)

@@ -49,6 +49,8 @@ class OwnLaw(NamedTuple):
     channels: int  # address of the user's own channels, 0 for none
     more: int  # 1 where it may ask for more than the ten measured values
     context: int = 0  # address of what the law's machine code works on, 0 for none
+    aerodynamics: int = 0  # addresses of the vehicle's own functions, 0 for tables
+    propulsion: int = 0
 
 
 class KernelPlan(NamedTuple):

@@ -31,7 +31,7 @@ from abhv_mc.flight.start import face_air, start_flights
 from abhv_mc.jit import kernel, lanes
 from abhv_mc.jit_pointer import call_address
 from abhv_mc.plant import state as s
-from abhv_mc.plant.actuators import prepare_actuators, run_actuators, set_actuators
+from abhv_mc.plant.actuators import command_ideal, prepare_actuators, run_actuators, set_actuators
 from abhv_mc.plant.aerodynamics import build_up, look_up
 from abhv_mc.plant.air_data import air_data, deflections, move_air
 from abhv_mc.plant.air_profile import nominal_density, nominal_wind
@@ -45,6 +45,7 @@ from abhv_mc.plant.failures import (
     start_failures,
     watch_inlet,
 )
+from abhv_mc.plant.foreign import add_thrust, find_dispersed, foreign_coefficients, foreign_thrust
 
 COMPACTION = 500  # ticks after which lanes of flights that have ended are given to others
 
@@ -81,7 +82,7 @@ def instruments(plan, Z, width, active, tick):
     if against_air:
         measure_air(Z, width, sensing)
     if more:
-        measure_more(Z, width, tick == 0)
+        measure_more(Z, width, plan.reference, tick)
 
 
 @lanes
@@ -108,8 +109,15 @@ def evaluate(plan, memory, width, stage, windy, failing):
     air_data(Z, width, vehicle, plan.earth)
     deflections(Z, width, vehicle, failing)
     look_up(Z, T, width, vehicle.tables, memory.cells)
-    build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
+    if plan.own.aerodynamics != 0:
+        foreign_coefficients(Z, width, vehicle, plan.own)
+    else:
+        build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
+    if plan.own.propulsion != 0:
+        foreign_thrust(Z, width, vehicle, plan.own)
     equations_of_motion(Z, width, vehicle, plan.earth, stage)
+    if plan.own.propulsion != 0:
+        add_thrust(Z, width, vehicle, stage)
 
 
 @lanes
@@ -170,6 +178,8 @@ def fly_ticks(plan, memory, results, width, law, first_tick, end, flights, n):
         begin_tick(plan, memory, width, active, tick)
         control(plan, memory, width, law, tick)
         fail_plant(Z, width, failures, plan.vehicle, tick * tick_length, tick_length)
+        if law != RECORDED:
+            command_ideal(Z, width, plan.vehicle.constants)
         flying = True
         for evaluation in range(4 * steps_per_tick):  # one loop, so that its code is there once
             stage = evaluation % 4
@@ -260,6 +270,8 @@ def start_lanes(plan, memory, width, flights, n):
         nominal_wind(Z, width, plan.profile)
         face_air(Z, width)
     start_failures(Z, width)
+    if plan.own.aerodynamics != 0:
+        find_dispersed(Z, width)
     prepare_actuators(Z, width, plan.vehicle.constants, plan.timing.step)
     start_observing(Z, memory.O, width, plan.counted)
 

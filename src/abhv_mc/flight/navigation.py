@@ -2,15 +2,18 @@
 
 import math
 
+from abhv_mc.control import columns as ref
 from abhv_mc.jit import lanes, scalar
-from abhv_mc.numerics.lane_math import asin, atan2, two_angles
+from abhv_mc.numerics.lane_math import asin, atan2, sincos, two_angles
 from abhv_mc.numerics.quaternion import rotate_to_body, rotate_to_ned
 from abhv_mc.plant import state as s
 from abhv_mc.plant.air_data import flow_direction
-from abhv_mc.plant.state import X
+from abhv_mc.plant.state import X, parameter_row
 from abhv_mc.world.atmosphere import atmosphere_lanes
 
+_DENSITY = parameter_row("atmosphere.density")
 _G0 = 9.80665  # m/s2
+SEA_LEVEL_DENSITY = 1.225  # kg/m3, of the equivalent airspeed
 
 
 @scalar
@@ -71,16 +74,21 @@ def measure_air(Z, width, sensing):
 
 
 @lanes
-def measure_more(Z, width, first):
+def measure_more(Z, width, reference, tick):
     """What laws of the user's own may ask for besides; the load factor is that of the step before, 1 at the start."""
+    sin_h, cos_h = sincos(reference[tick, ref.HEADING])
     atmosphere_lanes(Z, width, X + s.ALTITUDE, s.M_AIRSPEED, s.M_MACH)  # density, 1 / speed of sound
     for lane in range(width):
         u, v, w = Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane]
         airspeed, _, _, _, _, _ = flow_direction(u - Z[s.AIR_U, lane], v - Z[s.AIR_V, lane], w - Z[s.AIR_W, lane])
+        density = Z[s.M_AIRSPEED, lane] * (Z[_DENSITY, lane] * Z[s.DENSITY_PROFILE, lane])
+        Z[s.M_EQUIVALENT_AIRSPEED, lane] = airspeed * math.sqrt(density / SEA_LEVEL_DENSITY)
+        north, east = Z[s.NORTH, lane] - reference[tick, ref.NORTH], Z[s.EAST, lane] - reference[tick, ref.EAST]
+        Z[s.M_CROSS_TRACK, lane] = north * sin_h - east * cos_h
         Z[s.M_AIRSPEED, lane] = airspeed
         Z[s.M_MACH, lane] = airspeed * Z[s.M_MACH, lane]
         x, y, z = Z[s.SPECIFIC_X, lane], Z[s.SPECIFIC_Y, lane], Z[s.SPECIFIC_Z, lane]
-        Z[s.M_LOAD_FACTOR, lane] = 1.0 if first else math.sqrt(x * x + y * y + z * z) / _G0
+        Z[s.M_LOAD_FACTOR, lane] = 1.0 if tick == 0 else math.sqrt(x * x + y * y + z * z) / _G0
         q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]
         Z[s.M_PITCH, lane] = asin(2.0 * (q0 * q2 - q1 * q3))
         Z[s.M_ROLL, lane] = atan2(2.0 * (q0 * q1 + q2 * q3), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)

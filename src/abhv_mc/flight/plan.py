@@ -15,6 +15,7 @@ from abhv_mc.plant.air_profile import no_profile
 from abhv_mc.plant.effectiveness import Effectiveness
 from abhv_mc.user_code.source import OwnSource
 from abhv_mc.vehicle.arrays import Tables
+from abhv_mc.vehicle.foreign import VehicleCode
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth
 
@@ -84,6 +85,7 @@ class FlightPlan:
     channels_hash: str = ""  # of the text of channels of one's own
     source: OwnSource | None = field(default=None, metadata={"stored": False})  # its text: travels, is not stored
     channels_source: OwnSource | None = field(default=None, metadata={"stored": False})
+    vehicle_code: VehicleCode | None = field(default=None, metadata={"stored": False})  # of vehicle.foreign's digest
 
     @property
     def metrics(self) -> tuple[Metric, ...]:

@@ -32,13 +32,14 @@ from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.trim import GRAVITY, TrimPoint
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.user_code.closure import check_closure, watched_design
+from abhv_mc.user_code.compiled import split_columns
 from abhv_mc.user_code.design import DesignModel
 from abhv_mc.user_code.law_source import read_trusted_law
 from abhv_mc.user_code.native import NativeLaw
-from abhv_mc.user_code.settings import make_own_settings
+from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands, make_own_settings
 from abhv_mc.user_code.source import Law, load_law
+from abhv_mc.user_code.vehicle_functions import find_code, load_vehicle
 from abhv_mc.vehicle.limits import tighter
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.vehicle.sensing import choose_sensing
@@ -74,10 +75,11 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
 
 
 class OwnParts(NamedTuple):
-    """A law of the user's own, and its settings."""
+    """A law of the user's own, its settings and its commands."""
 
     law: Law | NativeLaw
     settings: Floats
+    commands: CommandSteps = NO_COMMANDS
 
 
 def read_law(controller: Path) -> tuple[Controller, OwnParts | None]:
@@ -91,12 +93,20 @@ def read_law(controller: Path) -> tuple[Controller, OwnParts | None]:
         return law, OwnParts(NativeLaw(source), np.array(numbers, dtype=np.float64))
     check_closure(source)
     loaded = load_law(source)
-    return law, OwnParts(loaded, make_own_settings(document, law, loaded))
+    commands = make_commands(document, law, loaded)
+    return law, OwnParts(loaded, make_own_settings(document, law, loaded), commands)
 
 
 def own_parts_of(plan: FlightPlan) -> OwnParts | None:
     """A plan's own law and its settings; None for a law of the program. Raises ValueError without its source."""
-    return OwnParts(load_plan_parts(plan), plan.settings) if plan.law in USER_LAWS else None
+    if plan.law not in USER_LAWS:
+        return None
+    law = load_plan_parts(plan)
+    first = plan.gains.shape[1] - len(split_columns(tuple(plan.gain_names.tolist()))[1])
+    columns = plan.gains[:, first:]
+    times = np.arange(len(columns), dtype=np.float64) * plan.timing.tick
+    names = law.commands._fields if columns.shape[1] and isinstance(law, Law) else ()
+    return OwnParts(law, plan.settings, CommandSteps(names, (times,) * len(names), tuple(columns.T)))
 
 
 def has_authority(vehicle: Vehicle, mission: Mission) -> bool:
@@ -177,6 +187,7 @@ def make_plan(
         gain_names=np.array(names, dtype=np.str_),
         source_hash=own.law.source.hash if own else "",
         source=own.law.source if own else None,
+        vehicle_code=find_code(vehicle),
     )
 
 
@@ -188,7 +199,8 @@ def make_gains(controller: Controller, own: OwnParts | None, model: DesignModel)
     if isinstance(controller, UserController):
         if own is None:
             raise ValueError("a controller of the user's own without its law")
-        return watched_design(own.law, model, own.settings)
+        names, gains = watched_design(own.law, model, own.settings)
+        return (*names, *own.commands.column_names()), np.concatenate([gains, own.commands.columns(model.time)], axis=1)
     if isinstance(controller, TlcController):
         return (), make_tlc_gains(controller, model.table, model.vehicle, model.trim_tables)
     return (), make_lqr_gains(controller, model.mission, model.table, model.vehicle, model.trim_tables)

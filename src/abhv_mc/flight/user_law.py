@@ -19,6 +19,7 @@ from abhv_mc.user_code.law_interface import Measured
 from abhv_mc.user_code.native import NativeLaw, find_memory, open_native
 from abhv_mc.user_code.plain import PlainLaw
 from abhv_mc.user_code.source import Law, OwnSource, is_number, load_law
+from abhv_mc.user_code.vehicle_functions import compile_functions
 
 PYTHON = "python"
 NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
@@ -47,11 +48,24 @@ def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights
         address, context, more = made.address, made.context, int(_names_more(source.text))
     if plan.channels_hash:
         channels = int(compile_channels(_checked(plan.channels_source, plan.channels_hash), width).address)
+    functions = _open_vehicle(plan, width)
+    own = tuple(0 if one is None else int(one.address) for one in functions)
     try:
-        yield OwnLaw(address, onboard, channels, more, context)
+        yield OwnLaw(address, onboard, channels, more, context, aerodynamics=own[0], propulsion=own[1])
     finally:
         if plan.law in NATIVE:
             made.close()
+
+
+def _open_vehicle(plan: FlightPlan, width: int) -> tuple[Any, ...]:
+    """The compiled functions of the plan's vehicle: coefficients and thrust; None for tables."""
+    foreign, code = plan.vehicle.foreign, plan.vehicle_code
+    if not (foreign.aerodynamics or foreign.propulsion):
+        return None, None
+    if code is None or code.digest != foreign.digest.tobytes():
+        raise ValueError("a plan of a vehicle with functions of its own without their source")
+    functions = compile_functions(code, width)
+    return functions.aerodynamics, functions.propulsion
 
 
 def asks_for_more(law: Law) -> bool:

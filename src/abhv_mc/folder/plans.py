@@ -25,11 +25,11 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.air_profile import PROFILE
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.state import N_STATES
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.user_code.c_source import with_library
 from abhv_mc.user_code.law_source import read_law_source
 from abhv_mc.user_code.source import OwnSource, read_source
 from abhv_mc.user_code.trust import check_trusted
+from abhv_mc.user_code.vehicle_functions import check_vehicle_trusted, find_code, load_vehicle
 from abhv_mc.vehicle.model import Vehicle
 
 T = TypeVar("T")
@@ -139,6 +139,7 @@ def read_trusted_plan(
 
     Raises InputError where the code is missing, or is not in the user's list of what he has flown.
     """
+    check_vehicle_trusted(campaign.model.vehicle, trusted)
     plan = read_plan(folder.plan(controller), load_vehicle(campaign.model.vehicle))
     if plan.source_hash:
         place = folder.inputs / "controllers" / controller
@@ -147,7 +148,7 @@ def read_trusted_plan(
         place = folder.inputs / "channels"
         sources = map(read_source, sorted(place.rglob("*.py")))
         plan = dataclasses.replace(plan, channels_source=_take(sources, place, plan.channels_hash, trusted))
-    return plan
+    return dataclasses.replace(plan, vehicle_code=find_code(plan.vehicle))
 
 
 def _read_laws(place: Path) -> Iterator[OwnSource]:

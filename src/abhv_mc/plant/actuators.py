@@ -4,6 +4,7 @@ They depend on their commands alone, which are held over a tick, so they run ahe
 """
 
 from abhv_mc.jit import lanes
+from abhv_mc.numerics.angles import clamp
 from abhv_mc.numerics.lane_math import exp
 from abhv_mc.plant import state as s
 from abhv_mc.plant.actuator_step import (
@@ -110,6 +111,36 @@ def run_actuator(Z, width, position_row, rate_row, command_row, block, low, high
 
 
 @lanes
+def command_ideal(Z, width, constants):
+    """Deflections and throttle without dynamics: what is commanded for the tick, within the limits, from its start."""
+    if constants.ideal_surfaces > 0.0:
+        for i in range(3):
+            for lane in range(width):
+                limit = constants.surface_limit * Z[_K_LIMIT, lane]
+                place_actuator(Z, lane, s.AILERON + i, clamp(Z[s.ACTUATED + i, lane], -limit, limit))
+    if constants.ideal_engine > 0.0:
+        for lane in range(width):
+            highest = constants.equivalence_ratio_max * Z[_K_ETA_LIMIT, lane]
+            eta = clamp(Z[s.ACTUATED + 3, lane], constants.equivalence_ratio_min, highest)
+            place_actuator(Z, lane, s.ETA, eta)
+
+
+@lanes
+def place_actuator(Z, lane, row, position):
+    """An actuator where it is told to be."""
+    Z[X + row, lane] = position
+    Z[XS + row, lane] = position
+
+
+@lanes
+def rest_actuator(Z, width, position_row, rate_row):
+    """An actuator that stays where it is through a step."""
+    for lane in range(width):
+        Z[SUM + position_row, lane] = Z[X + position_row, lane]
+        Z[SUM + rate_row, lane] = 0.0
+
+
+@lanes
 def run_actuators(Z, width, constants, step, recorded):
     """Surfaces and engine through a step, after its first stage."""
     low, high, rate_limit = Z[s.LIMITS], Z[s.LIMITS + 1], Z[s.LIMITS + 2]
@@ -117,6 +148,9 @@ def run_actuators(Z, width, constants, step, recorded):
         limit = constants.surface_limit * Z[_K_LIMIT, lane]
         low[lane], high[lane] = -limit, limit
     for i in range(3):
+        if constants.ideal_surfaces > 0.0 and not recorded:
+            rest_actuator(Z, width, s.AILERON + i, s.AILERON_RATE + i)
+            continue
         for lane in range(width):
             rate_limit[lane] = constants.surface_rate_limit * Z[_K_RATE, lane] * Z[s.RATE_FACTOR + i, lane]
         run_actuator(
@@ -132,6 +166,9 @@ def run_actuators(Z, width, constants, step, recorded):
             step,
             recorded,
         )
+    if constants.ideal_engine > 0.0 and not recorded:
+        rest_actuator(Z, width, s.ETA, s.ETA_RATE)
+        return
     for lane in range(width):
         low[lane] = constants.equivalence_ratio_min
         high[lane] = constants.equivalence_ratio_max * Z[_K_ETA_LIMIT, lane]

@@ -61,7 +61,7 @@ FIXED = AIR + 20  # the fixed quantities of the tables, in the order of FIXED_TA
 NAV = FIXED + len(FIXED_TABLE_ROWS)  # the true motion relative to the Earth
 MEASURED = NAV + 8  # the measurement, which the control laws see
 N_MEASURED = 10
-N_SEEN = N_MEASURED + 10  # with what laws of the user's own may ask for besides
+N_SEEN = N_MEASURED + 12  # with what laws of the user's own may ask for besides
 COUNTED = MEASURED + N_SEEN  # 1 where the sample of this tick counts
 COMMANDS = COUNTED + 1  # what the guidance commands of the attitude loop
 GUST = COMMANDS + 3  # gust and turbulence of the tick in body axes, and the profile's factor on the density
@@ -71,7 +71,8 @@ PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / the dispersion of the mass, b
 ACTUATORS = PER_MASS_FACTOR + 1  # surfaces, then engine: what they need for a step, by flight
 LIMITS = ACTUATORS + 2 * N_ACTUATOR_ROWS  # of the actuator at work: lowest, highest, fastest
 FAILURE = LIMITS + 3  # what has failed at the tick, and what failures remember
-LAW = FAILURE + 36 + N_MEASURED  # the rows of control and flight follow: the law's own memory first
+FOREIGN = FAILURE + 36 + N_MEASURED  # what functions of the vehicle's own are given and give
+LAW = FOREIGN + 23  # the rows of control and flight follow: the law's own memory first
 
 CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, AIR)
 
@@ -87,8 +88,9 @@ CAPTURE, ISP, THRUST_AREA, INERTIA_XX, INERTIA_YY, INERTIA_ZZ, INERTIA_13, CG_X,
 SPEED, GAMMA, CHI, BANK, NORTH, EAST, V_NORTH_LAST, V_EAST_LAST = range(NAV, MEASURED)
 M_ALTITUDE, M_SPEED, M_GAMMA, M_CHI, M_ALPHA, M_BETA, M_BANK, M_P, M_Q, M_R = range(MEASURED, MEASURED + N_MEASURED)
 M_AIRSPEED, M_MACH, M_LOAD_FACTOR, M_PITCH, M_ROLL, M_YAW, M_LATITUDE, M_LONGITUDE, M_NORTH, M_EAST = range(
-    MEASURED + N_MEASURED, COUNTED
+    MEASURED + N_MEASURED, COUNTED - 2
 )
+M_EQUIVALENT_AIRSPEED, M_CROSS_TRACK = COUNTED - 2, COUNTED - 1
 GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, GUST)
 GUST_U, GUST_V, GUST_W, DENSITY_PROFILE, GUST_P, GUST_Q, GUST_R = range(GUST, TURBULENCE)
 # Commands that the actuators get; factors on the three surfaces' rates and effectiveness; gain and offset of the
@@ -100,6 +102,12 @@ EFFECTOR_GAIN, EFFECTOR_OFFSET = FAILURE + 10, FAILURE + 14
 ENGINE_THRUST, ENGINE_DRAG, ENGINE_PITCH, ENGINE_FAILED = range(FAILURE + 18, FAILURE + 22)
 STUCK_SURFACE, STUCK_EFFECTOR, SLOW_EFFECTOR = FAILURE + 22, FAILURE + 25, FAILURE + 29
 UNSTARTED, UNSTART_TIME, FAILED_TIME, FROZEN = FAILURE + 33, FAILURE + 34, FAILURE + 35, FAILURE + 36
+
+# Density and airspeed that they are given; thrust, moment and fuel flow; coefficients with their dispersions and
+# without; the mass at the stage, or a variable put aside; whether parts of them are dispersed.
+F_DENSITY, F_AIRSPEED = FOREIGN, FOREIGN + 1
+F_THRUST, F_MOMENT, F_FUEL_FLOW, F_COEF = FOREIGN + 2, FOREIGN + 5, FOREIGN + 8, FOREIGN + 9
+F_BASE, F_MASS, F_DISPERSED = FOREIGN + 15, FOREIGN + 21, FOREIGN + 22
 
 N_VARIABLES = len(VARIABLES)
 N_COEFFICIENTS = len(COEFFICIENTS)

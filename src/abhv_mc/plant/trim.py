@@ -12,6 +12,7 @@ import numpy as np
 
 from abhv_mc.vehicle.arrays import COEFFICIENTS
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, evaluate_tables, make_variables
+from abhv_mc.vehicle.foreign import N_THRUST, evaluate_functions
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.atmosphere import atmosphere
 from abhv_mc.world.earth import Earth, gravity_ned, radii
@@ -106,9 +107,7 @@ def trim(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float | None 
         forces.drag,
         forces.thrust * constants.thrust_sin * math.cos(alpha) / (forces.dynamic_pressure * constants.area),
         forces.upward / (mass * GRAVITY),
-        forces.thrust / (constants.standard_gravity * forces.specific_impulse)
-        if forces.specific_impulse > 0.0
-        else 0.0,
+        forces.fuel_flow,
         forces.mach,
         forces.dynamic_pressure,
         fault,
@@ -154,7 +153,7 @@ class _Forces(NamedTuple):
     lift: float
     drag: float
     thrust: float
-    specific_impulse: float  # s
+    fuel_flow: float  # kg/s
     mach: float
     dynamic_pressure: float  # Pa
 
@@ -188,9 +187,18 @@ def _forces(
     sin_a, cos_a = math.sin(alpha), math.cos(alpha)
     x = lift * sin_a - drag * cos_a + thrust * constants.thrust_cos
     z = -lift * cos_a - drag * sin_a - thrust * constants.thrust_sin
+    impulse = fixed["specific_impulse"]
+    fuel_flow = thrust / (constants.standard_gravity * impulse) if impulse > 0.0 else 0.0
+    made = [0.0] * N_THRUST
+    if vehicle.foreign.propulsion:
+        made = evaluate_functions(vehicle, variables, density, point.speed)[1][:, 0].tolist()
+        x, z = x + made[0], z + made[2]
     cg_x, cg_z = fixed["center_of_gravity_x"], fixed["center_of_gravity_z"]
     moment = q_bar * constants.area * constants.chord * coefficients["pitching_moment"]
     moment += thrust * constants.thrust_cos * constants.thrust_offset_z + cg_x * z - cg_z * x
+    if vehicle.foreign.propulsion:
+        moment += made[4] + vehicle.foreign.engine_z * made[0] - vehicle.foreign.engine_x * made[2]
+        thrust, fuel_flow = made[0], made[6]
     return _Forces(
         x * cos_a + z * sin_a,
         x * sin_a - z * cos_a,
@@ -198,7 +206,7 @@ def _forces(
         lift,
         drag,
         thrust,
-        fixed["specific_impulse"],
+        fuel_flow,
         point.speed / sound,
         q_bar,
     )

@@ -26,12 +26,12 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import own_parts_of
 from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.io.documents import InputError
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.search.controller_numbers import ControllerNumbers
 from abhv_mc.search.space import Space
 from abhv_mc.stability.analysis import Time, margins_of_flights
 from abhv_mc.stability.metrics import add_margins
 from abhv_mc.stability.steady import make_steady_plan
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.model import Vehicle
 
 MOST_CORNERED = 7  # dispersions whose corners' margins are found: 128 vehicles

@@ -74,7 +74,7 @@ def _make_loop(signatures: dict[str, tuple[str, ...]], width: int) -> str:
     if "measured" in wanted:
         inside.append(f"measured = {tuple_of('Measured', range(s.MEASURED, s.MEASURED + s.N_MEASURED))}")
     if "command" in wanted:
-        inside.append(f"command = {tuple_of('Command', COMMAND_ROWS)}")
+        inside.append(f"command = {tuple_of('Command', (*COMMAND_ROWS, s.CMD_ETA))}")
     for i, (name, arguments) in enumerate(signatures.items()):
         inside.append(f"Z[{(CHANNEL + i) * width} + lane] = _channel_{name}({', '.join(arguments)})")
     lines = [f"    {line}" for line in once] + [f"    for lane in range({width}):"] + [f"        {x}" for x in inside]

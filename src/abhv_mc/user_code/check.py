@@ -63,8 +63,10 @@ def check_law(law: Law) -> None:
     _check_arguments(law, node)
     if law.settings is not None:
         check_defaults(law, law.settings, "Settings", False, line_of)
+    if law.commands is not None:
+        check_defaults(law, law.commands, "Commands", False, line_of)
     for name, unit in law.mark.units.items():
-        known = law.settings._fields if law.settings else ()
+        known = [*(law.settings._fields if law.settings else ()), *(law.commands._fields if law.commands else ())]
         if name not in known:
             wanted = one_of(known, name) if known else "a field of Settings"
             raise InputError(source.file, node.lineno, None, f"a unit of '{name}'", wanted)
@@ -103,7 +105,7 @@ def _check_arguments(law: Law, node: ast.FunctionDef) -> None:
             raise InputError(file, *place, f"the argument '{argument.arg}'", one_of(ARGUMENTS, argument.arg))
         name = CLASSES.get(argument.arg)
         missing = (argument.arg == "gains" and law.design is None) or (
-            argument.arg in ("memory", "settings") and getattr(law, argument.arg) is None
+            argument.arg in ("memory", "settings", "commands") and getattr(law, argument.arg) is None
         )
         if missing:
             wanted = "design(model, settings) that returns them" if name == "gains" else f"class {name}(NamedTuple)"
@@ -162,7 +164,7 @@ _BUILTINS = set(dir(__builtins__)) if isinstance(__builtins__, types.ModuleType)
 def _check_fields(law: Law, function: ast.FunctionDef) -> None:
     """Fields of the arguments that there are not."""
     kinds: dict[str, Any] = {name: kind for name, kind in GIVEN.items() if name in law.arguments}
-    kinds |= {name: getattr(law, name) for name in ("memory", "settings") if name in law.arguments}
+    kinds |= {name: getattr(law, name) for name in ("memory", "settings", "commands") if name in law.arguments}
     for node in _walk(function):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in kinds:
             known = kinds[node.value.id]._fields

@@ -19,7 +19,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.jit import compiler, scalar
 from abhv_mc.jit_pointer import Uncompilable, compile_pointer
 from abhv_mc.plant import state as s
-from abhv_mc.user_code.law_interface import Command, LastCommand, Measured, Onboard, Reference
+from abhv_mc.user_code.law_interface import Coefficients, Command, LastCommand, Measured, Onboard, Reference, Thrust
 from abhv_mc.user_code.scattered import Scattered
 from abhv_mc.user_code.source import MODULE, Law, Module, OwnSource, load_law, refuse_in_words
 from abhv_mc.user_code.table import Table
@@ -34,6 +34,9 @@ COMMAND_ROWS = (
     s.ALPHA_CMD,
     s.BANK_CMD,
 )  # of a Command
+_GIVEN = "float('inf')"  # in the text of a loop: abhv_mc.user_code.law_interface.NOT_GIVEN
+_MADE = (Command, Coefficients, Thrust)  # of whatever numbers
+COMMANDS = "commands."  # before the name of a column that is one
 WANTED = "floats, named tuples and functions of them, or @controller(compiled=False)"
 _NOISE = re.compile(r"(Failed in nopython mode|During: |File \"|- Resolution failure|\^|\[1\] |<source|def |return |$)")
 
@@ -51,8 +54,11 @@ def compile_law(source: OwnSource, gains: tuple[str, ...], width: int) -> Any:
         for hint in Onboard.__annotations__.values():
             if hasattr(hint, "_fields"):
                 names[f"_{hint.__name__}"] = hint
-        if gains:
-            names["_Gains"] = make_gains_class(gains)
+        designed, commands = split_columns(gains)
+        if designed:
+            names["_Gains"] = make_gains_class(designed)
+        if commands:
+            names["_Commands"] = law.commands
         if law.settings is not None:
             names["_Settings"] = law.settings
         if "memory" in law.arguments:
@@ -60,6 +66,12 @@ def compile_law(source: OwnSource, gains: tuple[str, ...], width: int) -> Any:
         names["_law"] = names[law.function.__name__]
         text = _make_loop(law, gains, width)
         return build(law.module, text, names, f"{gains}")
+
+
+def split_columns(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the gains that a law designs, and of its commands, which stand in the columns behind them."""
+    commands = tuple(name for name in names if name.startswith(COMMANDS))
+    return names[: len(names) - len(commands)], commands
 
 
 def make_gains_class(names: Iterable[str]) -> Any:
@@ -135,7 +147,7 @@ def _compile_names(given: dict[str, Any], folder: str, made: dict[int, dict[str,
             names[name] = sys.modules[made[id(value.__dict__)]["__name__"]]
         elif issubclass(type(value), (Table, Scattered)):
             names[name] = value.make_compiled()
-        elif issubclass(type(value), type) and hasattr(value, "_fields") and (value is Command or name == "Memory"):
+        elif issubclass(type(value), type) and hasattr(value, "_fields") and (value in _MADE or name == "Memory"):
             names[name] = _make_maker(value, home.__name__)
     return names
 
@@ -164,14 +176,18 @@ def _make_loop(law: Law, gains: tuple[str, ...], width: int) -> str:
         return f"Z[{row * width} + lane]"
 
     onboard = _make_nested(Onboard, ONBOARD, lane)
+    designed, commands = split_columns(gains)
     once, inside, arguments = [], [], []
     for name in law.arguments:
         if name == "reference":
             once.append(f"r = tick * {len(REFERENCE)}")
             once.append(f"reference = _Reference({', '.join(f'row[r + {i}]' for i in range(len(REFERENCE)))})")
         elif name == "gains":
-            once.append(f"k = tick * {len(gains)}")
-            once.append(f"gains = _Gains({', '.join(f'column[k + {i}]' for i in range(len(gains)))})")
+            columns = ", ".join(f"column[tick * {len(gains)} + {i}]" for i in range(len(designed)))
+            once.append(f"gains = _Gains({columns})")
+        elif name == "commands":
+            columns = ", ".join(f"column[tick * {len(gains)} + {len(designed) + i}]" for i in range(len(commands)))
+            once.append(f"commands = _Commands({columns})")
         elif name == "settings":
             once.append(f"settings = _Settings({', '.join(f'given[{i}]' for i in range(len(law.settings._fields)))})")
         elif name == "time":
@@ -193,8 +209,10 @@ def _make_loop(law: Law, gains: tuple[str, ...], width: int) -> str:
             inside.append(f"{lane(MEMORY + i)} = after.{field}")
     else:
         inside.append(f"command = {call}")
-    for field, row in zip(Command._fields, COMMAND_ROWS, strict=True):
+    for field, row in zip(Command._fields[:-1], COMMAND_ROWS, strict=True):
         inside.append(f"{lane(row)} = command.{field}")
+    inside.append(f"if command.throttle != {_GIVEN}:")
+    inside.append(f"    {lane(s.CMD_ETA)} = command.throttle")
     lines = [f"    {line}" for line in once] + [f"    for lane in range({width}):"] + [f"        {x}" for x in inside]
     return "\n".join(["def loop(context, Z, row, column, given, tick, dt):", *lines, ""])
 

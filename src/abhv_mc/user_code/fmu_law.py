@@ -30,7 +30,7 @@ from abhv_mc.plant import state as s
 from abhv_mc.user_code.c_source import recipe_of, refuse_platform
 from abhv_mc.user_code.child import may_run_here
 from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop
-from abhv_mc.user_code.law_interface import NOT_GIVEN, Command, Measured, find_unit
+from abhv_mc.user_code.law_interface import COMMAND_FIELDS, NOT_GIVEN, Measured, find_unit
 from abhv_mc.user_code.plain import LAW_FAILED
 from abhv_mc.user_code.source import OwnSource
 from abhv_mc.user_code.unpack import unpack
@@ -337,7 +337,7 @@ def compile_fmu_adapter(
         begin=lines(12, begin),
         flags={2: "", 3: ", flags, flags + 8, flags + 16, flags + 24"}[version],
         law_failed=LAW_FAILED,
-        write=lines(8, [f"{at(row)} = {from_fmu(f)}" for row, f in zip(COMMAND_ROWS, Command._fields, strict=True)]),
+        write=lines(8, [f"{at(row)} = {from_fmu(f)}" for row, f in zip(COMMAND_ROWS, COMMAND_FIELDS, strict=True)]),
     )
     names = {"floats_at": floats_at, "float_bits": float_bits, "call_c": call_c, "inf": NOT_GIVEN}
     names |= {"nan": float("nan"), "yes": np.int32(1), "no": np.int32(0)}

@@ -7,10 +7,10 @@ from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.law_file import FmuController, find_files, parse_numbers
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.user_code.c_source import describe_platform, find_name
-from abhv_mc.user_code.law_interface import Command, Measured
+from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured
 from abhv_mc.user_code.source import OwnSource
 
-_NEEDED = tuple(name for name in Command._fields if name not in Command._field_defaults)
+_NEEDED = COMMAND_FIELDS[:4]
 _GROUPS = {"measured": Measured._fields, "reference": REFERENCE}
 
 
@@ -46,8 +46,8 @@ def _check_names(controller: FmuController) -> None:
             found = f"'{source}' for the input '{name}'"
             raise InputError(controller.file, None, None, found, one_of([*choices, "gains.NAME", "time"], source))
     for name in controller.outputs:
-        if name not in Command._fields:
-            raise InputError(controller.file, None, None, f"the output '{name}'", one_of(Command._fields, name))
+        if name not in COMMAND_FIELDS:
+            raise InputError(controller.file, None, None, f"the output '{name}'", one_of(COMMAND_FIELDS, name))
     missing = [name for name in _NEEDED if name not in controller.outputs]
     if missing:
         raise InputError(controller.file, None, None, f"no output for {', '.join(missing)}", "all four controls")

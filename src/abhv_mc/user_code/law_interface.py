@@ -8,19 +8,32 @@ NOT_GIVEN = float("inf")  # of an optional command: then the reference's
 
 
 class Command(NamedTuple):
-    """What a law commands. The last three are what metrics and figures compare with, by default the reference."""
+    """What a law commands: the engine by its equivalence ratio or its throttle, by default its least.
+
+    Path, angle of attack and bank are what metrics and figures compare with, by default the reference.
+    """
 
     aileron: float  # rad
     rudder: float
     elevator: float
-    equivalence_ratio: float
+    equivalence_ratio: float = NOT_GIVEN
     flight_path_angle: float = NOT_GIVEN  # rad
     angle_of_attack: float = NOT_GIVEN
     bank: float = NOT_GIVEN
+    throttle: float = NOT_GIVEN
+
+
+COMMAND_FIELDS = Command._fields[:-1]  # of laws in C and FMUs, which give the engine as one number
+
+
+def command_rows(command: Command) -> tuple[float, ...]:
+    """What of a command goes to the rows of the lane memory: its fields but the last, the engine's as one."""
+    engine = command.equivalence_ratio if command.throttle == NOT_GIVEN else command.throttle
+    return (*command[:3], engine, *command[4:7])
 
 
 class Measured(NamedTuple):
-    """What the sensors say."""
+    """What the sensors say; from the airspeed on, what is true: no parameter disperses it."""
 
     altitude: float  # m
     speed: float  # m/s
@@ -42,6 +55,8 @@ class Measured(NamedTuple):
     longitude: float
     north: float  # m, integral of the north ground speed at altitude
     east: float
+    equivalent_airspeed: float  # m/s, with the density at sea level
+    cross_track: float  # m, to the left of the reference's heading at the tick
 
 
 Reference: Any = NamedTuple("Reference", [(name, float) for name in REFERENCE])  # type: ignore[misc]
@@ -96,6 +111,28 @@ class Onboard(NamedTuple):
     last: LastCommand
 
 
+class Air(NamedTuple):
+    """The flow that a vehicle's functions are given."""
+
+    altitude: float  # m
+    mach: float
+    density: float  # kg/m3
+    pressure: float  # Pa
+    sound_speed: float  # m/s
+    dynamic_pressure: float  # Pa
+    airspeed: float  # m/s
+    angle_of_attack: float  # rad
+    sideslip: float
+
+
+class Rates(NamedTuple):
+    """Dimensionless body rates against the air: p b / (2 V), q c / (2 V), r b / (2 V)."""
+
+    roll_rate: float
+    pitch_rate: float
+    yaw_rate: float
+
+
 class Coefficients(NamedTuple):
     """What an aerodynamics function returns: the forces of its frame, and the moments about its reference point.
 
@@ -127,12 +164,12 @@ class Thrust(NamedTuple):
 
 # Arguments that a law may name, and the rest, which its file defines.
 GIVEN = {"measured": Measured, "reference": Reference, "onboard": Onboard}
-CLASSES = {"memory": "Memory", "settings": "Settings", "gains": "gains"}
-ARGUMENTS = ("measured", "reference", "memory", "settings", "gains", "onboard", "time", "dt")
+CLASSES = {"memory": "Memory", "settings": "Settings", "commands": "Commands", "gains": "gains"}
+ARGUMENTS = ("measured", "reference", "memory", "settings", "commands", "gains", "onboard", "time", "dt")
 
 _UNITS = {  # of measurements, reference and commands, SI; what is in no group is a plain number
-    "m": ("altitude", "north", "east", "radius"),
-    "m/s": ("speed", "altitude_rate", "sound_speed", "airspeed"),
+    "m": ("altitude", "north", "east", "radius", "cross_track"),
+    "m/s": ("speed", "altitude_rate", "sound_speed", "airspeed", "equivalent_airspeed"),
     "m/s2": ("speed_rate", "gravity"),
     "s": ("time",),
     "kg": ("mass",),

@@ -11,8 +11,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
 from abhv_mc.plant import state as s
-from abhv_mc.user_code.compiled import COMMAND_ROWS, make_gains_class
-from abhv_mc.user_code.law_interface import Command, Measured, Onboard, Reference
+from abhv_mc.user_code.compiled import COMMAND_ROWS, make_gains_class, split_columns
+from abhv_mc.user_code.law_interface import Command, Measured, Onboard, Reference, command_rows
 from abhv_mc.user_code.source import Law
 from abhv_mc.user_code.unpack import in_its_folder
 from abhv_mc.user_code.watch import watching
@@ -33,7 +33,8 @@ class PlainLaw:
 
     def __init__(self, law: Law, gains: tuple[str, ...], width: int, memory_in_rows: bool = False) -> None:
         self._in_rows, self._remembers = memory_in_rows, "memory" in law.arguments
-        self._law, self._gains, self._width = law, make_gains_class(gains) if gains else None, width
+        self._law, self._width = law, width
+        self._gains, self._commands = split_columns(gains)
         self._memories: dict[int, Any] = {}  # by a number that the flight's lane holds
         self._callback = _SOCKET(self._call)
 
@@ -47,8 +48,11 @@ class PlainLaw:
         law = self._law
         given: dict[str, Any] = {"time": tick * dt, "dt": dt}
         given["reference"] = Reference(*_row(reference, tick, len(REFERENCE)))
-        if self._gains is not None:
-            given["gains"] = self._gains(*_row(gains, tick, len(self._gains._fields)))
+        columns = _row(gains, tick, len(self._gains) + len(self._commands))
+        if self._gains:
+            given["gains"] = make_gains_class(self._gains)(*columns[: len(self._gains)])
+        if self._commands:
+            given["commands"] = law.commands(*columns[len(self._gains) :])
         if law.settings is not None:
             given["settings"] = settings[: len(law.settings._fields)]
         first_of: dict[int, int] = {}
@@ -105,7 +109,7 @@ class PlainLaw:
             command = returned
         if not isinstance(command, Command):
             raise TypeError(f"the law returns {type(command).__name__}; wanted Command(...)")
-        block[list(COMMAND_ROWS), lane] = command
+        block[list(COMMAND_ROWS), lane] = command_rows(command)
         if self._in_rows and self._remembers:
             block[MEMORY : MEMORY + len(memory), lane] = memory
         return memory

@@ -166,6 +166,7 @@ class Law:
     arguments: tuple[str, ...]
     memory: Any  # class of its memory, None without
     settings: Any  # class of its settings, None without
+    commands: Any  # class of its commands, None without
     design: Callable[..., Any] | None
 
     @property
@@ -193,6 +194,7 @@ def load_law(source: OwnSource) -> Law:
             tuple(inspect.signature(function).parameters),
             module.names.get("Memory"),
             module.names.get("Settings"),
+            module.names.get("Commands"),
             module.names.get("design"),
         )
         check_law(law)

@@ -1,9 +1,9 @@
 """The vehicle file: what may stand in it, and the checks that need no other file."""
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from abhv_mc.io.documents import File, Refusal, StrictModel, one_of
 from abhv_mc.io.units import (
@@ -139,6 +139,33 @@ class Term(StrictModel):
     scale: float = Field(default=1.0, description="number that multiplies it")
 
 
+class PythonFunction(StrictModel):
+    """A function of the vehicle's own, compiled apart from the flight."""
+
+    python: File = Field(description="Python file, relative to this file")
+    settings: dict[str, Any] = Field(default_factory=dict, description="of its class Settings")
+
+
+class ReferencePoint(StrictModel):
+    """Where a function's forces and moments act, from the moment reference."""
+
+    x: Length = Field(0.0, description="forward of the moment reference")
+    z: Length = Field(0.0, description="below the moment reference")
+
+
+class AerodynamicsFunction(PythonFunction):
+    """Coefficients as a Python function of the air, the controls and the rates."""
+
+    function: str = Field("coefficients", description="name of the function")
+    frame: Literal["body", "stability", "wind"] = Field(
+        description="axes of the forces: body CX CY CZ; stability CL CD with CY along body y; wind CL CD CC"
+    )
+    reference_point: ReferencePoint = Field(ReferencePoint(), description="about which the moments are")
+    nodes: dict[Literal["mach", "angle_of_attack", "equivalence_ratio"], tuple[float, ...]] = Field(
+        default_factory=dict, description="where the function has kinks, angles in rad: trim tables have nodes there"
+    )
+
+
 class Aerodynamics(StrictModel):
     """Each coefficient is the sum of its terms."""
 
@@ -168,6 +195,13 @@ class Surfaces(StrictModel):
     damping: Annotated[float, Positive] = Field(description="damping ratio")
     limit: Annotated[Angle, Positive] = Field(description="greatest deflection, to either side")
     rate_limit: Annotated[AngularRate, Positive] = Field(description="greatest rate of deflection")
+
+
+class IdealSurfaces(StrictModel):
+    """Deflections that are what is commanded."""
+
+    ideal: Literal[True] = Field(description="no dynamics")
+    limit: Annotated[Angle, Positive] = Field(description="greatest deflection, to either side")
 
 
 class ThrustLine(StrictModel):
@@ -259,9 +293,47 @@ class ThrustArea(_Propulsion):
     area: str = Field(description="name of the table of thrust over dynamic pressure")
 
 
+class ThrustFunction(PythonFunction):
+    """Thrust as a Python function of the air and the throttle."""
+
+    function: str = Field("thrust", description="name of the function")
+    throttle: tuple[float, float] = Field((0.0, 1.0), description="least and greatest")
+    ideal: bool = Field(False, description="the throttle is what is commanded")
+    bandwidth: Annotated[AngularRate, Positive] | None = Field(default=None, description="of the throttle")
+    damping: Annotated[float, Positive] = Field(default=1.0, description="damping ratio of the throttle")
+    rate_limit: Annotated[Frequency, Positive] | None = Field(default=None, description="greatest rate of the throttle")
+    unstart: Unstart | None = Field(
+        default=None, description="flow outside which the engine fails; left out: the inlet stays started in any flow"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "ThrustFunction":
+        if not self.throttle[0] < self.throttle[1]:
+            raise Refusal(f"{list(self.throttle)}", "least and greatest", ("throttle",))
+        if self.ideal == (self.bandwidth is not None and self.rate_limit is not None):
+            raise Refusal("an engine that is ideal and has dynamics, or neither", "ideal, or bandwidth and rate_limit")
+        return self
+
+
+def _propulsion_kind(value: Any) -> str:
+    given = value if isinstance(value, dict) else vars(value)
+    return "python" if "python" in given else str(given.get("kind"))
+
+
 Propulsion = Annotated[
-    Annotated[Capture, Tag("capture")] | Annotated[ThrustArea, Tag("thrust_area")], Field(discriminator="kind")
+    Annotated[Capture, Tag("capture")]
+    | Annotated[ThrustArea, Tag("thrust_area")]
+    | Annotated[ThrustFunction, Tag("python")],
+    Discriminator(_propulsion_kind),
 ]
+
+
+def _aerodynamics_kind(value: Any) -> str:
+    return "python" if "python" in (value if isinstance(value, dict) else vars(value)) else "terms"
+
+
+def _surfaces_kind(value: Any) -> str:
+    return "ideal" if "ideal" in (value if isinstance(value, dict) else vars(value)) else "actuators"
 
 
 class FlightLimits(LoadLimits):
@@ -284,7 +356,13 @@ class VehicleDocument(StrictModel):
     description: str = Field("", description="what it is and where its numbers come from")
     reference: Reference = Field(description="area and lengths of the coefficients")
     mass: MassModel = Field(description="mass, inertia and centre of gravity")
-    surfaces: Surfaces | None = Field(default=None, description="actuators of the control surfaces; left out: none")
+    surfaces: (
+        Annotated[
+            Annotated[Surfaces, Tag("actuators")] | Annotated[IdealSurfaces, Tag("ideal")],
+            Discriminator(_surfaces_kind),
+        ]
+        | None
+    ) = Field(default=None, description="actuators of the control surfaces; left out: none")
     effectors: dict[str, Effector] = Field(
         default_factory=dict, max_length=4, description="surfaces of its own, mixed from aileron, rudder and elevator"
     )
@@ -294,7 +372,10 @@ class VehicleDocument(StrictModel):
         default=None, description="attitudes outside which a flight ends; left out: any attitude"
     )
     tables: dict[str, TableEntry] = Field(default_factory=dict, description="tables by name; each must be used")
-    aerodynamics: Aerodynamics = Field(Aerodynamics(), description="terms of the six coefficients")
+    aerodynamics: Annotated[
+        Annotated[Aerodynamics, Tag("terms")] | Annotated[AerodynamicsFunction, Tag("python")],
+        Discriminator(_aerodynamics_kind),
+    ] = Field(Aerodynamics(), description="terms of the six coefficients, or a function")
 
     def uses(self) -> list[tuple[str, str | None, tuple[str | int, ...]]]:
         """Every use of a table: its name, what it is (a propulsion quantity or the ``times`` of a term), the place."""
@@ -303,7 +384,7 @@ class VehicleDocument(StrictModel):
             if table := getattr(self.propulsion, key, None):
                 found.append((table, quantity, ("propulsion", key)))
         for coefficient in COEFFICIENTS:
-            for i, term in enumerate(getattr(self.aerodynamics, coefficient)):
+            for i, term in enumerate(getattr(self.aerodynamics, coefficient, ())):
                 found.append((term.table, term.times, ("aerodynamics", coefficient, i, "table")))
         return found
 

@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 
 from abhv_mc.array_types import Floats
 from abhv_mc.vehicle.arrays import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Tables
+from abhv_mc.vehicle.foreign import evaluate_functions
 from abhv_mc.vehicle.model import Vehicle
 
 _AXIS_DEFLECTIONS = [VARIABLES.index(name) for name in ("aileron", "rudder", "elevator")]
@@ -57,9 +58,12 @@ def evaluate_coefficients(
 ) -> Floats:
     """The six COEFFICIENTS ``[coefficient, point]`` from ``[variable, point]``.
 
-    ``factors`` ``[parameter]`` or ``[parameter, point]`` multiplies the terms as the build-up says; None is nominal.
+    ``factors`` ``[parameter]`` or ``[parameter, point]`` multiplies the terms as the build-up says; None is nominal, as
+    functions of the vehicle's own always are.
     ``rows`` is what :func:`evaluate_tables` gave, where it is at hand.
     """
+    if vehicle.foreign.aerodynamics:
+        return evaluate_functions(vehicle, variables)[0]
     rows = evaluate_tables(vehicle.tables, variables) if rows is None else rows
     coefficients = np.zeros((len(COEFFICIENTS), *variables.shape[1:]))
     for coefficient, row, variable, factor in zip(*vehicle.build_up, strict=True):

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,13 +17,18 @@ from abhv_mc.vehicle.document import (
     AXIS_DEFLECTIONS,
     PROPULSION_TABLES,
     REDUCED_RATES,
+    AerodynamicsFunction,
     Capture,
+    IdealSurfaces,
     MassPoint,
+    Surfaces,
+    ThrustFunction,
     VehicleDocument,
     check_inertia,
 )
+from abhv_mc.vehicle.foreign import VehicleCode, make_code, reference_point
 from abhv_mc.vehicle.limits import LoadBounds
-from abhv_mc.vehicle.model import Constants, Inlet, Vehicle
+from abhv_mc.vehicle.model import Constants, Inlet, Vehicle, no_functions
 from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
 from abhv_mc.vehicle.sensing import Sensing, choose_sensing
 from abhv_mc.vehicle.table_file import parse_role, read_rows, read_table
@@ -38,6 +44,7 @@ class VehicleFile:
     path: Path
     content: VehicleDocument
     tables: Mapping[str, Table]  # SI and radians
+    code: VehicleCode | None  # functions of its own
     mass_points: tuple[MassPoint, ...]
     files: tuple[Path, ...]  # the YAML file first, then each table file once
 
@@ -65,7 +72,10 @@ def read_vehicle_file(path: str | Path) -> VehicleFile:
     _check_mass(document, content, points)
     files = [entry.file for entry in content.tables.values() if entry.file]
     files += [content.mass.file] if content.mass.file else []
-    return VehicleFile(document.path, content, tables, tuple(points), (document.path, *dict.fromkeys(files)))
+    code = make_code(document, content)
+    files += [Path(function.file) for function in code.functions()] if code else []
+    points = tuple(points)
+    return VehicleFile(document.path, content, tables, code, points, (document.path, *dict.fromkeys(files)))
 
 
 def read_mass_points(path: Path) -> list[MassPoint]:
@@ -149,7 +159,7 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
 
     terms = []  # coefficient, entry, variable, factor
     for c, coefficient in enumerate(COEFFICIENTS):
-        for term in getattr(content.aerodynamics, coefficient):
+        for term in getattr(content.aerodynamics, coefficient, ()):
             variable = _variable(term.times, tuple(content.effectors))
             factor = factor_index.get(f"aero.{coefficient}.{term.times}", 0)
             terms.append((c, use(term.table, term.scale), VARIABLES.index(variable), factor))
@@ -157,14 +167,17 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     for quantity, key in PROPULSION_TABLES.items():
         if used := getattr(content.propulsion, key, None):
             fixed[quantity] = use(used)
-    for name, table in _mass_tables(file.mass_points).items():
+    for name, table in _mass_tables(file.mass_points, reference_point(content)).items():
         fixed[name] = len(entries)
         entries.append(table)
 
+    if isinstance(content.aerodynamics, AerodynamicsFunction) and content.aerodynamics.nodes:
+        entries.append(_make_nodes(content.aerodynamics.nodes))
     tables, rows = pack_tables(entries, fixed)
     columns = np.array(_in_turns(terms), dtype=np.int64).reshape(-1, 4).T
     build_up = BuildUp(columns[0].copy(), rows[columns[1]], columns[2].copy(), columns[3].copy())
-    return Vehicle(_make_constants(content), tables, build_up, _effector_mix(content))
+    foreign = file.code.pack() if file.code else no_functions()
+    return Vehicle(_make_constants(content), tables, build_up, _effector_mix(content), foreign)
 
 
 def _in_turns(terms: list[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
@@ -185,14 +198,23 @@ def _variable(times: str | None, effectors: tuple[str, ...]) -> str:
     return f"effector_{effectors.index(times)}" if times in effectors else times
 
 
-def _mass_tables(points: tuple[MassPoint, ...]) -> dict[str, Table]:
+def _make_nodes(nodes: Mapping[Any, tuple[float, ...]]) -> Table:
+    """A table of zeros: that a function of one's own has kinks at its nodes is for trim tables to know."""
+    axes = tuple(Axis(VARIABLES.index(name), np.array(grid)) for name, grid in nodes.items())
+    return Table(axes, np.zeros([axis.grid.size for axis in axes]))
+
+
+def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) -> dict[str, Table]:
+    """Tables over the mass; the centre of gravity from where the aerodynamics' moments are given."""
     fields = {name: name for name in ("inertia_xx", "inertia_yy", "inertia_zz")}
     fields["inertia_13"] = "inertia_matrix_element_13"
     fields |= {name: name for name in ("center_of_gravity_x", "center_of_gravity_z")}
-    if len(points) == 1:
-        return {name: make_constant(getattr(points[0], field)) for name, field in fields.items()}
-    axis = Axis(VARIABLES.index("mass"), np.array([point.mass for point in points]))
     values = {name: np.array([getattr(point, field) for point in points]) for name, field in fields.items()}
+    for name, offset in zip(("center_of_gravity_x", "center_of_gravity_z"), reference, strict=True):
+        values[name] = values[name] - offset if offset else values[name]
+    if len(points) == 1:
+        return {name: make_constant(float(column[0])) for name, column in values.items()}
+    axis = Axis(VARIABLES.index("mass"), np.array([point.mass for point in points]))
     return {name: Table((axis,), column) for name, column in values.items()}
 
 
@@ -207,38 +229,44 @@ def _make_constants(content: VehicleDocument) -> Constants:
     """The vehicle's numbers; what it does not have is there, at rest and of no effect."""
     engine, surfaces, limits = content.propulsion, content.surfaces, content.limits
     capture = engine if isinstance(engine, Capture) else None
-    eta_min, eta_max = engine.equivalence_ratio if engine else (0.0, 0.0)
+    function = engine if isinstance(engine, ThrustFunction) else None
+    jet = None if isinstance(engine, ThrustFunction) else engine
+    actuators = surfaces if isinstance(surfaces, Surfaces) else None
+    eta_min, eta_max = function.throttle if function else jet.equivalence_ratio if jet else (0.0, 0.0)
     alpha_min, alpha_max = limits.angle_of_attack if limits else (-math.pi, math.pi)
-    inclination = engine.thrust_line.inclination if engine else 0.0
+    inclination = jet.thrust_line.inclination if jet else 0.0
+    _, below = reference_point(content)
     return Constants(
         area=content.reference.area,
         span=content.reference.span,
         chord=content.reference.chord,
         capture_thrust=capture.stoichiometric_ratio * capture.cowl_area * capture.standard_gravity if capture else 0.0,
-        standard_gravity=engine.standard_gravity if engine else 9.80665,
+        standard_gravity=jet.standard_gravity if jet else 9.80665,
         thrust_cos=math.cos(inclination),
         thrust_sin=math.sin(inclination),
-        thrust_offset_z=engine.thrust_line.offset if engine else 0.0,
+        thrust_offset_z=jet.thrust_line.offset - below if jet else 0.0,
         mass_start=content.mass.start,
         mass_empty=content.mass.start if content.mass.empty is None else content.mass.empty,
         burns_fuel=0.0 if content.mass.empty is None else 1.0,
-        surface_bandwidth=surfaces.bandwidth if surfaces else 1.0,
-        surface_damping=surfaces.damping if surfaces else 1.0,
+        surface_bandwidth=actuators.bandwidth if actuators else 1.0,
+        surface_damping=actuators.damping if actuators else 1.0,
         surface_limit=surfaces.limit if surfaces else 0.0,
-        surface_rate_limit=surfaces.rate_limit if surfaces else 0.0,
-        engine_bandwidth=engine.bandwidth if engine else 1.0,
+        surface_rate_limit=actuators.rate_limit if actuators else 0.0,
+        engine_bandwidth=(engine.bandwidth if engine else None) or 1.0,
         engine_damping=engine.damping if engine else 1.0,
         equivalence_ratio_min=eta_min,
         equivalence_ratio_max=eta_max,
-        engine_rate_limit=engine.rate_limit if engine else 0.0,
+        engine_rate_limit=(engine.rate_limit if engine else None) or 0.0,
         angle_of_attack_min=alpha_min,
         angle_of_attack_max=alpha_max,
         sideslip_max=limits.sideslip if limits else math.pi,
-        drag_in_wind_axes=1.0 if content.aerodynamics.force_axes == "wind" else 0.0,
+        drag_in_wind_axes=1.0 if getattr(content.aerodynamics, "force_axes", "stability") == "wind" else 0.0,
         nose_radius=content.reference.nose_radius or 0.0,
         inlet=engine.unstart.inlet() if engine and engine.unstart else Inlet(),
         bounds=limits.bounds() if limits else LoadBounds(),
         sensing=choose_sensing(content.sensing, Sensing()),
-        relight_delay=engine.relight.delay if engine else 0.0,
-        relight_time_constant=engine.relight.time_constant if engine else 0.0,
+        relight_delay=jet.relight.delay if jet else 0.0,
+        relight_time_constant=jet.relight.time_constant if jet else 0.0,
+        ideal_surfaces=1.0 if isinstance(surfaces, IdealSurfaces) else 0.0,
+        ideal_engine=1.0 if function and function.ideal else 0.0,
     )

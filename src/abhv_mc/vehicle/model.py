@@ -3,7 +3,9 @@
 import math
 from typing import NamedTuple
 
-from abhv_mc.array_types import Floats
+import numpy as np
+
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.vehicle.arrays import BuildUp, Tables
 from abhv_mc.vehicle.limits import LoadBounds
 from abhv_mc.vehicle.sensing import Sensing
@@ -21,6 +23,23 @@ class Inlet(NamedTuple):
     restart_delay: float = math.inf  # s inside the range until it starts again; infinite: never
     drag_increment: float = 0.0
     pitching_moment_increment: float = 0.0
+
+
+class Foreign(NamedTuple):
+    """Functions of the vehicle's own in place of tables; their code is known by its digest."""
+
+    aerodynamics: int  # 1 where they give the coefficients
+    propulsion: int  # 1 where they give the thrust
+    engine_x: float  # m, where the thrust's moments are given, from the moment reference
+    engine_z: float
+    digest: Ints  # [4] SHA-256 of the code and of how it is called; zeros without code
+    aerodynamics_settings: Floats  # [setting]
+    propulsion_settings: Floats
+
+
+def no_functions() -> Foreign:
+    """A vehicle of tables."""
+    return Foreign(0, 0, 0.0, 0.0, np.zeros(4, np.int64), np.zeros(1), np.zeros(1))
 
 
 class Constants(NamedTuple):
@@ -56,6 +75,8 @@ class Constants(NamedTuple):
     relight_delay: float = 0.0  # s from the end of an engine's failure until it begins to come back
     relight_time_constant: float = 0.0  # s, with which it comes back; 0: the engine's own lag
     sensing: Sensing = Sensing()  # what angles and speed are measured against
+    ideal_surfaces: float = 0.0  # 1: deflections are what is commanded
+    ideal_engine: float = 0.0
 
 
 class Vehicle(NamedTuple):
@@ -65,3 +86,4 @@ class Vehicle(NamedTuple):
     tables: Tables
     build_up: BuildUp
     effector_mix: Floats  # [4, 3] radians of effector per radian of (aileron, rudder, elevator)
+    foreign: Foreign = no_functions()

@@ -12,8 +12,8 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.numerics.quaternion import from_matrix
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.verification.recording import check_times, read_columns, stack_columns
 from abhv_mc.verification.replay import make_motion, make_replay_plan, replay, wrap_degrees

@@ -1,5 +1,6 @@
 """Fly the check-cases that a folder has data for and compare with every simulator given."""
 
+import itertools
 import math
 import os
 import re
@@ -13,15 +14,19 @@ from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import Timing
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.verification.nesc_cases import CASES, FOOT, CheckCase, tolerances
+from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.verification.nesc_cases import CASES, FOOT, CheckCase, Tolerances, tolerances
+from abhv_mc.verification.nesc_f16 import F16_CASES, RATE, fly_aircraft
 from abhv_mc.verification.recording import check_times, read_columns, stack_columns
 from abhv_mc.verification.replay import at_times, make_motion, make_replay_plan, make_start, replay, wrap_degrees
 from abhv_mc.verification.rows import Row
 
 STEP = 0.01  # s, the product's default
-_FILE = re.compile(r"Atmos_(\d\d)_sim_(\w+)\.csv(\.gz)?")
+_FILE = re.compile(r"Atmos_(\d\d(?:p\d)?)_sim_(\w+)\.csv(\.gz)?")
+_ALL = {**{f"{number:02d}": case for number, case in CASES.items()}, **F16_CASES}
+_NEEDED = 1.25  # times the largest difference of two simulators is allowed to the F-16, which has no limits of its own
+_LIKE = 6  # the case whose tolerances are added: a body with aerodynamics on the ellipsoid
 _LONGEST = 3600.0  # s
 
 VELOCITY = [f"feVelocity_ft_s_{axis}" for axis in "XYZ"]  # north, east, down
@@ -30,24 +35,24 @@ RATES = [f"bodyAngularRateWrtEi_deg_s_{axis}" for axis in ("Roll", "Pitch", "Yaw
 COLUMNS = ["time", "altitudeMsl_ft", "longitude_deg", "latitude_deg", *VELOCITY, *EULER, *RATES]
 
 
-def find_files(folder: Path) -> dict[tuple[int, str], Path]:
+def find_files(folder: Path) -> dict[tuple[str, str], Path]:
     """Files by (case, simulator), wherever in the folder they lie; linked case folders too.
 
     A second file of the same case and simulator goes by its place. Raises :class:`InputError` where there is none.
     """
     if not folder.is_dir():
         raise InputError(folder, None, None, "no such folder", "a folder of check-cases")
-    found: dict[tuple[int, str], Path] = {}
+    found: dict[tuple[str, str], Path] = {}
     links = (path for path in folder.iterdir() if path.is_symlink())
     # os.walk passes over what vanishes meanwhile, as processes of /proc do, and what is closed.
     levels = chain(os.walk(folder), *(islice(os.walk(link), 1) for link in links))
     for path in sorted(Path(place, name) for place, _, names in levels for name in names):
         match = _FILE.fullmatch(path.name)
-        if match and int(match[1]) in CASES:
-            key = int(match[1]), match[2]
+        if match and match[1] in _ALL:
+            key = match[1], match[2]
             found[key if key not in found else (key[0], f"{key[1]} {path.relative_to(folder)}")] = path
     if not found:
-        wanted = "Atmos_NN_Name/Atmos_NN_sim_MM.csv of one of the cases 01 to 10"
+        wanted = "Atmos_NN_Name/Atmos_NN_sim_MM.csv of one of the cases 01 to 16"
         raise InputError(folder, None, None, "no check-case", wanted)
     return dict(sorted(found.items()))
 
@@ -68,7 +73,7 @@ def fly_case(case: CheckCase, duration: float, step: float = STEP) -> Floats:
 def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
     """Rows of every case and simulator in a folder; ``scale`` multiplies the tolerances."""
     files = find_files(folder)
-    data: dict[tuple[int, str], dict[str, Floats]] = {}
+    data: dict[tuple[str, str], dict[str, Floats]] = {}
     for key, path in files.items():
         data[key] = read_columns(path, COLUMNS)
         times = data[key]["time"]
@@ -77,27 +82,92 @@ def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
             found = f"times {times[0]:g} to {times[-1]:g} s"
             raise InputError(path, None, None, found, f"times from 0 to at most {_LONGEST:g} s")
     rows: list[Row] = []
-    for number in sorted({case for case, _ in data}):
-        given = {simulator: columns for (case, simulator), columns in data.items() if case == number}
-        states = fly_case(CASES[number], max(float(columns["time"][-1]) for columns in given.values()))
+    for name in sorted({case for case, _ in data}):
+        given = {simulator: columns for (case, simulator), columns in data.items() if case == name}
+        duration = max(float(columns["time"][-1]) for columns in given.values())
+        if name in F16_CASES:
+            if len(given) < 2:
+                wanted = "a second simulator's file: what two differ by is the tolerance"
+                raise InputError(files[name, next(iter(given))], None, None, f"one simulator of case {name}", wanted)
+            step, allowed, states = 1.0 / RATE, allowed_difference(list(given.values())), fly_aircraft(name, duration)
+        else:
+            step, allowed, states = STEP, _tolerances_of(tolerances(int(name))), fly_case(CASES[int(name)], duration)
         for simulator, columns in given.items():
-            rows.extend(_compare(number, simulator, columns, states, scale))
+            rows.extend(_compare(name, simulator, columns, at_times(step, states, columns["time"]), allowed, scale))
     return rows
 
 
-def _compare(number: int, simulator: str, given: dict[str, Floats], states: Floats, scale: float) -> list[Row]:
-    motion = make_motion(at_times(STEP, states, given["time"]))
+def _tolerances_of(given: Tolerances) -> tuple[float, ...]:
+    """In the order of :func:`_differences`."""
+    return given.altitude, given.velocity, given.position, given.position, given.euler, given.rates
 
-    allowed = tolerances(number)
-    quantities = (
-        ("altitude", "ft", motion.altitude / FOOT - given["altitudeMsl_ft"], allowed.altitude),
-        ("velocity", "ft/s", motion.velocity_ned / FOOT - stack_columns(given, VELOCITY), allowed.velocity),
-        ("longitude", "deg", wrap_degrees(np.degrees(motion.longitude) - given["longitude_deg"]), allowed.position),
-        ("latitude", "deg", np.degrees(motion.latitude) - given["latitude_deg"], allowed.position),
-        ("euler_angles", "deg", wrap_degrees(np.degrees(motion.euler) - stack_columns(given, EULER)), allowed.euler),
-        ("body_rates", "deg/s", np.degrees(motion.rates) - stack_columns(given, RATES), allowed.rates),
-    )
+
+def allowed_difference(given: list[dict[str, Floats]]) -> tuple[float, ...]:
+    """Tolerances of a case of the F-16: 1.25 times what its simulators differ by at the times that they have in common.
+
+    To that the tolerance is added that the quantity has in the cases of simple bodies.
+    """
+    largest = np.zeros(len(_QUANTITIES))
+    for one, other in itertools.combinations(given, 2):
+        common = np.flatnonzero(np.isclose(one["time"][:, None], other["time"][None, :], atol=1e-6).any(axis=1))
+        near = np.searchsorted(other["time"], one["time"][common] - 1e-6)
+        first = {name: column[common] for name, column in one.items()}
+        second = {name: column[near] for name, column in other.items()}
+        apart = _differences(_published(first), _published(second))
+        largest = np.maximum(largest, [np.abs(difference).max() for difference in apart])
+    return tuple(_NEEDED * largest + _tolerances_of(tolerances(_LIKE)))
+
+
+def _published(columns: dict[str, Floats]) -> list[Floats]:
+    """Altitude, velocity, longitude, latitude, Euler angles and body rates, in the units of the files."""
     return [
-        Row(f"nesc {number:02d}", f"sim {simulator}", name, unit, float(np.abs(difference).max()), scale * tolerance)
-        for name, unit, difference, tolerance in quantities
+        columns["altitudeMsl_ft"],
+        stack_columns(columns, VELOCITY),
+        columns["longitude_deg"],
+        columns["latitude_deg"],
+        stack_columns(columns, EULER),
+        stack_columns(columns, RATES),
+    ]
+
+
+def _flown(states: Floats) -> list[Floats]:
+    """The same of states ``[time, state]``."""
+    motion = make_motion(states)
+    return [
+        motion.altitude / FOOT,
+        motion.velocity_ned / FOOT,
+        np.degrees(motion.longitude),
+        np.degrees(motion.latitude),
+        np.degrees(motion.euler),
+        np.degrees(motion.rates),
+    ]
+
+
+_QUANTITIES = (
+    ("altitude", "ft"),
+    ("velocity", "ft/s"),
+    ("longitude", "deg"),
+    ("latitude", "deg"),
+    ("euler_angles", "deg"),
+    ("body_rates", "deg/s"),
+)
+_ANGLES = ("longitude", "euler_angles")  # which go round
+
+
+def _differences(one: list[Floats], other: list[Floats]) -> list[Floats]:
+    apart = [a - b for a, b in zip(one, other, strict=True)]
+    return [
+        wrap_degrees(difference) if name in _ANGLES else difference
+        for (name, _), difference in zip(_QUANTITIES, apart, strict=True)
+    ]
+
+
+def _compare(
+    case: str, simulator: str, given: dict[str, Floats], states: Floats, allowed: tuple[float, ...], scale: float
+) -> list[Row]:
+    apart = _differences(_flown(states), _published(given))
+    title = f"nesc {case.replace('p', '.')}"
+    return [
+        Row(title, f"sim {simulator}", name, unit, float(np.abs(difference).max()), scale * tolerance)
+        for (name, unit), difference, tolerance in zip(_QUANTITIES, apart, allowed, strict=True)
     ]

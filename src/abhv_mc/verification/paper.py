@@ -11,8 +11,8 @@ from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.plant.trim import FlightPoint, trim
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.shipped import shipped_configs
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.verification.rows import Row
 from abhv_mc.world.earth import WGS84
 

@@ -26,8 +26,8 @@ def read_columns(path: Path, names: Iterable[str]) -> dict[str, Floats]:
         places = [i for i, column in enumerate(rows.header) if column == name]
         if not places:
             raise rows.error(None, None, f"no column {name}", "it: the comparison needs it")
-        if len(places) > 1:
-            raise rows.error(None, None, f"{len(places)} columns {name}", "one")
+        if any(not np.array_equal(rows.numbers(place), rows.numbers(places[0])) for place in places[1:]):
+            raise rows.error(None, None, f"{len(places)} columns {name} that differ", "one")
         columns[name] = rows.numbers(places[0])
     if len(rows.cells) < 2:
         raise InputError(path, None, None, f"{len(rows.cells)} rows of numbers", "at least 2")

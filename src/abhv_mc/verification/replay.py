@@ -13,6 +13,7 @@ from abhv_mc.flight.plan import FlightPlan, Limits, Timing
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import make_effectiveness
+from abhv_mc.user_code.vehicle_functions import find_code
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth
 
@@ -60,6 +61,7 @@ def make_replay_plan(vehicle: Vehicle, earth: Earth, start: Floats, controls: Fl
         reference=np.zeros((ticks, len(REFERENCE))),
         gains=gains,
         settings=np.zeros(1),
+        vehicle_code=find_code(vehicle),
     )
 
 

@@ -9,7 +9,7 @@ from abhv_mc.campaign.file.inputs import check_inputs
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.io.documents import InputErrors
-from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 RARE = "[{metric: altitude_error_max_m, below: 50, probability: 0.9999}]"
 

@@ -145,7 +145,7 @@ def test_attitude_slopes_by_hand(mission: Mission, reference: Floats, vehicle: V
 
 def test_published_effectiveness_of_the_full_scale_vehicle(mission: Mission, reference: Floats) -> None:
     """GHAME's slow elevator: 0.31 deg/s2 per degree at 20 km and 1400 m/s."""
-    from abhv_mc.plant.vehicles import load_vehicle
+    from abhv_mc.user_code.vehicle_functions import load_vehicle
 
     ghame = load_vehicle(CONFIGS / "vehicle" / "ghame.yaml")
     point = trim(ghame, WGS84._replace(rotation_rate=0.0), FlightPoint(20e3, 1400.0, latitude=0.511))

@@ -13,7 +13,7 @@ from abhv_mc.control.design.design_model import Surroundings, guidance_rates
 from abhv_mc.control.design.guidance_trim import trim_faults
 from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, solve_reference
 from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 

@@ -10,7 +10,7 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import make_plan
-from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 RETUNED = {

@@ -12,9 +12,9 @@ from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.plant.vehicles import load_vehicle
 from abhv_mc.stability.analysis import margins_of_flights
 from abhv_mc.stability.steady import make_steady_plan
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 CORNERS = [(d, lift, drag) for d in (0.9, 1.1) for lift in (0.9, 1.1) for drag in (0.85, 1.15)]

@@ -9,7 +9,7 @@ from abhv_mc.control.design.design_model import Surroundings
 from abhv_mc.control.design.design_tables import table_rows, variables_at
 from abhv_mc.control.design.trim_tables import TRIM_ROWS, make_trim_tables, trim_elevator
 from abhv_mc.plant.trim import FlightPoint, trim
-from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.arrays import VARIABLES
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.atmosphere import atmosphere

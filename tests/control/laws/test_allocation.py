@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.control.design.design_model import Surroundings, Wrench, wrench_at
 from abhv_mc.control.design.design_tables import slope
 from abhv_mc.control.laws.allocation import moment_slope, nominal_moment, side_force_slope
@@ -15,7 +16,6 @@ from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import TableCells, make_cells
 from abhv_mc.plant.effectiveness import INPUTS, N_INPUTS, Effectiveness, make_effectiveness
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.vehicle.arrays import Floats, Ints
 from abhv_mc.vehicle.evaluate import make_variables
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
 from abhv_mc.vehicle.model import Vehicle

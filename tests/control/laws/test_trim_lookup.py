@@ -11,7 +11,7 @@ from abhv_mc.control.laws.trim_lookup import look_up_trim, make_trim_cells
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
 from abhv_mc.plant.state import variable_row
-from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 WIDTH = 12
 ROUNDS = 40

@@ -114,6 +114,10 @@ def _lacking(campaign: CheckedCampaign, vehicle: Vehicle) -> Iterator[InputError
 def _has(vehicle: Vehicle, name: str) -> bool:
     """Whether a parameter multiplies anything of the vehicle. What is added, and what no file lacks, does."""
     group, _, rest = name.partition(".")
+    if vehicle.foreign.aerodynamics and group == "aero":
+        return True
+    if vehicle.foreign.propulsion and group == "propulsion":
+        return True
     if group == "aero" and not rest.endswith(".increment"):
         coefficient, _, variable = rest.partition(".")
         if variable:

@@ -14,7 +14,7 @@ from abhv_mc.control.controller_file import CONTROLLERS, ControllerFile, read_co
 from abhv_mc.control.law_file import UserController
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.io.documents import InputError, InputErrors, describe, one_of, read_document
-from abhv_mc.plant.vehicles import load_vehicle
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.document import VehicleDocument
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 

@@ -1,5 +1,7 @@
 """A campaign's own code: which files it is in, and whether this user may run it."""
 
+from pathlib import Path
+
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.control.law_file import USER_LAWS, UserController
@@ -7,6 +9,7 @@ from abhv_mc.io.documents import read_document
 from abhv_mc.user_code.law_source import law_place, read_law_source
 from abhv_mc.user_code.source import OwnSource, read_source
 from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
+from abhv_mc.vehicle.file import read_vehicle_file
 
 
 def check_own_code(campaign: CheckedCampaign, trusted: bool = False) -> list[OwnSource]:
@@ -22,6 +25,9 @@ def check_own_code(campaign: CheckedCampaign, trusted: bool = False) -> list[Own
             controller = read_controller(path)
             if isinstance(controller, UserController):
                 code.append((law_place(controller), read_law_source(controller)))
+    vehicle = read_vehicle_file(model.vehicle).code
+    if vehicle is not None:
+        code += [(Path(one.file), OwnSource(one.text, one.file)) for one in vehicle.functions()]
     own = []
     for file, source in code:
         if foreign or is_in_a_folder(file):

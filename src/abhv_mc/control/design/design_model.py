@@ -12,6 +12,7 @@ import numpy as np
 from abhv_mc.control.design.design_tables import (
     Numbers,
     coefficients_at,
+    engine_at,
     fixed_values,
     table_rows,
     thrust_at,
@@ -106,6 +107,7 @@ def wrench_at(
     aero = pressure_area * (c["lift"] * up - c["drag"] * forward + c["side_force"] * right)
     size = thrust_at(vehicle, fixed, eta, around.density, speed)
     thrust = np.stack([size * constants.thrust_cos, 0.0 * size, -size * constants.thrust_sin])
+    engine = engine_at(vehicle, variables, around.density, speed)
     moment = pressure_area * np.stack(
         [
             constants.span * c["rolling_moment"],
@@ -118,6 +120,9 @@ def wrench_at(
     reference = np.stack([-fixed["center_of_gravity_x"], nothing, -fixed["center_of_gravity_z"]])
     line = np.stack([-fixed["center_of_gravity_x"], nothing, constants.thrust_offset_z - fixed["center_of_gravity_z"]])
     moment = moment + np.cross(reference, aero, axis=0) + np.cross(line, thrust, axis=0)
+    if vehicle.foreign.propulsion:
+        moment = moment + engine[3:6] + np.cross(reference, engine[:3], axis=0)
+        thrust = thrust + engine[:3]
     jx, jy, jz, j13 = (fixed[f"inertia_{name}"] for name in ("xx", "yy", "zz", "13"))
     inertia = np.array([[jx, nothing, j13], [nothing, jy, nothing], [j13, nothing, jz]])
     return Wrench(aero + thrust, moment, inertia)

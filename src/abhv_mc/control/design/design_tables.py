@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.vehicle.arrays import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Tables
+from abhv_mc.vehicle.foreign import N_THRUST, evaluate_functions
 from abhv_mc.vehicle.model import Vehicle
 
 Numbers = NDArray[Any]  # float64 or complex128
@@ -82,6 +83,9 @@ def fixed_values(tables: Tables, rows: Numbers) -> dict[str, Numbers]:
 
 def coefficients_at(vehicle: Vehicle, rows: Numbers, variables: dict[str, Numbers]) -> dict[str, Numbers]:
     """The nominal vehicle's six coefficients, by the names of COEFFICIENTS."""
+    if vehicle.foreign.aerodynamics:
+        made, _ = evaluate_functions(vehicle, stack_variables(variables))
+        return dict(zip(COEFFICIENTS, made, strict=True))
     total: dict[str, Numbers] = {name: np.zeros(rows.shape[1:], dtype=rows.dtype) for name in COEFFICIENTS}
     terms = vehicle.build_up
     for coefficient, table, variable in zip(terms.coefficient, terms.table, terms.variable, strict=True):
@@ -90,7 +94,26 @@ def coefficients_at(vehicle: Vehicle, rows: Numbers, variables: dict[str, Number
     return total
 
 
+def stack_variables(variables: dict[str, Numbers]) -> Numbers:
+    """``[variable, ...]`` from the variables by name."""
+    return np.stack(np.broadcast_arrays(*(variables[name] for name in VARIABLES)))
+
+
+def engine_at(vehicle: Vehicle, variables: dict[str, Numbers], density: Any, speed: Any) -> Numbers:
+    """Force x, y, z (N), moment x, y, z (N m, about where the aerodynamics' is) and fuel flow of an engine function.
+
+    ``[7, ...]``; zeros for a vehicle without one.
+    """
+    if not vehicle.foreign.propulsion:
+        return np.zeros((N_THRUST, *variables["one"].shape))
+    _, made = evaluate_functions(vehicle, stack_variables(variables), density, speed)
+    fx, fy, fz = made[:3]
+    x, z = vehicle.foreign.engine_x, vehicle.foreign.engine_z
+    arm = np.stack([-z * fy, z * fx - x * fz, x * fy])
+    return np.concatenate([made[:3], made[3:6] + arm, made[6:]])
+
+
 def thrust_at(vehicle: Vehicle, fixed: dict[str, Numbers], eta: Any, density: Any, speed: Any) -> Numbers:
-    """Magnitude of the thrust, N."""
+    """Magnitude of the thrust of an engine of tables, N."""
     stream = vehicle.constants.capture_thrust * eta * density * speed * fixed["capture_area_ratio"]
     return np.asarray(stream * fixed["specific_impulse"] + 0.5 * density * speed * speed * fixed["thrust_area"])

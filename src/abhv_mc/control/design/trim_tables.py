@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.control.design.design_model import Surroundings, wrench_at
-from abhv_mc.control.design.design_tables import coefficients_at, fixed_values, table_rows, thrust_at, variables_at
+from abhv_mc.control.design.design_tables import (
+    coefficients_at,
+    engine_at,
+    fixed_values,
+    table_rows,
+    thrust_at,
+    variables_at,
+)
 from abhv_mc.vehicle.arrays import CHUNK, FIXED_TABLE_ROWS, VARIABLES, Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.vehicle.pack import Axis, Table, pack_tables
@@ -73,6 +80,15 @@ def make_trim_tables(
     c = coefficients_at(vehicle, rows, variables)
     speed = mach * sound_speed
     thrust = thrust_at(vehicle, fixed, eta, density, speed) / (0.5 * density * speed**2 * constants.area)
+    if vehicle.foreign.propulsion:  # along body x; what it has across goes with lift and drag
+        engine = engine_at(vehicle, variables, density, speed) / (0.5 * density * speed**2 * constants.area)
+        thrust = engine[0]
+        c["lift"], c["drag"] = c["lift"] - engine[2] * np.cos(alpha), c["drag"] - engine[2] * np.sin(alpha)
+        flow = engine[6] * (0.5 * density * speed**2 * constants.area)
+        force = engine[0] * (0.5 * density * speed**2 * constants.area)
+        burns = flow > 0.0
+        impulse_of = np.where(burns, force / (constants.standard_gravity * np.where(burns, flow, 1.0)), 0.0)
+        fixed = {**fixed, "specific_impulse": impulse_of}
     shape = tuple(axis.grid.size for axis in axes)
     nothing = np.zeros(mach.size)
     values = (elevator, c["lift"], c["drag"], thrust, fixed["specific_impulse"], np.where(trimmed, 0.0, 1.0), nothing)

@@ -51,6 +51,7 @@ def nominal_moment(Z, lane, constants, density, q_bar, speed):
         Z[s.THRUST_AREA, lane],
     )
     tx, tz = t * constants.thrust_cos, -t * constants.thrust_sin
+    f_x, f_y, f_z = Z[s.F_THRUST, lane], Z[s.F_THRUST + 1, lane], Z[s.F_THRUST + 2, lane]  # of an engine function
     m_x, m_y, m_z = moment_about_cg(
         constants,
         q_bar * constants.area,
@@ -59,11 +60,15 @@ def nominal_moment(Z, lane, constants, density, q_bar, speed):
         Z[s.COEF + 3, lane],
         Z[s.COEF + 4, lane],
         Z[s.COEF + 5, lane],
-        fx + tx,
-        fy,
-        fz + tz,
+        fx + tx + f_x,
+        fy + f_y,
+        fz + tz + f_z,
     )
-    return m_x, m_y + constants.thrust_offset_z * tx, m_z
+    return (
+        m_x + Z[s.F_MOMENT, lane],
+        m_y + constants.thrust_offset_z * tx + Z[s.F_MOMENT + 1, lane],
+        m_z + Z[s.F_MOMENT + 2, lane],
+    )
 
 
 @lanes

@@ -27,6 +27,7 @@ from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import build_up, look_up
 from abhv_mc.plant.air_data import set_effectors
 from abhv_mc.plant.effectiveness import N_INPUTS, slopes_of_coefficients, table_slopes
+from abhv_mc.plant.foreign import nominal_coefficients, nominal_slopes, nominal_thrust
 from abhv_mc.plant.state import LAW, N_COEFFICIENTS, variable_row
 from abhv_mc.world.atmosphere import atmosphere_lanes
 
@@ -269,13 +270,28 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
 
 
 @lanes
+def nominal_forces(plan, memory, width):
+    """Coefficients, fixed quantities and an engine function's thrust of the nominal vehicle at its variables."""
+    Z, T, vehicle = memory.Z, memory.T, plan.vehicle
+    look_up(Z, T, width, vehicle.tables, memory.cells)
+    if plan.own.propulsion != 0:
+        nominal_thrust(Z, width, vehicle, plan.own, RHO_NOM, s.M_SPEED)
+    if plan.own.aerodynamics != 0:
+        nominal_coefficients(Z, width, vehicle, plan.own, RHO_NOM, s.M_SPEED)
+    else:
+        build_up(Z, T, width, vehicle.build_up, plan.unit_factors)
+
+
+@lanes
 def nominal_vehicle(plan, memory, width):
-    """Coefficients, fixed quantities and slopes (rows from ``SLOPES``) of the nominal vehicle at its variables."""
-    Z, T = memory.Z, memory.T
-    look_up(Z, T, width, plan.vehicle.tables, memory.cells)
-    table_slopes(T, width, plan.vehicle.tables, plan.effectiveness, memory.cells, memory.high)
-    build_up(Z, T, width, plan.vehicle.build_up, plan.unit_factors)
-    slopes_of_coefficients(Z, T, width, plan.effectiveness, SLOPES)
+    """:func:`nominal_forces` and the coefficients' slopes (rows from ``SLOPES``)."""
+    Z, T, vehicle = memory.Z, memory.T, plan.vehicle
+    nominal_forces(plan, memory, width)
+    if plan.own.aerodynamics != 0:
+        nominal_slopes(Z, width, vehicle, plan.own, SLOPES)
+    else:
+        table_slopes(T, width, vehicle.tables, plan.effectiveness, memory.cells, memory.high)
+        slopes_of_coefficients(Z, T, width, plan.effectiveness, SLOPES)
 
 
 @lanes

@@ -9,13 +9,11 @@ import math
 from abhv_mc.control import columns as ref
 from abhv_mc.control.laws.allocation import moment_slope, nominal_moment
 from abhv_mc.control.laws.tlc import N_ROWS as N_TLC_ROWS
-from abhv_mc.control.laws.tlc import RHO_NOM, SLOPES, nominal_variables
+from abhv_mc.control.laws.tlc import RHO_NOM, SLOPES, nominal_forces, nominal_variables, nominal_vehicle
 from abhv_mc.jit import lanes
 from abhv_mc.jit_pointer import call_address
 from abhv_mc.numerics.angles import clamp
 from abhv_mc.plant import state as s
-from abhv_mc.plant.aerodynamics import build_up, look_up
-from abhv_mc.plant.effectiveness import slopes_of_coefficients, table_slopes
 from abhv_mc.plant.equations import thrust
 from abhv_mc.plant.state import LAW, variable_row
 
@@ -63,7 +61,9 @@ def finish_commands(Z, width, constants, reference, tick):
         aileron = clamp(Z[s.CMD_AILERON, lane], -limit, limit)
         rudder = clamp(Z[s.CMD_RUDDER, lane], -limit, limit)
         elevator = clamp(Z[s.CMD_ELEVATOR, lane], -limit, limit)
-        eta = clamp(Z[s.CMD_ETA, lane], constants.equivalence_ratio_min, constants.equivalence_ratio_max)
+        eta = Z[s.CMD_ETA, lane]
+        eta = constants.equivalence_ratio_min if eta == math.inf else eta
+        eta = clamp(eta, constants.equivalence_ratio_min, constants.equivalence_ratio_max)
         total = aileron + rudder + elevator + eta + path + alpha + bank
         finite = total - total == 0.0
         fault = Z[FAULT, lane]
@@ -80,7 +80,7 @@ def finish_commands(Z, width, constants, reference, tick):
 @lanes
 def nominal_onboard(plan, memory, width, tick):
     """The nominal vehicle at the measured state and the last commands: the rows from ``ONBOARD``."""
-    Z, T, vehicle = memory.Z, memory.T, plan.vehicle
+    Z, vehicle = memory.Z, plan.vehicle
     constants = vehicle.constants
     nominal_variables(Z, width, vehicle, plan.reference, tick)
     for probe in range(3):  # there, at another angle of attack, at another equivalence ratio
@@ -89,12 +89,10 @@ def nominal_onboard(plan, memory, width, tick):
             eta_step = _STEP if eta + _STEP < constants.equivalence_ratio_max else -_STEP
             Z[_ALPHA, lane] = Z[s.M_ALPHA, lane] + (_STEP if probe == 1 else 0.0)
             Z[_ETA, lane] = eta + (eta_step if probe == 2 else 0.0)
-        look_up(Z, T, width, vehicle.tables, memory.cells)
         if probe == 0:
-            table_slopes(T, width, vehicle.tables, plan.effectiveness, memory.cells, memory.high)
-        build_up(Z, T, width, vehicle.build_up, plan.unit_factors)
-        if probe == 0:
-            slopes_of_coefficients(Z, T, width, plan.effectiveness, SLOPES)
+            nominal_vehicle(plan, memory, width)
+        else:
+            nominal_forces(plan, memory, width)
         for lane in range(width):
             speed, density = Z[s.M_SPEED, lane], Z[RHO_NOM, lane]
             q_bar = 0.5 * density * speed * speed
@@ -110,6 +108,7 @@ def nominal_onboard(plan, memory, width, tick):
                 Z[s.ISP, lane],
                 Z[s.THRUST_AREA, lane],
             )
+            force += Z[s.F_THRUST, lane]  # of an engine function
             if probe == 0:
                 Z[ONBOARD, lane] = Z[_MACH, lane]
                 Z[ONBOARD + 1, lane] = density

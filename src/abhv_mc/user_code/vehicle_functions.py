@@ -1,0 +1,263 @@
+"""A vehicle's own functions: run, checked, compiled as loops over lanes, and evaluated on the launching side."""
+
+import ast
+import ctypes
+import functools
+import inspect
+from collections import namedtuple
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from abhv_mc.array_types import Floats
+from abhv_mc.io.input_error import InputError, Refusal, one_of
+from abhv_mc.io.input_files import made_once
+from abhv_mc.io.units import parse_in_unit
+from abhv_mc.numerics.lane_math import sincos
+from abhv_mc.numerics.lane_memory import aligned_zeros
+from abhv_mc.plant import state as s
+from abhv_mc.plant.effectiveness import count_rows
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.plant.state import variable_row
+from abhv_mc.user_code.check import check_functions
+from abhv_mc.user_code.compiled import build, compiled_names
+from abhv_mc.user_code.law_interface import Air, Rates
+from abhv_mc.user_code.source import Module, OwnSource, is_number, refuse_in_words, run_module
+from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
+from abhv_mc.vehicle.arrays import COEFFICIENTS, VARIABLES
+from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
+from abhv_mc.vehicle.foreign import N_THRUST, FunctionCode, VehicleCode, register
+from abhv_mc.vehicle.model import Foreign, Vehicle
+
+WIDTH = 32  # points of a call on the launching side
+WANTED = "floats, named tuples and functions of them"
+_AXES = ("aileron", "rudder", "elevator")
+_AERODYNAMICS = ("air", "controls", "rates", "settings")
+_PROPULSION = ("air", "throttle", "controls", "rates", "settings")
+
+
+class Functions(NamedTuple):
+    """A vehicle's compiled functions; None where it has tables."""
+
+    aerodynamics: Any
+    propulsion: Any
+    aerodynamics_settings: Floats
+    propulsion_settings: Floats
+
+
+def load_vehicle(path: str | Path) -> Vehicle:
+    """Read and pack a vehicle file; functions of its own are run, if they are its user's own.
+
+    Raises :class:`abhv_mc.io.documents.InputError`.
+    """
+    return made_once("vehicle", path, lambda: _load(path))
+
+
+def _load(path: str | Path) -> Vehicle:
+    file = read_vehicle_file(path)
+    vehicle = pack_vehicle(file, PARAMETER_INDEX)
+    rows, axes = count_rows(vehicle), vehicle.tables.axis_variable.size
+    if rows > s.MAX_TABLE_ROWS:
+        found = (
+            f"tables that fill {rows} rows (those on equal axes share rows in eights; slopes with deflections count)"
+        )
+        raise InputError(file.path, None, None, found, f"at most {s.MAX_TABLE_ROWS}")
+    if axes > s.MAX_AXES:
+        raise InputError(file.path, None, None, f"tables on {axes} different grids", f"at most {s.MAX_AXES}")
+    if file.code is None:
+        return vehicle
+    check_vehicle_trusted(path)
+    return vehicle._replace(foreign=load_functions(file.code, vehicle))
+
+
+def check_vehicle_trusted(path: str | Path, trusted: bool = False) -> None:
+    """Raise InputError for functions in a folder that this user has not flown, unless he says that he trusts them."""
+    code = read_vehicle_file(path).code
+    for function in code.functions() if code else ():
+        if is_in_a_folder(Path(function.file)):
+            check_trusted(OwnSource(function.text, function.file), trusted)
+
+
+_codes: dict[bytes, VehicleCode] = {}
+
+
+def find_code(vehicle: Vehicle) -> VehicleCode | None:
+    """The code of a loaded vehicle; None for one of tables."""
+    return _codes.get(vehicle.foreign.digest.tobytes())
+
+
+def load_functions(code: VehicleCode, vehicle: Vehicle) -> Foreign:
+    """Compile a vehicle's functions for the launching side and register them; what the vehicle packs of them."""
+    functions = compile_functions(code, WIDTH)
+    _codes[code.digest] = code
+    register(code.digest, functools.partial(_evaluate, functions))
+    return vehicle.foreign._replace(
+        aerodynamics_settings=functions.aerodynamics_settings, propulsion_settings=functions.propulsion_settings
+    )
+
+
+@functools.lru_cache(maxsize=16)
+def compile_functions(code: VehicleCode, width: int) -> Functions:
+    """The compiled loops over ``width`` lanes. Raises InputError, with the user's line, for what does not compile."""
+    loops: list[tuple[Any, Floats]] = []
+    for of, arguments in ((code.aerodynamics, _AERODYNAMICS), (code.propulsion, _PROPULSION)):
+        if of is None:
+            loops.append((None, np.zeros(1)))
+            continue
+        module, given, settings, names = _prepare(code, of, arguments)
+        tail = _write_thrust if of is code.propulsion else _write_coefficients
+        body = [*_read_lane(width, code), f"made = _function({', '.join(given)})", *tail(width, code)]
+        loops.append(
+            (build(module, _make_loop(body, settings, width), names, of.function), np.array(settings or (0.0,)))
+        )
+    (air, air_settings), (engine, engine_settings) = loops
+    return Functions(air, engine, air_settings, engine_settings)
+
+
+def _fields(code: VehicleCode) -> tuple[str, ...]:
+    return (*_AXES, *(effector[0] for effector in code.effectors), "equivalence_ratio", "throttle")
+
+
+def _prepare(
+    code: VehicleCode, of: FunctionCode, arguments: tuple[str, ...]
+) -> tuple[Module, tuple[str, ...], Any, Any]:
+    """A function's module, the arguments that it names, its settings and the names that its loops use."""
+    source = OwnSource(of.text, of.file)
+    module = run_module(source)
+    with refuse_in_words(source, "a function of the vehicle", WANTED):
+        function = module.names.get(of.function)
+        nodes = {node.name: node for node in ast.parse(source.text).body if isinstance(node, ast.FunctionDef)}
+        if of.function not in nodes or not callable(function):
+            raise InputError(source.file, None, None, f"no function '{of.function}'", one_of(nodes, of.function))
+        given = tuple(inspect.signature(function).parameters)
+        for name in given:
+            if name not in arguments:
+                line = nodes[of.function].lineno
+                raise InputError(source.file, line, None, f"the argument '{name}'", one_of(arguments, name))
+        check_functions(source.file, nodes[of.function], nodes, module.names)
+        settings = _settings(module, of)
+        names = compiled_names(module)
+        names |= {"_Air": Air, "_Rates": Rates, "_function": names[of.function], "_sincos": sincos}
+        names["_Controls"] = _controls(_fields(code))
+        if settings is not None:
+            names["_Settings"] = module.names["Settings"]
+        return module, given, settings, names
+
+
+@functools.cache
+def _controls(fields: tuple[str, ...]) -> Any:
+    return namedtuple("Controls", fields)
+
+
+def _settings(module: Module, of: FunctionCode) -> tuple[float, ...] | None:
+    """The numbers of the file's class ``Settings``; None without one. Raises InputError."""
+    kind, file = module.names.get("Settings"), of.file
+    given = dict(of.settings)
+    if kind is None:
+        if given:
+            raise InputError(
+                file, None, None, f"settings {', '.join(given)}", "a class Settings(NamedTuple) in the file"
+            )
+        return None
+    units = module.names.get("UNITS", {})
+    values = []
+    for name in given:
+        if name not in kind._fields:
+            raise InputError(file, None, None, f"the setting '{name}'", one_of(kind._fields, name))
+    for name in kind._fields:
+        value = given.get(name, kind._field_defaults.get(name))
+        try:
+            number = value if name not in given else parse_in_unit(value, units.get(name, "-"))
+        except Refusal as refusal:
+            raise InputError(file, None, None, f"{name}: {refusal.found}", refusal.wanted) from None
+        if not is_number(number):
+            raise InputError(file, None, None, f"no number for the setting '{name}'", "one, or a default")
+        values.append(float(number))
+    return tuple(values)
+
+
+def _make_loop(body: list[str], settings: tuple[float, ...] | None, width: int) -> str:
+    """The text of a loop over the lanes."""
+    held = "0.0" if settings is None else f"_Settings({', '.join(f'given[{i}]' for i in range(len(settings)))})"
+    lines = [f"    settings = {held}", f"    for lane in range({width}):", *(f"        {line}" for line in body)]
+    return "\n".join(["def loop(context, Z, row, column, given, tick, dt):", *lines, ""])
+
+
+def _read_lane(width: int, code: VehicleCode) -> list[str]:
+    """Lines that make a lane's arguments of the rows of the lane memory."""
+
+    def lane(row: int) -> str:
+        return f"Z[{row * width} + lane]"
+
+    def of(name: str) -> str:
+        return lane(variable_row(name))
+
+    effectors = [of(f"effector_{i}") for i in range(len(code.effectors))]
+    controls = [*(of(name) for name in _AXES), *effectors, of("equivalence_ratio"), of("equivalence_ratio")]
+    return [
+        f"speed, density, mach = {lane(s.F_AIRSPEED)}, {lane(s.F_DENSITY)}, {of('mach')}",
+        "sound = speed / mach if mach > 0.0 else 340.0",
+        "pressure = density * sound * sound / 1.4",
+        f"air = _Air({of('altitude')}, mach, density, pressure, sound, 0.5 * density * speed * speed, speed, "
+        f"{of('angle_of_attack')}, {of('sideslip')})",
+        f"rates = _Rates({of('roll_rate_hat')}, {of('pitch_rate_hat')}, {of('yaw_rate_hat')})",
+        f"controls = _Controls({', '.join(controls)})",
+        f"throttle = {of('equivalence_ratio')}",
+    ]
+
+
+def _write_coefficients(width: int, code: VehicleCode) -> list[str]:
+    """Lines that put coefficients of any frame into their rows, in stability axes."""
+    names = ("lift", "drag", "side", "made.Cl", "made.Cm", "made.Cn")
+    return _FRAMES[code.frame] + [f"Z[{(s.COEF + i) * width} + lane] = {name}" for i, name in enumerate(names)]
+
+
+def _write_thrust(width: int, code: VehicleCode) -> list[str]:
+    """Lines that put an engine's force, moment and fuel flow into their rows."""
+    first = {"force": s.F_THRUST, "moment": s.F_MOMENT}
+    lines = [f"Z[{(first[of] + i) * width} + lane] = made.{of}_{axis}" for of in first for i, axis in enumerate("xyz")]
+    return [*lines, f"Z[{s.F_FUEL_FLOW * width} + lane] = made.fuel_flow"]
+
+
+_FRAMES = {
+    "body": [
+        "sin_a, cos_a = _sincos(air.angle_of_attack)",
+        "lift = made.CX * sin_a - made.CZ * cos_a",
+        "drag = -made.CX * cos_a - made.CZ * sin_a",
+        "side = made.CY",
+    ],
+    "stability": ["lift, drag, side = made.CL, made.CD, made.CY"],
+    "wind": [  # CD against the velocity, CC to the right of it
+        "sin_b, cos_b = _sincos(air.sideslip)",
+        "lift = made.CL",
+        "drag = made.CD * cos_b + made.CC * sin_b",
+        "side = made.CC * cos_b - made.CD * sin_b",
+    ],
+}
+
+
+def _evaluate(functions: Functions, variables: Floats, density: Floats, speed: Floats) -> tuple[Floats, Floats]:
+    """What :func:`abhv_mc.vehicle.foreign.register` wants."""
+    points = variables.shape[1]
+    coefficients, thrust = np.zeros((len(COEFFICIENTS), points)), np.zeros((N_THRUST, points))
+    Z = aligned_zeros((s.LAW, WIDTH))
+    for first in range(0, points, WIDTH):
+        here = np.minimum(np.arange(first, first + WIDTH), points - 1)
+        n = min(WIDTH, points - first)
+        Z[s.VAR : s.VAR + len(VARIABLES)] = variables[:, here]
+        Z[s.F_DENSITY], Z[s.F_AIRSPEED] = density[here], speed[here]
+        if functions.aerodynamics is not None:
+            _call(functions.aerodynamics, Z, functions.aerodynamics_settings)
+            coefficients[:, first : first + n] = Z[s.COEF : s.COEF + len(COEFFICIENTS), :n]
+        if functions.propulsion is not None:
+            _call(functions.propulsion, Z, functions.propulsion_settings)
+            thrust[:6, first : first + n] = Z[s.F_THRUST : s.F_THRUST + 6, :n]
+            thrust[6, first : first + n] = Z[s.F_FUEL_FLOW, :n]
+    return coefficients, thrust
+
+
+def _call(made: Any, Z: Floats, settings: Floats) -> None:
+    pointer = ctypes.POINTER(ctypes.c_double)
+    given = settings.ctypes.data_as(pointer)
+    made.ctypes(None, Z.ctypes.data_as(pointer), given, given, given, 0, 0.0)

@@ -1,0 +1,155 @@
+"""Functions of a vehicle's own: which code, how it is called, and what it gives on the launching side.
+
+What runs and compiles the code is a layer above (:mod:`abhv_mc.user_code.vehicle_functions`) and is registered here by
+the code's digest, so that trims and designs evaluate a vehicle of functions as they do one of tables.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.array_types import Floats
+from abhv_mc.io.documents import Document
+from abhv_mc.io.input_error import InputError
+from abhv_mc.io.input_files import read_input
+from abhv_mc.vehicle.arrays import VARIABLES
+from abhv_mc.vehicle.document import AerodynamicsFunction, ThrustFunction, VehicleDocument
+from abhv_mc.vehicle.model import Foreign, Vehicle
+from abhv_mc.world.atmosphere import atmosphere
+
+N_THRUST = 7  # force x y z, moment x y z, fuel flow
+STEP = 1e-5  # rad: slopes by central differences
+_ALTITUDE, _MACH = VARIABLES.index("altitude"), VARIABLES.index("mach")
+
+
+@dataclass(frozen=True)
+class FunctionCode:
+    """One function: the text of its file, its name, its settings as the vehicle file gives them."""
+
+    text: str
+    file: str
+    function: str
+    settings: tuple[tuple[str, Any], ...]
+
+
+@dataclass(frozen=True)
+class VehicleCode:
+    """All code of a vehicle. It travels with a plan; no stored plan holds it."""
+
+    aerodynamics: FunctionCode | None
+    propulsion: FunctionCode | None
+    frame: str  # of the forces: body, stability, wind
+    engine: tuple[float, float]  # x, z of the moment reference from where the aerodynamics' moments are given, m
+    effectors: tuple[tuple[str, float, float, float], ...]  # with their deflection by aileron, rudder and elevator
+    span: float
+    chord: float
+
+    def functions(self) -> Iterator[FunctionCode]:
+        """The functions that there are."""
+        yield from (function for function in (self.aerodynamics, self.propulsion) if function is not None)
+
+    @property
+    def digest(self) -> bytes:
+        """SHA-256 of the texts and of all that decides how they are called; their places do not count."""
+        parts = [
+            (code.text, code.function, code.settings) if code else None for code in (self.aerodynamics, self.propulsion)
+        ]
+        return hashlib.sha256(
+            repr((parts, self.frame, self.engine, self.effectors, self.span, self.chord)).encode()
+        ).digest()
+
+    def pack(self) -> Foreign:
+        """As the compiled plant has it; settings are filled in where the code is run."""
+        return Foreign(
+            int(self.aerodynamics is not None),
+            int(self.propulsion is not None),
+            *self.engine,
+            np.frombuffer(self.digest, dtype=np.int64).copy(),
+            np.zeros(1),
+            np.zeros(1),
+        )
+
+
+def reference_point(content: VehicleDocument) -> tuple[float, float]:
+    """x and z of the point about which the aerodynamics' moments are, from the moment reference of the file."""
+    aerodynamics = content.aerodynamics
+    if not isinstance(aerodynamics, AerodynamicsFunction):
+        return 0.0, 0.0
+    return aerodynamics.reference_point.x, aerodynamics.reference_point.z
+
+
+def make_code(document: Document, content: VehicleDocument) -> VehicleCode | None:
+    """The code that a vehicle file names, read but not run; None for a vehicle of tables. Raises InputError."""
+
+    def read(part: str, of: AerodynamicsFunction | ThrustFunction) -> FunctionCode:
+        path = Path(of.python)
+        try:
+            text = read_input(path).decode()
+        except (OSError, UnicodeDecodeError) as error:
+            found = f"'{path.name}', which cannot be read ({getattr(error, 'strerror', error)})"
+            raise document.error((part, "python"), found, "a Python file") from None
+        return FunctionCode(text, str(path), of.function, tuple(of.settings.items()))
+
+    air, engine = content.aerodynamics, content.propulsion
+    coefficients = read("aerodynamics", air) if isinstance(air, AerodynamicsFunction) else None
+    thrust = read("propulsion", engine) if isinstance(engine, ThrustFunction) else None
+    if coefficients is None and thrust is None:
+        return None
+    x, z = reference_point(content)
+    frame = air.frame if isinstance(air, AerodynamicsFunction) else "stability"
+    mixed = tuple((name, own.aileron, own.rudder, own.elevator) for name, own in content.effectors.items())
+    lengths = content.reference.span, content.reference.chord
+    return VehicleCode(coefficients, thrust, frame, (-x, -z), mixed, *lengths)
+
+
+Evaluator = Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]
+_evaluators: dict[bytes, Evaluator] = {}
+
+
+def register(digest: bytes, evaluate: Evaluator) -> None:
+    """Have a vehicle's functions evaluated by ``evaluate``.
+
+    It takes variables ``[variable, point]``, density and airspeed ``[point]`` and gives coefficients
+    ``[coefficient, point]`` in stability axes and thrust ``[7, point]``.
+    """
+    _evaluators[digest] = evaluate
+
+
+def evaluate_functions(
+    vehicle: Vehicle, variables: Any, density: Any = None, speed: Any = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients ``[coefficient, point]`` and thrust ``[7, point]`` of a vehicle's own functions.
+
+    Of complex arguments the imaginary part is taken as a direction along which the slope is a central difference, so
+    that complex steps give slopes here as they do with tables. Without density (kg/m3) and speed (m/s) those of the
+    standard atmosphere at the variables' altitude and Mach number.
+    """
+    digest = vehicle.foreign.digest.tobytes()
+    if digest not in _evaluators:
+        raise InputError("vehicle", None, None, "functions that were not loaded", "load_vehicle, which runs their file")
+    shape = variables.shape[1:]
+    points = variables.reshape(len(variables), -1)
+    if density is None or speed is None:
+        air = [atmosphere(float(altitude)) for altitude in np.real(points[_ALTITUDE])]
+        density = np.array([one[0] for one in air])
+        speed = points[_MACH] * np.array([one[3] for one in air])
+    given = [points, *(np.broadcast_to(value, shape).reshape(-1) for value in (density, speed))]
+    evaluate = _evaluators[digest]
+    real = [np.ascontiguousarray(np.real(value), dtype=np.float64) for value in given]
+    if not any(np.iscomplexobj(value) for value in given):
+        found = evaluate(*real)
+        return found[0].reshape(-1, *shape), found[1].reshape(-1, *shape)
+    turn = [np.imag(value) for value in given]
+    size = np.maximum.reduce([np.abs(turn[0]).max(axis=0), np.abs(turn[1]), np.abs(turn[2])])
+    unit = [value / np.where(size > 0.0, size, 1.0) for value in turn]
+    middle = evaluate(*real)
+    ends = [evaluate(*(value + step * way for value, way in zip(real, unit, strict=True))) for step in (STEP, -STEP)]
+    made = [
+        (at + 1j * size * (above - below) / (2.0 * STEP)).reshape(-1, *shape)
+        for at, above, below in zip(middle, *ends, strict=True)
+    ]
+    return made[0], made[1]

@@ -1,0 +1,161 @@
+"""A vehicle given as functions: what the same vehicle of tables gives, trims, flights and dispersions alike."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.io.input_error import InputError
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.plant.trim import FlightPoint, trim
+from abhv_mc.shipped import shipped_configs
+from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.vehicle.arrays import VARIABLES
+from abhv_mc.vehicle.evaluate import evaluate_coefficients, make_variables
+from abhv_mc.vehicle.file import read_vehicle_file
+from abhv_mc.world.earth import WGS84
+
+CONFIGS = shipped_configs()
+_FACTOR = {
+    None: "",
+    "sideslip": " * air.sideslip",
+    **{f"{name}_rate": f" * rates.{name}_rate" for name in ("roll", "pitch", "yaw")},
+}
+_NAMES = {
+    "lift": "CL",
+    "drag": "CD",
+    "side_force": "CY",
+    "rolling_moment": "Cl",
+    "pitching_moment": "Cm",
+    "yawing_moment": "Cn",
+}
+
+
+def write_ghame_x(folder: Path, frame: str = "stability", point: tuple[float, float] = (0.0, 0.0)) -> Path:
+    """``ghame_x`` with its coefficients, and its thrust, as Python functions."""
+    file = read_vehicle_file(CONFIGS / "vehicle" / "ghame_x.yaml")
+    content = file.content
+    lines = ["from abhv_mc.extend import Coefficients, Thrust, sincos, table", ""]
+    nodes: dict[str, set[float]] = {"mach": set(), "angle_of_attack": set(), "equivalence_ratio": set()}
+    calls = {}
+    for name, held in file.tables.items():
+        if not held.axes:
+            calls[name] = repr(float(held.values))
+            continue
+        for axis in held.axes:
+            nodes[VARIABLES[axis.variable]] |= set(axis.grid.tolist())
+        grids = ", ".join(repr(tuple(axis.grid.tolist())) for axis in held.axes)
+        lines.append(f"t_{name} = table({grids}, {held.values.tolist()!r})")
+        arguments = ", ".join(f"air.{VARIABLES[axis.variable]}" for axis in held.axes)
+        calls[name] = f"t_{name}({arguments.replace('air.equivalence_ratio', 'throttle')})"
+    lines += ["", "", "def coefficients(air, controls, rates):"]
+    for coefficient, short in _NAMES.items():
+        terms = [
+            f"{term.scale!r} * {calls[term.table]}" + _FACTOR.get(term.times, f" * controls.{term.times}")
+            for term in getattr(content.aerodynamics, coefficient)
+        ]
+        lines.append(f"    {short} = {' + '.join(terms)}")
+    if frame == "body":
+        lines += ["    s, c = sincos(air.angle_of_attack)", "    CX, CZ = CL * s - CD * c, -CL * c - CD * s"]
+        x, z, b, d = *point, content.reference.span, content.reference.chord
+        # Moments about a point at (x, 0, z) of the same forces at the moment reference.
+        lines += [f"    Cl, Cm, Cn = Cl + {z / b!r} * CY, Cm - ({z / d!r} * CX - {x / d!r} * CZ), Cn - {x / b!r} * CY"]
+        lines.append("    return Coefficients(CX=CX, CY=CY, CZ=CZ, Cl=Cl, Cm=Cm, Cn=Cn)")
+    else:
+        lines.append("    return Coefficients(CL=CL, CD=CD, CY=CY, Cl=Cl, Cm=Cm, Cn=Cn)")
+    engine = content.propulsion
+    size = engine.stoichiometric_ratio * engine.cowl_area
+    lines += [
+        "",
+        "",
+        "def thrust(air, throttle):",
+        f"    flow = {size!r} * throttle * air.density * air.airspeed * {calls[engine.capture_area_ratio]}",
+        f"    force = {engine.standard_gravity!r} * flow * {calls[engine.specific_impulse]}",
+        f"    return Thrust(force_x=force, fuel_flow=flow, moment_y={engine.thrust_line.offset!r} * force)",
+        "",
+    ]
+    (folder / "own.py").write_text("\n".join(lines), encoding="utf-8")
+    text = (CONFIGS / "vehicle" / "ghame_x.yaml").read_text(encoding="utf-8")
+    head = text[: text.index("propulsion:")] + text[text.index("limits:") : text.index("tables:")]
+    written = {name: [float(x) for x in sorted(values)] for name, values in nodes.items()}
+    head += f"""
+aerodynamics:
+  python: own.py
+  frame: {frame}
+  reference_point: {{x: {point[0]} m, z: {point[1]} m}}
+  nodes: {written}
+propulsion:
+  python: own.py
+  throttle: [{engine.equivalence_ratio[0]}, {engine.equivalence_ratio[1]}]
+  bandwidth: {engine.bandwidth} rad/s
+  damping: {engine.damping}
+  rate_limit: {engine.rate_limit} 1/s
+"""
+    path = folder / "functions.yaml"
+    path.write_text(head, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(("frame", "point"), [("stability", (0.0, 0.0)), ("body", (0.3, -0.2))])
+def test_coefficients_and_trims_are_those_of_the_tables(tmp_path: Path, frame: str, point: tuple[float, float]) -> None:
+    tables, functions = (
+        load_vehicle(CONFIGS / "vehicle" / "ghame_x.yaml"),
+        load_vehicle(write_ghame_x(tmp_path, frame, point)),
+    )
+    rng = np.random.default_rng(1)
+    values = {"mach": rng.uniform(2, 8, 50), "angle_of_attack": rng.uniform(-0.1, 0.3, 50)}
+    values |= {name: rng.uniform(-0.2, 0.2, 50) for name in ("sideslip", "aileron", "rudder", "elevator")}
+    values |= {f"{name}_rate_hat": rng.uniform(-0.01, 0.01, 50) for name in ("roll", "pitch", "yaw")}
+    ours = evaluate_coefficients(functions, make_variables(functions, **values))
+    theirs = evaluate_coefficients(tables, make_variables(tables, **values))
+    about = slice(0, 6) if point == (0.0, 0.0) else slice(0, 3)  # moments are about another point
+    np.testing.assert_allclose(ours[about], theirs[about], rtol=1e-12, atol=1e-14)
+    for bank in (0.0, 0.9):
+        here = FlightPoint(20e3, 1400.0, bank, 0.5)
+        a, b = trim(tables, WGS84, here), trim(functions, WGS84, here)
+        assert not b.fault
+        for name in ("angle_of_attack", "elevator", "equivalence_ratio"):
+            assert getattr(a, name) == pytest.approx(getattr(b, name), abs=1e-10), name
+        assert b.fuel_flow == pytest.approx(a.fuel_flow, rel=1e-10)
+
+
+def test_dispersed_flights_are_those_of_the_tables(tmp_path: Path) -> None:
+    parameters = nominal_parameters(7)
+    for i, (name, value) in enumerate(
+        (
+            ("aero.lift", 1.1),
+            ("aero.rolling_moment.roll_rate", 0.7),
+            ("control.elevator_effectiveness", 0.8),
+            ("aero.yawing_moment.sideslip", 0.6),
+            ("propulsion.thrust", 0.9),
+            ("mass.center_of_gravity_x", 0.02),
+        )
+    ):
+        parameters[i + 1, PARAMETER_INDEX[name]] = value
+    made = {}
+    for name, path in (
+        ("tables", CONFIGS / "vehicle" / "ghame_x.yaml"),
+        ("functions", write_ghame_x(tmp_path, "body")),
+    ):
+        plan = prepare(path, CONFIGS / "mission" / "s_manoeuvre.yaml", CONFIGS / "control" / "tlc.yaml", "tlc")
+        made[name] = fly(plan, parameters, 100, keep_states=True)
+    assert (made["tables"].outcome == made["functions"].outcome).all()
+    altitude = [made[name].states[:, :, 0] for name in ("tables", "functions")]
+    assert np.nanmax(np.abs(altitude[0] - altitude[1])) < 1e-6
+    assert np.nanmax(np.abs(altitude[0] - altitude[0][0])) > 1.0  # the dispersions are felt
+
+
+def test_a_function_that_does_not_fit_is_said_with_its_line(tmp_path: Path) -> None:
+    path = write_ghame_x(tmp_path)
+    own = tmp_path / "own.py"
+    text = own.read_text(encoding="utf-8")
+    own.write_text(
+        text.replace("def coefficients(air, controls, rates)", "def coefficients(air, weather)"), encoding="utf-8"
+    )
+    with pytest.raises(InputError, match=r"own\.py:\d+: .*the argument 'weather'"):
+        load_vehicle(path)
+    own.write_text(text.replace("def coefficients", "def others"), encoding="utf-8")
+    with pytest.raises(InputError, match="no function 'coefficients'"):
+        load_vehicle(path)
