@@ -3,7 +3,7 @@
 import ast
 import functools
 import inspect
-from typing import Any
+from typing import Any, NamedTuple
 
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.laws.user import CHANNEL, MAX_CHANNELS
@@ -29,7 +29,9 @@ _ACTUAL = (
     X + s.PITCH_RATE,
     X + s.YAW_RATE,
 )
-_GIVEN = {"actual": Measured, "measured": Measured, "reference": Reference, "command": Command}
+# What every flight measures; what laws may ask for besides is not there unless the law asks.
+_Seen: Any = NamedTuple("Measured", [(name, float) for name in Measured._fields[: s.N_MEASURED]])  # type: ignore[misc]
+_GIVEN = {"actual": _Seen, "measured": _Seen, "reference": Reference, "command": Command}
 _ARGUMENTS = (*_GIVEN, "time", "dt")
 
 
@@ -53,7 +55,7 @@ def compile_channels(source: OwnSource, width: int) -> Any:
         names = compiled_names(module)
         for name in functions:
             names[f"_channel_{name}"] = names[name]
-        names |= {"_Measured": Measured, "_Reference": Reference, "_Command": Command}
+        names |= {"_Measured": _Seen, "_Reference": Reference, "_Command": Command}
         signatures = {name: tuple(inspect.signature(function).parameters) for name, function in functions.items()}
         return build(module, _make_loop(signatures, width), names)
 
