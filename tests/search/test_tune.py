@@ -55,25 +55,21 @@ def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_pat
 
 
 @pytest.mark.parametrize("name", ["vehicle.yaml", "mission.yaml", "tables/cl.csv"])
-def test_a_file_that_is_edited_meanwhile_mixes_no_candidates(request_, tmp_path, name):
-    """The other vehicle's flights were kept as this one's, also for the next time."""
+def test_a_file_that_is_edited_meanwhile_changes_nothing(request_, tmp_path, name):
+    """The inputs are read once: candidates of two vehicles are never compared."""
     whole = tune_controller(replace(request_, out=tmp_path / "whole.yaml"), ENGINE).as_json()
     file = tmp_path / "files" / name
-    text = file.read_text()
     calls = 0
 
     def edit(plan, parameters, record_every=None):
         nonlocal calls
         calls += 1
         if calls == 40:
-            file.write_text(f"{text}# edited\n")
-        block = fly(plan, parameters, record_every)
-        return replace(block, metrics=block.metrics * (1.0 if calls < 40 else 0.5))
+            file.write_text(f"{file.read_text()}# edited\n")
+        return fly(plan, parameters, record_every)
 
-    with pytest.raises(InputError, match=name):
-        tune_controller(replace(request_, workers=1), Engine(prepare, edit, "tuned"))
-    file.write_text(text)
-    assert tune_controller(request_, ENGINE).as_json() == whole
+    assert tune_controller(replace(request_, workers=1), Engine(prepare, edit, "tuned")).as_json() == whole
+    assert calls > 40
 
 
 def test_what_is_kept_and_damaged_is_flown_again(request_, tmp_path):
@@ -185,6 +181,6 @@ def test_an_existing_file_is_not_overwritten(request_):
 @pytest.mark.parametrize("ending", ["tuning", "html"])
 def test_a_name_that_tuning_takes_itself_is_refused(request_, tmp_path, ending):
     """The candidates' folder was in the result's way when all was flown, and the page was written over the result."""
-    with pytest.raises(InputError, match=rf"{ending}' .*wanted"):
+    with pytest.raises(InputError, match=f"{ending}'"):
         tune_controller(replace(request_, out=tmp_path / f"new.{ending}"), ENGINE)
     assert not list(tmp_path.glob("new.*"))
