@@ -93,8 +93,8 @@ def test_numbers(flown):
 
 def test_figures_are_those_of_the_report(flown):
     _, results = flown
-    assert "distribution_tracking" in results.figure_names
-    assert results.figure("distribution_tracking", dpi=72).get_dpi() == 72
+    assert "distribution_asked" in results.figure_names
+    assert results.figure("distribution_asked", dpi=72).get_dpi() == 72
     page = results.make_report("md")
     assert {path.stem for path in (results.folder / "figures").iterdir()} == set(results.figure_names)
     assert page.read_text(encoding="utf-8").startswith("# ")

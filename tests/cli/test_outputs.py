@@ -21,7 +21,7 @@ NOT_OUTPUTS = {
     "vehicle",
     "file",
     "staging",
-}  # what is read, or holds copies for a while
+}  # read, or for a while
 
 
 def outputs(group, words=()):

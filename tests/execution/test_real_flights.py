@@ -17,8 +17,10 @@ from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.folder.plans import flatten, read_plan
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.shipped import shipped_campaigns
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 CAMPAIGN = shipped_campaigns() / "s_manoeuvre.yaml"
+VEHICLE = CAMPAIGN.parents[1] / "configs/vehicle/ghame_x.yaml"
 RUNS = 40
 
 
@@ -67,7 +69,7 @@ def test_stored_plans_replay_to_the_bit(flown, engine, controller):
         configs / "vehicle/ghame_x.yaml", configs / "mission/s_manoeuvre.yaml", configs / f"control/{controller}.yaml",
         controller,
     )  # fmt: skip
-    stored = flatten(read_plan(flown.folder / f"plans/{controller}.npz"))
+    stored = flatten(read_plan(flown.folder / f"plans/{controller}.npz", load_vehicle(VEHICLE)))
     for name, value in flatten(fresh).items():
         assert value.tobytes() == stored[name].tobytes(), name
 
@@ -86,7 +88,7 @@ def test_no_flight_leaves_the_band_of_all_flights_at_any_tick(flown, engine):
     samples = pq.read_table(flown.folder / "samples.parquet").drop_columns(["flight"])
     rows = full_rows(samples.column_names, np.column_stack([column.to_numpy() for column in samples.columns]))
     bands = pq.read_table(flown.folder / "envelopes.parquet").to_pandas().set_index(["controller", "channel"])
-    block = engine.fly(read_plan(flown.folder / "plans/tlc.npz"), rows, 1)
+    block = engine.fly(read_plan(flown.folder / "plans/tlc.npz", load_vehicle(VEHICLE)), rows, 1)
     between = 0
     for channel in ("aileron_deg", "rudder_deg", "sideslip_deg", "bank_deg", "speed_mps"):
         band, history = bands.loc["tlc", channel], block.history[:, :, CHANNEL_INDEX[channel]]
@@ -142,6 +144,6 @@ def test_every_parameter_changes_a_flight(flown, engine):
     for row, parameter in zip(rows[1:], listed, strict=True):
         place = PARAMETER_INDEX[parameter.name]
         row[place] = LIMITS.get(parameter.name, row[place] + MOVED[parameter.unit])
-    metrics = engine.fly(read_plan(flown.folder / "plans/tlc.npz"), rows).metrics
+    metrics = engine.fly(read_plan(flown.folder / "plans/tlc.npz", load_vehicle(VEHICLE)), rows).metrics
     still = {p.name for p, row in zip(listed, metrics[1:], strict=True) if np.array_equal(row, metrics[0])}
     assert still == WITHOUT_EFFECT

@@ -36,10 +36,13 @@ def test_rows_in_radians_become_degrees_and_derived_ones_stay():
     assert observe.find_factor("bank_error_deg", "deg") == observe.find_factor("altitude", "m") == 1.0
 
 
+LOST = {Outcome.LAW_FAILED, Outcome.LAW_CRASHED, Outcome.LAW_HUNG}
+
+
 def test_every_outcome_has_a_sentence_and_every_limit_an_outcome():
     assert set(SENTENCES) == set(Outcome)
     ends = {limit.outcome for limit in LIMITS}  # OK: the mission's own end by condition
-    assert ends == set(Outcome) - {Outcome.NOT_FINITE, Outcome.FAILED_TO_RUN, Outcome.LAW_FAILED}
+    assert ends == set(Outcome) - {Outcome.NOT_FINITE, Outcome.FAILED_TO_RUN, *LOST}
 
 
 def test_every_built_in_metric_is_counted_in_the_lean_loop():

@@ -162,7 +162,7 @@ def test_the_glide_after_a_flame_out_is_that_of_an_independent_integration() -> 
     gamma = np.deg2rad(_channel(block, 0, "flight_path_angle_deg"))
     alpha = np.deg2rad(_channel(block, 0, "angle_of_attack_deg"))
     speed = np.sqrt(np.sum(states[:, s.U : s.W + 1] ** 2, axis=1))
-    vehicle, rows = level.vehicle, range(200, 2001)
+    vehicle, rows = level.vehicle, range(400, 2001)  # the thrust has decayed with the engine's lag
     rate = []
     for k in rows:  # V' = -D / m - g sin(gamma), with drag from the tables; drag is in the stability axes, beta 0
         x = states[k]
@@ -176,8 +176,8 @@ def test_the_glide_after_a_flame_out_is_that_of_an_independent_integration() -> 
         rate.append(-drag / x[s.MASS] - gravity * np.sin(gamma[k]))
     lost = np.trapezoid(rate, dx=0.01)
     assert lost < -30.0
-    assert speed[2000] - speed[200] == pytest.approx(lost, rel=0.005)
-    assert np.all(states[200:, s.MASS] == states[200, s.MASS])  # a flame-out burns no fuel
+    assert speed[2000] - speed[400] == pytest.approx(lost, rel=0.005)
+    assert np.all(np.ptp(states[400:, s.MASS]) < 1e-6)  # a flame-out burns no fuel
     assert block.metrics[0, METRIC_INDEX["engine_failed_s"]] == pytest.approx(18.0, abs=0.02)
 
 

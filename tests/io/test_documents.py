@@ -281,8 +281,3 @@ def test_thousands_of_mistakes_are_said_in_part(tmp_path):
         validate(read_document(path), Model)
     lines = str(refused.value).splitlines()
     assert "key_0" in lines[0] and "3950 more mistakes" in lines[-1] and len(lines) == 51
-
-
-def test_a_device_without_an_end_is_refused() -> None:
-    with pytest.raises(InputError, match="more than 2000000 bytes"):
-        read_document("/dev/zero")

@@ -16,6 +16,7 @@ from abhv_mc.flight.prepare import prepare
 from abhv_mc.folder.plans import read_plan, write_plan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 HERE = Path(__file__).parent
 
@@ -242,11 +243,11 @@ def test_commands_are_clamped_and_missing_ones_are_the_references(make):
     assert np.isclose(history[CHANNEL_INDEX["angle_of_attack_command_deg"]], reference)
 
 
-def test_a_stored_plan_holds_no_source_and_does_not_fly_without(make, tmp_path):
+def test_a_stored_plan_holds_no_source_and_does_not_fly_without(make, tmp_path, repository):
     plan = make(CASCADE.format(compiled=""))
     write_plan(tmp_path / "plan.npz", plan)
     assert b"NamedTuple" not in (tmp_path / "plan.npz").read_bytes()
-    stored = read_plan(tmp_path / "plan.npz")
+    stored = read_plan(tmp_path / "plan.npz", load_vehicle(repository / "configs/vehicle/ghame_x.yaml"))
     assert stored.source is None
     assert stored.source_hash == plan.source.hash
     with pytest.raises(ValueError, match="without its source"):

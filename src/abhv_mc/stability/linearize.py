@@ -22,6 +22,8 @@ INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
 ACTUATOR_STATES = tuple(f"{name}{part}" for name in INPUTS for part in ("", "_rate"))
 PLANT_STATES = (*path.COORDINATES, *ACTUATOR_STATES)
 _STEPS = np.array([0.5, 0.02, *[2e-5] * 8, *[2e-5] * 4])  # of the path coordinates and the actuators' positions
+# Of what laws of the user's own may ask for besides: m/s, -, g, rad (attitude, position), m, m/s, m.
+_MORE_STEPS = np.array([0.02, 1e-5, 1e-4, *[2e-5] * 3, *[1e-7] * 2, 0.5, 0.5, 0.02, 0.5])
 _CHANGE = 2e-5  # rad: what a step in the law's memory is to change in a command
 _NO_CHANGE = 1e-14  # of one that the memory changes at a later tick only
 _N_PATH = len(path.COORDINATES)
@@ -147,7 +149,7 @@ def law_slopes(plan: FlightPlan, points: Points) -> Slopes:
         return np.hstack([answer.memory, answer.command]), np.hstack(cells)
 
     at = np.hstack([points.measured, points.memory])
-    steps = np.broadcast_to(_STEPS[:10], points.measured.shape)
+    steps = np.broadcast_to(np.append(_STEPS[:10], _MORE_STEPS)[:n], points.measured.shape)
     return differentiate(tick, at, np.hstack([steps, memory_steps(plan, points)]))
 
 

@@ -118,6 +118,8 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     row, constants = plan.reference[0], plan.vehicle.constants
     _, begun = begin(plan, fly_until(plan, steady_air(parameters), 0))
     _, lane = begin(plan, Kept(1, begun))  # a measurement that fails at the start is frozen from the second tick on
+    out = lane[:, s.ENGINE_FAILED] > 0.0  # its thrust has decayed
+    lane[out, s.ENGINE_THRUST] = lane[out, s.parameter_row("failure.engine.thrust")]
     count, nothing = len(lane), np.empty((len(lane), 0))
     held = lane[:, s.STUCK_SURFACE : s.STUCK_SURFACE + 3]
     stuck = held != NEVER

@@ -171,6 +171,8 @@ def write_png(figure: Figure, path: Path) -> tuple[int, int]:
         canvas.draw()
     image = Image.fromarray(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[:, :, :3]))
     file = BytesIO()
-    image.quantize(_COLORS, dither=Image.Dither.NONE).save(file, format="PNG", compress_level=6, dpi=(DPI, DPI))
+    image.quantize(_COLORS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(
+        file, format="PNG", compress_level=6, dpi=(DPI, DPI)
+    )
     write_bytes(path, file.getvalue())
     return image.width, image.height
