@@ -89,8 +89,11 @@ def _main(paths: list[str]) -> None:
     if os.environ.get("NUMBA_DISABLE_JIT") != "1":
         raise SystemExit("counting needs NUMBA_DISABLE_JIT=1")
     from abhv_mc.folder.plans import read_plan
+    from abhv_mc.shipped import find_input
+    from abhv_mc.user_code.vehicle_functions import load_vehicle
 
-    plans = {Path(path).stem: read_plan(Path(path)) for path in paths}
+    vehicle = load_vehicle(find_input("ghame_x", "vehicle"))
+    plans = {Path(path).stem: read_plan(Path(path), vehicle) for path in paths}
     _use_counted_floats()
     print(json.dumps({name: _count_flight(plan) for name, plan in plans.items()}))
 

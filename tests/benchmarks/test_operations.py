@@ -81,7 +81,9 @@ from pathlib import Path
 from benchmarks import operations
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.folder.plans import read_plan
-plan = read_plan(Path(sys.argv[1]))
+from abhv_mc.shipped import find_input
+from abhv_mc.user_code.vehicle_functions import load_vehicle
+plan = read_plan(Path(sys.argv[1]), load_vehicle(find_input("ghame_x", "vehicle")))
 operations._use_counted_floats()
 np.save(sys.argv[2], fly(plan, nominal_parameters(), lanes=1).metrics)
 """
