@@ -60,7 +60,7 @@ def fly(
 
     ``record_every``: what is recorded, or control ticks between samples of every channel (None: no history);
     ``keep_states`` adds the whole state in double precision to them. A flight depends on its row and the plan alone:
-    not on the other rows, nor on how many fly side by side (``lanes``). With ``start``, of :func:`fly_until`, flights
+    not on the other rows, nor on how many fly side by side (``lanes``). With ``start``, of ``fly_until``, flights
     go on from there: the rows of its memories say what their dispersions are, and samples before it are not-a-number.
     Releases the interpreter's lock, so threads may call it side by side.
     Raises ValueError for an array of the wrong type or shape.
