@@ -144,7 +144,7 @@ def test_linearize_refuses_what_it_cannot_write(tmp_path):
     with pytest.raises(InputError, match="one controller"):
         _linearize(tmp_path / "model.npz", "tlc,lqr")
     with pytest.raises(InputError, match="one point"):
-        _linearize(tmp_path / "model.npz", at="1s,2s")
+        _linearize(tmp_path / "model.npz", at="trim,2s")
     assert list(tmp_path.iterdir()) == []
 
 

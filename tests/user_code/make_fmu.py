@@ -15,14 +15,14 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.plan import LANES
 from abhv_mc.plant.state import N_MEASURED
 from abhv_mc.user_code.c_source import make_header, make_settings_header
-from abhv_mc.user_code.law_interface import Command, Measured
+from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured
 
 HERE = Path(__file__).parent
 GAINS = (*LQR_GAINS, "earth_radius", "gravitational_parameter")
 PARAMS = ("alpha_min", "alpha_max", "bank_limit")
 INPUTS = [f"measured.{name}" for name in Measured._fields[:N_MEASURED]] + [f"reference.{name}" for name in REFERENCE]
 INPUTS += [f"gains.{name}" for name in GAINS]
-OUTPUTS = [f"command.{name}" for name in Command._fields]
+OUTPUTS = [f"command.{name}" for name in COMMAND_FIELDS]
 LAYOUT = [("angle_of_attack", 2), ("bank_limit", 0)]
 
 
@@ -80,7 +80,7 @@ def write_controller(file: Path, fmu: str, repository: Path, params: str = "-1 d
     shutil.copy(repository / "configs" / "control" / "lqr_c" / "lqr_design.py", file.parent)
     values = dict(zip(PARAMS, params.split(", "), strict=True))
     lines = ["law: fmu", f"file: {fmu}", "design: lqr_design.py", "inputs:", *(f"  {n}: {n}" for n in INPUTS)]
-    lines += ["outputs:", *(f"  {name}: command.{name}" for name in Command._fields)]
+    lines += ["outputs:", *(f"  {name}: command.{name}" for name in COMMAND_FIELDS)]
     lines += ["params:", *(f"  {name}: {value}" for name, value in values.items())]
     file.write_text("\n".join(lines) + "\n")
 

@@ -279,6 +279,7 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
 def _explain_tag(document: Document, keys: tuple[Key, ...], value: Any, context: Any) -> InputError:
     """A union whose kind is named by a key, and the name is unknown or missing."""
     name = context["discriminator"].strip("'")
+    name = "kind" if name.endswith("()") else name  # a function that looks for other keys first
     if "tag" in context:
         tags = [tag.strip("'") for tag in context["expected_tags"].split(", ")]
         return document.error((*keys, name), f"{name} '{context['tag']}'", one_of(tags, context["tag"]))

@@ -1,5 +1,6 @@
 """The compiled moment and its slopes against the design model: other code, slopes by complex step."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ from abhv_mc.control.design.design_model import Surroundings, Wrench, wrench_at
 from abhv_mc.control.design.design_tables import slope
 from abhv_mc.control.laws.allocation import moment_slope, nominal_moment, side_force_slope
 from abhv_mc.control.laws.tlc import N_ROWS, SLOPES, nominal_vehicle
+from abhv_mc.flight.arguments import OwnLaw
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import TableCells, make_cells
@@ -27,6 +29,7 @@ class Plan(NamedTuple):
     vehicle: Vehicle
     effectiveness: Effectiveness
     unit_factors: Ints
+    own: OwnLaw
 
 
 class Memory(NamedTuple):
@@ -42,6 +45,7 @@ CONFIGS = Path(__file__).parents[3] / "configs" / "vehicle"
 N = 24
 AIR = Surroundings(22e3, 0.0646, 296.4, 9.74, 6.4e6, 0.0)
 _CAPACITY = N
+_NO_FUNCTIONS = OwnLaw(0, 0, 0, 0)
 _Z_ROWS = s.LAW + N_ROWS
 _SIDE_BY_SIDESLIP = SLOPES + INPUTS.index("sideslip") + 2 * N_INPUTS  # side force is the third coefficient
 
@@ -57,7 +61,7 @@ def compute(vehicle, effectiveness, cells, width, variables, density, speed, mom
         Z[s.P, lane] = 1.0
         for i in range(s.N_VARIABLES):
             Z[s.VAR + i, lane] = variables[i, lane]
-    nominal_vehicle(Plan(vehicle, effectiveness, unit_factors), Memory(Z, T, cells, high), width)
+    nominal_vehicle(Plan(vehicle, effectiveness, unit_factors, _NO_FUNCTIONS), Memory(Z, T, cells, high), width)
     for lane in range(width):
         q_bar = 0.5 * density * speed[lane] * speed[lane]
         moments[0, lane], moments[1, lane], moments[2, lane] = nominal_moment(
@@ -99,7 +103,7 @@ def load(name: str, *, off_axis: bool) -> Vehicle:
         return pack_vehicle(file, PARAMETER_INDEX)
     moved = {"center_of_gravity_x": -1.3, "center_of_gravity_z": 0.7}
     points = tuple(point.model_copy(update=moved) for point in file.mass_points)
-    vehicle = pack_vehicle(type(file)(file.path, file.content, file.tables, points, file.files), PARAMETER_INDEX)
+    vehicle = pack_vehicle(replace(file, mass_points=points), PARAMETER_INDEX)
     return vehicle._replace(constants=vehicle.constants._replace(drag_in_wind_axes=1.0))
 
 
