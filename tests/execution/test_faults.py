@@ -43,7 +43,12 @@ def fly_raising(plan, parameters, every=None):
 
 
 def fly_hanging(plan, parameters, every=None):
-    return _plant(lambda: time.sleep(3600.0), plan, parameters, every)
+    return _plant(_compute_for_ever, plan, parameters, every)
+
+
+def _compute_for_ever():
+    while True:
+        pass
 
 
 def fly_segfaulting(plan, parameters, every=None):
@@ -101,7 +106,7 @@ def digest_without(rows, bad):
     ],
 )
 def test_a_bad_flight_costs_its_row(tmp_path, function, isolation, reason, capfd):
-    # Blocks of 150 need ten time limits, so a hanging flight is found after 3 s, then after 0.3 s, twice.
+    # Blocks of 150 need ten limits of processor time, so a hanging flight is found after 3 s, then after 0.3 s, twice.
     execution = f"{{workers: 2, batch: 150, isolation: {isolation}, flight_time_limit: 0.3 s}}"
     campaign = write_campaign(tmp_path / "f", execution=execution, keep=KEEP, controllers="{one: one.yaml}")
     whole = run_campaign(Request(campaign, tmp_path / "a"), ENGINE)

@@ -5,7 +5,6 @@ flown in pieces (see :mod:`abhv_mc.execution.retry`). Workers may come and go wh
 """
 
 import logging
-import math
 import os
 import sys
 import threading
@@ -111,7 +110,7 @@ class Cluster:
 
     def __init__(self, client: "Client", engine: Engine) -> None:
         self._client, self._engine = client, engine
-        self.limit = math.inf  # s that one flight, or 16 in a batch, may take
+        self.limit = 600.0  # s that one flight, or 16 in a batch, may take
         self.check: Check = Attestation(engine).check
         self._plans: dict[int, tuple[Future, FlightPlan]] = {}  # held, so that no id comes twice
         self._lock = threading.Lock()

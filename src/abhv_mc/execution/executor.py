@@ -45,7 +45,7 @@ def open_executor(
     number = workers or execution.workers or engine.workers or count_cores()
     isolation = engine.isolation if execution.isolation == "auto" else execution.isolation
     if cluster is not None:
-        cluster.limit, cluster.check = limit, check
+        cluster.limit, cluster.check = limit or cluster.limit, check
         yield Executor(cluster.fly, workers or cluster.room)
     elif isolation == PROCESSES:
         with contextlib.closing(WorkerPool(engine.fly, number, limit, check)) as pool:

@@ -21,8 +21,8 @@ from typing import Any
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.attest import Check
-from abhv_mc.execution.blocks import Asked, Fly, at_once
-from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, time_limit
+from abhv_mc.execution.blocks import Asked, Fly
+from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries
 from abhv_mc.execution.worker import serve
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 
@@ -31,7 +31,8 @@ _FAILED_STARTS = 20
 _CRASH = 4
 _PAUSE = 0.05  # s of waiting before a start, times the failed starts so far
 _COMPILE_LIMIT = 600.0  # s for a process to start and to load or compile a flight
-_RESPONSE_LIMIT = 30.0  # s at least for one that has done so to say that it begins the next block
+_RESPONSE_LIMIT = 60.0  # s for one that has done so to say that it begins the next block
+_ASLEEP, _WALL = 600.0, 20.0  # s, and times the processor time: how long it may take, however busy the machine is
 _start_lock = threading.Lock()
 
 
@@ -67,24 +68,25 @@ class _Worker:
         self._plans: set[int] = set()  # keys of those it has
         self.has_flown = False
 
-    def fly(self, key: int, plan: FlightPlan, parameters: Floats, recorded: Asked, limit: float) -> FlightBlock:
+    def fly(self, key: int, plan: FlightPlan, parameters: Floats, recorded: Asked, limit: float | None) -> FlightBlock:
         """Raises FlightLostError, and _NotBegunError where the process ended before these flights began."""
         known = key in self._plans
         try:
-            self._connection.send((key, None if known else plan, parameters, recorded))
+            self._connection.send((key, None if known else plan, parameters, recorded, limit))
             self._plans.add(key)
-            answer = self._receive(max(limit, _RESPONSE_LIMIT) if known else _COMPILE_LIMIT)
+            answer = self._receive(_RESPONSE_LIMIT if known else _COMPILE_LIMIT)
         except (ConnectionError, FlightLostError):
             self.kill()
             raise _NotBegunError(_describe_exit(self.process.exitcode)) from None
         self.has_flown = True
-        while answer is None:
-            answer = self._receive(limit)
+        while isinstance(answer, float):
+            answer = self._receive(max(_ASLEEP, _WALL * answer), answer)
         if isinstance(answer, str):
             raise FlightLostError(answer)
         return answer
 
-    def _receive(self, limit: float) -> Any:
+    def _receive(self, limit: float, processor: float = 0.0) -> Any:
+        """What it sends within ``limit`` s, of which it may compute for ``processor`` s."""
         connection: Connection = self._connection
         if not wait([connection], limit):
             self.kill()
@@ -93,8 +95,10 @@ class _Worker:
             return connection.recv()
         except (EOFError, OSError):
             self.kill()
-            words = f"its process ended: {_describe_exit(self.process.exitcode)}"
-            raise FlightLostError(words, process=True) from None
+            end = self.process.exitcode
+            hung = end == -signal.SIGPROF
+            words = f"not done in {processor:g} s" if hung else f"its process ended: {_describe_exit(end)}"
+            raise FlightLostError(words, process=True, hung=hung) from None
 
     def kill(self) -> None:
         """End the process, whatever it does."""
@@ -106,8 +110,8 @@ class _Worker:
 class WorkerPool:
     """Flies in worker processes, each started when first needed; threads may call :meth:`fly` side by side."""
 
-    def __init__(self, fly: Fly, workers: int, limit: float, check: Check | None = None) -> None:
-        """``limit``: time for one flight, or for 16 in a batch, s; ``check``: of each block."""
+    def __init__(self, fly: Fly, workers: int, limit: float | None, check: Check | None = None) -> None:
+        """``limit``: processor time for one flight, or for 16 in a batch, s; ``check``: of each block."""
         self._fly, self._limit, self._check = fly, limit, check
         self._idle: queue.LifoQueue[_Worker | None] = queue.LifoQueue()
         for _ in range(workers):
@@ -132,12 +136,12 @@ class WorkerPool:
         return fly_with_retries(attempt, plan, parameters, recorded)
 
     def _attempt(self, key: int, plan: FlightPlan, parameters: Floats, recorded: Asked) -> FlightBlock:
-        worker, limit = self._idle.get(), time_limit(at_once(parameters, recorded), self._limit)
+        worker = self._idle.get()
         try:
             while True:
                 worker = worker or self._start()
                 try:
-                    block = worker.fly(key, plan, parameters, recorded, limit)
+                    block = worker.fly(key, plan, parameters, recorded, self._limit)
                 except _NotBegunError as end:
                     self._remove(worker, str(end))
                     worker = None

@@ -17,6 +17,7 @@ from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.user_code.run_in_thread import run_in_thread
 
 _ROWS = 3  # trials of each dispersion
+_USUAL = 600.0  # s for 16 flights where the campaign gives no limit
 _COMPILING = 1800.0  # s at most, before they fly: on a busy machine more than 600 were seen
 _MIDDLE = 0.6  # of its extent, where a dispersion stands in other trials: no nominal value of a symmetric law
 
@@ -50,7 +51,7 @@ def fly_probes(campaign: CheckedCampaign, plans: dict[str, FlightPlan], fly: Fly
     Raises InputError for a dispersion that changes no controller's flight, and where flights do not end.
     """
     trials = make_trials(campaign)
-    limit = _COMPILING + time_limit(len(trials), campaign.model.execution.flight_time_limit)
+    limit = _COMPILING + time_limit(len(trials), campaign.model.execution.flight_time_limit or _USUAL)
     flown = {name: _fly_aside(fly, plan, trials, every, limit) for name, plan in plans.items()}
     errors: list[InputError] = []
     for i, name in enumerate(campaign.names):

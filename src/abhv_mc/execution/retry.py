@@ -22,6 +22,7 @@ from abhv_mc.stability.metrics import count_metrics
 Attempt = Callable[[Floats, Asked], FlightBlock]
 
 PIECE = 16  # flights of the first smaller pieces, and those that one time limit holds for
+_told: set[str] = set()  # losses that were said already
 _PIECES = (PIECE, 1, 1)  # a single flight is tried twice: its process may have been killed from outside
 
 
@@ -74,6 +75,10 @@ def _fly(
     try:
         return attempt(parameters, recorded)
     except FlightLostError as error:
+        if sizes is _PIECES and str(error) not in _told:
+            _told.add(str(error))
+            words = f"{len(parameters)} flights were lost ({error}) and are flown again in smaller pieces"
+            print(f"{plan.controller}: {words}", file=sys.stderr, flush=True)
         if not sizes:
             reasons.append(str(error))
             outcome = find_lost_outcome(plan.law, error.hung) if error.process else Outcome.FAILED_TO_RUN

@@ -3,42 +3,58 @@
 import os
 import signal
 import threading
-from functools import partial
+import time
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 
 from abhv_mc.execution.attest import sign
-from abhv_mc.execution.blocks import Fly, fly_recorded
+from abhv_mc.execution.blocks import Fly, at_once, fly_recorded
+from abhv_mc.execution.retry import time_limit
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.user_code.child import allow_here
 
+_LEAST, _TIMES = 30.0, 20.0  # s for 16 flights, and times the nominal flight's processor time
+
 
 def serve(connection: Connection, fly: Fly) -> None:
-    """Answer jobs (key of the plan, plan when it is new, parameters, what to record) until the parent hangs up.
+    """Answer jobs (key of the plan, plan when it is new, parameters, what to record, limit) until the parent hangs up.
 
-    Each is answered with None as each batch starts, for the parent's clock, then the block or what was raised.
+    Each is answered as each batch starts with the processor time (s) that it may take, after which SIGPROF ends the
+    process, then with the block or what was raised. The limit is for 16 flights; None: by the nominal flight.
     """
     allow_here()
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches everyone in the terminal; the parent decides
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     plans: dict[int, FlightPlan] = {}
+    usual: dict[int, float] = {}
     while True:
         try:
-            key, plan, parameters, recorded = connection.recv()
+            key, plan, parameters, recorded, limit = connection.recv()
         except (EOFError, OSError):
             return
         try:
             if plan is not None:
                 plans[key] = plan
                 fly(plan, nominal_parameters(), None)  # loads or compiles, which is no flight's time
-            begin = partial(connection.send, None)
+            if limit is None and key not in usual:
+                start = time.process_time()
+                fly(plans[key], nominal_parameters(), None)
+                usual[key] = max(_LEAST, _TIMES * (time.process_time() - start))
+            allowed = time_limit(at_once(parameters, recorded), usual[key] if limit is None else limit)
+
+            def begin(allowed: float = allowed) -> None:
+                connection.send(allowed)
+                signal.setitimer(signal.ITIMER_PROF, allowed)
+
             answer: FlightBlock | str = sign(fly_recorded(fly, plans[key], parameters, recorded, begin))
         except BrokenPipeError:
             return
         except Exception as error:
             answer = f"{type(error).__name__}: {error}"
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
         connection.send(answer)
 
 
