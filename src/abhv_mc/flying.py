@@ -36,6 +36,7 @@ Quantity = float | str  # a number in SI (angles in rad), or text with a unit
 
 TRIM_UNITS = {
     "bank_deg": "deg",
+    "flight_path_angle_deg": "deg",
     "angle_of_attack_deg": "deg",
     "elevator_deg": "deg",
     "equivalence_ratio": "-",
@@ -204,6 +205,8 @@ def trim(
 ) -> "pd.DataFrame":
     """The controls of steady flight: one row a bank angle, indexed by ``bank_deg``; ``attrs["units"]`` by column.
 
+    A vehicle without an engine is trimmed on its glide path.
+
     Numbers are SI and radians, text has its unit. ``trimmed`` is False where the vehicle's limits allow no balance,
     and ``fault`` says why. The Earth is at rest unless ``rotating``. Raises InputError.
     """
@@ -248,6 +251,7 @@ def trim_rows(
         found = balance(vehicle, earth, point._replace(bank=angle), mass)
         yield {
             "bank_deg": math.degrees(angle),
+            "flight_path_angle_deg": math.degrees(found.flight_path_angle),
             "angle_of_attack_deg": math.degrees(found.angle_of_attack),
             "elevator_deg": math.degrees(found.elevator),
             "equivalence_ratio": found.equivalence_ratio,

@@ -12,6 +12,7 @@ from abhv_mc.cli.printing import say, show
 _COLUMNS = (
     ("bank_deg", "bank", "deg", 1.0, 1),
     ("angle_of_attack_deg", "alpha", "deg", 1.0, 3),
+    ("flight_path_angle_deg", "path", "deg", 1.0, 3),
     ("elevator_deg", "elevator", "deg", 1.0, 3),
     ("equivalence_ratio", "eta", "-", 1.0, 4),
     ("thrust_n", "thrust", "kN", 1e3, 1),
@@ -53,8 +54,8 @@ def command(
     kilograms = None if mass is None else _quantity("mass", mass)
 
     packed = load_vehicle(vehicle)
-    if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
-        raise InputError(vehicle, None, None, "a vehicle without surfaces or engine", "one with both, to trim it")
+    if packed.constants.surface_limit == 0.0:
+        raise InputError(vehicle, None, None, "a vehicle without surfaces", "one with them, to trim it")
     earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
     point = FlightPoint(height, velocity, 0.0, north, course, climb)
     points = list(trim_rows(packed, earth, point, banks, kilograms))

@@ -18,7 +18,7 @@ from abhv_mc.control.design.design_tables import Numbers, slope
 from abhv_mc.control.design.environment import make_surroundings
 from abhv_mc.control.design.guidance_trim import trim_faults
 from abhv_mc.control.design.lqr_design import make_lqr_gains, make_lqr_settings
-from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, solve_reference
+from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, on_glide_path, solve_reference
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.control.law_file import USER_LAWS, CController, PythonController, UserController
 from abhv_mc.control.mission import Mission, read_mission
@@ -53,11 +53,13 @@ _ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # a small angle inside of most tables' ce
 def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:
     """Read the three files and compute the plan. Raises :class:`abhv_mc.io.documents.InputError`."""
     packed = load_vehicle(vehicle)
-    if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
-        found = "a vehicle without control surfaces or engine"
-        raise InputError(vehicle, None, None, found, "one with both, to fly a mission with a controller")
     asked = read_mission(mission)
     law, own = read_law(controller)
+    glides = packed.constants.equivalence_ratio_max == 0.0
+    if packed.constants.surface_limit == 0.0 or (glides and own is None):
+        found = "a vehicle without control surfaces or engine"
+        wanted = "one with both, to fly a mission with this controller (a law of your own flies one without an engine)"
+        raise InputError(vehicle, None, None, found, wanted)
     if isinstance(law, TlcController) and not has_authority(packed, asked):
         found = "deflections that do not turn the vehicle about three axes"
         raise InputError(vehicle, None, None, found, "aileron, rudder and elevator with moments of their own")
@@ -138,6 +140,7 @@ def make_plan(
     """
     sensing = choose_sensing(mission.sensing, vehicle.constants.sensing)
     vehicle = vehicle._replace(constants=vehicle.constants._replace(sensing=sensing))
+    mission = on_glide_path(mission, vehicle)
     timing = make_timing(mission, controller.rate)
     trim_tables = make_mission_trim_tables(mission, vehicle)
     reference, nominal = solve_reference(mission, vehicle, trim_tables, timing.tick, timing.ticks)

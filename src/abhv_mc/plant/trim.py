@@ -19,6 +19,7 @@ from abhv_mc.world.earth import Earth, gravity_ned, radii
 
 GRAVITY = 9.80665  # m/s2, of load factors
 _TOLERANCE = 1e-8  # of the weight, and of the weight times the chord
+_STEEPEST = -1.2  # rad, of a glide
 _STEP = 1e-13  # rad and equivalence ratio: the roots are found to it
 
 
@@ -51,17 +52,34 @@ class TrimPoint(NamedTuple):
     mach: float
     dynamic_pressure: float  # Pa
     fault: str  # why this is no trim; empty where it is
+    flight_path_angle: float = 0.0  # asked for, or that of the glide
 
 
 def trim(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float | None = None) -> TrimPoint:
     """Balance a flight point; mass (kg) is the vehicle's at the start by default.
 
+    A vehicle without an engine is balanced on its glide path, whatever flight path angle the point has. Where none
+    holds the speed, lift and moment are balanced at the point's own.
+
     The Earth's rotation counts as its record says, Coriolis acceleration included. The aerodynamics feel the pitch
     rate of the turn over the ground, not that of the local frame itself, which is worth 0.03 deg of elevator. A point
     without a balance within the vehicle's limits is returned with its ``fault`` and the controls nearest to one.
     """
+    mass = vehicle.constants.mass_start if mass is None else mass
+    if vehicle.constants.equivalence_ratio_max > 0.0:
+        return _balance(vehicle, earth, point, mass)[0]
+
+    def forward(angle: float) -> float:
+        return _balance(vehicle, earth, point._replace(flight_path_angle=angle), mass)[1]
+
+    angle = _root(forward, _STEEPEST, 0.0, 1e-9)
+    glide, left = _balance(vehicle, earth, point._replace(flight_path_angle=angle), mass)
+    return glide if abs(left) < _TOLERANCE else _balance(vehicle, earth, point, mass)[0]
+
+
+def _balance(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float) -> tuple[TrimPoint, float]:
+    """The trim at the point's own flight path angle, and what is left along the velocity, as a share of the weight."""
     constants = vehicle.constants
-    mass = constants.mass_start if mass is None else mass
     along, across = _specific_force(earth, point)
     sin_s, cos_s = math.sin(point.bank), math.cos(point.bank)
     pitch_rate = across * sin_s * sin_s / (cos_s * point.speed) + point.flight_path_rate * cos_s
@@ -93,12 +111,13 @@ def trim(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float | None 
     elevator = elevator_of(alpha)
     eta = eta_of(alpha, elevator)
     left = unbalance(alpha, elevator, eta)
-    names = ("equivalence ratio", "angle of attack", "elevator")
+    engine = constants.equivalence_ratio_max > 0.0
+    names = ("equivalence ratio" if engine else "flight path angle", "angle of attack", "elevator")
     lacking = [name for name, share in zip(names, left, strict=True) if abs(share) > _TOLERANCE]
     fault = f"no {' or '.join(lacking)} within the vehicle's limits balances it" if lacking else ""
 
     forces = _forces(vehicle, point, mass, pitch_rate, (alpha, elevator, eta))
-    return TrimPoint(
+    found = TrimPoint(
         alpha,
         elevator,
         eta,
@@ -111,10 +130,12 @@ def trim(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float | None 
         forces.mach,
         forces.dynamic_pressure,
         fault,
+        point.flight_path_angle,
     )
+    return found, left[0]
 
 
-def _root(function: Callable[[float], float], low: float, high: float) -> float:
+def _root(function: Callable[[float], float], low: float, high: float, step: float = _STEP) -> float:
     """A root between two ends; without a change of sign the end that comes nearer."""
     from scipy.optimize import brentq
 
@@ -125,7 +146,7 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
     def once(x: float) -> float:  # Brent asks for the ends again, which nested three deep is most of the work
         return known[x] if x in known else function(x)
 
-    return float(brentq(once, low, high, xtol=_STEP, rtol=1e-14))
+    return float(brentq(once, low, high, xtol=step, rtol=1e-14))
 
 
 def _specific_force(earth: Earth, point: FlightPoint) -> tuple[float, float]:

@@ -402,7 +402,7 @@ class VehicleDocument(StrictModel):
             self._check_unit(table, quantity)
         used = {table for table, _, _ in self.uses()}
         for table in self.tables:
-            if table not in used:
+            if table not in used and self.propulsion is not None:  # a glider's file may keep its engine's tables
                 raise Refusal(
                     f"the table '{table}', which nothing uses", "a use of it, or none of it", ("tables", table)
                 )

@@ -54,7 +54,8 @@ def solve_reference(
         profile.speed * profile.flight_path_angle_rate,
         profile.speed * profile.heading_rate,
     )
-    nominal = trim_along(vehicle, trim_tables, points, vehicle.constants.mass_start, tick)
+    held = None if vehicle.constants.equivalence_ratio_max > 0.0 else 0.0  # nothing holds a glider's speed
+    nominal = trim_along(vehicle, trim_tables, points, vehicle.constants.mass_start, tick, held)
     times = np.arange(ticks + 1) * tick
     settled = np.ones(ticks + 1)
     for step in step_times(mission):
@@ -105,6 +106,15 @@ def make_track(mission: Mission, earth: Earth, half_ticks: Profile, tick: float)
 def _simpson(rate: Floats, tick: float) -> Floats:
     """Integral at the ticks of a rate given at half ticks."""
     return np.concatenate([[0.0], np.cumsum(tick / 6.0 * (rate[:-2:2] + 4.0 * rate[1:-1:2] + rate[2::2]))])
+
+
+def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
+    """The mission, for a vehicle without an engine begun on its glide path unless it gives a flight path angle."""
+    if vehicle.constants.equivalence_ratio_max > 0.0 or mission.start.flight_path_angle:
+        return mission
+    angle = make_start_trim(mission, vehicle).flight_path_angle
+    start = mission.start.model_copy(update={"flight_path_angle": angle})
+    return mission.model_copy(update={"start": start})
 
 
 def make_start_trim(mission: Mission, vehicle: Vehicle) -> TrimPoint:

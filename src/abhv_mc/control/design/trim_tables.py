@@ -59,7 +59,7 @@ def make_trim_tables(
             vehicle.tables,
             "equivalence_ratio",
             constants.equivalence_ratio_min,
-            constants.equivalence_ratio_max,
+            constants.equivalence_ratio_max or LONGEST["equivalence_ratio"],  # a glider's tables have two equal ends
         ),
     )
     mach, alpha, eta = (x.ravel() for x in np.meshgrid(*(axis.grid for axis in axes), indexing="ij"))
