@@ -20,10 +20,9 @@ def test_a_glide_balances_weight_lift_and_drag():
     assert table["flight_path_angle_deg"].iloc[1] < straight["flight_path_angle_deg"]
 
 
-@pytest.mark.parametrize("law", ["cascade"])
-def test_an_own_law_flies_a_glider(law):
-    mission = {"base": "level", "duration": "20 s", "start.altitude": "32 km"}
-    flown = flying.fly(mission, GLIDER, law, every=100)
+def test_an_own_law_flies_a_glider():
+    mission = {"base": "level", "duration": "8 s", "start.altitude": "32 km"}  # then the air is denser
+    flown = flying.fly(mission, GLIDER, "cascade", every=100)
     assert flown.attrs["outcome"] == "ok"
     angle = flying.trim(GLIDER, "32 km")["flight_path_angle_deg"].iloc[0]
     assert flown["flight_path_angle_deg"].iloc[0] == pytest.approx(angle, abs=1e-3)
