@@ -1,5 +1,6 @@
 """``abhv-mc compare``: two campaigns on the same samples, flight by flight."""
 
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -7,6 +8,7 @@ import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import Json, parse_names
+from abhv_mc.cli.outputs import output_folder
 from abhv_mc.cli.printing import say, show
 
 
@@ -26,6 +28,10 @@ def command(
         list[str] | None,
         typer.Option(metavar="METRIC=5%", help="Exit 1 where B is not shown to be at most so much worse; repeatable."),
     ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", callback=output_folder, metavar="DIR", help="Write a page there."),
+    ] = None,
     json: Json = None,
 ) -> None:
     """Pair two campaigns flight by flight: differences with intervals, and failures of only one.
@@ -34,11 +40,22 @@ def command(
     non-inferiority at 5 %: B passes where on more than half of the flights it is shown to be at most so much worse, and
     where it is not shown to lose more flights.
     """
-    from abhv_mc.report.numbers.compare import compare_folders, parse_margins
+    from abhv_mc.report.numbers.compare import compare_results, parse_margins, read_compared
 
     named = parse_names(controllers) or ()
-    found = compare_folders(folder_a, folder_b, named, parse_margins(fail_if_worse or []))
+    margins = parse_margins(fail_if_worse or [])
+    a, b = read_compared(folder_a, folder_b)
+    found = compare_results(a, b, named, margins)
+    page = None
+    if out is not None:
+        from abhv_mc.report.pages.compare_page import write_compare_page
+
+        page = write_compare_page(a, b, found, out)
+    for results in (a, b):
+        results.refuse_changes()
     show(found, json, lambda: _print(found))
+    if page is not None:
+        say(f"report    {page}", file=sys.stderr if json == Path("-") else None)
     gates = [gate for pair in found["paired"] for gate in pair["not_worse"].values()]
     if not all(gate["shown"] for gate in gates):
         raise typer.Exit(ExitCode.FAILED)
@@ -46,6 +63,7 @@ def command(
 
 def _print(found: dict[str, Any]) -> None:
     from abhv_mc.cli.printing import new_table, print_table
+    from abhv_mc.report.numbers.compare import gate_words
     from abhv_mc.report.numbers.words import p_value, significant
 
     for pair in found["paired"]:
@@ -63,23 +81,13 @@ def _print(found: dict[str, Any]) -> None:
         print_table(table)
         _print_usage(pair["usage"], found["words"])
         for metric, gate in pair["not_worse"].items():
-            say(f"{found['words'][metric]['label']}: {_gate_words(gate)}")
+            say(f"{found['words'][metric]['label']}: {gate_words(gate, 'B')}")
         listed = [*found["requirements"], "reached the end of the mission"]
         for words_, failed in zip(listed, [*pair["requirements"], pair["ended_early"]], strict=True):
             say(
                 f"{words_}: only A failed {failed['only_a']}, only B {failed['only_b']}, both {failed['both']} "
                 f"(McNemar p {p_value(failed['p_value'])}){_listed(failed)}"
             )
-
-
-def _gate_words(gate: dict[str, Any]) -> str:
-    """What the test of non-inferiority says."""
-    from abhv_mc.report.numbers.words import percent
-
-    verdict = "shown" if gate["shown"] else "NOT shown"
-    words = f"B is {verdict} to be at most {100.0 * gate['margin']:g} % worse: it is on {gate['within']} of "
-    words += f"{gate['pairs']} flights, with 95 % confidence on at least {percent(gate['within_low'], 2)} of all"
-    return f"{words}; B loses more flights" if gate["loses_more"] else words
 
 
 def _with_bounds(interval: dict[str, Any]) -> str:

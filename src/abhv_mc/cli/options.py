@@ -79,6 +79,10 @@ Workers = Annotated[
 ]
 Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Fly on this Dask cluster.")]
 Fresh = Annotated[bool, typer.Option("--fresh", help="Delete what the folder holds of a campaign first.")]
+Baseline = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Campaign flown before on the same samples; the report says what changed."),
+]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Make no report.")]
 TrustCode = Annotated[
     bool, typer.Option("--trust-code", help="Run Python code of a campaign's folder that you have not flown.")

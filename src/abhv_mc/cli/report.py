@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from abhv_mc.cli.options import Baseline
 from abhv_mc.cli.outputs import output_folder
 from abhv_mc.cli.printing import say
 
@@ -23,6 +24,7 @@ def command(
             show_default="DIR; reports/NAME for an address",
         ),
     ] = None,
+    baseline: Baseline = None,
 ) -> None:
     """Make the page, the figures and report.json from a campaign's Parquet alone."""
     import shutil
@@ -34,7 +36,7 @@ def command(
     from abhv_mc.report.pages.build import build_report
 
     with fetched(folder) as source:
-        page = build_report(source, format)
+        page = build_report(source, format, baseline)
         if out is None and local_path(folder) is None:
             out = output_folder(Path("reports") / read_manifest(CampaignFolder(source).manifest)["name"])
         if out is not None:

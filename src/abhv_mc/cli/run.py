@@ -10,6 +10,7 @@ import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import (
+    Baseline,
     CampaignFile,
     Controllers,
     Fresh,
@@ -62,6 +63,7 @@ def command(
         Path | None, typer.Option(metavar="DIR", help="Fly the plans of this campaign's folder.", show_default="new")
     ] = None,
     no_report: NoReport = False,
+    baseline: Baseline = None,
     fresh: Fresh = False,
     json: Json = None,
     junit: Junit = None,
@@ -91,6 +93,13 @@ def command(
 
     names = parse_names(controllers)
     part = _parse_shard(shard) if shard else None
+    if baseline is not None:
+        from abhv_mc.campaign.file.check import read_campaign
+        from abhv_mc.report.numbers.compare import check_baseline
+
+        if no_report or part is not None:
+            raise Refusal("--baseline without a report", "--baseline, or --no-report or --shard")
+        check_baseline(read_campaign(campaign, runs, seed, names), baseline)
     engine = None
     if device is Device.GPU:
         from abhv_mc.execution.gpu import make_gpu_engine
@@ -103,14 +112,19 @@ def command(
             request = Request(
                 campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code, check_workers
             )
-            finish(run_campaign(request, engine), no_report or part is not None, json, out, junit)
+            finish(run_campaign(request, engine), no_report or part is not None, json, out, junit, baseline)
     except UnusableError as error:
         say(error, file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE) from None
 
 
 def finish(
-    result: "RunResult", no_report: bool, json: Path | None = None, place: Path | None = None, junit: Path | None = None
+    result: "RunResult",
+    no_report: bool,
+    json: Path | None = None,
+    place: Path | None = None,
+    junit: Path | None = None,
+    baseline: Path | None = None,
 ) -> None:
     """Say what came of it, make the report, and end with the exit code that it deserves.
 
@@ -134,8 +148,9 @@ def finish(
     if not no_report and any(set(ended) - {"failed_to_run"} for ended in outcomes):
         from abhv_mc.report.pages.build import build_report, is_up_to_date
 
-        made = is_up_to_date(result.folder)
-        say(f"report    {named}/{'report.html, up to date' if made else build_report(result.folder).name}", file=told)
+        made = is_up_to_date(result.folder, baseline=baseline)
+        page = "report.html, up to date" if made else build_report(result.folder, baseline=baseline).name
+        say(f"report    {named}/{page}", file=told)
     if lost := sum(ended.get("failed_to_run", 0) for ended in outcomes):
         count = "1 flight" if lost == 1 else f"{lost} flights"
         say(f"{count} could not be computed: the same command tries again", file=sys.stderr)

@@ -7,35 +7,52 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
+from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.report.numbers.failures import requirement_words
 from abhv_mc.report.numbers.flights import ControllerFlights, common_rows, distances
-from abhv_mc.report.numbers.paired import pair_numbers
+from abhv_mc.report.numbers.paired import compare_any_failures, pair_numbers
 from abhv_mc.report.numbers.plain import plain
 from abhv_mc.report.numbers.results import Results, read_results
+from abhv_mc.report.numbers.words import percent
 from abhv_mc.statistics.paired import not_worse
 
 
-def require_same_samples(a: Results, b: Results) -> None:
-    """Raises InputError that names the first parameter and flight where the samples of two campaigns differ."""
-    path = CampaignFolder(b.folder).samples
-    wanted = f"the samples of {a.folder}"
-    for name in a.samples:
-        if name not in b.samples:
+def require_same_samples(mine: Mapping[str, Floats], theirs: Mapping[str, Floats], folder: Path, path: Path) -> None:
+    """Raises InputError about `path` that names the first parameter and flight where samples differ from `folder`'s.
+
+    Samples are parameter -> [flight]; where one has more flights, those that both have are looked at.
+    """
+    wanted = f"the samples of {folder}"
+    for name in mine:
+        if name not in theirs:
             raise InputError(path, None, None, f"no column '{name}'", wanted)
-    for name in b.samples:
-        if name not in a.samples:
+    for name in theirs:
+        if name not in mine:
             raise InputError(path, None, None, f"a column '{name}'", f"{wanted}, which have none")
-    for name, mine in a.samples.items():
-        theirs = b.samples[name]
-        both = min(mine.size, theirs.size)
-        differ = np.flatnonzero(mine[:both] != theirs[:both])
+    for name, values in mine.items():
+        others = theirs[name]
+        both = min(values.size, others.size)
+        differ = np.flatnonzero(values[:both] != others[:both])
         if differ.size:
             k = int(differ[0])
-            found = f"{name} = {float(theirs[k])!r} in flight {k}"
-            raise InputError(path, None, None, found, f"{float(mine[k])!r} as in {a.folder}")
+            found = f"{name} = {float(others[k])!r} in flight {k}"
+            raise InputError(path, None, None, found, f"{float(values[k])!r} as in {folder}")
+
+
+def check_baseline(campaign: CheckedCampaign, baseline: Path) -> None:
+    """Raise InputError, before anything flies, where a campaign's flights will not pair with those of a folder."""
+    held = read_results(baseline)
+    source = campaign.make_samples()
+    drawn = source.draw(0, campaign.runs)
+    columns = {name: drawn[:, i] for i, name in enumerate(source.names)}
+    require_same_samples(held.samples, columns, baseline, campaign.document.path)
+    if not set(campaign.model.controllers) & set(held.flights):
+        wanted = f"one of {', '.join(held.controllers)}, as in {baseline}"
+        raise campaign.document.error(("controllers",), "no controller of the baseline", wanted)
 
 
 def parse_margins(texts: Sequence[str]) -> dict[str, float]:
@@ -55,51 +72,79 @@ def parse_margins(texts: Sequence[str]) -> dict[str, float]:
     return margins
 
 
+def read_compared(folder_a: Path, folder_b: Path) -> tuple[Results, Results]:
+    """Two campaigns that flew the same samples. Raises InputError where these differ."""
+    a, b = read_results(folder_a), read_results(folder_b)
+    require_same_samples(a.samples, b.samples, folder_a, CampaignFolder(folder_b).samples)
+    return a, b
+
+
 def compare_folders(
     folder_a: Path, folder_b: Path, controllers: Sequence[str] = (), margins: Mapping[str, float] | None = None
 ) -> dict[str, Any]:
-    """Compare each controller that both campaigns flew: `a` is the first folder's.
+    """:func:`compare_results` of two folders. Raises InputError, also where the samples differ."""
+    a, b = read_compared(folder_a, folder_b)
+    found = compare_results(a, b, controllers, margins)
+    for results in (a, b):
+        results.refuse_changes()
+    return found
 
-    `controllers` names two to compare across, the first folder's and the second's. Where the numbers of flights
+
+def compare_results(
+    a: Results, b: Results, controllers: Sequence[str] = (), margins: Mapping[str, float] | None = None
+) -> dict[str, Any]:
+    """Compare each controller that both campaigns flew, on the same samples; requirements and metrics are those of `a`.
+
+    `controllers` names two to compare across, the first campaign's and the second's. Where the numbers of flights
     differ, those that both flew are compared. `margins` are shares by which `b` may be worse in metrics.
-    Raises InputError where the samples differ or nothing is in common.
+    Raises InputError where nothing is in common.
     """
-    a, b = read_results(folder_a), read_results(folder_b)
-    require_same_samples(a, b)
     metrics = [name for name in a.metrics if name in b.metrics]
     compared = [name for name in a.compared if name in metrics]
     records = a.campaign.metrics
     for metric in margins or {}:
         if metric not in metrics:
             raise InputError("--fail-if-worse", None, None, f"unknown metric '{metric}'", one_of(metrics, metric))
-    requirements = [item for item in a.campaign.requirements if item.metric in metrics]
+    requirements = tuple(item for item in a.campaign.requirements if item.metric in metrics)
+    independent = a.campaign.independent
     pairs = []
     for one, other in _pairs(a, b, controllers):
-        names = (f"{folder_a}: {one}", f"{folder_b}: {other}")
-        found = pair_numbers(
-            a.flights[one],
-            replace(b.flights[other], records=records),
-            names,
-            metrics,
-            compared,
-            requirements,
-            independent=a.campaign.independent,
-        )
+        flights = sides(a, b, one, other)
+        names = (f"{a.folder}: {one}", f"{b.folder}: {other}")
+        found = pair_numbers(*flights, names, metrics, compared, requirements, independent=independent)
         if found is not None:
-            gates = {
-                metric: _gate(a.flights[one], replace(b.flights[other], records=records), metric, m)
-                for metric, m in (margins or {}).items()
-            }
-            pairs.append(found | {"not_worse": gates})
+            gates = {metric: _gate(*flights, metric, margin) for metric, margin in (margins or {}).items()}
+            failed = compare_any_failures(*flights, requirements)
+            pairs.append({**found, "controllers": [one, other], "any_failure": failed, "not_worse": gates})
     if not pairs:
-        raise InputError(folder_b, None, None, "no flight that both campaigns flew", f"flights of {folder_a}")
-    for results in (a, b):
-        results.refuse_changes()
+        raise InputError(b.folder, None, None, "no flight that both campaigns flew", f"flights of {a.folder}")
     return {
         "requirements": [requirement_words(item, records) for item in requirements],
         "words": {name: records[name].as_words() for name in metrics},
         "paired": pairs,
     }
+
+
+def sides(a: Results, b: Results, one: str, other: str) -> tuple[ControllerFlights, ControllerFlights]:
+    """The flights of a controller of each campaign; what is bad in a metric is what `a` says."""
+    return a.flights[one], replace(b.flights[other], records=a.campaign.metrics)
+
+
+def baseline_numbers(results: Results, baseline: Path) -> dict[str, Any]:
+    """A campaign against an earlier one on the same samples, as its report holds it. Raises InputError."""
+    held = read_results(baseline)
+    require_same_samples(held.samples, results.samples, baseline, CampaignFolder(results.folder).samples)
+    found = compare_results(results, held)
+    held.refuse_changes()
+    return {"folder": baseline.as_posix(), "digest": held.manifest.get("digest"), **found}
+
+
+def gate_words(gate: Mapping[str, Any], b: str) -> str:
+    """What the test of non-inferiority says of the second one, called ``b``."""
+    verdict = "shown" if gate["shown"] else "NOT shown"
+    words = f"{b} is {verdict} to be at most {100.0 * gate['margin']:g} % worse: it is on {gate['within']} of "
+    words += f"{gate['pairs']} flights, with 95 % confidence on at least {percent(gate['within_low'], 2)} of all"
+    return f"{words}; {b} loses more flights" if gate["loses_more"] else words
 
 
 def _gate(a: ControllerFlights, b: ControllerFlights, metric: str, margin: float) -> dict[str, Any]:

@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import SURFACE_USAGE, Metric
-from abhv_mc.report.numbers.failures import requirement_failures
+from abhv_mc.report.numbers.failures import failed_anyhow, requirement_failures
 from abhv_mc.report.numbers.flights import ControllerFlights, common_rows, distances
 from abhv_mc.report.numbers.plain import interval_in_sense, level_name, plain
 from abhv_mc.report.numbers.results import Requirement, Results
+from abhv_mc.statistics.estimates import pair_differences
 from abhv_mc.statistics.paired import compare_failures, compare_metric, compare_usage, median_ratio
 from abhv_mc.statistics.winner import Decision, decide
 
@@ -126,6 +127,22 @@ def _failures(a: NDArray[np.bool_], b: NDArray[np.bool_], flight: NDArray[np.int
     found["flights_only_a"] = flight[a & ~b][:_LISTED].tolist()
     found["flights_only_b"] = flight[b & ~a][:_LISTED].tolist()
     return dict(found)
+
+
+def compare_any_failures(
+    a: ControllerFlights, b: ControllerFlights, requirements: tuple[Requirement, ...]
+) -> dict[str, Any]:
+    """Flights that ended early or miss any requirement, under one alone and under both."""
+    rows_a, rows_b = common_rows(a, b)
+    failed = failed_anyhow(a, requirements)[rows_a], failed_anyhow(b, requirements)[rows_b]
+    return _failures(*failed, a.flight[rows_a])
+
+
+def metric_differences(a: ControllerFlights, b: ControllerFlights, metric: str) -> Floats:
+    """`a` minus `b` in a metric [pair], in its unit; infinite where only one was lost, 0 where both were."""
+    found = pair_differences(*(distances(f, metric, rows) for f, rows in zip((a, b), common_rows(a, b), strict=True)))
+    record = a.records[metric]
+    return -found if record.bad == "low" and not record.band else found
 
 
 def total_usage(metrics: Mapping[str, Floats]) -> Floats:

@@ -5,11 +5,13 @@ Infinite and missing values are None.
 """
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from abhv_mc.flight.metrics import Metric
+from abhv_mc.report.numbers.compare import baseline_numbers
 from abhv_mc.report.numbers.convergence import convergence_numbers
 from abhv_mc.report.numbers.drivers import driver_numbers
 from abhv_mc.report.numbers.failure_cases import failure_case_numbers
@@ -148,8 +150,11 @@ def _ranges(results: Results) -> dict[str, Any]:
     return ranges
 
 
-def make_numbers(results: Results) -> dict[str, Any]:
-    """All numbers of the report of a campaign, as JSON holds them."""
+def make_numbers(results: Results, baseline: Path | None = None) -> dict[str, Any]:
+    """All numbers of the report of a campaign, as JSON holds them; those of a ``baseline`` folder beside where given.
+
+    Raises InputError for a baseline whose flights do not pair with the campaign's.
+    """
     campaign, manifest = results.campaign, results.manifest
     verdicts = judge_all(results)
     requirements = _requirements(results, verdicts)
@@ -187,4 +192,5 @@ def make_numbers(results: Results) -> dict[str, Any]:
         "drivers": driver_numbers(results),
         "sobol": sobol_numbers(results),
         "convergence": convergence_numbers(results),
+        **({"baseline": baseline_numbers(results, baseline)} if baseline else {}),
     }

@@ -47,24 +47,27 @@ def _read_pages(path: Path, numbers: dict[str, Any]) -> dict[str, Any]:
     return pages if isinstance(pages, dict) and held == json.loads(json.dumps(numbers)) else {}
 
 
-def make_key(folder: Path) -> str:
-    """What a report follows from: the folder's data and manifest, and the program that makes it."""
+def make_key(folder: Path, baseline: Path | None = None) -> str:
+    """What a report follows from: the data and manifests of the folder and its baseline, and the program."""
     import abhv_mc
 
     source = Path(abhv_mc.__file__).parent
     parts = sorted(path for name in ("report", "statistics") for path in (source / name).rglob("*") if path.is_file())
     code = {path.relative_to(source).as_posix(): hash_file(path) for path in parts if path.suffix != ".pyc"}
-    text = json.dumps([abhv_mc.__version__, code, hash_file(folder / "manifest.json")], sort_keys=True)
+    data: list[Any] = [abhv_mc.__version__, code, hash_file(folder / "manifest.json")]
+    if baseline is not None:
+        data += [baseline.as_posix(), hash_file(baseline / "manifest.json")]
+    text = json.dumps(data, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def is_up_to_date(folder: Path, page: str = "report.html") -> bool:
+def is_up_to_date(folder: Path, page: str = "report.html", baseline: Path | None = None) -> bool:
     """Whether the page and its figures are there as this program would make them again from the same data."""
     try:
         written = json.loads((folder / "report.json").read_text(encoding="utf-8"))
         pages, pictures = written["pages"], written["pictures"]
         return bool(
-            written["key"] == make_key(folder)
+            written["key"] == make_key(folder, baseline)
             and page in pages
             and hash_pages(folder, pages) == pages
             and hash_pages(folder, pictures) == pictures
@@ -85,10 +88,11 @@ def _seldom_collecting() -> Iterator[None]:
 
 
 @_seldom_collecting()
-def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
+def build_report(folder: Path, format: Format = "html", baseline: Path | None = None) -> Path:  # noqa: A002
     """Write `report.json`, `figures/*.png` and `report.html` (or `report.md`) into a campaign's folder.
 
-    Needs nothing but what the campaign wrote there. Returns the path of the page.
+    Needs nothing but what the campaign wrote there, and the folder of a ``baseline`` to compare it with. Returns the
+    path of the page.
     Raises InputError where a file is missing or unreadable, and for another format.
     """
     if format not in get_args(Format):
@@ -102,9 +106,9 @@ def build_report(folder: Path, format: Format = "html") -> Path:  # noqa: A002
     from abhv_mc.report.pages.searched import refuse_search
 
     refuse_search(folder, read_manifest(CampaignFolder(folder).manifest))
-    key = make_key(folder)  # as it is now: a run may go on meanwhile
+    key = make_key(folder, baseline)  # as it is now: a run may go on meanwhile
     results = read_results(folder)
-    numbers = {**make_numbers(results), "files": hash_files(folder)}
+    numbers = {**make_numbers(results, baseline), "files": hash_files(folder)}
     figures_folder = folder / "figures"
     figures_folder.mkdir(exist_ok=True)
     figures = []

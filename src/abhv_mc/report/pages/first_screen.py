@@ -223,3 +223,28 @@ def confidence_line(numbers: Mapping[str, Any]) -> str:
 def more_words(entries: Sequence[Any]) -> str:
     """'and 4 more below'; '' where the chart has all."""
     return f"and {len(entries) - _ROWS} more below" if len(entries) > _ROWS else ""
+
+
+def baseline_line(numbers: Mapping[str, Any]) -> str:
+    """What changed against the baseline, of the first two controllers; '' without one."""
+    held = numbers.get("baseline")
+    if held is None:
+        return ""
+    parts = []
+    for pair in held["paired"][:_SENTENCES]:
+        entries = [pair["metrics"][metric] for metric in numbers["asked"] if metric in pair["metrics"]]
+        counts = [
+            (sum(entry["winner"] == pair["a"] for entry in entries), "better"),
+            (sum(entry["winner"] == pair["b"] for entry in entries), "worse"),
+            (sum(entry["mixed"] for entry in entries), "mixed"),
+        ]
+        words = joined([f"{word} in {count}" for count, word in counts if count]) or "shown to differ in none"
+        failed = pair["any_failure"]
+        text = f"{numbers['campaign']['labels'][pair['controllers'][0]]} {words} of {len(entries)} metrics"
+        if failed["only_a"] or failed["only_b"]:
+            text += f", {fixed(failed['only_a'], 0)} flights fail anew, {fixed(failed['only_b'], 0)} no longer"
+        parts.append(text)
+    more = len(held["paired"]) - len(parts)
+    place = held["folder"].rstrip("/").rpartition("/")[2]
+    tail = f"; and {more} more" if more > 0 else ""
+    return f"Against {place}, {fixed(held['paired'][0]['pairs'], 0)} flights paired: {'; '.join(parts)}{tail}."

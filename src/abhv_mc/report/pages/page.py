@@ -29,6 +29,7 @@ from abhv_mc.report.numbers.words import fixed, joined, percent, significant
 from abhv_mc.report.pages.first_screen import (
     LIMIT_PLACE,
     SHAPES,
+    baseline_line,
     cards,
     chart_rows,
     confidence_line,
@@ -242,6 +243,7 @@ def make_page(results: Results, numbers: Mapping[str, Any], figures: Sequence[Pa
         cards=cards(numbers, colors),
         sentences=sentences(numbers),
         confidence_line=confidence_line(numbers),
+        baseline_line=baseline_line(numbers),
         limit_place=LIMIT_PLACE,
         shapes=SHAPES,
         more_rows=more_words(numbers["glance"]),

@@ -1,0 +1,189 @@
+"""The page of a paired comparison: gates, who is better in what and by how much, the flights that only one loses."""
+
+import shlex
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from abhv_mc.flight.metrics import SURFACE_USAGE
+from abhv_mc.report.figures.paired import DifferencePanel, plot_differences
+from abhv_mc.report.figures.style import CYCLE
+from abhv_mc.report.numbers.compare import gate_words, sides
+from abhv_mc.report.numbers.labels import controller_label
+from abhv_mc.report.numbers.paired import metric_differences
+from abhv_mc.report.numbers.results import Results
+from abhv_mc.report.numbers.words import bounds, count_of, estimate, fixed, joined, p_value
+from abhv_mc.report.pages.summary_page import CODE, LONG, SHORT, Shown, Table, write_answer_page
+
+_EARLY = "reached the end of the mission"
+_NAMED = 3  # metrics without a difference, told by name
+Labels = tuple[str, str, str]  # how the pair, its first and its second one are called
+
+
+def write_compare_page(a: Results, b: Results, found: Mapping[str, Any], folder: Path) -> Path:
+    """Write `report.html` and `figures/differences.png` of what :func:`compare_results` found into ``folder``."""
+    named = [_labels(a, b, pair) for pair in found["paired"]]
+    one, other = ("", "") if a.folder == b.folder else _folder_names(a, b)
+    title = f"{one} against {other}" if one else joined([labels[0] for labels in named])
+    answers: list[str] = []
+    tables: list[Table] = []
+    for pair, labels in zip(found["paired"], named, strict=True):
+        answers += _sentences(pair, found["words"], labels, a.campaign.independent)
+        tables += _tables(pair, found, labels, (a.folder, b.folder))
+    answers.append(
+        "Differences are of the same flights, the first minus the second, with 95 % intervals; a flight that ended "
+        "early counts as worse than any that did not."
+    )
+    question = a.campaign.question or a.campaign.name.replace("_", " ")
+    shown = _figures(a, b, found, named)
+    return write_answer_page(folder / "report.html", title, f"Paired comparison · {question}", answers, shown, tables)
+
+
+def _folder_names(a: Results, b: Results) -> tuple[str, str]:
+    """Names of two folders that tell them apart."""
+    one, other = a.folder.resolve(), b.folder.resolve()
+    return (str(one), str(other)) if one.name == other.name else (one.name, other.name)
+
+
+def _labels(a: Results, b: Results, pair: Mapping[str, Any]) -> Labels:
+    one, other = map(controller_label, pair["controllers"])
+    if a.folder.resolve() == b.folder.resolve():
+        return f"{one} against {other}", one, other
+    first, second = _folder_names(a, b)
+    if one == other:
+        return one, first, second
+    return f"{first} ({one}) against {second} ({other})", f"{first} ({one})", f"{second} ({other})"
+
+
+def _sentences(pair: Mapping[str, Any], words: Mapping[str, Any], labels: Labels, independent: bool) -> list[str]:
+    title, a, b = labels
+    found = [
+        f"{title}, {words[metric]['phrase']}: {gate_words(gate, b)}." for metric, gate in pair["not_worse"].items()
+    ]
+    parts = standing_words(pair, words, a, b) if independent else "no winner is named: the flights are not independent"
+    found.append(f"{title}, on the same {fixed(pair['pairs'], 0)} flights: {parts}.")
+    failed = pair["any_failure"]
+    if failed["only_a"] or failed["only_b"]:
+        found.append(
+            f"{title}: {fixed(failed['only_a'], 0)} flights fail under {a} alone, {fixed(failed['only_b'], 0)} under "
+            f"{b} alone, {fixed(failed['both'], 0)} under both (McNemar p {p_value(failed['p_value'])})."
+        )
+    else:
+        found.append(f"{title}: no flight fails under one alone, {fixed(failed['both'], 0)} under both.")
+    return found
+
+
+def standing_words(pair: Mapping[str, Any], words: Mapping[str, Any], a: str, b: str) -> str:
+    """'A is better in ..., B in ...; undecided in ...; no difference is shown in ...', of the compared metrics."""
+    found: dict[str, list[str]] = {pair["a"]: [], pair["b"]: [], "mixed": [], "": []}
+    for metric, entry in pair["metrics"].items():
+        if entry["compared"]:
+            found["mixed" if entry["mixed"] else entry["winner"] or ""].append(words[metric]["phrase"])
+    if len(found[""]) > _NAMED:
+        told = any(found[side] for side in found if side)
+        found[""] = [f"{'the other' if told else 'any of the'} {len(found[''])} metrics compared"]
+    undecided = "undecided (the tails or lost flights contradict) in"
+    heads = {pair["a"]: f"{a} is better in", pair["b"]: f"{b} is better in", "mixed": undecided}
+    heads[""] = "no difference is shown in"
+    return "; ".join(f"{heads[side]} {joined(named)}" for side, named in found.items() if named)
+
+
+def _with_bounds(interval: Mapping[str, Any]) -> str:
+    ends = bounds(interval)
+    return f"{estimate(interval)} ({ends})" if ends else estimate(interval)
+
+
+def _tables(
+    pair: Mapping[str, Any], found: Mapping[str, Any], labels: Labels, folders: tuple[Path, Path]
+) -> Iterator[Table]:
+    title, a, b = labels
+    words = found["words"]
+    rows = []
+    for metric, entry in sorted(pair["metrics"].items(), key=lambda item: not item[1]["compared"]):
+        won = "mixed" if entry["mixed"] else {pair["a"]: a, pair["b"]: b}.get(entry["winner"], "neither")
+        levels = [_with_bounds(entry[key]) for key in ("median_difference", "q95")]
+        counts = [count_of(entry[key], pair["pairs"]) for key in ("a_better", "b_better")]
+        rows.append([words[metric]["label_with_unit"], *levels, *counts, won if entry["compared"] else ""])
+    apart = "median difference (95 %)", "of 95 % quantiles (95 %)"
+    heads = ("metric", *apart, f"{a} better", f"{b} better", "better in sum")
+    caption = f"{a} minus {b}. A winner is named in what is asked and in control usage, allowing for all of these."
+    yield Table(f"{title}: differences", caption, heads, rows, (SHORT,) * len(heads))
+    yield _failure_table(pair, found["requirements"], labels)
+    if lost := _lost_rows(pair, found["requirements"], labels, folders):
+        caption = "Of each requirement and side the first ten; each is flown again, bit for bit, by the command."
+        columns = ("flight", "fails under", "and not under", "what", "flown again by")
+        yield Table(f"{title}: flights that only one fails", caption, columns, lost, (SHORT, SHORT, SHORT, LONG, CODE))
+    usage = [
+        [
+            words[metric]["label"],
+            *(_with_bounds(entry[key]) for key in ("error_ratio", "usage_ratio")),
+            *(count_of(entry[f"less_error_{use}_usage"], entry["pairs"]) for use in ("less", "more")),
+        ]
+        for metric, entry in pair["usage"].items()
+        if entry
+    ]
+    if usage:
+        caption = (
+            f"Median ratios {a} to {b} with 95 % intervals, and in how many flights less error came with more use."
+        )
+        columns = ("metric", "error ratio", "usage ratio", "less error, no more use", "less error, more use")
+        yield Table(f"{title}: error against surface usage", caption, columns, usage, (SHORT,) * len(columns))
+
+
+def _failure_table(pair: Mapping[str, Any], requirements: list[str], labels: Labels) -> Table:
+    title, a, b = labels
+    rows = [
+        [words, *(fixed(entry[key], 0) for key in ("only_a", "only_b", "both", "neither")), p_value(entry["p_value"])]
+        for words, entry in zip([*requirements, _EARLY], [*pair["requirements"], pair["ended_early"]], strict=True)
+    ]
+    heads = ("requirement", f"only {a} fails", f"only {b} fails", "both", "neither", "p (McNemar)")
+    caption = "Failures of the same flights, with McNemar's exact test."
+    return Table(f"{title}: failures", caption, heads, rows, (SHORT,) * len(heads))
+
+
+def _lost_rows(
+    pair: Mapping[str, Any], requirements: list[str], labels: Labels, folders: tuple[Path, Path]
+) -> list[list[str]]:
+    """A row for each listed flight that only one fails."""
+    missed: dict[tuple[int, int], list[str]] = {}  # side and flight: what it fails there and not on the other side
+    for words, entry in zip([_EARLY, *requirements], [pair["ended_early"], *pair["requirements"]], strict=True):
+        for side, key in enumerate(("flights_only_a", "flights_only_b")):
+            for flight in entry[key]:
+                missed.setdefault((side, flight), []).append(words)
+    return [
+        [
+            str(flight), labels[1 + side], labels[2 - side], "; ".join(words),
+            shlex.join(["abhv-mc", "replay", str(folders[side]), "--flight", str(flight), "--controller",
+                        pair["controllers"][side]]),
+        ]
+        for (side, flight), words in sorted(missed.items())
+    ]  # fmt: skip
+
+
+def _figures(a: Results, b: Results, found: Mapping[str, Any], named: list[Labels]) -> list[Shown]:
+    """What is asked and how much each surface was used; metrics in which no flight differs are left out."""
+    pairs = {labels[0]: pair for labels, pair in zip(named, found["paired"], strict=True)}
+    flights = {name: sides(a, b, *pair["controllers"]) for name, pair in pairs.items()}
+    panels, equal = [], []
+    for metric in dict.fromkeys((*a.asked, *SURFACE_USAGE)):
+        if metric not in found["words"]:
+            continue
+        differences = {name: metric_differences(*each, metric) for name, each in flights.items()}
+        label = found["words"][metric]["label_with_unit"]
+        if not any(values.any() for values in differences.values()):
+            equal.append(found["words"][metric]["phrase"])
+            continue
+        medians = {name: pair["metrics"][metric]["median_difference"] for name, pair in pairs.items()}
+        ends = {name: (entry["value"], entry["low"], entry["high"]) for name, entry in medians.items()}
+        panels.append(DifferencePanel(label, differences, ends))
+    if not panels:
+        return []
+    caption = (
+        "Share of flights at or below each difference; the mark is the median with its 95 % interval. Left of the line "
+        "the first has the smaller value. A curve that begins above 0 % or ends below 100 % had flights that only one "
+        "of the two lost; axes leave out the outermost 1 % of the flights."
+    )
+    caption += f" The same in every flight: {joined(equal)}." if equal else ""
+    colors = {name: CYCLE[i % len(CYCLE)] for i, name in enumerate(pairs)}
+    figure = plot_differences(panels, {name: name for name in pairs}, colors, "no difference")
+    return [Shown("differences", "Paired differences", caption, figure)]

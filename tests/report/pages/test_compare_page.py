@@ -1,0 +1,130 @@
+"""The page of a paired comparison, and the line of a baseline on a report's first screen."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from report.synthetic import write_campaign
+from typer.testing import CliRunner
+
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.cli.app import app
+from abhv_mc.io.documents import InputError
+from abhv_mc.report.figures.paired import DifferencePanel, plot_differences
+from abhv_mc.report.numbers.compare import check_baseline
+from abhv_mc.report.numbers.paired import metric_differences
+from abhv_mc.report.numbers.results import read_results
+from abhv_mc.report.pages.build import build_report, is_up_to_date
+from abhv_mc.report.pages.verify import verify_campaign
+from abhv_mc.shipped import find_input
+
+
+def run(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def before(tmp_path_factory):
+    return write_campaign(tmp_path_factory.mktemp("pair") / "before", runs=40, failing=2)
+
+
+@pytest.fixture(scope="module")
+def after(before):
+    """The same flights; three more of each controller but the first are lost."""
+    return write_campaign(before.parent / "after", runs=40, failing=5)
+
+
+def newly_failed(before, after):
+    """Flights of LQR that end early or miss a requirement in the second folder alone, from the metrics."""
+    failed = []
+    for folder in (before, after):
+        lqr = read_results(folder).flights["lqr"]
+        limits = {"altitude_error_max_m": 50.0, "speed_error_max_mps": 5.0, "sideslip_max_deg": 0.7}
+        missed = np.any([~(lqr.metrics[name] < limit) for name, limit in limits.items()], axis=0)
+        failed.append(set(np.flatnonzero(missed | lqr.failed).tolist()))
+    assert failed[0] < failed[1]
+    return failed[1] - failed[0]
+
+
+def test_two_campaigns_make_a_page_with_every_flight_that_only_one_loses(before, after, tmp_path):
+    gate = ["--fail-if-worse", "altitude_error_max_m=5%"]
+    told = run("compare", before, after, "-o", tmp_path / "page", "--controllers", "lqr,lqr", *gate)
+    assert told.exit_code == 0 and f"report    {tmp_path / 'page' / 'report.html'}" in told.stdout
+    page = (tmp_path / "page/report.html").read_text("utf-8")
+    lost = newly_failed(before, after)
+    named = re.findall(r"abhv-mc replay (\S+) --flight (\d+) --controller lqr", page)
+    ended = np.argsort(read_results(after).samples["atmosphere.density"])[-5:-2].tolist()
+    assert {(folder, int(flight)) for folder, flight in named} == {(str(after), flight) for flight in ended}
+    assert lost <= set(ended)
+    assert "after is shown to be at most 5 % worse" in page
+    assert f"0 flights fail under before alone, {len(lost)} under after alone" in page
+    assert "<script" not in page and "http" not in page.replace("http-equiv", "").lower()
+
+
+def test_a_comparison_within_the_folder_of_a_campaign_is_refused(before, after):
+    assert isinstance(run("compare", before, after, "-o", after).exception, InputError)
+
+
+def test_differences_are_those_of_the_same_flight(before):
+    results = read_results(before)
+    tlc, lqr = (results.flights[name] for name in ("tlc", "lqr"))
+    found = metric_differences(tlc, lqr, "speed_error_max_mps")
+    whole = ~lqr.failed
+    expected = tlc.metrics["speed_error_max_mps"] - lqr.metrics["speed_error_max_mps"]
+    assert np.array_equal(found[whole], expected[whole])
+    assert np.isneginf(found[~whole]).all() and (~whole).sum() == 2
+
+
+def test_the_figure_spans_the_flights_and_the_line_of_no_difference():
+    values = np.concatenate([np.linspace(2.0, 3.0, 200), [np.inf, 1e6]])
+    panel = DifferencePanel("error (m)", {"one": values}, {"one": (2.5, 2.4, None)})
+    axes = plot_differences([panel], {"one": "One"}, {"one": "#0072B2"}, "no difference").axes[0]
+    low, high = axes.get_xlim()
+    assert low < 0.0 and 3.0 < high < 4.0  # the flight far out does not flatten the others
+
+
+@pytest.fixture(scope="module")
+def with_baseline(before, after):
+    build_report(after, baseline=before)
+    return after
+
+
+def test_the_first_screen_says_what_changed_against_the_baseline(with_baseline, before):
+    lost = len(newly_failed(before, with_baseline))
+    page = (with_baseline / "report.html").read_text("utf-8")
+    (line,) = re.findall(r'<p class="sure">(Against .*?)</p>', page)
+    assert line.startswith("Against before, 40 flights paired: TLC shown to differ in none of 3 metrics; LQR")
+    assert f"{lost} flights fail anew, 0 no longer" in line
+    numbers = json.loads((with_baseline / "report.json").read_text("utf-8"))["baseline"]
+    assert numbers["folder"] == before.as_posix()
+    assert [pair["any_failure"]["only_a"] for pair in numbers["paired"][:2]] == [0, lost]
+
+
+def test_a_report_with_a_baseline_is_verified_with_it(with_baseline, before):
+    assert list(verify_campaign(with_baseline)) == []
+    assert is_up_to_date(with_baseline, baseline=before) and not is_up_to_date(with_baseline)
+    report = with_baseline / "report.json"
+    held = report.read_text("utf-8")
+    numbers = json.loads(held)
+    numbers["baseline"]["paired"][1]["any_failure"]["only_a"] = 0
+    report.write_text(json.dumps(numbers), "utf-8")
+    assert any("any_failure.only_a" in line for line in verify_campaign(with_baseline))
+    numbers["baseline"]["folder"] = "no/such/folder"
+    report.write_text(json.dumps(numbers), "utf-8")
+    assert list(verify_campaign(with_baseline)) == ["baseline: no/such/folder is no longer there to compare with"]
+    report.write_text(held, "utf-8")
+
+
+def test_a_baseline_of_other_samples_is_refused_before_anything_flies(before, tmp_path):
+    campaign = tmp_path / "campaign.yaml"
+    campaign.write_text(
+        f"name: other\nvehicle: {find_input('ghame_x', 'vehicle')}\nmission: {find_input('level', 'mission')}\n"
+        f"controllers: {{tlc: {find_input('tlc', 'control')}}}\nruns: 5\nseed: 1\n"
+        "dispersions:\n  aero.lift: {distribution: uniform, half_width: 10 %}\n",
+        "utf-8",
+    )
+    with pytest.raises(InputError, match="no column"):
+        check_baseline(read_campaign(campaign), before)
+    refused = run("run", campaign, "-o", tmp_path / "out", "--baseline", before)
+    assert isinstance(refused.exception, InputError) and not (tmp_path / "out").exists()
