@@ -18,7 +18,6 @@ RESULT = ROOT / "benchmarks" / "results" / "bench.json"
 GOALS = {  # figure: (words, goal as text)
     "peak_gflops_per_core": ("peak of a core, GFLOP/s", ""),
     "flights_per_second_per_core": ("flights per second and core", "TLC: 700 where the peak is 58 GFLOP/s"),
-    "ms_per_flight": ("ms a flight, batched", ""),
     "one_at_a_time_ms": ("ms a flight, one at a time", ""),
     "batched_over_one": ("batched / one at a time", "3.5 with AVX-512, 1.8 with AVX2"),
     "flops_per_flight": ("operations a flight", ""),

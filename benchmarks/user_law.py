@@ -1,4 +1,4 @@
-"""What a law (Python, C, FMU) and metrics of one's own cost: processor time beside the built-in LQR's, in turns."""
+"""What a law (Python, C, FMU) and user metrics cost: processor time beside the built-in LQR's, in turns."""
 
 import dataclasses
 import statistics

@@ -154,7 +154,7 @@ def linearize(
 ) -> LinearModel:
     """Plant, law, open and closed loop about the trim or a time of a flight, as ``abhv-mc linearize`` writes them.
 
-    mission, vehicle, controller, dispersions: as in :func:`abhv_mc.fly`; a law of one's own is run. at: ``trim``, the
+    mission, vehicle, controller, dispersions: as in :func:`abhv_mc.fly`; a user law is run. at: ``trim``, the
     trim of the true plant at the mission's start, or a time of the flight (s, or text with a unit). bank: of the steady
     turn to trim for (rad, or text with a unit). With a law that remembers m numbers and a measurement that is d control
     periods old, A is [18, 18] of the plant, [m, m] of the law and [18 + m + 10 d, 18 + m + 10 d] of loop and closed

@@ -1,4 +1,4 @@
-"""``abhv-mc import``: other people's models as files of one's own."""
+"""``abhv-mc import``: other people's models as input files."""
 
 from pathlib import Path
 from typing import Annotated

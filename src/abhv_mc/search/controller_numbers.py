@@ -39,7 +39,7 @@ class ControllerNumbers:
         return [entry.key for entry, x in zip(self.free, point.tolist(), strict=True) if abs(x) >= 1.0 - 1e-9]
 
     def write(self, path: Path, point: Floats, comment: str = "") -> None:
-        """Write the file with the free numbers of a point; the files of a law of one's own stay the same."""
+        """Write the file with the free numbers of a point; the files of a user law stay the same."""
         data: Any = dict(self.document.data)  # type: ignore[arg-type]
         for key in NAMING_KEYS:
             if key in data:

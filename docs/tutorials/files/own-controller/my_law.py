@@ -1,4 +1,4 @@
-"""A law of one's own: guidance by altitude, heading and speed; attitude by feedback and rate damping."""
+"""A user law: guidance by altitude, heading and speed; attitude by feedback and rate damping."""
 
 from typing import NamedTuple
 

@@ -220,11 +220,11 @@ class Campaign(StrictModel):
     )
     dispersions: dict[str, Distribution] = Field({}, description="distributions by the parameter that they disperse")
     correlations: tuple[Correlation, ...] = Field((), description="pairs of parameters that vary together")
-    channels: File | None = Field(None, description="Python file of channels of one's own, relative to this file")
+    channels: File | None = Field(None, description="Python file of user channels, relative to this file")
     metrics: Annotated[
         Annotated[dict[MetricName, MetricEntry], Tag("entries")] | Annotated[File, Tag("file")],
         Discriminator(_metrics_kind),
-    ] = Field({}, description="metrics of one's own by name, or a file that holds them")
+    ] = Field({}, description="user metrics by name, or a file that holds them")
     requirements: Annotated[
         tuple[Requirement, ...], BeforeValidator(lambda value: value, json_schema_input_type=list[Requirement] | str)
     ] = Field((), description="what the flights have to meet, with which probability; or a CSV file of these")

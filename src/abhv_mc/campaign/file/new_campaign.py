@@ -1,4 +1,4 @@
-"""A folder to start one's own work from: the default campaign and every file that it needs."""
+"""A folder to start from: the default campaign and every file that it needs."""
 
 import json
 import os
@@ -78,7 +78,7 @@ def _write_schemas(folder: Path, files: list[Path]) -> list[Path]:
 
 
 def _add_law(folder: Path, campaign: Path, law: str) -> list[Path]:
-    """The shipped example of a controller of one's own, by the name ``my_law``."""
+    """The shipped example of a user law, by the name ``my_law``."""
     source, target = shipped_configs() / "control", folder / "control"
     if law == "c":
         files = _add_c_law(source, target)

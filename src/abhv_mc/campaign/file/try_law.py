@@ -1,4 +1,4 @@
-"""A controller of one's own tried before it flies: read, compiled, and one control tick of a nominal flight."""
+"""A user law tried before it flies: read, compiled, and one control tick of a nominal flight."""
 
 from dataclasses import replace
 from pathlib import Path
