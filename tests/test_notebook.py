@@ -91,6 +91,29 @@ def test_numbers(flown):
     assert results.answer[-1].startswith("Based on 200 flights")
 
 
+def test_tables_over_time_have_named_axes(flown):
+    _, results = flown
+    histories = results.to_xarray()
+    row = results.histories.iloc[25]
+    cell = histories.altitude_m.sel(controller=row.controller, flight=row.flight, time=row.time)
+    assert float(cell) == row.altitude_m and histories.altitude_m.attrs["units"] == "m"
+    assert int(histories.altitude_m.count()) == int(results.histories.altitude_m.count())
+    bands = results.to_xarray("envelopes")
+    row = results.envelopes.iloc[40]
+    assert float(bands.q50.sel(controller=row.controller, channel=row.channel, time=row.time)) == row.q50
+    with pytest.raises(InputError, match="table: 'flights'"):
+        results.to_xarray("flights")
+
+
+def test_a_notebook_shows_tables_with_names_escaped(flown):
+    campaign, results = flown
+    shown = results._repr_html_()
+    assert "200 of 200 flights each, complete" in shown and shown.count("<tr>") >= 2
+    made = abhv_mc.Campaign(campaign.path, campaign._checked)
+    made.question = "<script>"
+    assert "&lt;script&gt;" in made._repr_html_() and "atmosphere.density" in made._repr_html_()
+
+
 def test_figures_are_those_of_the_report(flown):
     _, results = flown
     assert "distribution_asked" in results.figure_names

@@ -10,6 +10,7 @@ In a notebook::
     table = abhv_mc.trim("ghame_x", bank=["0 deg", "50 deg"])
     table = abhv_mc.margins("level", "ghame_x", "tlc", at="trim")
     model = abhv_mc.linearize("level", "ghame_x", "tlc", at="30 s")
+    found = abhv_mc.worst("s_manoeuvre", "reports/worst", "altitude_error_max_m")  # and rare, tune, compare
 
 Importing this package is cheap: what is heavy is imported where it is used.
 """
@@ -21,16 +22,21 @@ __all__ = [
     "Campaign",
     "CampaignResults",
     "__version__",
+    "compare",
     "fly",
     "fly_on",
     "linearize",
     "margins",
     "open_results",
+    "rare",
     "trim",
+    "tune",
+    "worst",
 ]
 
 _HOMES = {
     **dict.fromkeys(("Campaign", "CampaignResults", "open_results"), "abhv_mc.notebook"),
+    **dict.fromkeys(("compare", "rare", "tune", "worst"), "abhv_mc.searching"),
     **dict.fromkeys(("fly", "trim"), "abhv_mc.flying"),
     **dict.fromkeys(("fly_on", "linearize", "margins"), "abhv_mc.linearizing"),
 }

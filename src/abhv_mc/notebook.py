@@ -5,6 +5,7 @@ import shutil
 import weakref
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any, Literal
@@ -16,16 +17,23 @@ from abhv_mc.flying import check_count, check_mapping, make_document
 from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import COMPLETE
-from abhv_mc.io.documents import write_document
+from abhv_mc.io.documents import InputError, describe, one_of, write_document
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
     from matplotlib.figure import Figure
 
     from abhv_mc.analysis.explain import Explanation
     from abhv_mc.report.numbers.results import Results
 
 Paths = str | Path
+_AXES = {
+    "histories": ("controller", "flight", "time"),
+    "envelopes": ("controller", "channel", "time"),
+    "nominal": ("controller", "time"),
+    "reference": ("time",),
+}
 
 
 class Campaign:
@@ -94,6 +102,14 @@ class Campaign:
             workers = check_count(workers, 1, "workers", MOST_WORKERS)
         out = Path(output) if output is not None else None
         return CampaignResults(run_campaign(Request(self.path, out, runs, seed, names, workers, fresh)).folder)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: what it asks, who flies, and what is dispersed."""
+        head = f"{self.name}: {self.runs} flights each. {self.question}"
+        entries = self._checked.document.data.get("dispersions") or {}
+        rows = [("controllers", ", ".join(self.controllers), "")]
+        rows += [(name, ", ".join(f"{k} {v}" for k, v in entry.items()), "") for name, entry in entries.items()]
+        return _as_html(head, rows)
 
     def __repr__(self) -> str:
         return (
@@ -219,6 +235,28 @@ class CampaignResults:
         figure.set_dpi(dpi)
         return figure
 
+    def to_xarray(self, table: Literal["histories", "envelopes", "nominal", "reference"] = "histories") -> "xr.Dataset":
+        """A table over time as an xarray Dataset (the extra ``xarray``), a variable a column, ``units`` in its attrs.
+
+        Its axes are controller, flight and time for the histories that were kept (missing values where a flight has
+        none or has ended), controller, channel and time for envelopes, controller and time for nominal flights, time
+        for the reference. Raises InputError.
+        """
+        if table not in _AXES:
+            raise InputError("table", None, None, describe(table), one_of(_AXES))
+        try:
+            import xarray  # noqa: F401
+        except ImportError:
+            raise InputError("to_xarray", None, None, "no xarray here", "pip install 'abhv-mc[xarray]'") from None
+        rows = getattr(self, table)
+        axes, units = list(_AXES[table]), rows.attrs.get("units", {})
+        texts = {name: rows[name].astype(object) for name in ("controller", "channel") if name in rows}
+        found = rows.assign(**texts).set_index(axes).to_xarray()
+        for name in found.variables:
+            if name in units:
+                found[name].attrs["units"] = units[name]
+        return found.assign_attrs(campaign=self.manifest["name"], digest=self.manifest["digest"])
+
     def make_report(self, format: Literal["html", "md"] = "html") -> Path:  # noqa: A002
         """Write the report into the folder and give the path of the page."""
         from abhv_mc.report.pages.build import build_report
@@ -332,6 +370,27 @@ class CampaignResults:
         facts = self.manifest
         flights = f"{facts['runs_done']} of {facts['runs_planned']} flights"
         return f"<CampaignResults {facts['name']}: {flights}, {facts['state']}>"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: how the flights ended and the verdicts, from the manifest alone."""
+        facts = self.manifest
+        head = f"{facts['name']}: {facts['runs_done']} of {facts['runs_planned']} flights each, {facts['state']}"
+        rows = [
+            (name, ", ".join(f"{count} {outcome}" for outcome, count in part["outcomes"].items()), "")
+            for name, part in facts["controllers"].items()
+        ]
+        for entry in facts["requirements"]:
+            side = "below" if "below" in entry else "above"
+            asked = f"{entry['metric']} {side} {entry[side]:g} in {100 * entry['probability']:g} %"
+            rows.append((entry["controller"], asked, entry["verdict"]))
+        return _as_html(head, rows)
+
+
+def _as_html(head: str, rows: Sequence[Sequence[str]]) -> str:
+    """A small table, names escaped."""
+    lines = ("".join(f"<td style='text-align: left'>{escape(cell)}</td>" for cell in row) for row in rows)
+    body = "".join(f"<tr>{line}</tr>" for line in lines)
+    return f"<table><caption style='text-align: left'>{escape(head)}</caption><tbody>{body}</tbody></table>"
 
 
 def write_inputs(data: Mapping[str, Any], folder: Path) -> Path:
