@@ -27,10 +27,14 @@ def rank_worst(flights: ControllerFlights, criteria: Sequence[Criterion], number
     early = zip(flights.end_time[~whole].tolist(), flights.flight[~whole].tolist(), strict=True)
     excess = [criterion.excess(flights.metrics[criterion.metric])[whole] for criterion in criteria]
     chosen = choose_worst(early, [order_of(each, flights.flight[whole]) for each in excess], number)
-    rows = np.searchsorted(flights.flight, chosen)
+    return in_order(flights, criteria, np.searchsorted(flights.flight, chosen)).tolist()
+
+
+def in_order(flights: ControllerFlights, criteria: Sequence[Criterion], rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Rows [flight], the very worst first: early ends by their time, then by the distance beyond a limit."""
     beyond = distance_beyond(flights, criteria)[0][rows]
     early_first = np.where(flights.failed[rows], flights.end_time[rows], np.inf)
-    return rows[np.lexsort((flights.flight[rows], -beyond, early_first))].tolist()
+    return rows[np.lexsort((flights.flight[rows], -beyond, early_first))]
 
 
 def distance_beyond(flights: ControllerFlights, criteria: Sequence[Criterion]) -> tuple[Floats, NDArray[np.intp]]:

@@ -1,0 +1,123 @@
+"""What the browser's view counts, against numpy over the same flights."""
+
+import numpy as np
+import pytest
+from report.synthetic import write_campaign
+
+from abhv_mc.explore import counts
+from abhv_mc.explore.counts import Asked, count_flights, find_nearest, open_flights, parse_asked
+from abhv_mc.io.documents import InputError
+from abhv_mc.report.numbers.results import read_results
+from abhv_mc.report.numbers.worst import rank_worst
+from benchmarks.explore import draw_asked, grow
+
+X, Y, BRUSHED = "aero.lift", "speed_error_max_mps", "atmosphere.density"
+
+
+@pytest.fixture(scope="module")
+def failing_folder(tmp_path_factory):
+    """100 flights of three controllers; 12 of each but the first ended early."""
+    return write_campaign(tmp_path_factory.mktemp("explore") / "campaign", runs=100, failing=12)
+
+
+@pytest.fixture(scope="module")
+def failing(failing_folder):
+    return read_results(failing_folder)
+
+
+@pytest.fixture(scope="module")
+def table(failing_folder):
+    with open_flights(failing_folder) as opened:
+        yield opened
+
+
+def bins_of(values, ends, number):
+    return np.minimum(np.floor((values - ends[0]) / ((ends[1] - ends[0]) / number)), number - 1).astype(int)
+
+
+def held_of(table):
+    return table.cursor().execute("select * from shown").fetchnumpy()
+
+
+def chosen_of(held, asked):
+    inside = np.isin(held["controller"].astype(str), asked.controllers)
+    if asked.outcome != "all":
+        inside &= (held["outcome"].astype(str) == "ok") == (asked.outcome == "ok")
+    for name, (low, high) in asked.brushes.items():
+        inside &= (held[name] >= low) & (held[name] <= high)
+    return inside
+
+
+@pytest.mark.parametrize("outcome", ["all", "failed", "ok"])
+def test_counts_cells_and_strips_are_those_of_the_flights(table, failing, outcome, monkeypatch):
+    monkeypatch.setattr(counts, "MOST_POINTS", 0)
+    low, high = table.ranges[BRUSHED]
+    asked = Asked(X, Y, ("tlc", "lqr"), outcome, {BRUSHED: (low, low + 0.9 * (high - low))})
+    found = count_flights(table, asked)
+    cells, count, bars = {}, 0, np.zeros(counts.BARS, int)
+    for k, name in enumerate(("tlc", "lqr")):
+        flights = failing.flights[name]
+        density, lift = (failing.samples[column][flights.flight] for column in (BRUSHED, X))
+        inside = (density <= asked.brushes[BRUSHED][1]) & (~flights.failed if outcome == "ok" else
+                                                           flights.failed if outcome == "failed" else True)  # fmt: skip
+        count += int(inside.sum())
+        across = bins_of(lift[inside], table.ranges[X], counts.CELLS[0])
+        up = bins_of(flights.metrics[Y][inside], table.ranges[Y], counts.CELLS[1])
+        for i, j in zip(across.tolist(), up.tolist(), strict=True):
+            cells[k, i, j] = cells.get((k, i, j), 0) + 1
+        bars += np.bincount(bins_of(density[inside], table.ranges[BRUSHED], counts.BARS), minlength=counts.BARS)
+    assert found["count"] == count > 0
+    assert {tuple(row[:3]): row[3] for row in found["cells"]} == cells
+    strip = dict(found["strips"][BRUSHED])
+    assert [strip.get(k, 0) for k in range(counts.BARS)] == bars.tolist()
+
+
+def test_few_flights_are_points_and_the_worst_are_those_of_the_report(table, failing):
+    found = count_flights(table, Asked(X, Y, ("lqr",), "all", {}))
+    flights = failing.flights["lqr"]
+    points = {row[3]: tuple(row[1:3]) for row in found["points"]}
+    places = zip(failing.samples[X].tolist(), flights.metrics[Y].tolist(), strict=True)
+    assert points == dict(enumerate(places))
+    assert sum(row[4] for row in found["points"]) == 12
+    order = rank_worst(flights, failing.campaign.criteria, flights.flight.size)
+    assert [row[1] for row in found["worst"]] == flights.flight[order][: counts.LISTED].tolist()
+
+
+def test_the_nearest_flight_is_the_one_of_the_place(table, failing):
+    flights = failing.flights["tlc"]
+    asked = Asked(X, Y, ("tlc",), "all", {})
+    place = failing.samples[X][17], flights.metrics[Y][17]
+    assert find_nearest(table, asked, *place) == ("tlc", 17)
+    assert find_nearest(table, Asked(X, Y, (), "all", {}), *place) is None
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"x": 'flight" from shown; drop table shown --'}, {"y": "no_such"}, {"outcome": "or 1=1"},
+     {"controllers": ["pid"]}, {"brushes": {"1=1 or x": [0, 1]}}, {"brushes": {X: ["a", 1]}}, {"brushes": 5}],
+)  # fmt: skip
+def test_what_the_view_never_sends_is_refused(table, change):
+    sent = {"x": X, "y": Y, "controllers": ["tlc"], "outcome": "all", "brushes": {}}
+    assert parse_asked(sent, table).x == X
+    with pytest.raises(InputError, match="request"):
+        parse_asked(sent | change, table)
+
+
+@pytest.mark.thorough
+def test_a_million_flights_are_counted_right(failing_folder):
+    draw = np.random.default_rng(3)
+    with open_flights(failing_folder) as small:
+        table = grow(small, 1_000_000)
+        held = held_of(table)
+        assert held["flight"].size == 1_000_000
+        for _ in range(6):
+            asked = draw_asked(table, draw)
+            inside = chosen_of(held, asked)
+            found = count_flights(table, asked)
+            assert found["count"] == int(inside.sum())
+            if found["cells"]:
+                across = bins_of(held[asked.x][inside], table.ranges[asked.x], counts.CELLS[0])
+                cells = np.zeros(counts.CELLS[0], int)
+                for _, i, _, number in found["cells"]:
+                    cells[i] += number
+                assert cells.tolist() == np.bincount(across, minlength=cells.size).tolist()

@@ -1,0 +1,73 @@
+"""The explorer's server: who is answered, and a flight flown again."""
+
+import http.client
+import json
+import threading
+
+import pytest
+from fake_flight import ENGINE, write_campaign
+
+import abhv_mc
+from abhv_mc.explore.counts import open_flights
+from abhv_mc.explore.server import ExploreServer
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("explore")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
+        abhv_mc.Campaign.read(write_campaign(folder / "f")).run(output=folder / "out", runs=100, workers=1)
+    with open_flights(folder / "out") as table, ExploreServer(folder / "out", table, ENGINE) as served:
+        thread = threading.Thread(target=served.serve_forever, daemon=True)
+        thread.start()
+        yield served
+        served.shutdown()
+        thread.join()
+
+
+def ask(server, place, data=None, token=None, host=None):
+    connection = http.client.HTTPConnection(*server.server_address)
+    token = server.token if token is None else token
+    body = None if data is None else json.dumps(data)
+    headers = {} if host is None else {"Host": host}
+    connection.request("GET" if data is None else "POST", f"{place}?token={token}", body, headers)
+    reply = connection.getresponse()
+    content = reply.read()
+    connection.close()
+    return reply.status, content
+
+
+def asked(server):
+    view = json.loads(ask(server, "/view")[1])
+    return {"x": view["x"], "y": view["y"], "controllers": ["one", "two"], "outcome": "all", "brushes": {}}
+
+
+def test_only_this_machine_and_only_with_the_token_is_answered(server):
+    assert server.server_address[0] == "127.0.0.1" and len(server.token) >= 32
+    for place, data in (("/", None), ("/view", None), ("/plotly.js", None), ("/counts", {}), ("/flight", {})):
+        for wrong in ({"token": ""}, {"token": server.token[:-1]}, {"host": "example.org"}):
+            assert ask(server, place, data, **wrong)[0] == 403
+    assert ask(server, "/")[0] == 200 and server.token.encode() in ask(server, "/")[1]
+    assert ask(server, "/../manifest.json")[0] == 404
+
+
+def test_flights_are_counted_and_the_nearest_is_flown_again(server):
+    status, content = ask(server, "/counts", asked(server))
+    found = json.loads(content)
+    assert status == 200 and found["count"] == 200 == len(found["points"])
+    k, x, y, flight, _ = found["points"][30]
+    near = json.loads(ask(server, "/nearest", {**asked(server), "at": [x, y]})[1])
+    assert near == [("one", "two")[k], flight]
+    flown = json.loads(ask(server, "/flight", {"controller": near[0], "flight": flight})[1])
+    assert flown["same"] and len(flown["time"]) == 21 == len(flown["channels"]["altitude_m"]["values"])
+
+
+@pytest.mark.parametrize(
+    ("place", "data"),
+    [("/flight", {"controller": "one", "flight": 10_000}), ("/flight", {"controller": "pid", "flight": 1}),
+     ("/flight", {}), ("/counts", []), ("/counts", {"x": "a" * 200_000})],
+)  # fmt: skip
+def test_a_question_without_an_answer_says_why(server, place, data):
+    status, content = ask(server, place, data)
+    assert status == 400 and json.loads(content)["error"]
