@@ -106,7 +106,8 @@ class Campaign:
     def _repr_html_(self) -> str:
         """What a notebook shows: what it asks, who flies, and what is dispersed."""
         head = f"{self.name}: {self.runs} flights each. {self.question}"
-        entries = self._checked.document.data.get("dispersions") or {}
+        data: Any = self._checked.document.data
+        entries = data.get("dispersions") or {}
         rows = [("controllers", ", ".join(self.controllers), "")]
         rows += [(name, ", ".join(f"{k} {v}" for k, v in entry.items()), "") for name, entry in entries.items()]
         return _as_html(head, rows)

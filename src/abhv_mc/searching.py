@@ -90,11 +90,15 @@ def tune(
     ``--json`` holds. Raises InputError.
     """
     from abhv_mc.report.pages.tune_page import write_tune_page
-    from abhv_mc.search.tune import TuneRequest, tune_controller
+    from abhv_mc.search.tune import TuneFound, TuneRequest, tune_controller
 
     out = Path(output)
     request = TuneRequest(_path(campaign), out, controller, Path(block) if block else None, seed, workers)
-    return tune_controller(request, tell=lambda found: write_tune_page(found, out.with_suffix(".html")))
+
+    def tell(found: TuneFound) -> None:
+        write_tune_page(found, out.with_suffix(".html"))
+
+    return tune_controller(request, tell=tell)
 
 
 def compare(

@@ -19,6 +19,7 @@ NOT_OUTPUTS = {
     "plans",
     "references",
     "vehicle",
+    "baseline",
     "file",
     "staging",
 }  # read, or for a while
