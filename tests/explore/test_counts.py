@@ -36,7 +36,7 @@ def bins_of(values, ends, number):
 
 
 def held_of(table):
-    return table.cursor().execute("select * from shown").fetchnumpy()
+    return table.cursor().execute("select * replace (controller::varchar as controller) from shown").fetchnumpy()
 
 
 def chosen_of(held, asked):
