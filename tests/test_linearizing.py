@@ -36,12 +36,6 @@ def test_a_gain_sweep_of_margins_needs_no_files():
     np.testing.assert_allclose(weak.gain_margin_high_db["rudder"] - table_1, -20.0 * np.log10(0.9), atol=0.02)
 
 
-def test_an_unstable_loop_has_no_margins_but_poles():
-    table = abhv_mc.margins("level", controller="lqr")
-    assert not table.attrs["stable"] and table.isna().all(axis=None)
-    np.testing.assert_allclose(table.attrs["poles"][0], 0.120 + 2.783j, atol=1e-3)
-
-
 @pytest.mark.parametrize(
     ("controller", "pole", "end"), [("tlc", 8.55, 22.5), ("tlc_robust", 4.08, 25.0), ("lqr_robust", None, 60.0)]
 )
@@ -79,9 +73,6 @@ def test_a_linear_model_has_names_and_units_and_goes_to_python_control():
     [
         ({"mission": "levle"}, "no such file"),
         ({"at": "soon"}, "at: 'soon'"),
-        ({"at": "2 km"}, "at: '2 km'"),
-        ({"at": -1.0}, "at: -1 s"),
-        ({"at": np.arange(2.0)}, "at: "),
         ({"at": 90.0}, "at: 90 s; expected a time of the mission, 0 to 60 s"),
         ({"at": 1.0, "bank": "10 deg"}, "bank: a bank; expected the point 'trim'"),
         ({"bank": 1.5}, "bank: 1.5 rad; expected -80 to 80 deg"),
@@ -103,8 +94,7 @@ LIGHT = {
 }
 
 
-@pytest.mark.parametrize("controller", ["tlc", "lqr"])
-def test_a_vehicle_that_its_controls_do_not_rule_is_told(controller):
+def test_a_vehicle_that_its_controls_do_not_rule_is_told():
     """A matrix was singular, in a traceback."""
     points = [{"mass": mass, **LIGHT} for mass in ("1e-7 kg", "2e-6 kg")]
     mass = {"start": "1e-6 kg", "empty": "1e-7 kg", "points": points}
@@ -112,4 +102,4 @@ def test_a_vehicle_that_its_controls_do_not_rule_is_told(controller):
         with pytest.raises(
             InputError, match=r"a vehicle that its controls do not rule|a start at which no trim was found"
         ):
-            call("level", {"base": "ghame_x", "mass": mass}, controller)
+            call("level", {"base": "ghame_x", "mass": mass})

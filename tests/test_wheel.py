@@ -29,6 +29,14 @@ def installed(repository, tmp_path_factory):
     return python.parent
 
 
+def test_every_shipped_file_comes_with_it(installed, repository):
+    (held,) = installed.parent.glob("lib/python*/site-packages/abhv_mc/shipped_files")
+    files = [path for name in ("configs", "campaigns") for path in (repository / name).rglob("*") if path.is_file()]
+    assert files
+    for path in files:
+        assert (held / path.relative_to(repository)).read_bytes() == path.read_bytes()
+
+
 def test_a_new_user_flies_a_campaign(installed, tmp_path):
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     environment |= {"XDG_CACHE_HOME": str(tmp_path / "cache")}

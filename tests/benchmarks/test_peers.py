@@ -53,13 +53,3 @@ def test_a_peer_that_fails_is_named_and_the_others_go_on(measured):
     assert rows["RocketPy"].endswith("| 7.5 | 5 to 10 | 2.50 |")
     assert rows["CADAC++ GHAME6"].endswith("| 108 | not measured here | 36 |")
     assert "1.0e-09 m (C++ twin)" in table
-
-
-def test_nothing_is_compared_without_ours(monkeypatch):
-    def run_peer(*_):
-        raise run.PeerFailedError("ours")
-
-    monkeypatch.setattr(run, "run_peer", run_peer)
-    monkeypatch.setattr(run, "write_work", lambda *_: None)
-    with pytest.raises(run.PeerFailedError, match="ours"):
-        run.measure_peers(Path("python"), 1, 1, 256)

@@ -52,9 +52,8 @@ def test_starting_imports_nothing_heavy() -> None:
     assert HEAVY.isdisjoint(answer.stdout.split())
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_shell_completion(shell: str) -> None:
-    answer = run_program(_ABHV_MC_COMPLETE=f"source_{shell}", _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
+def test_shell_completion() -> None:
+    answer = run_program(_ABHV_MC_COMPLETE="source_bash", _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
     assert answer.returncode == 0
     assert "_ABHV_MC_COMPLETE" in answer.stdout
 
@@ -85,8 +84,8 @@ def test_exit_codes(error: BaseException, code: int | None, said: str, capsys: p
     assert out == ""
 
 
-@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
-@pytest.mark.parametrize("moment", ["{}", "exec({!r})"])  # Python would die by SIGINT where it hit exec
+# Python would die by SIGINT where it hit exec.
+@pytest.mark.parametrize(("moment", "number"), [("exec({!r})", "SIGINT"), ("{}", "SIGTERM")])
 def test_interrupt_leaves_with_incomplete(moment: str, number: str) -> None:
     code = (
         "import os, signal, sys, time\n"
@@ -96,7 +95,8 @@ def test_interrupt_leaves_with_incomplete(moment: str, number: str) -> None:
         "app.app.command('wait')(wait)\n"
         "sys.argv = ['abhv-mc', 'wait']; app.main()\n"
     )
-    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    program = [sys.executable, "-c", code]
+    answer = subprocess.run(program, capture_output=True, text=True, check=False, timeout=120.0)
     assert answer.returncode == ExitCode.INCOMPLETE
     assert answer.stderr.startswith("interrupted") and "Traceback" not in answer.stderr
 
@@ -111,7 +111,7 @@ def test_a_cluster_that_dies_is_no_defect(capsys):
     assert "the cluster does not answer" in said and "Traceback" not in said
 
 
-@pytest.mark.parametrize("ending", ["", "; sys.stdout.flush()", "; raise SystemExit(1)", "; 1 / 0"])
+@pytest.mark.parametrize("ending", ["", "; raise SystemExit(1)"])
 def test_output_that_nobody_reads_any_more_is_no_failed_requirement(ending):
     """`status DIR | head -1` ended with exit code 1, which says that a requirement failed."""
     code = (
@@ -127,13 +127,8 @@ def test_output_that_nobody_reads_any_more_is_no_failed_requirement(ending):
     with os.fdopen(write, "wb") as closed:
         program = [sys.executable, "-c", code]
         answer = subprocess.run(program, stdout=closed, stderr=subprocess.PIPE, text=True, check=False, env=environment)
-        wanted = {"; raise SystemExit(1)": ExitCode.FAILED, "; 1 / 0": ExitCode.DEFECT}.get(ending, ExitCode.INCOMPLETE)
-        assert answer.returncode == wanted
-        assert ("Traceback" in answer.stderr) == (wanted == ExitCode.DEFECT)
-        if wanted == ExitCode.DEFECT:  # the code does not depend on whether it can be told
-            assert (
-                subprocess.run(program, stdout=closed, stderr=closed, check=False, env=environment).returncode == wanted
-            )
+        assert answer.returncode == (ExitCode.FAILED if ending else ExitCode.INCOMPLETE)
+        assert "Traceback" not in answer.stderr
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a system without /dev/full")

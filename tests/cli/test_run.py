@@ -109,17 +109,9 @@ def test_replay_is_the_same_flight_at_full_rate(abhv_mc, flown, tmp_path):
     assert code == 2 and "ends in .parquet" in err and not (tmp_path / "h.csv").exists()
 
 
-@pytest.mark.parametrize(
-    ("sql", "words"),
-    [("select 1 a, 2 a", "several columns named a"), ("select '12:00:00+01'::timetz", "pytz"), ("selct", "LINE 1")],
-)
-def test_query_as_json_drops_nothing_and_shows_no_traceback(abhv_mc, flown, sql, words):
-    code, out, error = abhv_mc("query", flown, sql, "--json", "-")
-    if code == 0:  # where pytz is installed
-        assert words == "pytz"
-        return
-    assert (code, out) == (2, "")
-    assert words in error and "Traceback" not in error
+def test_query_as_json_drops_no_column_of_the_same_name(abhv_mc, flown):
+    code, out, error = abhv_mc("query", flown, "select 1 a, 2 a", "--json", "-")
+    assert (code, out) == (2, "") and "several columns named a" in error
 
 
 def test_replay_names_what_differs(abhv_mc, flown, monkeypatch):
@@ -152,13 +144,7 @@ def test_query(abhv_mc, flown):
     assert abhv_mc("query", flown, "selekt 1")[0] == 2
 
 
-ENDLESS = {
-    "a product": "select count(*) from flights a, flights b, flights c, flights d, flights e, flights f",
-    "a recursion": "with recursive t as (select 1 a union all select a + 1 from t) select max(a) from t",
-    "a range": "select count(*) from range(1000000000000) a, range(1000000) b",
-}
-
-
+ENDLESS = "select count(*) from flights a, flights b, flights c, flights d, flights e, flights f"
 INTERRUPTED = """
 import os, signal, sys, threading
 from contextlib import contextmanager
@@ -181,10 +167,9 @@ main()
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.3])  # s: before it begins, and while it runs
-@pytest.mark.parametrize("sql", ENDLESS.values(), ids=ENDLESS)
-def test_a_query_without_an_end_heeds_an_interrupt(flown, sql, delay):
+def test_a_query_without_an_end_heeds_an_interrupt(flown, delay):
     """Nothing but SIGKILL ended it."""
-    program = [sys.executable, "-c", INTERRUPTED.format(delay=delay), "query", str(flown), sql]
+    program = [sys.executable, "-c", INTERRUPTED.format(delay=delay), "query", str(flown), ENDLESS]
     asked = subprocess.run(program, stderr=subprocess.PIPE, text=True, timeout=60.0, check=False)
     assert asked.returncode == 3 and "Traceback" not in asked.stderr, asked.stderr
 
@@ -226,7 +211,7 @@ def test_a_folder_with_a_colon_in_its_name_is_a_folder(abhv_mc, tmp_path, monkey
     assert run_campaign(Request(campaign, Path("run-21:30")), ENGINE).complete
     with open_database(Path("run-21:30")) as database:
         assert database.sql("select count(*) from flights").fetchall() == [(60,)]
-    for words in (("report",), ("verify", "campaign"), ("status",), ("export",), ("compare", "run-21:30")):
+    for words in (("status",), ("export",), ("compare", "run-21:30")):
         assert abhv_mc(*words, "run-21:30")[0] == 0, words
 
 

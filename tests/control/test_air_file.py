@@ -8,13 +8,10 @@ from abhv_mc.io.input_error import InputError
 AIR = "altitude_m,wind_north_mps,wind_east_mps"
 BAD_AIR = [
     (f"{AIR}\n0,1e300,1\n9,1,1\n", ":2:3: '1e300'; expected a magnitude of at most 12000"),
-    (f"{AIR}\n-1e308,1,1\n9,1,1\n", ":2:1: '-1e308'"),
     (f"{AIR}\n0,1,1\n9,nan,1\n", ":3:3: 'nan'; expected a finite number"),
     (f"{AIR}\n0,1\n9,1,1\n", ":2:5: ''"),
-    (f"{AIR}\n0,1,\x00\n9,1,1\n", ":2:5:"),
     (f"{AIR}\n5,1,1\n5,1,1\n", ":3:1: the altitude 5 m"),
     (f"{AIR}\n5,1,1\n", "1 rows"),
-    ("altitude_m," + "x" * 200_000, "field limit"),
     ("", "no column altitude_m"),
 ]
 
@@ -32,10 +29,3 @@ def test_bad_densities(tmp_path, factor):
     (tmp_path / "air.csv").write_text(f"altitude_m,density_factor\n0,{factor}\n9,1\n")
     with pytest.raises(InputError, match=":2:3: "):
         read_air_table(tmp_path / "air.csv", DENSITY)
-
-
-def test_a_file_of_gigabytes_is_not_read(tmp_path):
-    with (tmp_path / "air.csv").open("wb") as file:
-        file.truncate(2**33)  # a hole: no byte of it is on the disk
-    with pytest.raises(InputError, match="very large"):
-        read_air_table(tmp_path / "air.csv", WIND)

@@ -1,20 +1,15 @@
 """Blocks that come back counted: the same envelopes as of samples, whoever flies them and whatever gets lost."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from fake_flight import ENGINE, fly, make_plan, write_campaign
+from fake_flight import fly, make_plan
 
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.blocks import choose_counted
 from abhv_mc.execution.pool import WorkerPool
 from abhv_mc.execution.retry import FlightLostError, fly_with_retries
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import Recording
-from abhv_mc.folder import envelope_states
 from abhv_mc.folder.counted import Counting, count_flights
 from abhv_mc.folder.histogram import Histograms, make_bins
 
@@ -66,17 +61,6 @@ def test_a_block_that_is_lost_is_flown_in_parts_and_counted_here():
         return count_flights(fly, PLAN, rows, recorded) if isinstance(recorded, Counting) else fly(PLAN, rows, recorded)
 
     assert_counted(fly_with_retries(attempt, PLAN, ROWS, COUNTING), missing=1)
-
-
-@pytest.mark.parametrize("workers", [1, 2])
-def test_counted_campaigns_are_the_same_for_any_workers_and_blocks(tmp_path, monkeypatch, workers):
-    monkeypatch.setattr(envelope_states, "EXACT_FLIGHTS", 0)
-    made = []
-    for i, batch in enumerate((64, 7 + workers)):
-        campaign = write_campaign(tmp_path / f"f{i}", execution=f"{{workers: {workers}, batch: {batch}}}")
-        out = run_campaign(Request(campaign, tmp_path / f"out{i}"), replace(ENGINE)).folder
-        made.append((out / "envelopes.parquet").read_bytes())
-    assert made[0] == made[1]
 
 
 def test_blocks_are_whole_batches_and_enough_for_all_workers():

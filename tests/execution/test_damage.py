@@ -85,12 +85,11 @@ def test_a_block_with_a_flight_that_could_not_be_computed_is_flown_again(tmp_pat
     assert pq.read_table(tmp_path / "out/envelopes.parquet").equals(pq.read_table(tmp_path / "whole/envelopes.parquet"))
 
 
-@pytest.mark.parametrize("entry", ["", '"format": 2,', '"format": "1",'])
-def test_a_folder_of_another_format_is_refused(tmp_path, entry, capfd):
+def test_a_folder_of_another_format_is_refused(tmp_path, capfd):
     campaign = write_campaign(tmp_path / "f", runs="30")
     run_campaign(Request(campaign, tmp_path / "out"), ENGINE)
     path = tmp_path / "out/manifest.json"
-    path.write_text(path.read_text().replace('"format": 1,', entry))
+    path.write_text(path.read_text().replace('"format": 1,', '"format": 2,'))
     for read in (lambda: run_campaign(Request(campaign, tmp_path / "out"), ENGINE),
                  lambda: read_checked(CampaignFolder(tmp_path / "out"))):  # fmt: skip
         with pytest.raises(InputError, match="format"):

@@ -49,8 +49,7 @@ def editing(file, when):
     return replace(ENGINE, prepare=prepare_and_edit, fly=fly_and_edit, find_stability=find_stability)
 
 
-@pytest.mark.parametrize("when", ["prepare", "fly"])
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize(("name", "when"), list(zip(FILES, ("prepare", "fly", "prepare", "fly"), strict=True)))
 def test_what_flies_is_what_was_read(campaign, tmp_path, name, when):
     whole = run_campaign(Request(campaign, tmp_path / "whole"), replace(ENGINE, find_stability=find_stability))
     flown = run_campaign(Request(campaign, tmp_path / "out"), editing(campaign.parent / name, when))

@@ -22,7 +22,6 @@ from abhv_mc.execution.retry import UnusableError
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder import envelope_states as collector
-from abhv_mc.folder.digest import digest_rows
 
 KEEP = "{histories: {flights: [worst 5, every 10], rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
 
@@ -84,17 +83,6 @@ def engine_of(function):
     return replace(ENGINE, fly=function, isolation=PROCESSES)
 
 
-def digest_without(rows, bad):
-    """Digest of the rows of both controllers but the bad ones."""
-    total = 0
-    for name in ("one", "two"):
-        table = rows.filter(np.array([c == name for c in rows["controller"].to_pylist()]) & ~np.tile(bad, 2))
-        columns = {n: table[n].to_numpy() for n in table.column_names[3:]}
-        outcome = table["outcome"].to_pylist()
-        total += digest_rows(name, table["flight"].to_numpy(), outcome, columns).value
-    return f"{total % (1 << 256):064x}"
-
-
 @pytest.mark.parametrize(
     ("function", "isolation", "reason"),
     [
@@ -125,16 +113,6 @@ def test_a_bad_flight_costs_its_row(tmp_path, function, isolation, reason, capfd
     assert max(counts) == 300 - bad.sum()
     again = run_campaign(Request(campaign, tmp_path / "b"), engine_of(function)).manifest
     assert again["controllers"] == manifest["controllers"] and again["digest"] == manifest["digest"]
-
-
-def test_the_digest_leaves_out_what_failed_to_run(tmp_path, capfd):
-    campaign = write_campaign(tmp_path / "f")
-    run_campaign(Request(campaign, tmp_path / "a"), ENGINE)
-    flawed = run_campaign(Request(campaign, tmp_path / "b"), engine_of(fly_segfaulting)).manifest
-    rows = pq.read_table(tmp_path / "a/flights").sort_by([("controller", "ascending"), ("flight", "ascending")])
-    rows = rows.drop_columns(["failure.case"])  # which follows from the samples
-    bad = is_bad(rows["atmosphere.density"].to_numpy()[:300])
-    assert flawed["digest"] == digest_without(rows, bad)
 
 
 def test_a_machine_that_flies_nothing_stops_the_campaign(tmp_path, capfd):

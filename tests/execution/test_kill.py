@@ -124,7 +124,7 @@ def test_a_polite_signal_ends_with_a_manifest_that_says_so(tmp_path, number, cap
     campaign = write_campaign(tmp_path / "files", execution="{batch: 16}")
     child = SERVER.Process(target=fly_in_child, args=(campaign, tmp_path / "out", 4096))
     child.start()
-    while not list((tmp_path / "out/flights").glob("*.parquet")):
+    while child.is_alive() and not list((tmp_path / "out/flights").glob("*.parquet")):
         time.sleep(0.01)
     os.kill(child.pid, number)
     child.join(60.0)

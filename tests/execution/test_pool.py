@@ -61,25 +61,6 @@ def test_without_the_server_that_workers_are_forked_from(pool):
     assert find_worker(pool) != before
 
 
-def test_while_the_server_is_dying(pool, monkeypatch):
-    """Nobody hears it at its address any more, and it does not count as ended yet: the next starts are refused."""
-    asked, revive = [], forkserver._forkserver.ensure_running
-
-    def believe_it_runs():
-        asked.append(True)
-        if len(asked) > 3:
-            revive()
-
-    monkeypatch.setattr(forkserver._forkserver, "ensure_running", believe_it_runs)
-    server = psutil.Process(forkserver._forkserver._forkserver_pid)
-    server.kill()
-    while server.status() != psutil.STATUS_ZOMBIE:
-        pass
-    os.kill(find_worker(pool), signal.SIGKILL)
-    check_flight(pool)
-    assert len(asked) == 4 and pool._failed_starts == 0
-
-
 def test_no_process_can_be_started(pool, monkeypatch):
     """The message says why, and nothing stays open."""
     monkeypatch.setattr(module, "_PAUSE", 0.0)
@@ -93,12 +74,6 @@ def test_no_process_can_be_started(pool, monkeypatch):
     with pytest.raises(UnusableError, match=r"Too many open files.*isolation: threads"):
         check_flight(pool)
     assert psutil.Process().num_fds() <= descriptors
-
-
-def test_a_closed_pool_starts_no_process(pool):
-    pool.close()
-    with pytest.raises(UnusableError, match="stopped"):
-        check_flight(pool)
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="asks Linux")

@@ -54,7 +54,7 @@ def test_extremes_are_those_of_whole_histories(plans, dispersed, law, every):
     assert ((ends > 0.1) & (ends < 6.0)).any() and (whole.outcome == Outcome.OK).any()
     for channels in (tuple(range(len(CHANNELS))), (11, 3, 3, 0)):
         recording = Recording(every, channels, extremes=True)
-        for lanes, rows in ((LANES, slice(None)), (3, slice(0, 20)), (1, slice(4, 9))):
+        for lanes, rows in ((LANES, slice(None)), (1, slice(4, 9))):
             found = fly(plans[law], dispersed[rows], recording, lanes=lanes)
             history = whole.history[rows][:, :, channels]
             np.testing.assert_array_equal(found.history, history[:, ::every])

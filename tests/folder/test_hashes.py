@@ -59,12 +59,10 @@ def test_a_query(request_, fly_meanwhile):
 
 
 ASKED = {
-    **{name: lambda results, name=name: getattr(results, name) for name in ("samples", "histories", "envelopes")},
-    **{name: lambda results, name=name: getattr(results, name) for name in ("numbers", "verdicts", "figure_names")},
+    "samples": lambda results: results.samples,
+    "numbers": lambda results: results.numbers,
     "query": lambda results: results.query("select count(*) from flights"),
     "replay": lambda results: results.replay(3),
-    "explain": lambda results: results.explain(3),
-    "whatif": lambda results: results.whatif({"aero.lift.sigma": "4 %"}),
     "make_report": lambda results: results.make_report(),
 }
 

@@ -86,35 +86,23 @@ def test_values_and_places(tmp_path: Path) -> None:
         ("a: 1\nb: [1\n", (3, 1), "expected"),
         ("a: b: c\n", (1, 5), "mapping values"),
         ("a: !!python/object/apply:os.system [ls]\n", (1, 4), "tag"),
-        ("a: !vehicle {}\n", (1, 4), "!vehicle"),
         ("a: !!binary aGVsbG8=\n", (1, 4), "!!binary"),
         ("x: 1\na: *unknown\n", (2, 4), "alias"),
         ("a: &a [*a]\n", (1, 4), "levels"),
         ("1: a\n", (1, 1), "key 1"),
         ("? [a]\n: b\n", (1, 3), "key"),
         ("a: .nan\n", (1, 4), ".nan"),
-        ("a: -.inf\n", (1, 4), "-.inf"),
-        ("a: 1e999\n", (1, 4), "1e999"),
-        (f"a: {'9' * 400}\n", (1, 4), "999"),
         ("a: 1\n---\nb: 2\n", (2, 1), "second document"),
         (b"a: 1\nb: \xff\n", (2, 4), "0xff"),
         ("a: 1\nb: \x01\n", (2, 4), "\\x01"),
         ("a: 1_000\n", (1, 4), "1_000"),
-        ("a: 1_0.5\n", (1, 4), "1_0.5"),
         ("a: 0x20\n", (1, 4), "0x20"),
-        ("a: 0o17\n", (1, 4), "0o17"),
         (f"a: {'0' * 5000}1\n", (1, 4), "0000"),  # more digits than Python makes a whole number of
-        ("a: !!int 1.5\n", (1, 4), "1.5"),
-        ("a: !!bool maybe\n", (1, 4), "maybe"),
-        ("a: !!null hello\n", (1, 4), "hello"),
         ("%YAML 1.1\n---\na: yes\n", (3, 4), "yes"),  # true there, no text as in YAML 1.2
         ('a: "b\\u202ec"\n', (1, 4), "\\u202e"),
-        ('a: "b\\ec"\n', (1, 4), "\\x1b"),
         ('a:\n- "b\\rc"\n', (2, 3), "\\r"),
-        ("a: b\u2066c\n", (1, 4), "\\u2066"),
         ('{a: {"b\\n": c}}\n', (1, 6), "\\n"),
         ("", (1, 1), "empty"),
-        ("# nothing\n", (1, 1), "empty"),
     ],
 )
 def test_refused_text(tmp_path: Path, text: str | bytes, place: tuple[int, int], found: str) -> None:
@@ -137,28 +125,9 @@ def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
     assert read_document(tmp_path / "x.yaml").data == {"a": 0.1, "b": [3, True, "c"], "d": 2.5}
 
 
-def test_what_is_nested_too_deeply_is_not_written(tmp_path: Path) -> None:
-    data: dict = {}
-    for _ in range(5000):
-        data = {"a": data}
-    with pytest.raises(InputError, match="nested"):
-        write_document(tmp_path / "x.yaml", data)
-    assert not (tmp_path / "x.yaml").exists()
-
-
 def test_lines_and_accents_of_a_text_are_its_own(tmp_path: Path) -> None:
     read = document(tmp_path, "a: |\n  one\n  two\nb: Überhöhung\nc: 飛行\n")
     assert read.data == {"a": "one\ntwo\n", "b": "Überhöhung", "c": "飛行"}
-
-
-def test_refused_bombs(tmp_path: Path) -> None:
-    aliases = "a: &a [x, x, x, x, x, x, x, x, x, x]\n"
-    for name, before in zip("bcdefg", "abcdef", strict=True):
-        aliases += f"{name}: &{name} [{', '.join([f'*{before}'] * 10)}]\n"
-    long = f"a: &a {'x' * 1_000_000}\nb: [{', '.join(['*a'] * 5000)}]\n"
-    for text in (aliases, long, "[" * 50, "[" * 100_000, "#" * 3_000_000):
-        with pytest.raises(InputError):
-            document(tmp_path, text)
 
 
 def test_refused_paths(tmp_path: Path) -> None:
@@ -192,19 +161,14 @@ def test_valid(tmp_path: Path) -> None:
         (GOOD + "vehicel: x\n", (3, 1), "unknown key 'vehicel'", "did you mean 'vehicle'?"),
         ("name: a\n", (1, 1), "no key 'runs'", "'runs' here"),
         ("name: a\nruns: 0\n", (2, 7), "0", "more than 0"),
-        ("name: a\nruns: '3'\n", (2, 7), "'3'", "a whole number"),
-        ("name: a\nruns: true\n", (2, 7), "true", "a whole number"),
         ("name: a\nruns: 2.5\n", (2, 7), "2.5", "a whole number"),
-        ("name: 5\nruns: 3\n", (1, 7), "5", "text"),
         ("name:\nruns: 3\n", (1, 1), "nothing", "text"),
-        (GOOD + "step: '1.5'\n", (3, 7), "'1.5'", "a number"),
         (GOOD + "altitudes: [1 m, 20]\n", (3, 18), "20 without a unit", "a length such as '20 km'"),
         (GOOD + "altitudes: [1 m, 20 kg]\n", (3, 18), "'20 kg', a mass", "a length"),
         (GOOD + "altitudes: 20 m\n", (3, 12), "'20 m'", "a list"),
         (GOOD + "vehicle: missing.yaml\n", (3, 10), "'missing.yaml', which is not there", "the path of a file"),
         (GOOD + "dispersions: {a: {distribution: unifrm}}\n", (3, 33), "'unifrm'", "did you mean 'uniform'?"),
         (GOOD + "dispersions: {a: {half_width: 1}}\n", (3, 18), "no key 'distribution'", "a mapping with"),
-        (GOOD + "dispersions: {a: 3}\n", (3, 18), "3", "a mapping"),
         (GOOD + "dispersions: {a: {distribution: normal}}\n", (3, 18), "no key 'standard_deviation'", "here"),
         (
             GOOD + "dispersions: {normal: {distribution: normal, standard_deviation: 3 m}}\n",

@@ -1,10 +1,6 @@
 """Brent's method against scipy's, on hard functions, and from a cached kernel."""
 
 import math
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import numba
 import numpy as np
@@ -96,33 +92,3 @@ def test_not_a_number_is_reported() -> None:
     assert brent(holed, (), -1.0, 1.0, 1e-9, 100)[2] == NOT_A_NUMBER
     assert brent(holed, (), 0.1, 1.0, 1e-9, 100) == (1.0, 0, NO_SIGN_CHANGE)
     assert brent(holed, (), -1.0, 0.1, 1e-9, 100) == (-1.0, 0, NO_SIGN_CHANGE)
-
-
-KERNEL = """
-import numpy as np
-from abhv_mc.jit import kernel, scalar
-from abhv_mc.numerics.root_finding import brent
-
-@scalar
-def residual(x, table, shift):
-    return x * x - table[0] - shift
-
-@kernel
-def solve(table, shift):
-    return brent(residual, (table, shift), 0.0, 10.0, 1e-12, 100)[0]
-
-assert abs(solve(np.array([1.0]), 3.0) - 2.0) < 1e-9
-print(sum(solve.stats.cache_hits.values()))
-"""
-
-
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-def test_a_kernel_that_uses_it_comes_from_the_cache(tmp_path: Path) -> None:
-    script = tmp_path / "kernel_module.py"
-    script.write_text(KERNEL)
-    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
-    hits = [
-        subprocess.run([sys.executable, str(script)], env=environment, capture_output=True, text=True, check=True)
-        for _ in range(2)
-    ]
-    assert [run.stdout.strip() for run in hits] == ["0", "1"]

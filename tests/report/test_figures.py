@@ -8,7 +8,7 @@ from PIL import Image
 
 from abhv_mc.report.figures.distributions import Spread, plot_distributions
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
-from abhv_mc.report.figures.style import BLUE, CYCLE, VERMILION, controller_colors, write_png
+from abhv_mc.report.figures.style import BLUE, VERMILION, write_png
 from abhv_mc.report.numbers.results import BANDS
 from abhv_mc.report.pages.gallery import make_figures
 
@@ -117,17 +117,6 @@ def test_altitude_errors_are_in_metres_and_a_moving_reference_is_not_the_flights
     assert len(deviation.collections) == 2
 
 
-def test_the_drivers_are_told_in_words(figures):
-    figure = figures["drivers"]
-    words = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert words[-2:] == ["drives the error", "does not, or not shown"]
-    assert {axes.get_xlabel() for axes in figure.axes} <= {
-        "",
-        "smaller \N{LEFTWARDS ARROW} error \N{RIGHTWARDS ARROW} larger",
-    }
-    assert "drag, high or low" in [label.get_text() for label in figure.axes[0].get_yticklabels()]
-
-
 def test_failed_flights_keep_the_curve_from_100_percent():
     values = np.array([1.0, 2.0, 3.0, np.inf])
     figure = plot_distributions([Spread("x", {"a": values})], {"a": "A"}, {"a": BLUE})
@@ -138,11 +127,6 @@ def test_the_callers_settings_survive(tmp_path):
     before = dict(mpl.rcParams)
     write_png(plot_envelopes([EnvelopeRow("y", [_panel()])], ["A"], [BLUE]), tmp_path / "a.png")
     assert dict(mpl.rcParams) == before
-
-
-def test_controllers_have_colours_of_their_own():
-    colors = controller_colors(["a", "b", "c"])
-    assert list(colors.values()) == list(CYCLE[:3])
 
 
 def test_a_figure_is_laid_out_and_drawn_once(tmp_path, monkeypatch):

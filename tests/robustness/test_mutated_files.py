@@ -5,7 +5,6 @@ A failure prints the seed and the mutated content; the same seed makes the same 
 
 import random
 import shutil
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,6 @@ import pytest
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.mission import read_mission
-from abhv_mc.control.trajectory_file import read_trajectory
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
@@ -103,39 +101,3 @@ def test_a_mutated_table_is_taken_or_refused_in_words(copies):
         chance = random.Random(seed)
         refused += read_mutated(chance.choice(tables), lambda: load_vehicle(vehicle), chance, seed)
     assert refused > 20
-
-
-TABLES = {
-    "wind.csv": "wind: {file: wind.csv}\n",
-    "air.csv": "density: {file: air.csv}\n",
-    "trajectory.csv": "",
-}
-
-
-def test_a_mutated_table_of_a_mission_is_taken_or_refused_in_words(copies):
-    mission = copies / "configs/mission"
-    (mission / "wind.csv").write_text("altitude_m,wind_north_mps,wind_east_mps\n0,1,2\n20000,30,4\n40000,5,6\n")
-    (mission / "air.csv").write_text("altitude_m,density_factor\n0,1.0\n30000,1.1\n")
-    (mission / "trajectory.csv").write_text(
-        "time_s,altitude_m,speed_mps,heading_deg\n" + "".join(f"{20 * k},20000,1400,90\n" for k in range(8))
-    )
-    level = (mission / "level.yaml").read_text()
-    flown = level.replace("{kind: level}", "{kind: recorded, file: trajectory.csv}")
-    refused = 0
-    for name, line in TABLES.items():
-        asked = mission / f"with_{name}.yaml"
-        asked.write_text(level + "\n" + line if line else flown)
-        read_flown(asked, line)
-        for k in range(40):
-            seed = f"{SEED} {name} {k}"
-            refused += read_mutated(mission / name, partial(read_flown, asked, line), random.Random(seed), seed)
-    assert refused > 20
-
-
-def read_flown(path, line):
-    """The mission and the table that it names."""
-    mission = read_mission(path)
-    if line:
-        mission.make_air()
-    else:
-        read_trajectory(mission.manoeuvre.file, mission.duration)

@@ -1,5 +1,3 @@
-import json
-
 import numpy as np
 import pytest
 from fake_flight import ENGINE, LIFT, LOST_BELOW, prepare, write_campaign
@@ -180,16 +178,6 @@ def test_rare_refuses_what_makes_no_sense_before_anything_is_written(tmp_path, l
     assert not (tmp_path / "out").exists()
 
 
-def test_numbers_are_json_and_fixed_names(tmp_path, line):
-    rare = find_rare(SearchRequest(line, tmp_path / "rare"), RareSettings(METRIC, flights=8000), LINE).numbers()
-    assert {"probability", "low", "high", "confidence", "flights", "cov", "levels"} <= json.loads(
-        json.dumps(rare)
-    ).keys()
-    worst = find_worst(SearchRequest(line, tmp_path / "worst"), WorstSettings(METRIC, flights=400), LINE).numbers()
-    wanted = {"metric", "controller", "value", "flights", "parameters", "random_worst", "at_bounds"}
-    assert wanted <= json.loads(json.dumps(worst)).keys()
-
-
 def test_a_metric_that_the_campaign_declares_is_searched_like_any_other(tmp_path):
     campaign = write_line(
         tmp_path / "files",
@@ -206,11 +194,3 @@ def test_margins_are_not_searched_where_the_campaign_has_none(tmp_path, line):
     with pytest.raises(InputError, match="'gain_margin_min_db' without 'margins'"):
         find_worst(SearchRequest(line, tmp_path / "out"), WorstSettings("gain_margin_min_db", flights=400), LINE)
     assert not (tmp_path / "out").exists()
-
-
-def test_a_requirement_of_another_controller_is_not_proposed(tmp_path):
-    """It said: no requirement on 'x' for 'two'; expected 'x'."""
-    entry = f"{{metric: {METRIC}, below: 3, probability: 0.9, controllers: [one]}}"
-    campaign = write_line(tmp_path / "files", requirements=f"[{entry}]")
-    with pytest.raises(InputError, match="for 'two'; expected a requirement with the limit"):
-        find_rare(SearchRequest(campaign, tmp_path / "out", "two"), RareSettings(METRIC, flights=8000), LINE)

@@ -54,11 +54,10 @@ def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_pat
     assert found.as_json() == tune_controller(other, ENGINE).as_json()
 
 
-@pytest.mark.parametrize("name", ["vehicle.yaml", "mission.yaml", "tables/cl.csv"])
-def test_a_file_that_is_edited_meanwhile_changes_nothing(request_, tmp_path, name):
+def test_a_file_that_is_edited_meanwhile_changes_nothing(request_, tmp_path):
     """The inputs are read once: candidates of two vehicles are never compared."""
     whole = tune_controller(replace(request_, out=tmp_path / "whole.yaml"), ENGINE).as_json()
-    file = tmp_path / "files" / name
+    file = tmp_path / "files" / "tables/cl.csv"
     calls = 0
 
     def edit(plan, parameters, record_every=None):
@@ -151,12 +150,9 @@ def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path
     "old, new, match",
     [
         ("altitude.damping,", "altitude.gain,", r"block.yaml:1:8.*'altitude.gain'"),
-        ("altitude_error_rms_m", "altitude", r"block.yaml:2:\d+.*metric 'altitude'"),
         ("below_start_times: 1.5", "below: 3, above: 2", r"below and above"),
-        ("candidates: 113", "candidate: 113", r"candidate"),
         ("elevator_travel_deg, quantile: 0.5", "gain_margin_min_db, quantile: 0.5", r"no quantile"),
         ("elevator_travel_deg, quantile: 0.5, below_start_times: 1.5", "gain_margin_min_db, below: 6", r"'above'"),
-        ("below_start_times: 1.5", "below: 3, vehicles: corners", r"vehicles"),
         (
             "elevator_travel_deg, quantile: 0.5, below_start_times: 1.5}",
             "gain_margin_min_db, above: 6}\nmargins_at: [trim, 900 s]",

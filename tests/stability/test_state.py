@@ -16,16 +16,13 @@ CALM = {"propulsion__specific_impulse": 1e9}
 UNSTART = {"failure__engine__drag_increment": 1e-3, "failure__engine__pitching_moment_increment": 1e-5}
 CASES = {
     "aileron loss": {"failure__aileron__loss_time": 1.0, "failure__aileron__effectiveness": 0.8},
-    "rudder loss": {"failure__rudder__loss_time": 1.0, "failure__rudder__effectiveness": 0.7},
     "elevator stuck": {"failure__elevator__stuck_time": 1.99},
     "rudder stuck elsewhere": {"failure__rudder__stuck_time": 1.95, "failure__rudder__stuck_at": 2e-4},
     "aileron slow": {"failure__aileron__slow_time": 1.0, "failure__aileron__rate_limit": 0.5},
     "pitch rate frozen": {"failure__sensor__pitch_rate__time": 1.9},
-    "bank off": {"failure__sensor__bank__time": 1.9, "failure__sensor__bank__bias": 1e-4},
     "engine weak": {"failure__engine__time": 1.0, "failure__engine__thrust": 0.9, **UNSTART},
     "crosswind": {"wind__north": 1.0, "wind__shear_north": 2e-5},
     "delayed and frozen": {"sensor__delay": 0.03, "failure__sensor__sideslip__time": 1.9},
-    "dense at 20 km": {"atmosphere__density_at_20km": 1.02},
 }
 
 

@@ -164,6 +164,7 @@ def test_memory_that_is_not_given_is_refused_by_name_where_slopes_are_taken(make
         flown_points(plan, nominal_parameters(), 0.5)
 
 
+@pytest.mark.thorough
 def test_a_crash_costs_its_flight_alone(make, capfd):
     """SIGSEGV in one flight of six, not in the launching process; the rest is as without it."""
     crash = "if (m->bank > 0.35) { volatile int *nowhere = 0; *nowhere = 1; }"

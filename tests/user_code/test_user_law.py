@@ -186,27 +186,9 @@ def test_an_exception_in_plain_python_ends_the_flight_and_is_told_once(make, cap
     assert 'law.py", line 6' in told
 
 
-@pytest.mark.parametrize("raised", ["SystemExit(0)", "KeyboardInterrupt", "asyncio.CancelledError"])
-def test_what_is_no_exception_ends_the_flight_too(make, raised):
-    """It flew on with the last command, and was counted as ok."""
-    text = f"import asyncio\n{HEAD}@controller(compiled=False)\ndef law(time):\n    if time > 0.2:\n"
-    text += f"        raise {raised}\n    return Command(0.0, 0.0, 0.0, 0.5)\n"
-    block = fly(make(text), nominal_parameters(2))
-    assert [Outcome(code) for code in block.outcome] == [Outcome.LAW_FAILED] * 2
-
-
 def test_a_memory_that_cannot_be_made_ends_the_flight(make):
     text = HEAD + "class Memory:\n    def __init__(self):\n        raise OSError('no model')\n\n"
     text += "@controller(compiled=False)\ndef law(memory):\n    return Command(0.0, 0.0, 0.0, 0.5), memory\n"
-    block = fly(make(text), nominal_parameters(2))
-    assert [Outcome(code) for code in block.outcome] == [Outcome.LAW_FAILED] * 2
-
-
-def test_settings_that_cannot_be_made_end_the_flight(make):
-    """It flew on with commands of zero, and was counted as ok."""
-    text = HEAD + "from collections import namedtuple\nclass Settings(namedtuple('Settings', 'x', defaults=(1.0,))):\n"
-    text += "    def __new__(kind, x):\n        raise SystemExit(0)\n\n"
-    text += "@controller(compiled=False)\ndef law(settings):\n    return Command(0.0, 0.0, 0.0, 0.5)\n"
     block = fly(make(text), nominal_parameters(2))
     assert [Outcome(code) for code in block.outcome] == [Outcome.LAW_FAILED] * 2
 
@@ -343,19 +325,15 @@ def test_design_gives_gains_and_the_linear_plant(make):
 
 
 DESIGNS = {
-    "raise Mute": "a design that raises Mute",
     "raise SystemExit(0)": "raises SystemExit",
     "return 3": "returns int",
     "return Gains('x')": "the gain 'class'",
-    "return Gains(1.0)": "'class'",
-    "return Gains(Mute)": "'class'",
 }
 
 
 @pytest.mark.parametrize("end", DESIGNS)
 def test_an_odd_design_is_refused_in_words(make, end):
     text = HEAD + (
-        "class Mute(Exception):\n    def __str__(self):\n        raise SystemExit(0)\n\n"
         "class Gains(tuple):\n    _fields = ('class',)\n    def __new__(kind, x):\n"
         "        return tuple.__new__(kind, (x,))\n\n"
         f"def design(model, settings):\n    {end}\n\n"

@@ -4,13 +4,12 @@ The design model is the right-hand sides (1), (13) and (3) of Zhu and Shen 2014 
 the vehicle's own tables; nothing here looks at the gain formulas that it is there to check.
 """
 
-from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
+from abhv_mc.control.controller_file import TlcController, read_controller
 from abhv_mc.control.design.design_model import Surroundings, attitude_rates, body_rate_rates, guidance_rates, wrench_at
 from abhv_mc.control.design.design_tables import Numbers, slope
 from abhv_mc.control.design.environment import make_surroundings
@@ -23,8 +22,6 @@ from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import WGS84
-
-_Law = TypeVar("_Law", TlcController, LqrController)
 
 _STILL = (0.0, 0.0, 0.0)
 SPHERE = WGS84._replace(flattening=0.0, j2=0.0, rotation_rate=0.0)
@@ -78,15 +75,9 @@ def make_design() -> Design:
     mission = read_mission(configs / "mission" / "s_manoeuvre.yaml")
     trim_tables = make_mission_trim_tables(mission, vehicle)
     reference, _ = solve_reference(mission, vehicle, trim_tables, 0.1, 600)
-    return Design(vehicle, mission, reference, trim_tables, read_law(configs / "control" / "tlc.yaml", TlcController))
-
-
-def read_law(path: Path, law: type[_Law]) -> _Law:
-    """A controller file of one law. Raises TypeError for another."""
-    controller = read_controller(path)
-    if not isinstance(controller, law):
-        raise TypeError(f"{path.name} is not a controller of the law {law.__name__}")
-    return controller
+    controller = read_controller(configs / "control" / "tlc.yaml")
+    assert isinstance(controller, TlcController)
+    return Design(vehicle, mission, reference, trim_tables, controller)
 
 
 def draw_nominals(design: Design, count: int, seed: int = 2014) -> list[Nominal]:

@@ -1,7 +1,5 @@
 """Replay of the C++ flight, and of the same flight in files that have other columns."""
 
-import gzip
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -85,20 +83,13 @@ def test_columns_that_are_not_needed_may_go_and_come(frame, tmp_path, rows):
     assert [row.difference for row in again] == pytest.approx([row.difference for row in rows], abs=1e-5)
 
 
-@pytest.mark.parametrize("column", ["delex", "throttle", "tbi23", "sbii1", "alphax", "time"])
+@pytest.mark.parametrize("column", ["delex", "time"])
 def test_a_needed_column_is_named(frame, tmp_path, column):
     file = tmp_path / "lacking.csv.gz"
     frame.iloc[:50].drop(columns=column).to_csv(file, index=False)
     with pytest.raises(InputError, match=f"no column {column}") as refused:
         verify_ghame6(file)
     assert refused.value.line == 1
-
-
-def test_without_any_mass_the_mass_is_named(frame, tmp_path):
-    file = tmp_path / "lacking.csv"
-    frame.iloc[:50].drop(columns=["vmass", "fmasse"]).to_csv(file, index=False)
-    with pytest.raises(InputError, match="vmass"):
-        verify_ghame6(file)
 
 
 def test_a_later_start_and_a_coarser_grid(frame, tmp_path):
@@ -126,13 +117,3 @@ def load_vehicle_ghame():
     from abhv_mc.shipped import shipped_configs
 
     return load_vehicle(shipped_configs() / "vehicle" / "ghame.yaml")
-
-
-def test_a_broken_archive_is_refused(path, tmp_path):
-    file = tmp_path / "cut.csv.gz"
-    file.write_bytes(path.read_bytes()[:20000])
-    with pytest.raises(InputError, match="cannot be read"):
-        verify_ghame6(file)
-    file.write_bytes(gzip.compress(b"time\n\xff\xfe"))
-    with pytest.raises(InputError, match="UTF-8"):
-        verify_ghame6(file)

@@ -101,11 +101,3 @@ def test_look_up(name: str) -> None:
             worst = float((np.abs(compiled - expected) / scale).max())
             rows.append(Row(f"tables of {name}", other, f"random points, {where}", "relative", worst, 1e-13))
     check(rows)
-
-
-def test_the_compiled_look_up_takes_any_number_of_points() -> None:
-    tables = load_vehicle(shipped_configs() / "vehicle" / "winged_cone.yaml").tables
-    variables = draw_points(tables, "outside", 35)
-    found = look_up_points(tables, variables)
-    assert np.array_equal(found, look_up_points(tables, variables))
-    assert np.array_equal(found[:, 7:9], look_up_points(tables, variables[:, 7:9]))

@@ -1,7 +1,5 @@
 """Samples from a file: what is read, and where what cannot be read stands."""
 
-from pathlib import Path
-
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -17,13 +15,6 @@ def test_csv_and_parquet_give_the_same(tmp_path):
     one, two = (read_sample_file(tmp_path / name, DISPERSIBLE) for name in ("s.csv", "s.parquet"))
     assert one.names == two.names == ("aero.lift", "aero.drag")
     assert one.values.tolist() == two.values.tolist() == [[0.9, 1.1], [1.0, 1.2]]
-
-
-def test_a_folder_with_a_colon_is_no_address(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("run:1").mkdir()
-    pq.write_table(pa.table({"aero.lift": [0.9]}), tmp_path / "run:1/s.parquet")
-    assert read_sample_file(Path("run:1/s.parquet"), DISPERSIBLE).names == ("aero.lift",)
 
 
 @pytest.mark.parametrize(

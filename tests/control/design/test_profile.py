@@ -92,9 +92,7 @@ def test_a_recorded_heading_runs_on_through_north(tmp_path: Path) -> None:
     ("change", "line", "words"),
     [
         (("10.0,", "9.0,"), 12, "times that rise"),
-        (("1395.", "-1395."), None, "positive"),
         (("20000.0", "nan"), 2, "finite"),
-        (("altitude_m", "height_m"), 1, "no column altitude_m"),
         (("60.0,", "59.5,"), None, "from 0 to 60 s"),
     ],
 )
@@ -122,10 +120,8 @@ def test_a_bad_trajectory_is_refused_with_its_line(
         ("manoeuvre: {kind: loop}", "kind 'loop'"),
         ("manoeuvre: {kind: climb, altitude_change: 30 km, length: 40 s}", "a climb to 50000 m"),
         ("manoeuvre: {kind: s_manoeuvre, offset: 50 km, length: 50 s}", "sideways"),
-        ("manoeuvre: {kind: turn, heading_change: 10 deg, length: 0 s}", "expected more than 0"),
         ("manoeuvre: {kind: level}\nstart_time: 5 km", "'5 km', a length"),
         ("manoeuvre: {kind: level}\nlimits: {altitude: [30 km, 40 km]}", "20000 m"),
-        ("manoeuvre: {kind: level}\nearth: moon", "moon"),
         ("manoeuvre: {kind: level}\nwind: strong", "strong"),
     ],
 )

@@ -5,16 +5,13 @@ Zhu and Shen 2014, equations (5)-(11) and (20).
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from abhv_mc.control.columns import TLC_ATTITUDE, TLC_GAINS, TLC_K1, TLC_K2, TLC_RATE, TLC_SETTINGS
+from abhv_mc.control.columns import TLC_ATTITUDE, TLC_GAINS, TLC_RATE, TLC_SETTINGS
 from abhv_mc.control.controller_file import Channel, TlcController, read_controller
-from abhv_mc.control.design.design_model import Surroundings, guidance_rates
-from abhv_mc.control.design.design_tables import slope
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings, pd_spectrum
 from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
@@ -28,61 +25,6 @@ def controller() -> TlcController:
     found = read_controller(CONFIGS / "control" / "tlc.yaml")
     assert isinstance(found, TlcController)
     return found
-
-
-def test_guidance_loops_are_exact_over_the_envelope(
-    controller: TlcController, vehicle: Vehicle, trim_tables: Tables, column: dict[str, Floats]
-) -> None:
-    """``A - B K = A_c`` at random nominals, A and B by complex step of (1); the nominal need not be a trim."""
-    generator = np.random.default_rng(5)
-    count = 100
-    random = {name: value[:count].copy() for name, value in column.items()}
-    for name, low, high in (
-        ("speed", 1290.0, 1500.0),
-        ("flight_path_angle", -0.3, 0.3),
-        ("heading", -3.0, 3.0),
-        ("angle_of_attack", -0.02, 0.20),
-        ("bank", -1.2, 1.2),
-        ("equivalence_ratio", 0.1, 1.4),
-        ("mass", 900.0, 1400.0),
-        ("latitude", -0.9, 0.9),
-    ):
-        random[name] = generator.uniform(low, high, count)
-    rows = np.stack([random[name] for name in column], axis=1)
-    gains = make_tlc_gains(controller, rows, vehicle, trim_tables)
-    velocity = controller.velocity
-    wanted = np.zeros((6, 6))
-    wanted[0::2, 1::2] = np.eye(3)
-    for i, channel in enumerate((velocity.flight_path_angle, velocity.heading, velocity.speed)):
-        assert isinstance(channel.bandwidth, float)
-        wanted[2 * i + 1, 2 * i] = -(channel.bandwidth**2)
-        wanted[2 * i + 1, 2 * i + 1] = -2.0 * channel.damping * channel.bandwidth
-    for k in range(count):
-        here = {name: float(value[k]) for name, value in random.items()}
-        around = Surroundings(
-            here["altitude"], here["density"], here["sound_speed"], here["gravity"], here["radius"], here["latitude"]
-        )
-        names = ("flight_path_angle", "heading", "speed", "angle_of_attack", "bank", "equivalence_ratio")
-        at = [here["altitude"], *(here[name] for name in names)]
-        mass = here["mass"]
-
-        def rates_of(x: NDArray[Any], around: Surroundings = around, mass: float = mass) -> NDArray[Any]:
-            return guidance_rates(vehicle, trim_tables, around, mass, x[:4], x[4:])
-
-        J = slope(rates_of, at)
-        # Sub-loop 1: altitude rate is V cos(gamma) times the flight path angle.
-        K1 = gains[k, TLC_K1 : TLC_K1 + 2]
-        altitude = controller.altitude
-        assert isinstance(altitude.bandwidth, float)
-        closed = -J[0, 1] * K1
-        np.testing.assert_allclose(
-            closed, [-(altitude.bandwidth**2), -2.0 * altitude.damping * altitude.bandwidth], rtol=1e-9
-        )
-        A, B = np.zeros((6, 6)), np.zeros((6, 3))
-        A[0::2, 1::2] = np.eye(3)
-        A[1::2, 1::2], B[1::2] = J[1:, 1:4], J[1:, 4:]
-        K2 = gains[k, TLC_K2 : TLC_K2 + 18].reshape(3, 6)
-        np.testing.assert_allclose(A - B @ K2, wanted, atol=1e-9 * np.abs(B @ K2).max())
 
 
 def test_gains_of_the_inner_loops_are_table_1(

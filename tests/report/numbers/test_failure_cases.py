@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from abhv_mc.report.figures.failure_cases import CaseBand, CasePanel, plot_bands, plot_survival
 from abhv_mc.report.numbers.failure_cases import failure_case_rows, failure_case_sentence, still_flying
 from abhv_mc.report.numbers.parameters import shown_value
 
@@ -42,15 +41,6 @@ def test_sentences_count_the_flights_of_single_failures():
     assert row["cells"][0]["verdicts"] == ["altitude < 50 m: missed by 0, FAIL"]
     assert failure_case_rows({}) == []
     assert failure_case_sentence({}, labels) == ""
-
-
-def test_figures_draw_what_there_is():
-    times, names = np.linspace(0.0, 5.0, 6), {"one": "One", "two": "Two"}
-    colors = {"one": "#000000", "two": "#ff0000"}
-    figure = plot_survival(times, [CasePanel("engine failed", {"one": np.ones(6)})] * 3, names, colors)
-    assert [axes.get_title() for axes in figure.axes if axes.get_visible()] == ["engine failed"] * 3
-    band = CaseBand("stuck", "bank (deg)", {"two": np.array([np.zeros(6), np.ones(6), 2.0 * np.ones(6)])})
-    assert plot_bands(times, [[band], [band]], names, colors).axes[1].get_ylabel() == "bank (deg)"
 
 
 def test_a_failure_that_never_comes_is_said_so():

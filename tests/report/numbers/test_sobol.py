@@ -88,7 +88,6 @@ def test_rules_and_ranks_use_flights_that_share_nothing(tmp_path):
         (dict(runs="641"), "641; expected a multiple of 5 (parameters + 2)"),
         (dict(correlations="[{between: [aero.drag, aero.lift], rank: 0.2}]"), "need independent parameters"),
         (dict(dispersions="{}"), "'saltelli' without dispersions"),
-        (dict(stop="when proven"), "not independent"),
     ],
 )
 def test_what_gives_no_indices_is_refused(tmp_path, entries, words):

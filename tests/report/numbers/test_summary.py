@@ -2,7 +2,6 @@ import copy
 
 from abhv_mc.report.numbers.confidence import sureness_sentence
 from abhv_mc.report.numbers.summary import summary_sentences
-from abhv_mc.report.numbers.words import joined
 
 
 def test_the_first_sentence_says_who_wins_and_at_what_usage(report_json):
@@ -57,11 +56,6 @@ def test_dependent_flights_are_told(report_json):
     assert "no verdict" in sureness_sentence({**report_json, "campaign": campaign})
 
 
-def test_lists_read_as_english():
-    assert joined([]) == ""
-    assert joined(["a", "b", "c"]) == "a, b and c"
-
-
 def test_the_strongest_rival_comes_first(report_json):
     """The page began with the weakest rival: 'TLC is better', where a tuned LQR beats it in some errors."""
     numbers = copy.deepcopy(report_json)
@@ -83,24 +77,6 @@ def test_of_rivals_that_stand_alike_the_one_that_fails_less_comes_first(report_j
         entry["controllers"]["lqr"]["status"] = "FAIL"
         entry["controllers"]["lqr_retuned"]["status"] = "NOT SHOWN"
     assert summary_sentences(numbers)[0].startswith("TLC is better: against LQR retuned")
-
-
-def test_errors_that_no_single_parameter_moves_are_told_together(report_json):
-    numbers = copy.deepcopy(report_json)
-    for entry in numbers["drivers"]["controllers"]["tlc"]["metrics"].values():
-        for parameter in entry["parameters"]:
-            parameter["driver"] = False
-    (text,) = [text for text in summary_sentences(numbers) if text.startswith("What moves the errors of TLC")]
-    assert text.count("no single parameter") == 1
-    assert "no single parameter moves max altitude error, max speed error and max sideslip." in text
-
-
-def test_flights_that_were_not_computed_are_told(report_json):
-    numbers = copy.deepcopy(report_json)
-    numbers["flights"]["lqr"]["not_computed"] = 20
-    assert any(
-        text.startswith("LQR: the machine could not compute 20 of 100 fl") for text in summary_sentences(numbers)
-    )
 
 
 def test_saturation_and_cycles_are_told(report_json):

@@ -98,10 +98,6 @@ def test_nothing_is_loaded_from_elsewhere(outline, report_page):
     assert len(re.findall(rb"plotly.js \(basic - minified\) v", gzip.decompress(base64.b64decode(packed)))) == 1
 
 
-def test_how_far_apart_the_samples_of_the_bands_lie_is_told(report_page):
-    assert "are of samples 0.1 s apart" in " ".join(report_page.split())  # synthetic.TICK
-
-
 def test_every_command_is_there(report_page):
     assert re.search(r"abhv-mc replay &#39;[^&]*a campaign&#39; --controller lqr_retuned --flight NUMBER", report_page)
     assert len(re.findall(r'data-show="lqr_retuned \d+"', report_page)) == 20
@@ -162,31 +158,6 @@ def test_every_flight_is_a_point_and_the_worst_that_are_listed_have_their_histor
     np.testing.assert_allclose(drawn, flown.metrics[metric], atol=1e-4 * np.ptp(arrays[f"column:{metric}"]))
     kept = {rows["flight"][i] for i in lqr if rows["history"][i] >= 0}
     assert kept and kept <= {entry["flight"] for entry in make_numbers(results)["worst"]["lqr"]}
-
-
-def test_bands_are_said_to_be_pointwise_and_of_the_flights_that_still_fly(report_page):
-    """On the page, below the interactive plot and in the captions of the figures."""
-    words = " ".join(report_page.split())
-    section = words[words.index('id="envelopes"') :]
-    assert "hold at each moment by itself, over the flights that still fly then" in section
-    script = words[words.rindex("<script>") :]
-    assert "Bands hold at each moment by itself, over the flights that still fly then." in script
-    captions = re.findall(r"<figcaption>(.*?)</figcaption>", words)
-    told = [
-        caption for caption in captions if "Bands hold at each moment by itself, over the flights that still" in caption
-    ]
-    assert len(told) == 10  # Figures 2 to 11
-
-
-def test_what_few_read_is_folded_and_the_page_has_a_dark_mode(report_page, outline):
-    """The tables of all metrics, the provenance and the files made half of 21 pages."""
-    folded = [inside for tag, attributes, inside in outline.elements if tag == "table" and "details" in inside]
-    metrics = [inside for tag, a, inside in outline.elements if tag == "table" and "metrics" in a.get("class", "")]
-    assert metrics and all("details" in inside for inside in metrics)
-    assert len(folded) >= len(metrics) + 2
-    assert not any("open" in attributes for attributes in outline.all("details"))
-    dark = re.search(r"prefers-color-scheme: dark\) \{(.*?)\n\}", report_page, re.S)[1]
-    assert "--paper:" in dark and "--ink:" in dark
 
 
 def test_markdown_says_the_same_and_needs_no_question(tmp_path):
