@@ -3,7 +3,8 @@
 
 #include "lqr.c"
 
-enum { MEASURED = 0, REFERENCE = 10, GAINS = 33, PARAMS = 57, OUTPUTS = 60, COUNT = 67 };
+enum { MEASURED, REFERENCE = MEASURED + sizeof(abhv_measured) / 8, GAINS = REFERENCE + sizeof(abhv_reference) / 8 };
+enum { PARAMS = GAINS + 24, OUTPUTS = PARAMS + 3, SPEED = OUTPUTS + 7, RATE, COUNT }; /* SPEED: a state, m */
 
 typedef struct {
     double v[COUNT];
@@ -14,8 +15,14 @@ static int tick(lqr *own, double time, double dt) {
     const double *v = own->v;
     if (v[MEASURED + 6] > 1.5) return 3; /* a bank that it does not fly */
     own->ticks += 1;
-    return abhv_law_step((const abhv_measured *)(v + MEASURED), (const abhv_reference *)(v + REFERENCE), v + GAINS,
+    int failed = abhv_law_step((const abhv_measured *)(v + MEASURED), (const abhv_reference *)(v + REFERENCE), v + GAINS,
                          (const abhv_settings *)(v + PARAMS), time, dt, 0, (abhv_command *)(own->v + OUTPUTS));
+#ifdef REMEMBERS
+    const abhv_measured *m = (const abhv_measured *)(v + MEASURED);
+    own->v[SPEED] += dt * (m->speed - ((const abhv_reference *)(v + REFERENCE))->speed);
+    own->v[OUTPUTS + 3] -= 0.001 * v[SPEED];
+#endif
+    return failed;
 }
 
 #if FMI_VERSION == 2
@@ -34,7 +41,7 @@ fmi2Status fmi2Reset(fmi2Component c) {
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean t, fmi2Real tolerance, fmi2Real start, fmi2Boolean s,
                                fmi2Real stop) {
     (void)c, (void)t, (void)tolerance, (void)s, (void)stop;
-    return start == 0.0 ? fmi2OK : fmi2Error;
+    return start >= 0.0 ? fmi2OK : fmi2Error;
 }
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return ((lqr *)c)->ticks == 0.0 ? fmi2OK : fmi2Error; }
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return c ? fmi2OK : fmi2Error; }
@@ -69,7 +76,7 @@ fmi3Status fmi3Reset(fmi3Instance c) {
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean t, fmi3Float64 tolerance, fmi3Float64 start,
                                        fmi3Boolean s, fmi3Float64 stop) {
     (void)t, (void)tolerance, (void)s, (void)stop;
-    return start == 0.0 && ((lqr *)c)->ticks == 0.0 ? fmi3OK : fmi3Error;
+    return start >= 0.0 && ((lqr *)c)->ticks == 0.0 ? fmi3OK : fmi3Error;
 }
 fmi3Status fmi3ExitInitializationMode(fmi3Instance c) { return c ? fmi3OK : fmi3Error; }
 fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Float64 value[],

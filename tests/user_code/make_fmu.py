@@ -13,21 +13,23 @@ import psutil
 from abhv_mc.control.columns import LQR_GAINS, REFERENCE
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.plan import LANES
-from abhv_mc.plant.state import N_MEASURED
 from abhv_mc.user_code.c_source import make_header, make_settings_header
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured
 
 HERE = Path(__file__).parent
 GAINS = (*LQR_GAINS, "earth_radius", "gravitational_parameter")
 PARAMS = ("alpha_min", "alpha_max", "bank_limit")
-INPUTS = [f"measured.{name}" for name in Measured._fields[:N_MEASURED]] + [f"reference.{name}" for name in REFERENCE]
+INPUTS = [f"measured.{name}" for name in Measured._fields] + [f"reference.{name}" for name in REFERENCE]
 INPUTS += [f"gains.{name}" for name in GAINS]
 OUTPUTS = [f"command.{name}" for name in COMMAND_FIELDS]
 LAYOUT = [("angle_of_attack", 2), ("bank_limit", 0)]
 
 
-def make_fmu(file: Path, version: int, repository: Path, units: dict[str, str] | None = None) -> None:
-    """``units``: of some variables, ``deg`` or any other that is then not defined."""
+def make_fmu(file: Path, version: int, repository: Path, units: dict[str, str] | None = None, memory: str = "") -> None:
+    """``units``: of some variables, ``deg`` or any other that is then not defined.
+
+    ``memory``: ``named``, of an integral of the speed error that is a state, or ``hidden``, of one that is not.
+    """
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         (folder / "abhv_law.h").write_text(make_header())
@@ -40,14 +42,15 @@ def make_fmu(file: Path, version: int, repository: Path, units: dict[str, str] |
         binaries.mkdir(parents=True)
         library = binaries / f"lqr{fmpy.sharedLibraryExtension}"
         command = ["cc", "-shared", "-fPIC", "-O2", "-ffp-contract=off", f"-DFMI_VERSION={version}", f"-I{headers}"]
+        command += ["-DREMEMBERS"] if memory else []
         subprocess.run([*command, "-I.", "-o", str(library), "lqr_fmu.c"], cwd=folder, check=True)
-        (folder / "modelDescription.xml").write_text(describe(version, units or {}))
+        (folder / "modelDescription.xml").write_text(describe(version, units or {}, memory))
         with zipfile.ZipFile(file, "w") as archive:
             for path in (library, folder / "modelDescription.xml"):
                 archive.write(path, path.relative_to(folder).as_posix())
 
 
-def describe(version: int, units: dict[str, str]) -> str:
+def describe(version: int, units: dict[str, str], memory: str) -> str:
     kinds = [("input", INPUTS), ("parameter", PARAMS), ("output", OUTPUTS)]
     lines, number = [], 0
     for causality, names in kinds:
@@ -61,6 +64,16 @@ def describe(version: int, units: dict[str, str]) -> str:
             else:
                 lines.append(f"<Float64 {head}{unit}{start}/>")
             number += 1
+    structure = ""
+    if memory == "named":
+        of = len(lines) + 1 if version == 2 else number
+        local = {"speed_integral": ('initial="exact"', 'start="0"'), "rate": ("", f'derivative="{of}"')}
+        for i, (name, (more, start)) in enumerate(local.items()):
+            head = f'name="{name}" valueReference="{number + i}" causality="local" {more}'
+            two = f"<ScalarVariable {head}><Real {start}/></ScalarVariable>"
+            lines.append(two if version == 2 else f"<Float64 {head} {start}/>")
+        two = f'<Derivatives><Unknown index="{len(lines)}"/></Derivatives>'
+        structure = two if version == 2 else f'<ContinuousStateDerivative valueReference="{number + 1}"/>'
     token = 'guid="{lqr}"' if version == 2 else 'instantiationToken="{lqr}"'
     degree = (
         '<UnitDefinitions><Unit name="deg"><BaseUnit rad="1" factor="0.017453292519943295"/></Unit></UnitDefinitions>'
@@ -70,7 +83,7 @@ def describe(version: int, units: dict[str, str]) -> str:
 <CoSimulation modelIdentifier="lqr" canHandleVariableCommunicationStepSize="true"/>
 {degree}
 <ModelVariables>{"".join(lines)}</ModelVariables>
-<ModelStructure/>
+<ModelStructure>{structure}</ModelStructure>
 </fmiModelDescription>
 """
 

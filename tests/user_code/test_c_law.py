@@ -17,6 +17,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.numerics.angles import clamp, wrap
 from abhv_mc.numerics.lane_math import sincos
 from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.stability.analysis import analyse
 from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.points import flown_points
 from abhv_mc.user_code.c_source import make_header, make_settings_header
@@ -131,8 +132,23 @@ def test_lqr_in_c_is_the_built_in_lqr_to_the_bit_and_has_its_margins(repository)
     some = nominal_parameters(2)
     some[1, PARAMETER_INDEX["aero.lift"]] = 1.05
     ours, theirs = (linearize(plan, flown_points(plan, some, 40.0).points) for plan in (mine, built_in))
-    assert np.abs(ours.law_D - theirs.law_D).max() < 1e-6 * np.abs(theirs.law_D).max()
-    assert np.array_equal(ours.A, theirs.A)
+    assert np.abs(ours.law_D[..., :10] - theirs.law_D).max() < 1e-6 * np.abs(theirs.law_D).max()
+    assert np.array_equal(ours.A, theirs.A) and np.abs(ours.law_D[..., 10:]).max() < 1e-9
+    margins, expected = (analyse(linear).margins for linear in (ours, theirs))
+    for name, one, other in zip(margins._fields, margins, expected, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6, err_msg=name)
+
+
+def test_it_sees_all_that_a_law_in_python_may_ask_for(make):
+    used = "bank += 0.01 * (m->mach - 6.0) + 0.1 * m->pitch + 1e-5 * m->cross_track;"
+    c = PLAIN.replace("    c->equivalence_ratio", f"    {used}\n    c->equivalence_ratio", 1)
+    python = PYTHON.replace("    eta =", f"    {used[:-1].replace('->', '.')}\n    eta =")
+    parameters = disperse(5)
+    assert_same(fly(make(c), parameters, 10), fly(make(python), parameters, 10))
+    plans = make(c), make(python)
+    slopes = [linearize(plan, flown_points(plan, parameters[1:2], 0.5).points).law_D for plan in plans]
+    assert np.abs(slopes[0][..., 10:]).max() > 1e-3
+    np.testing.assert_allclose(*slopes, rtol=0, atol=1e-9)
 
 
 def test_a_law_with_a_state_does_not_depend_on_lanes_company_or_compaction(make):
@@ -153,7 +169,7 @@ def test_its_memory_is_linearised_as_that_of_a_law_in_python(make):
     parameters[0, PARAMETER_INDEX["initial.angle_of_attack"]] = 0.0
     plans = make(PLAIN, 2.0), make(PYTHON, 2.0)
     c, python = (linearize(plan, flown_points(plan, parameters, 1.0).points) for plan in plans)
-    assert np.array_equal(c.law_D, python.law_D)
+    assert np.array_equal(c.law_D[..., :10], python.law_D)
     assert np.abs(c.law_C[..., :1] - python.law_C).max() < 1e-9 and np.abs(c.law_C[..., 1]).max() < 1e-9
     assert np.array_equal(c.law_A[..., :1, :1], python.law_A)
 

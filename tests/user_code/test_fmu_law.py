@@ -17,14 +17,16 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.points import flown_points
+from abhv_mc.stability.probe import law_memory_rows
 from abhv_mc.user_code.child import in_child
 
 
 @pytest.fixture
 def make(repository, tmp_path):
-    def make_plan(version, seconds=1.0, units=None, change=None):
-        make_fmu(tmp_path / "lqr.fmu", version, repository, units)
+    def make_plan(version, seconds=1.0, units=None, change=None, memory=""):
+        make_fmu(tmp_path / "lqr.fmu", version, repository, units, memory)
         write_controller(tmp_path / "mine.yaml", "lqr.fmu", repository)
         if change:
             text = (tmp_path / "mine.yaml").read_text()
@@ -92,14 +94,34 @@ def test_a_wrong_wiring_is_refused_by_name(make, change, units, words):
     assert words in str(refused.value)
 
 
-def test_an_error_of_a_step_ends_the_flight_and_margins_are_refused_by_name(make):
-    plan = make(3)
+def test_an_error_of_a_step_ends_the_flight(make):
     parameters = nominal_parameters(3)
     parameters[1, PARAMETER_INDEX["initial.bank"]] = 1.6
-    outcomes = [Outcome(code) for code in fly(plan, parameters).outcome]
+    outcomes = [Outcome(code) for code in fly(make(3), parameters).outcome]
     assert outcomes[1] == Outcome.LAW_FAILED and Outcome.LAW_FAILED not in (outcomes[0], outcomes[2])
-    with pytest.raises(InputError, match="FMU"):
-        flown_points(plan, nominal_parameters(), 0.5)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_slopes_are_those_of_the_built_in_lqr_and_of_the_states_that_it_names(make, repository, version):
+    """Commanded is less throttle for the integral of the speed error, which a step has moved on already."""
+    parameters, at = disperse(2)[1:], 0.5
+    built_in = shorten(read(repository, repository / "configs" / "control" / "lqr.yaml"), 1.0)
+    theirs = linearize(built_in, flown_points(built_in, parameters, at).points)
+    plain, remembering = make(version), make(version, memory="named")
+    ours = linearize(plain, flown_points(plain, parameters, at).points)
+    assert ours.law_A.size == 0
+    np.testing.assert_allclose(ours.law_D[..., :10], theirs.law_D, rtol=0, atol=1e-6 * np.abs(theirs.law_D).max())
+    assert list(law_memory_rows(remembering)) == ["speed_integral"]
+    found = linearize(remembering, flown_points(remembering, parameters, at).points)
+    np.testing.assert_allclose(found.law_A, 1.0, rtol=1e-9)
+    np.testing.assert_allclose(found.law_B[0, 0, :2], [0.0, 0.01], atol=1e-9)
+    np.testing.assert_allclose(found.law_C[0, :, 0], [0.0, 0.0, 0.0, -0.001], atol=1e-9)
+    np.testing.assert_allclose(found.law_D[0, 3, 1] - ours.law_D[0, 3, 1], -1e-5, atol=1e-9)
+
+
+def test_slopes_of_an_fmu_that_hides_what_it_remembers_are_refused_by_name(make):
+    with pytest.raises(InputError, match=r"lqr\.fmu.*Derivatives"):
+        flown_points(make(2, 3.0, memory="hidden"), nominal_parameters(), 0.5)
 
 
 @pytest.mark.parametrize("version", [2, 3])

@@ -1,13 +1,19 @@
-"""A law in native code tried before it flies: a flight must not depend on the flights beside or before it."""
+"""A law in native code tried before it flies: a flight must not depend on the flights beside or before it.
+
+And before its slopes are taken: an FMU must not remember more than the states that it names.
+"""
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.compiler_target import code_folder
-from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
 from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.user_law import hidden_memory
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
 from abhv_mc.jit import compiler
@@ -15,6 +21,8 @@ from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.user_code.child import LostError, in_child
 
 _TICKS = 50
+_SLOW_TICKS = 200  # for what a memory does to a flight to grow
+_ALIKE = 1e-6  # of a flight whose states are set anew at each tick: the integrators of some FMUs then start anew
 _LONGEST = 600.0  # s, compiling included
 
 
@@ -23,31 +31,56 @@ def check_native(plan: FlightPlan) -> None:
 
     Raises InputError for a law that crashes or hangs at once, or that keeps memory of its own.
     """
-    source = plan.source
-    if source is None:
-        raise ValueError("a plan of native code without its source")
-    key = hashlib.sha256(f"{source.hash} {plan.settings.tolist()}".encode()).hexdigest()[:24]
-    note = code_folder(compiler()) / "laws" / f"flown_{key}"
-    if note.exists():
-        return
-    ticks = min(_TICKS, plan.timing.ticks)
     try:
-        same = in_child(_is_same, replace(plan, timing=plan.timing._replace(ticks=ticks)), limit=_LONGEST)
+        same = _try_once(_is_same, plan, _TICKS)
     except LostError as lost:
-        found = f"a law that does not fly the first {ticks} ticks of a nominal flight: {lost.words}"
-        raise InputError(source.file, None, None, found, "a law that returns") from None
+        found = f"a law that does not fly the first {_TICKS} ticks of a nominal flight: {lost.words}"
+        raise InputError(str(plan.source and plan.source.file), None, None, found, "a law that returns") from None
     if not same:
         found = "a law that keeps memory of its own: a flight depends on those beside it or before it"
-        raise InputError(source.file, None, None, found, "all memory in the flight's state, and nothing in statics")
+        wanted = "all memory in the flight's state, and nothing in statics"
+        raise InputError(str(plan.source and plan.source.file), None, None, found, wanted)
+
+
+def check_states(plan: FlightPlan) -> None:
+    """Fly an FMU with its states set anew at each tick, and left alone. Raises InputError where that differs."""
+    if not _try_once(_has_all_states, plan, _SLOW_TICKS):
+        raise hidden_memory(plan)
+
+
+def _try_once(is_right: Callable[[FlightPlan], bool], plan: FlightPlan, ticks: int) -> bool:
+    """What a check of a plan's law says in the child; what was found right is noted by the law's content."""
+    if plan.source is None:
+        raise ValueError("a plan of native code without its source")
+    key = hashlib.sha256(f"{plan.source.hash} {plan.settings.tolist()}".encode()).hexdigest()[:24]
+    note = code_folder(compiler()) / "laws" / f"{is_right.__name__.strip('_')}_{key}"
+    if note.exists():
+        return True
+    shorter = replace(plan, timing=plan.timing._replace(ticks=min(ticks, plan.timing.ticks)))
+    if not in_child(is_right, shorter, limit=_LONGEST):
+        return False
     with atomic_write(note) as aside:
         aside.write_text("", encoding="utf-8")
+    return True
 
 
 def _is_same(plan: FlightPlan) -> bool:
-    parameters = nominal_parameters(2)
-    parameters[1, PARAMETER_INDEX["initial.bank"]] += 0.05
-    parameters[1, PARAMETER_INDEX["atmosphere.density"]] *= 1.05
+    parameters = _two_flights()
     apart = [fly(plan, row[None], 1).history[0] for row in parameters]
     together = fly(plan, parameters, 1).history
     swapped = fly(plan, parameters[::-1], 1).history[::-1]
     return all(np.array_equal(each, np.stack(apart), equal_nan=True) for each in (together, swapped))
+
+
+def _has_all_states(plan: FlightPlan) -> bool:
+    parameters = _two_flights()
+    alone = fly(plan, parameters, 1, keep_states=True).states[:, 1:]
+    anew = fly(plan, parameters, 1, keep_states=True, start=fly_until(plan, parameters, 0)).states[:, 1:]
+    return np.allclose(anew, alone, rtol=_ALIKE, atol=_ALIKE, equal_nan=True)
+
+
+def _two_flights() -> Floats:
+    parameters = nominal_parameters(2)
+    parameters[1, PARAMETER_INDEX["initial.bank"]] += 0.05
+    parameters[1, PARAMETER_INDEX["atmosphere.density"]] *= 1.05
+    return parameters

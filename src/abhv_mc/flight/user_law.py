@@ -33,25 +33,27 @@ def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights
     :func:`law_memory`; ``flights`` says how many are flown. Raises ValueError for a plan whose source is missing: a
     stored plan has none.
     """
-    address, onboard, channels, more, context = 0, 0, 0, 0, 0
+    address, onboard, channels, context = 0, 0, 0, 0
     made: Any = None  # held while it flies
     if plan.law == PYTHON:
         law = load_plan_law(plan)
         source, gains = law.source, tuple(plan.gain_names.tolist())
         made = compile_law(source, gains, width) if law.mark.compiled else PlainLaw(law, gains, width, memory_in_rows)
-        address, onboard, more = int(made.address), int("onboard" in law.arguments), int(asks_for_more(law))
+        address, onboard = int(made.address), int("onboard" in law.arguments)
     elif plan.law in NATIVE:
         places = -(-max(min(flights, TOGETHER), 1) // width) * width  # more are flown after these
         memory = len(native_memory(plan)) if memory_in_rows else None
         source = _checked(plan.source, plan.source_hash)
         made = open_native(source, tuple(plan.gain_names.tolist()), width, places, memory)
-        address, context, more = made.address, made.context, int(_names_more(source.text))
+        address, context = made.address, made.context
     if plan.channels_hash:
         channels = int(compile_channels(_checked(plan.channels_source, plan.channels_hash), width).address)
     functions = _open_vehicle(plan, width)
     own = tuple(0 if one is None else int(one.address) for one in functions)
     try:
-        yield OwnLaw(address, onboard, channels, more, context, aerodynamics=own[0], propulsion=own[1])
+        yield OwnLaw(
+            address, onboard, channels, int(asks_for_more(plan)), context, aerodynamics=own[0], propulsion=own[1]
+        )
     finally:
         if plan.law in NATIVE:
             made.close()
@@ -68,13 +70,17 @@ def _open_vehicle(plan: FlightPlan, width: int) -> tuple[Any, ...]:
     return functions.aerodynamics, functions.propulsion
 
 
-def asks_for_more(law: Law) -> bool:
-    """Whether a law's text names any measured value beyond the ten that every law is given."""
-    texts = [
-        law.source.text,
-        *(content.decode(errors="replace") for name, content in law.source.files if name.endswith(".py")),
-    ]
-    return "measured" in law.arguments and any(map(_names_more, texts))
+def asks_for_more(plan: FlightPlan) -> bool:
+    """Whether the plan's law may look at measured values beyond the ten that every law is given."""
+    if plan.law == "c":  # a library does not say
+        return True
+    if plan.law == "fmu":
+        return _names_more(_checked(plan.source, plan.source_hash).text)
+    if plan.law != PYTHON:
+        return False
+    law = load_plan_law(plan)
+    files = (content.decode(errors="replace") for name, content in law.source.files if name.endswith(".py"))
+    return "measured" in law.arguments and any(map(_names_more, (law.source.text, *files)))
 
 
 def _names_more(text: str) -> bool:
@@ -84,7 +90,7 @@ def _names_more(text: str) -> bool:
 
 def measured_count(plan: FlightPlan) -> int:
     """How many measured values the plan's law may look at."""
-    return s.N_SEEN if plan.law == PYTHON and asks_for_more(load_plan_law(plan)) else s.N_MEASURED
+    return s.N_SEEN if asks_for_more(plan) else s.N_MEASURED
 
 
 def load_plan_law(plan: FlightPlan) -> Law:
@@ -103,15 +109,24 @@ def load_plan_parts(plan: FlightPlan) -> Law | NativeLaw:
     return load_plan_law(plan) if plan.law == PYTHON else NativeLaw(_checked(plan.source, plan.source_hash))
 
 
-def native_memory(plan: FlightPlan) -> tuple[float, ...]:
+def native_memory(plan: FlightPlan) -> dict[str, float]:
     """The numbers that a law in native code remembers, as a flight starts. Raises InputError where it hides them."""
     source = _checked(plan.source, plan.source_hash)
     found = in_child(find_memory, source, plan.settings, plan.reference[0])
     if found is None:
-        words = "a law whose memory is not known"
-        needed = {"c": "abhv_law_state_get and abhv_law_state_set", "fmu": "an FMU without a memory of its own"}
-        raise InputError(source.file, None, None, words, f"{needed[plan.law]}, for slopes")
+        raise hidden_memory(plan)
     return found
+
+
+def hidden_memory(plan: FlightPlan) -> InputError:
+    """What to raise where slopes are asked of a law whose memory is not known."""
+    source = _checked(plan.source, plan.source_hash)
+    words = {"c": "a law whose memory is not known", "fmu": "an FMU that remembers more than states that can be set"}
+    needed = {
+        "c": "abhv_law_state_get and abhv_law_state_set",
+        "fmu": "all that it remembers in its modelDescription's Derivatives, with start values that can be set",
+    }
+    return InputError(source.file, None, None, words[plan.law], f"{needed[plan.law]}, for slopes")
 
 
 def must_fly_elsewhere(plan: FlightPlan) -> bool:
@@ -126,7 +141,7 @@ def law_memory(plan: FlightPlan) -> dict[str, tuple[int, float]]:
     actuators do. Raises InputError for a memory in plain Python that is no named tuple of numbers.
     """
     if plan.law in NATIVE:
-        return {f"memory_{i}": (MEMORY + i, value) for i, value in enumerate(native_memory(plan))}
+        return {name: (MEMORY + i, value) for i, (name, value) in enumerate(native_memory(plan).items())}
     law = load_plan_law(plan)
     names: tuple[str, ...] = ()
     if "memory" in law.arguments:

@@ -17,6 +17,7 @@ from abhv_mc.flight.arguments import Kept, make_kernel_plan
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.kernel import begin_tick, control, evaluate, find_active, instruments
 from abhv_mc.flight.memory import Z_ROWS, has_width, make_memory
+from abhv_mc.flight.native_check import check_states
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.plan import LANES, FlightPlan, Recording
 from abhv_mc.flight.user_law import law_memory, measured_count, must_fly_elsewhere, open_law
@@ -206,8 +207,10 @@ def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
     """Rows of the lane memory that the plan's law remembers, by name; the last commands are among them where
     it uses them.
 
-    Raises InputError for a law in plain Python whose memory is no named tuple of numbers.
+    Raises InputError for a law of the user's own whose memory is not known.
     """
+    if plan.law == "fmu":
+        check_states(plan)
     if plan.law in USER_LAWS:
         return {name: row for name, (row, _) in law_memory(plan).items()}
     return _MEMORY[plan.law]

@@ -31,7 +31,7 @@ from abhv_mc.user_code.unpack import BUILT, unpack
 
 _SYSTEM = ("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/System", "/usr/local/lib")
 _LINE = 64  # bytes that states begin at multiples of
-_COMMAND = 8 * s.N_MEASURED  # where in the buffer the command lies
+_COMMAND = 8 * s.N_SEEN  # where in the buffer the command lies
 _NUMBERS = _COMMAND + 8 * len(COMMAND_ROWS)  # and the numbers of a memory
 
 
@@ -223,7 +223,8 @@ def compile_adapter(width: int, memory: int | None) -> Any:
     restored.append(f"failed = call_c(put, (state, buffer + {_NUMBERS}))")
     kept = [f"{row} = numbers[{i}]" for i, row in enumerate(rows)]
     repeat = [f"{at(row)} = {at(row)[:-1]} - 1]" for row in (*COMMAND_ROWS, FAULT)]
-    seen = [f"seen[{i}] = {at(s.MEASURED + i)}\n        total += seen[{i}]" for i in range(s.N_MEASURED)]
+    seen = [f"seen[{i}] = {at(s.MEASURED + i)}" for i in range(s.N_SEEN)]
+    seen += [f"total += seen[{i}]" for i in range(s.N_MEASURED)]
     text = (_HEAD + (_OWN_PLACE if memory is None else "") + _CALL).format(
         width=width,
         command=_COMMAND,

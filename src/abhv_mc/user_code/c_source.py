@@ -20,7 +20,6 @@ from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
 from abhv_mc.jit import compiler
 from abhv_mc.numerics.lane_math import COS, HALF_PI, SIN
-from abhv_mc.plant.state import N_MEASURED
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured
 from abhv_mc.user_code.source import OwnSource
 from abhv_mc.user_code.unpack import BUILT
@@ -49,7 +48,7 @@ def find_compiler() -> str:
 
 def make_header() -> str:
     """The text of abhv_law.h for this version's measurements, reference and commands."""
-    fields = {"MEASURED": Measured._fields[:N_MEASURED], "REFERENCE": REFERENCE, "COMMAND": COMMAND_FIELDS}
+    fields = {"MEASURED": Measured._fields, "REFERENCE": REFERENCE, "COMMAND": COMMAND_FIELDS}
     text = _HEADER.read_text(encoding="utf-8").replace("@INTERFACE@", interface())
     for mark, names in fields.items():
         text = text.replace(f"@{mark}@", "\n".join(f"    double {name};" for name in names))
@@ -61,7 +60,7 @@ def make_header() -> str:
 
 def interface() -> str:
     """What a library must have been built with, as abhv_law.h says it."""
-    names = ";".join(",".join(group) for group in (Measured._fields[:N_MEASURED], REFERENCE, COMMAND_FIELDS))
+    names = ";".join(",".join(group) for group in (Measured._fields, REFERENCE, COMMAND_FIELDS))
     return hashlib.sha256(names.encode()).hexdigest()[:16]
 
 

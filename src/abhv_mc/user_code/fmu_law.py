@@ -2,7 +2,7 @@
 
 One instance flies a flight from its start to its end and is reset for the next one; a flight's lane holds its number.
 A control tick sets the inputs, makes one communication step of the control period and reads the outputs, which are
-the commands of this tick.
+the commands of this tick. Where slopes are taken, the states that the FMU names are set as start values at each tick.
 """
 
 import contextlib
@@ -19,23 +19,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc.compiler_target import code_folder
-from abhv_mc.control.columns import REFERENCE
-from abhv_mc.control.laws.user import FAULT, MEMORY
+from abhv_mc.control.laws.user import MAX_MEMORY
 from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_unit
 from abhv_mc.jit import compiler
-from abhv_mc.jit_pointer import call_c, floats_at
-from abhv_mc.numerics.float_bits import float_bits
-from abhv_mc.plant import state as s
 from abhv_mc.user_code.c_source import recipe_of, refuse_platform
 from abhv_mc.user_code.child import may_run_here
-from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop
-from abhv_mc.user_code.law_interface import COMMAND_FIELDS, NOT_GIVEN, Measured, find_unit
-from abhv_mc.user_code.plain import LAW_FAILED
+from abhv_mc.user_code.fmu_loop import FLAGS, Wire, compile_fmu_adapter
+from abhv_mc.user_code.law_interface import find_unit
 from abhv_mc.user_code.source import OwnSource
 from abhv_mc.user_code.unpack import unpack
 
-_INITIALIZATION = ("EnterInitializationMode", "ExitInitializationMode")
 _INSTANTIATE = {2: "Instantiate", 3: "InstantiateCoSimulation"}
 _FUNCTIONS = {  # by version: what sets up a flight, then what a tick calls
     2: (
@@ -51,15 +45,6 @@ _FUNCTIONS = {  # by version: what sets up a flight, then what a tick calls
 }
 
 
-class Wire(NamedTuple):
-    """A variable of the FMU and the quantity that it is wired to: SI is ``offset + factor * value``."""
-
-    name: str  # measured.altitude, gains.k, time, or a field of Command
-    reference: int
-    factor: float
-    offset: float
-
-
 class Fmu(NamedTuple):
     """An FMU in this process."""
 
@@ -69,6 +54,7 @@ class Fmu(NamedTuple):
     inputs: tuple[Wire, ...]
     outputs: tuple[Wire, ...]
     params: tuple[Wire, ...]
+    states: dict[str, tuple[int, float | None]]  # reference and start value of the states that it names
 
 
 @functools.lru_cache(maxsize=16)
@@ -116,7 +102,17 @@ def load_fmu(source: OwnSource) -> Fmu:
         inputs,
         outputs,
         tuple(wiring.wire(name, "") for name in recipe["params"]),
+        {
+            state.name: (int(state.valueReference), None if state.start is None else float(state.start))
+            for state in (rate.variable.derivative for rate in described.derivatives)
+        },
     )
+
+
+def find_states(source: OwnSource) -> dict[str, float] | None:
+    """The states of an FMU as they start; None where one cannot be set. Called in the child."""
+    starts = {name: start for name, (_, start) in load_fmu(source).states.items() if start is not None}
+    return starts if len(starts) == len(load_fmu(source).states) <= MAX_MEMORY else None
 
 
 def _make_instantiate(version: int, dll: Any, described: Any, folder: Path) -> Callable[[], int]:
@@ -199,25 +195,34 @@ class FmuFlights:
             free(instance)
 
 
-def open_fmu(source: OwnSource, gains: tuple[str, ...], width: int, places: int) -> FmuFlights:
-    """The law for ``width`` lanes, with instances for ``places`` flights. Raises InputError."""
+def open_fmu(
+    source: OwnSource, gains: tuple[str, ...], width: int, places: int, memory_in_rows: bool = False
+) -> FmuFlights:
+    """The law for ``width`` lanes, with instances for ``places`` flights.
+
+    With ``memory_in_rows`` the lanes' rows hold the states that the FMU names, as those of a compiled law, and an
+    instance is reset and given them at each tick. Raises InputError.
+    """
     fmu = load_fmu(source)
+    states = tuple(reference for reference, _ in fmu.states.values()) if memory_in_rows else ()
+    places = width if memory_in_rows else places
     unknown = [wire.name for wire in fmu.inputs if wire.name.startswith("gains.") and wire.name[6:] not in gains]
     if unknown:
         raise InputError(
             source.file, None, None, f"an input from '{unknown[0]}'", one_of([f"gains.{g}" for g in gains])
         )
     recipe: Any = recipe_of(source)
-    loop = compile_fmu_adapter(fmu.version, fmu.inputs, fmu.outputs, len(fmu.params), gains, width)
+    remade = len(states) if memory_in_rows else None
+    loop = compile_fmu_adapter(fmu.version, fmu.inputs, fmu.outputs, len(fmu.params), gains, width, remade)
     instances = np.array([fmu.instantiate() for _ in range(places)], np.int64)
     if not instances.all():
         raise InputError(source.file, None, None, "an FMU that makes no instance", "one for each of many flights")
     starts = [
         (value - wire.offset) / wire.factor for wire, value in zip(fmu.params, recipe["params"].values(), strict=True)
     ]
-    values = np.array([*starts, *(0.0 for _ in range(len(fmu.inputs) + len(fmu.outputs) + 8))])
-    groups = (fmu.params, fmu.inputs, fmu.outputs)
-    references = [np.array([wire.reference for wire in group] or [0], np.uint32) for group in groups]
+    values = np.append(starts, np.zeros(len(fmu.inputs) + len(fmu.outputs) + FLAGS + len(states)))
+    groups = [tuple(wire.reference for wire in group) for group in (fmu.params, fmu.inputs, fmu.outputs)]
+    references = [np.array(group or [0], np.uint32) for group in (*groups, states)]
     prefix = f"fmi{fmu.version}"
     functions = [
         int(ctypes.cast(getattr(fmu.dll, prefix + name), ctypes.c_void_p).value or 0)
@@ -226,119 +231,3 @@ def open_fmu(source: OwnSource, gains: tuple[str, ...], width: int, places: int)
     pointers = [array.ctypes.data for array in (*references, values, instances)]
     context = np.array([*functions, *pointers, places, 0], np.int64)
     return FmuFlights(int(loop.address), int(context.ctypes.data), fmu, instances, (loop, values, references, context))
-
-
-_LOOP = """\
-def loop(context, Z, row, column, given, tick, dt):
-    reset, setup, enter, leave = context[0], context[1], context[2], context[3]
-    put, step, get = context[4], context[5], context[6]
-    params, inputs, outputs, place, instances = context[7], context[8], context[9], context[10], context[11]
-    value, out, flags = floats_at(place + {at_inputs}), floats_at(place + {at_outputs}), place + {at_flags}
-    numbers = floats_at(instances)
-    time, r, k = tick * dt, tick * {columns}, tick * {gains}
-    for lane in range({width}):
-        if Z[{fault} + lane] > 0.0:
-            continue
-        if tick == 0:
-            number = context[13]
-            context[13] = (number + 1) % context[12]
-            Z[{memory} + lane] = number
-        else:
-            number = int(Z[{memory} + lane])
-            if lane > 0 and Z[{memory} + lane] == Z[{memory} + lane - 1]:  # a spare lane that repeats a flight
-{repeat}
-                continue
-        instance, failed, total = float_bits(numbers[number]), 0, 0.0
-{fill}
-        for i in range({n_inputs}):
-            total += value[i]
-        if tick == 0:
-            failed = call_c(reset, (instance,))
-{begin}
-        if failed <= 1:
-            failed = call_c(put, (instance, inputs, {n_inputs}, place + {at_inputs}{count_inputs}))
-        if failed <= 1 and total - total == 0.0:
-            failed = call_c(step, (instance, time, dt, yes{flags}))
-        if failed <= 1:
-            failed = call_c(get, (instance, outputs, {n_outputs}, place + {at_outputs}{count_outputs}))
-        if failed > 1:
-            Z[{fault} + lane] = {law_failed}
-            for i in range({n_outputs}):
-                out[i] = 0.0
-        elif total - total != 0.0:
-            out[0] = nan
-{write}
-"""
-_BEGIN = {
-    2: (
-        "failed = max(failed, call_c(setup, (instance, no, 0.0, 0.0, no, 0.0)))",
-        "failed = max(failed, call_c(enter, (instance,)))",
-    ),
-    3: ("failed = max(failed, call_c(enter, (instance, no, 0.0, 0.0, no, 0.0)))",),
-}
-
-
-@functools.cache
-def compile_fmu_adapter(
-    version: int, inputs: tuple[Wire, ...], outputs: tuple[Wire, ...], params: int, gains: tuple[str, ...], width: int
-) -> Any:
-    """The compiled loop for a wiring."""
-
-    def at(row: int) -> str:
-        return f"Z[{row * width} + lane]"
-
-    def lines(indent: int, items: list[str]) -> str:
-        return "\n".join(" " * indent + item for item in items)
-
-    def source(name: str) -> str:
-        group, _, field = name.partition(".")
-        if group == "measured":
-            return at(s.MEASURED + Measured._fields.index(field))
-        if group == "reference":
-            return f"row[r + {REFERENCE.index(field)}]"
-        return "time" if group == "time" else f"column[k + {gains.index(field)}]"
-
-    def to_fmu(wire: Wire) -> str:
-        plain = source(wire.name)
-        return plain if (wire.factor, wire.offset) == (1.0, 0.0) else f"({plain} - {wire.offset!r}) / {wire.factor!r}"
-
-    def from_fmu(field: str) -> str:
-        for i, wire in enumerate(outputs):
-            if wire.name == field:
-                plain = (wire.factor, wire.offset) == (1.0, 0.0)
-                return f"out[{i}]" if plain else f"{wire.offset!r} + {wire.factor!r} * out[{i}]"
-        return "inf"
-
-    at_inputs, at_outputs = 8 * params, 8 * (params + len(inputs))
-    at_flags = at_outputs + 8 * len(outputs)
-    count = {2: "", 3: ", {}"}[version]
-    begin = list(_BEGIN[version])
-    if params:
-        sets = f"failed = max(failed, call_c(put, (instance, params, {params}, place{count.format(params)})))"
-        begin.insert(len(begin) - 1, sets)
-    into = f"place + {at_inputs}{count.format(len(inputs))}"
-    begin.append(f"failed = max(failed, call_c(put, (instance, inputs, {len(inputs)}, {into})))")
-    begin.append("failed = max(failed, call_c(leave, (instance,)))")
-    text = _LOOP.format(
-        at_inputs=at_inputs,
-        at_outputs=at_outputs,
-        at_flags=at_flags,
-        columns=len(REFERENCE),
-        gains=len(gains),
-        width=width,
-        fault=FAULT * width,
-        memory=MEMORY * width,
-        n_inputs=len(inputs),
-        n_outputs=len(outputs),
-        count_inputs=count.format(len(inputs)),
-        count_outputs=count.format(len(outputs)),
-        repeat=lines(16, [f"{at(row)} = {at(row)[:-1]} - 1]" for row in (*COMMAND_ROWS, FAULT)]),
-        fill=lines(8, [f"value[{i}] = {to_fmu(wire)}" for i, wire in enumerate(inputs)]),
-        begin=lines(12, begin),
-        flags={2: "", 3: ", flags, flags + 8, flags + 16, flags + 24"}[version],
-        law_failed=LAW_FAILED,
-        write=lines(8, [f"{at(row)} = {from_fmu(f)}" for row, f in zip(COMMAND_ROWS, COMMAND_FIELDS, strict=True)]),
-    )
-    names = {"floats_at": floats_at, "float_bits": float_bits, "call_c": call_c, "inf": NOT_GIVEN}
-    names |= {"nan": float("nan"), "yes": np.int32(1), "no": np.int32(0)}
-    return build_loop("fmu", text, names)

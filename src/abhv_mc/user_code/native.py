@@ -10,7 +10,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.io.number_table import NumberTable, read_number_table
 from abhv_mc.user_code.c_law import CFlights, inspect_library, open_c_law
-from abhv_mc.user_code.fmu_law import FmuFlights, open_fmu
+from abhv_mc.user_code.fmu_law import FmuFlights, find_states, open_fmu
 from abhv_mc.user_code.source import OwnSource
 from abhv_mc.user_code.unpack import unpack
 
@@ -58,9 +58,12 @@ class NativeLaw:
         return names, np.ascontiguousarray(np.array(columns).T)
 
 
-def find_memory(source: OwnSource, settings: Floats, first: Floats) -> tuple[float, ...] | None:
-    """The numbers of a law's memory as it starts; None where it does not give them. Called in the child."""
-    return inspect_library(source, settings, first).memory if _is_c(source) else None
+def find_memory(source: OwnSource, settings: Floats, first: Floats) -> dict[str, float] | None:
+    """The numbers of a law's memory as it starts, by name; None where it does not give them. Called in the child."""
+    if not _is_c(source):
+        return find_states(source)
+    memory = inspect_library(source, settings, first).memory
+    return None if memory is None else {f"memory_{i}": value for i, value in enumerate(memory)}
 
 
 def open_native(
@@ -69,7 +72,7 @@ def open_native(
     """A law for the flights of one call; see :func:`abhv_mc.user_code.c_law.open_c_law`."""
     if _is_c(source):
         return open_c_law(source, len(gains), width, places, memory)
-    return open_fmu(source, gains, width, places)
+    return open_fmu(source, gains, width, places, memory is not None)
 
 
 def _is_c(source: OwnSource) -> bool:

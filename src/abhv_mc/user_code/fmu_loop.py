@@ -1,0 +1,169 @@
+"""What the kernel calls for an FMU: the text of a loop over the lanes for a wiring, compiled."""
+
+import functools
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from abhv_mc.control.columns import REFERENCE
+from abhv_mc.control.laws.user import FAULT, MEMORY
+from abhv_mc.jit_pointer import call_c, floats_at
+from abhv_mc.numerics.float_bits import float_bits
+from abhv_mc.plant import state as s
+from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop
+from abhv_mc.user_code.law_interface import COMMAND_FIELDS, NOT_GIVEN, Measured
+from abhv_mc.user_code.plain import LAW_FAILED
+
+FLAGS = 8  # numbers' room for what a step of FMI 3.0 says
+
+
+class Wire(NamedTuple):
+    """A variable of the FMU and the quantity that it is wired to: SI is ``offset + factor * value``."""
+
+    name: str  # measured.altitude, gains.k, time, or a field of Command
+    reference: int
+    factor: float
+    offset: float
+
+
+_HEAD = """\
+def loop(context, Z, row, column, given, tick, dt):
+    reset, setup, enter, leave = context[0], context[1], context[2], context[3]
+    put, step, get = context[4], context[5], context[6]
+    params, inputs, outputs, states = context[7], context[8], context[9], context[10]
+    place, instances = context[11], context[12]
+    value, out, flags = floats_at(place + {at_inputs}), floats_at(place + {at_outputs}), place + {at_flags}
+    numbers, kept = floats_at(instances), floats_at(place + {at_states})
+    time, r, k = tick * dt, tick * {columns}, tick * {gains}
+    for lane in range({width}):
+        if Z[{fault} + lane] > 0.0:
+            continue
+        number = lane
+"""
+_OWN_INSTANCE = """\
+        if tick == 0:
+            number = context[14]
+            context[14] = (number + 1) % context[13]
+            Z[{memory} + lane] = number
+        else:
+            number = int(Z[{memory} + lane])
+            if lane > 0 and Z[{memory} + lane] == Z[{memory} + lane - 1]:  # a spare lane that repeats a flight
+{repeat}
+                continue
+"""
+_CALL = """\
+        instance, failed, total = float_bits(numbers[number]), 0, 0.0
+{fill}
+        for i in range({n_inputs}):
+            total += value[i]
+        if {begins}:
+            failed = call_c(reset, (instance,))
+{begin}
+        if failed <= 1:
+            failed = call_c(put, (instance, inputs, {n_inputs}, place + {at_inputs}{count_inputs}))
+        if failed <= 1 and total - total == 0.0:
+            failed = call_c(step, (instance, time, dt, yes{flags}))
+        if failed <= 1:
+            failed = call_c(get, (instance, outputs, {n_outputs}, place + {at_outputs}{count_outputs}))
+{keep}
+        if failed > 1:
+            Z[{fault} + lane] = {law_failed}
+            for i in range({n_outputs}):
+                out[i] = 0.0
+        elif total - total != 0.0:
+            out[0] = nan
+{write}
+"""
+_BEGIN = {
+    2: (
+        "failed = max(failed, call_c(setup, (instance, no, 0.0, time, no, 0.0)))",
+        "failed = max(failed, call_c(enter, (instance,)))",
+    ),
+    3: ("failed = max(failed, call_c(enter, (instance, no, 0.0, time, no, 0.0)))",),
+}
+
+
+@functools.cache
+def compile_fmu_adapter(
+    version: int,
+    inputs: tuple[Wire, ...],
+    outputs: tuple[Wire, ...],
+    params: int,
+    gains: tuple[str, ...],
+    width: int,
+    remade: int | None,
+) -> Any:
+    """The compiled loop for a wiring; ``remade``: states that are in the lanes' rows and set anew at each tick."""
+
+    def at(row: int) -> str:
+        return f"Z[{row * width} + lane]"
+
+    def lines(indent: int, items: list[str]) -> str:
+        return "\n".join(" " * indent + item for item in items)
+
+    def source(name: str) -> str:
+        group, _, field = name.partition(".")
+        if group == "measured":
+            return at(s.MEASURED + Measured._fields.index(field))
+        if group == "reference":
+            return f"row[r + {REFERENCE.index(field)}]"
+        return "time" if group == "time" else f"column[k + {gains.index(field)}]"
+
+    def to_fmu(wire: Wire) -> str:
+        plain = source(wire.name)
+        return plain if (wire.factor, wire.offset) == (1.0, 0.0) else f"({plain} - {wire.offset!r}) / {wire.factor!r}"
+
+    def from_fmu(field: str) -> str:
+        for i, wire in enumerate(outputs):
+            if wire.name == field:
+                plain = (wire.factor, wire.offset) == (1.0, 0.0)
+                return f"out[{i}]" if plain else f"{wire.offset!r} + {wire.factor!r} * out[{i}]"
+        return "inf"
+
+    at_inputs, at_outputs = 8 * params, 8 * (params + len(inputs))
+    at_flags = at_outputs + 8 * len(outputs)
+    at_states = at_flags + 8 * FLAGS
+    count = {2: "", 3: ", {}"}[version]
+    begin = list(_BEGIN[version])
+    if params:
+        sets = f"failed = max(failed, call_c(put, (instance, params, {params}, place{count.format(params)})))"
+        begin.insert(len(begin) - 1, sets)
+    rows = [at(MEMORY + i) for i in range(remade or 0)]
+    kept = f"(instance, states, {len(rows)}, place + {at_states}{count.format(len(rows))})"
+    if rows:
+        given = [*(f"kept[{i}] = {row}" for i, row in enumerate(rows)), f"failed = max(failed, call_c(put, {kept}))"]
+        begin[-1:-1] = ["if tick > 0:", *(f"    {line}" for line in given)]
+    into = f"place + {at_inputs}{count.format(len(inputs))}"
+    begin.append(f"failed = max(failed, call_c(put, (instance, inputs, {len(inputs)}, {into})))")
+    begin.append("failed = max(failed, call_c(leave, (instance,)))")
+    keep = [
+        "if failed <= 1:",
+        f"    failed = call_c(get, {kept})",
+        *(f"    {r} = kept[{i}]" for i, r in enumerate(rows)),
+    ]
+    text = (_HEAD + (_OWN_INSTANCE if remade is None else "") + _CALL).format(
+        at_inputs=at_inputs,
+        at_outputs=at_outputs,
+        at_flags=at_flags,
+        at_states=at_states,
+        begins="tick == 0" if remade is None else "True",
+        keep=lines(8, keep),
+        columns=len(REFERENCE),
+        gains=len(gains),
+        width=width,
+        fault=FAULT * width,
+        memory=MEMORY * width,
+        n_inputs=len(inputs),
+        n_outputs=len(outputs),
+        count_inputs=count.format(len(inputs)),
+        count_outputs=count.format(len(outputs)),
+        repeat=lines(16, [f"{at(row)} = {at(row)[:-1]} - 1]" for row in (*COMMAND_ROWS, FAULT)]),
+        fill=lines(8, [f"value[{i}] = {to_fmu(wire)}" for i, wire in enumerate(inputs)]),
+        begin=lines(12, begin),
+        flags={2: "", 3: ", flags, flags + 8, flags + 16, flags + 24"}[version],
+        law_failed=LAW_FAILED,
+        write=lines(8, [f"{at(row)} = {from_fmu(f)}" for row, f in zip(COMMAND_ROWS, COMMAND_FIELDS, strict=True)]),
+    )
+    names = {"floats_at": floats_at, "float_bits": float_bits, "call_c": call_c, "inf": NOT_GIVEN}
+    names |= {"nan": float("nan"), "yes": np.int32(1), "no": np.int32(0)}
+    return build_loop("fmu", text, names)
