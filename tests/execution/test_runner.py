@@ -254,7 +254,7 @@ def test_a_full_disk_keeps_what_was_flown(campaign, tmp_path, monkeypatch):
 
     def full(*arguments):
         if next(count) > 2:
-            monkeypatch.setattr(pq, "write_table", raise_full)
+            monkeypatch.setattr(pq.ParquetWriter, "write_table", raise_full)
         return write(*arguments)
 
     def raise_full(*_, **__):

@@ -1,6 +1,6 @@
 """Fly one flight of a campaign again at full rate, and prove that it is the same flight."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +9,7 @@ from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.blocks import Fly
 from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.folder.flights import DamagedFileError, FlightRows, parse_block_name, read_block
+from abhv_mc.folder.flights import DamagedFileError, FlightRows, parse_block_name, read_pieces
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
@@ -79,11 +79,11 @@ def find_row(folder: CampaignFolder, controller: str, flight: int) -> FlightRows
             name, first, stop = parse_block_name(path)
             if name == controller and first <= flight < stop:
                 read_checked(folder, [path])
-                rows = read_block(path, names)
-                at = slice(flight - first, flight - first + 1)
-                return FlightRows(
-                    name, flight, names, rows.samples[at], rows.outcome[at], rows.values[at], rows.columns
-                )
+                for rows, _ in read_pieces(path, names):
+                    if rows.first <= flight < rows.stop:
+                        at = slice(flight - rows.first, flight - rows.first + 1)
+                        parts = {part: getattr(rows, part)[at] for part in ("samples", "outcome", "values")}
+                        return replace(rows, first=flight, **parts)
         except DamagedFileError as error:
             raise InputError(path, None, None, str(error), "a whole file: run the campaign again") from None
     raise InputError(folder.root, None, None, f"no flight {flight} of '{controller}'", "the number of a flown flight")

@@ -38,6 +38,7 @@ from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.folder.blocks import read_flown_blocks
+from abhv_mc.folder.compact import find_joins, join_files
 from abhv_mc.folder.counted import Counting
 from abhv_mc.folder.envelope_states import Cells, Collector, make_collector
 from abhv_mc.folder.envelopes import write_envelopes
@@ -107,8 +108,8 @@ class _Run:
     def run(self) -> RunResult:
         """Fly and finish."""
         runs = dict.fromkeys(self.completion.done, self.campaign.runs)
-        for rows in read_flown_blocks(self.folder, runs, self.samples, self.columns, self.files):
-            self.completion.add(rows, rows.digest())
+        for rows, digest in read_flown_blocks(self.folder, runs, self.samples, self.columns, self.files):
+            self.completion.add(rows, digest)
         if self.manifest["state"] == COMPLETE and self.completion.whole() and self._has_products():
             if json.loads(json.dumps(self._judge())) != self.manifest["requirements"]:  # with another controller first
                 self._write_manifest(COMPLETE)
@@ -245,6 +246,7 @@ class _Run:
         """What follows from all flights: envelopes, histories. A shard keeps what they are merged from."""
         if self.sharded:
             self._save()
+            self._join_files()
             return
         # Whoever goes on after a kill makes anew what may be replaced from here on.
         whole = {file.path for file in self._list_histories() if file.whole}
@@ -265,6 +267,22 @@ class _Run:
                 collector.save()  # the next run tries these flights again, and adds them
             else:
                 collector.finish()
+        self._join_files()
+
+    def _join_files(self) -> None:
+        """Many small files of flights become few: first the new ones, then the manifest that names them, then these go.
+
+        A kill in between leaves files that the manifest does not name, which whoever goes on deletes.
+        """
+        joins = find_joins([path for path in self.files.paths() if path.parent == self.folder.flights])
+        for paths in joins:
+            join_files(paths)
+        small = [path for paths in joins for path in paths]
+        self.files.forget(*small)
+        if small:
+            self._write_manifest(RUNNING)
+        for path in small:
+            path.unlink()
 
     def _write_stability(self) -> None:
         """The margins in steady flight, of all controllers of the folder."""

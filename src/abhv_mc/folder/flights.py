@@ -1,7 +1,7 @@
 """Blocks of flown flights as Parquet: one row per flight and controller, whole and checked."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -101,11 +101,22 @@ def flights_schema(names: Sequence[str], provenance: dict[str, str], values: Seq
 
 def write_parquet(path: Path, table: pa.Table, floats: Sequence[str], words: list[str], **more: Any) -> None:
     """Floats byte by byte, dictionaries of words only, light compression: half the size of Parquet's defaults."""
+    write_pieces(path, table.schema, [table], floats, words, **more)
+
+
+def write_pieces(
+    path: Path, schema: pa.Schema, pieces: Iterable[pa.Table], floats: Sequence[str], words: list[str], **more: Any
+) -> None:
+    """The same for a table that comes in pieces, each of them a row group."""
     encoding = dict.fromkeys(floats, "BYTE_STREAM_SPLIT")
     options = {"compression": "zstd", "compression_level": 1, "write_page_checksum": True, **more}
-    write_whole(
-        path, lambda aside: pq.write_table(table, aside, use_dictionary=words, column_encoding=encoding, **options)
-    )
+
+    def write(aside: Path) -> None:
+        with pq.ParquetWriter(aside, schema, use_dictionary=words, column_encoding=encoding, **options) as writer:
+            for piece in pieces:
+                writer.write_table(piece)
+
+    write_whole(path, write)
 
 
 def block_path(folder: Path, controller: str, first: int, stop: int) -> Path:
@@ -128,31 +139,60 @@ def write_block(folder: Path, rows: FlightRows, schema: pa.Schema) -> Digest:
     columns: list[Any] = [rows.flights, pa.repeat(rows.controller, len(rows.outcome)), pa.array(rows.outcome)]
     columns.append(pa.array(rows.cases))
     columns += [np.ascontiguousarray(column) for column in (*rows.samples.T, *rows.values.T)]
-    schema = schema.with_metadata({**(schema.metadata or {}), _DIGEST: str(digest)})
     table = pa.Table.from_arrays([pa.array(column) for column in columns], schema=schema)
-    floats = [*rows.names, *rows.columns]
-    path = block_path(folder, rows.controller, rows.first, rows.stop)
-    write_parquet(path, table, floats, ["controller", "outcome", CASE], write_statistics=["flight"])
+    write_rows(block_path(folder, rows.controller, rows.first, rows.stop), schema, [table], digest)
     return digest
+
+
+def write_rows(path: Path, schema: pa.Schema, pieces: Iterable[pa.Table], digest: Digest) -> None:
+    """Write a file of flights whose rows come in pieces."""
+    schema = schema.with_metadata({**(schema.metadata or {}), _DIGEST: str(digest)})
+    floats = [field.name for field in schema if pa.types.is_floating(field.type)]
+    cast = (piece.replace_schema_metadata(schema.metadata) for piece in pieces)
+    write_pieces(path, schema, cast, floats, ["controller", "outcome", CASE], write_statistics=["flight"])
+
+
+def read_digest(path: Path) -> Digest:
+    """What a block's file says of its rows."""
+    return Digest(int((pq.read_schema(path).metadata or {})[_DIGEST], 16))
+
+
+def read_pieces(path: Path, names: Sequence[str]) -> Iterator[tuple[FlightRows, Digest]]:
+    """The rows of a block's file, a row group at a time, each with its digest.
+
+    Raises DamagedFileError, at the end at the latest, where they are not whole.
+    """
+    controller, first, stop = parse_block_name(path)
+    digest = Digest()
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:  # read_table would import pandas
+            for group in range(file.num_row_groups):
+                table = file.read_row_group(group)
+                rows = _take_rows(table, controller, first, names)
+                if not np.array_equal(column_values(table["flight"]), rows.flights):
+                    break
+                one = rows.digest()
+                digest, first = digest + one, rows.stop
+                yield rows, one
+            expected = (file.schema_arrow.metadata or {}).get(_DIGEST, b"").decode()
+    except (pa.ArrowException, OSError, KeyError, ValueError) as error:
+        raise DamagedFileError(f"{path.name}: {str(error).splitlines()[0]}") from error
+    if first != stop or str(digest) != expected:
+        raise DamagedFileError(f"{path.name} does not hold what was written")
 
 
 def read_block(path: Path, names: Sequence[str]) -> FlightRows:
     """Read a block's file and prove it whole. Raises DamagedFileError."""
-    controller, first, stop = parse_block_name(path)
-    try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:  # read_table would import pandas
-            table = file.read()
-        sampled = [column_values(table[name]) for name in names]
-        samples = np.stack(sampled, axis=1) if names else np.empty((stop - first, 0))
-        held = table.column_names
-        columns = tuple(name for name in held[held.index(_VALUE_NAMES[0]) :])
-        values = np.stack([column_values(table[name]) for name in columns], axis=1)
-        outcomes = tuple(table["outcome"].to_pylist())
-        rows = FlightRows(controller, first, tuple(names), samples, outcomes, values, columns)
-        whole = np.array_equal(column_values(table["flight"]), np.arange(first, stop))
-        digest = (table.schema.metadata or {}).get(_DIGEST, b"").decode()
-    except (pa.ArrowException, OSError, KeyError, ValueError) as error:
-        raise DamagedFileError(f"{path.name}: {str(error).splitlines()[0]}") from error
-    if not whole or str(rows.digest()) != digest:
-        raise DamagedFileError(f"{path.name} does not hold what was written")
-    return rows
+    pieces = [rows for rows, _ in read_pieces(path, names)]
+    outcome = tuple(code for rows in pieces for code in rows.outcome)
+    samples, values = (np.concatenate([getattr(rows, name) for rows in pieces]) for name in ("samples", "values"))
+    return replace(pieces[0], samples=samples, outcome=outcome, values=values)
+
+
+def _take_rows(table: pa.Table, controller: str, first: int, names: Sequence[str]) -> FlightRows:
+    sampled = [column_values(table[name]) for name in names]
+    samples = np.stack(sampled, axis=1) if names else np.empty((table.num_rows, 0))
+    held = table.column_names
+    columns = tuple(name for name in held[held.index(_VALUE_NAMES[0]) :])
+    values = np.stack([column_values(table[name]) for name in columns], axis=1)
+    return FlightRows(controller, first, tuple(names), samples, tuple(table["outcome"].to_pylist()), values, columns)

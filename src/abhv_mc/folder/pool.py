@@ -13,7 +13,7 @@ from typing import Any
 import pyarrow.parquet as pq
 
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
-from abhv_mc.folder.flights import read_block, write_block
+from abhv_mc.folder.flights import read_pieces, write_block
 from abhv_mc.folder.flown_by import join_flyers, shift_flyers
 from abhv_mc.folder.hashes import damage_error, find_damage, record_hashes
 from abhv_mc.folder.inputs import FolderInputs, read_folder_inputs
@@ -113,8 +113,8 @@ def join_seeds(folders: Sequence[CampaignFolder], out: Path) -> None:
             names = SampleReader(folder.samples).names
             for path in sorted(folder.flights.glob("*.parquet")):
                 if not path.name.startswith("_"):
-                    rows = read_block(path, names)
-                    write_block(target.flights, replace(rows, first=rows.first + start), pq.read_schema(path))
+                    for rows, _ in read_pieces(path, names):
+                        write_block(target.flights, replace(rows, first=rows.first + start), pq.read_schema(path))
         flyers = [shift_flyers(m.get("flown_by", []), start) for m, start in zip(manifests, starts, strict=False)]
         merged = {key: value for key, value in manifests[0].items() if key != "stopped_at"}
         merged |= {"state": INTERRUPTED, "merged_from": digests, "pooled": pooled, "runs_planned": starts[-1]}

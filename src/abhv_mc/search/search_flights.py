@@ -165,7 +165,7 @@ class SearchFlights:
         """The stored block of exactly these samples; None where there is none, or the machine failed on some of it."""
         path = block_path(self.folder.flights, self.plan.controller, first, first + len(samples))
         with contextlib.suppress(DamagedFileError):
-            rows = read_own_block(path, self.space.columns, self.files)
+            ((rows, _),) = read_own_block(path, self.space.columns, self.files)
             same = rows.columns == self.columns and np.array_equal(rows.samples, samples)
             if same and not not_computed(rows).any():
                 return rows

@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.failure_case import NO_FAILURE, failure_cases, failure_times
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
-from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.plant.parameters import FAILURE_TIMES
 from abhv_mc.report.figures.channels import FigureText, off_reference
 from abhv_mc.report.figures.failure_cases import CaseBand, CasePanel, plot_bands, plot_survival
-from abhv_mc.report.numbers.columns import read_table
 from abhv_mc.report.numbers.failures import requirement_failures, requirement_words
 from abhv_mc.report.numbers.flights import ControllerFlights
 from abhv_mc.report.numbers.labels import controller_label
@@ -56,19 +54,6 @@ def _by_frequency(cases: NDArray[np.str_]) -> list[str]:
     return [name for name, _ in sorted(order, key=lambda pair: pair[0] != NO_FAILURE)]
 
 
-def read_ends(results: Results, controller: str) -> Floats:
-    """Time at which each of a controller's flights ended, s, [flight] in the order of its flights."""
-    flown = results.flights[controller]
-    ends = np.full(int(flown.flight.max()) + 1, np.nan)
-    for path in sorted(CampaignFolder(results.folder).flights.glob("*.parquet")):
-        table = read_table(path, "a block of flights", ["flight", "controller", "end_time_s"])
-        mine = np.array([name == controller for name in table["controller"].to_pylist()], dtype=np.bool_)
-        number = table["flight"].to_numpy()[mine]
-        held = number < ends.size
-        ends[number[held]] = table["end_time_s"].to_numpy()[mine][held]
-    return ends[flown.flight]
-
-
 def failure_case_numbers(results: Results) -> dict[str, Any]:
     """Survivors and verdicts of each case and controller; empty where no failure is dispersed."""
     cases, first = drawn_cases(results)
@@ -81,7 +66,7 @@ def failure_case_numbers(results: Results) -> dict[str, Any]:
         for name in results.controllers:
             flights = results.flights[name]
             inside = cases[flights.flight] == case
-            lost, ends = flights.failed & inside, read_ends(results, name)
+            lost, ends = flights.failed & inside, flights.end_time
             number, failures = int(inside.sum()), int(lost.sum())
             if not number:
                 continue
@@ -199,7 +184,7 @@ def failure_case_figures(
         curves = {}
         for name in results.controllers:
             flights = results.flights[name]
-            after = read_ends(results, name) - first[flights.flight]
+            after = flights.end_time - first[flights.flight]
             inside = (cases[flights.flight] == case) & (after >= 0.0)
             if inside.any():
                 curves[name] = still_flying(after[inside], flights.failed[inside], times)

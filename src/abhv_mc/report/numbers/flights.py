@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import BUILT_IN, Metric
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import END_TIME
-from abhv_mc.report.numbers.columns import SpooledColumns, missing_file, read_table
+from abhv_mc.report.numbers.columns import SpooledColumns, missing_file, read_pieces
 from abhv_mc.statistics.estimates import severity
 
 _WANTED = "a block of flights"
@@ -116,10 +117,10 @@ def read_flights(
     files = [path for path in sorted(folder.glob("*.parquet")) if known is None or path in known]
     if not files:
         raise missing_file(folder, "at least one flown block (*.parquet)")
-    metrics = _find_metrics(read_table(files[0], _WANTED).schema)
+    metrics = _find_metrics(next(read_pieces(files[0], _WANTED)).schema)
     collected: dict[str, _Collected] = {}
-    for path in files:
-        table = read_table(path, _WANTED, ["flight", "controller", "outcome", *metrics])
+    wanted = ["flight", "controller", "outcome", *metrics]
+    for table in chain.from_iterable(read_pieces(path, _WANTED, wanted) for path in files):
         flight = table["flight"].to_numpy().astype(np.int64)
         names, owner = _distinct(table, "controller")
         codes, which = _distinct(table, "outcome")

@@ -1,0 +1,101 @@
+"""Small files of flights become few, with the same rows and digest, whatever moment the process is killed at."""
+
+import dataclasses
+from itertools import count
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from fake_flight import ENGINE, fly, write_campaign
+
+from abhv_mc.analysis.replay import find_row
+from abhv_mc.execution import runner
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder import compact
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.report.numbers.results import read_results
+
+
+class KilledError(BaseException):
+    """The process is no more: nothing is written from then on."""
+
+
+@pytest.fixture
+def campaign(tmp_path, monkeypatch):
+    """One whose 300 flights of a controller are five files, and three when they are joined."""
+    monkeypatch.setattr(compact, "_GROUP", 100)
+    file = write_campaign(tmp_path / "f", controllers="{one: one.yaml}")
+    whole = run_campaign(Request(file, tmp_path / "whole"), ENGINE).manifest
+    monkeypatch.setattr(compact, "MANY", 2)
+    monkeypatch.setattr(compact, "ROWS", 192)
+    return file, whole
+
+
+def names(out):
+    return sorted(path.name for path in (out / "flights").glob("*.parquet"))
+
+
+def test_rows_digest_resume_and_growth_are_as_before(campaign, tmp_path, capfd):
+    file, whole = campaign
+    out = tmp_path / "out"
+    joined = run_campaign(Request(file, out), ENGINE).manifest
+    assert names(out) == ["one-000000000-000000192.parquet", "one-000000192-000000300.parquet"]
+    assert [name for name in joined["files"] if "flights" in name] == [f"flights/{name}" for name in names(out)]
+    assert joined["digest"] == whole["digest"] and len(names(tmp_path / "whole")) == 5
+    one, other = (pq.read_table(place / "flights").sort_by("flight") for place in (out, tmp_path / "whole"))
+    assert one.equals(other)
+    assert find_row(CampaignFolder(out), "one", 150).flights.tolist() == [150]
+    flown = [read_results(place).flights["one"] for place in (out, tmp_path / "whole")]
+    assert flown[0].flight.tolist() == flown[1].flight.tolist() == list(range(300))
+
+    def refuse(*_):
+        raise AssertionError("flown again")
+
+    assert run_campaign(Request(file, out), dataclasses.replace(ENGINE, fly=refuse)).complete  # nothing to fly
+    longer = run_campaign(Request(file, out, runs=600), ENGINE).manifest
+    assert longer["digest"] == run_campaign(Request(file, tmp_path / "new", runs=600), ENGINE).manifest["digest"]
+    (out / "flights" / names(out)[1]).write_bytes(b"rot")
+    assert run_campaign(Request(file, out, runs=600), ENGINE).manifest["digest"] == longer["digest"]
+
+
+def test_a_kill_at_any_step_loses_nothing(campaign, tmp_path, monkeypatch, capfd):
+    """Before and after each file, the manifest and each deletion; no flight is flown again."""
+    file, whole = campaign
+    last, dead, joining, flown = -1, False, False, 0
+
+    def step(function, *arguments, **more):
+        nonlocal dead
+        if dead or (joining and next(steps) == last):
+            dead = True
+            raise KilledError
+        return function(*arguments, **more)
+
+    def join(self, join=runner._Run._join_files):
+        nonlocal joining
+        joining = True
+        join(self)
+        joining = False
+
+    def write(*arguments, write=runner.write_block):
+        nonlocal flown
+        flown += 1
+        return write(*arguments)
+
+    monkeypatch.setattr(runner._Run, "_join_files", join)
+    monkeypatch.setattr(runner, "write_block", write)
+    for owner, name in ((compact, "write_rows"), (runner, "write_manifest"), (Path, "unlink")):
+        function = getattr(owner, name)
+        monkeypatch.setattr(owner, name, lambda *a, function=function, **k: step(function, *a, **k))
+    for killed in count():
+        out, last, steps, flown = tmp_path / f"out{killed}", killed, count(), 0
+        try:
+            run_campaign(Request(file, out), dataclasses.replace(ENGINE, fly=fly))
+            break
+        except KilledError:
+            joining, dead, last = False, False, -1
+        assert flown == 5
+        done = run_campaign(Request(file, out), ENGINE).manifest
+        assert (done["state"], done["digest"], flown) == ("complete", whole["digest"], 5)
+        assert len(names(out)) == 2
+    assert killed == 2 + 1 + 5  # two files, the manifest, five deletions
