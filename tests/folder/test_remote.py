@@ -11,9 +11,10 @@ from fake_flight import ENGINE, fly, write_campaign
 from pyarrow import fs
 
 from abhv_mc.cli.app import main
-from abhv_mc.folder import remote
+from abhv_mc.folder import lease, remote
 from abhv_mc.folder.layout import StorageFullError
-from abhv_mc.folder.remote import fetched, local_path, mirrored, parse_address
+from abhv_mc.folder.remote import fetched, local_path, mirrored
+from abhv_mc.folder.store import Store, parse_address
 from abhv_mc.io.input_error import InputError
 
 server = pytest.importorskip("moto.server")
@@ -25,7 +26,7 @@ def bucket(monkeypatch):
     for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
         monkeypatch.setenv(name, "testing")
     monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
-    monkeypatch.setattr(remote, "_SETTLE", 0.0)
+    monkeypatch.setattr(lease, "_SETTLE", 0.0)
     monkeypatch.setattr(remote, "PUSH_INTERVAL", 0.05)
     running = server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
     running.start()
@@ -120,7 +121,7 @@ def test_shards_at_addresses_merge(bucket, abhv_mc, tmp_path, monkeypatch):
 def test_an_object_whose_name_leads_out_of_the_folder_is_refused(tmp_path, name):
     """In an object store a name is any text: one with '..' would be written anywhere on this machine."""
 
-    class Store:
+    class System:
         type_name = "s3"
 
         def get_file_info(self, selector):
@@ -131,7 +132,7 @@ def test_an_object_whose_name_leads_out_of_the_folder_is_refused(tmp_path, name)
 
     (tmp_path / "a/b").mkdir(parents=True)
     with pytest.raises(InputError, match="leads out"):
-        remote.Remote("s3://bucket/first", Store(), "bucket/first", tmp_path / "a/b").pull()
+        remote.Remote(Store("s3://bucket/first", System(), "bucket/first"), tmp_path / "a/b").pull()
     assert [path.name for path in tmp_path.rglob("*")] == ["a", "b"]
 
 
@@ -158,7 +159,7 @@ def test_two_processes_do_not_share_an_address(bucket, tmp_path, monkeypatch):
     with mirrored(Path(address)):
         with pytest.raises(InputError, match="is flying"), mirrored(Path(address)):
             pass
-        monkeypatch.setattr(remote, "LEASE", -60.0)  # as if its holder had been dead for a minute
+        monkeypatch.setattr(lease, "LEASE", -60.0)  # as if its holder had been dead for a minute
         with mirrored(Path(address)):
             pass
 
@@ -166,7 +167,7 @@ def test_two_processes_do_not_share_an_address(bucket, tmp_path, monkeypatch):
 def test_the_lease_is_renewed_while_a_copy_takes_long(bucket, monkeypatch):
     _, address, _ = bucket
     renewed = threading.Event()
-    pull, renew = remote.Remote.pull, remote.Remote.renew_lock
+    pull, renew = remote.Remote.pull, lease.Lease.renew
 
     def pull_slowly(self, pattern="*"):
         assert renewed.wait(60.0)
@@ -176,16 +177,16 @@ def test_the_lease_is_renewed_while_a_copy_takes_long(bucket, monkeypatch):
         renew(self)
         renewed.set()
 
-    monkeypatch.setattr(remote, "RENEWAL", 0.01)
+    monkeypatch.setattr(lease, "RENEWAL", 0.01)
     monkeypatch.setattr(remote.Remote, "pull", pull_slowly)
-    monkeypatch.setattr(remote.Remote, "renew_lock", note)
+    monkeypatch.setattr(lease.Lease, "renew", note)
     with mirrored(Path(address)):
         pass
 
 
 def test_a_writer_that_lost_its_lease_stops_and_writes_nothing_more(bucket, tmp_path, monkeypatch, capfd):
     store, address, base = bucket
-    monkeypatch.setattr(remote, "RENEWAL", 0.1)
+    monkeypatch.setattr(lease, "RENEWAL", 0.1)
 
     def fly_on():
         with mirrored(Path(address), tmp_path / "staging") as folder:
@@ -212,7 +213,7 @@ def test_an_address_that_takes_nothing_keeps_the_folder(bucket, monkeypatch):
     flying = mirrored(Path(address))
     folder = flying.__enter__()
     (folder / "manifest.json").write_text("{}")
-    monkeypatch.setattr(remote.Remote, "_write", refuse)
+    monkeypatch.setattr(Store, "write", refuse)
     with pytest.raises(StorageFullError, match="kept in") as caught:
         flying.__exit__(None, None, None)
     assert str(folder) in str(caught.value) and (folder / "manifest.json").exists()
@@ -245,9 +246,9 @@ def test_an_unknown_scheme_is_bad_input():
 @pytest.mark.parametrize("wrong_by", [-7200.0, 7200.0])
 def test_the_hosts_clocks_do_not_matter(bucket, tmp_path, monkeypatch, wrong_by):
     _, address, _ = bucket
-    clock = remote.time.time
+    clock = lease.time.time
     with mirrored(Path(address)):
-        monkeypatch.setattr(remote.time, "time", lambda: clock() + wrong_by)
+        monkeypatch.setattr(lease.time, "time", lambda: clock() + wrong_by)
         with pytest.raises(InputError, match="is flying"), mirrored(Path(address)):
             pass
 
@@ -258,6 +259,6 @@ def test_an_abandoned_address_is_taken_over_by_the_stores_clock(bucket, monkeypa
         stream.write(json.dumps({"pid": 1, "host": "gone", "token": "other"}).encode())
     with pytest.raises(InputError, match="process 1 on gone"), mirrored(Path(address)):
         pass
-    monkeypatch.setattr(remote, "LEASE", -60.0)
+    monkeypatch.setattr(lease, "LEASE", -60.0)
     with mirrored(Path(address)):
         pass

@@ -19,8 +19,9 @@ def campaigns(
     json: Json = None,
 ) -> None:
     """List the campaigns in a folder: state, flights, controllers, when, and the digest's first digits."""
-    from abhv_mc.folder.remote import fetched_manifests, parse_address
+    from abhv_mc.folder.remote import fetched_manifests
     from abhv_mc.folder.status import find_campaigns
+    from abhv_mc.folder.store import parse_address
 
     address = parse_address(folder)
     if address is None and not folder.is_dir() and folder != _DEFAULT:

@@ -69,6 +69,6 @@ def _check(path: Path, home: Path, campaign: bool = False) -> Path:
 def _is_address(path: Path) -> bool:
     if ":" not in str(path):
         return False
-    from abhv_mc.folder.remote import parse_address
+    from abhv_mc.folder.store import parse_address
 
     return parse_address(f"{path}/") is not None  # of s3:// a path keeps s3:

@@ -131,7 +131,7 @@ def finish(
     ``place`` is what the user calls the folder: perhaps an address.
     """
     from abhv_mc.cli.announce import announce_warnings
-    from abhv_mc.folder.remote import parse_address
+    from abhv_mc.folder.store import parse_address
 
     named = parse_address(place or "") or str(result.folder)
     told = sys.stderr if json == Path("-") else None

@@ -10,8 +10,9 @@ def command(
 ) -> None:
     """Say how far a campaign is, who flies it, and what was found so far."""
     from abhv_mc.cli.run import describe_outcomes, print_requirements
-    from abhv_mc.folder.remote import fetched_manifests, parse_address
+    from abhv_mc.folder.remote import fetched_manifests
     from abhv_mc.folder.status import read_status
+    from abhv_mc.folder.store import parse_address
 
     with fetched_manifests(folder, "manifest.json") as (here, describe):
         status = read_status(here, describe and describe(""))
