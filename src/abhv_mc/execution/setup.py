@@ -30,6 +30,7 @@ from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.stability.metrics import MarginPlan
+from abhv_mc.user_code.packages import find_package_versions
 from abhv_mc.user_code.trust import trust
 
 
@@ -93,7 +94,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     files = begin_folder(folder, inputs, plans, stack)
     _write_samples(folder, asked)
     _write_nominal(folder, asked, plans, nominal)
-    manifest = _new_manifest(asked, inputs, engine) | {"warnings": find_warnings(plans, asked)}
+    manifest = _new_manifest(asked, inputs, engine, plans) | {"warnings": find_warnings(plans, asked)}
     if request.shard is not None:
         manifest["shard"] = list(request.shard)
     manifest["files"] = files.listed()
@@ -227,9 +228,12 @@ def _check_drawn(folder: CampaignFolder, campaign: CheckedCampaign) -> None:
             raise InputError(folder.samples, None, None, found, "the versions that the manifest names, or --fresh")
 
 
-def _new_manifest(campaign: CheckedCampaign, inputs: FolderInputs, engine: Engine) -> dict[str, Any]:
+def _new_manifest(
+    campaign: CheckedCampaign, inputs: FolderInputs, engine: Engine, plans: dict[str, FlightPlan]
+) -> dict[str, Any]:
     from datetime import UTC, datetime
 
+    sources = [source for plan in plans.values() for source in (plan.source, plan.channels_source) if source]
     return {
         "name": campaign.model.name,
         "state": RUNNING,
@@ -246,7 +250,7 @@ def _new_manifest(campaign: CheckedCampaign, inputs: FolderInputs, engine: Engin
         "digests": {},
         "controllers": {},
         "requirements": [],
-        "versions": find_versions(),
+        "versions": find_versions() | find_package_versions(sources),
         "compiler": find_compiler(),
         "commit": find_commit(),
         "machine": find_machine() | {"device": engine.device},
