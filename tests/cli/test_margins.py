@@ -160,3 +160,14 @@ def test_a_law_of_ones_own_has_margins_and_a_model(repository, tmp_path):
     assert states[18:] == ["law_altitude", *last]
     poles = np.linalg.eigvals(A)
     assert np.abs(poles).max() < 1.0 and period == 0.01
+
+
+def test_linearize_along_a_path_is_each_of_its_times(tmp_path):
+    _linearize(tmp_path / "path.npz", "lqr", "0s:1s:0.5s")
+    _linearize(tmp_path / "one.npz", "lqr", "0.5s")
+    with np.load(tmp_path / "path.npz") as path, np.load(tmp_path / "one.npz") as one:
+        assert path["time_s"].tolist() == [0.0, 0.5, 1.0]
+        for name in ("plant_A", "plant_B", "law_D", "closed_A"):
+            assert np.array_equal(path[name][1], one[name]), name
+        assert path["plant_A"].shape == (3, *one["plant_A"].shape)
+        assert np.array_equal(path["plant_states"], one["plant_states"])
