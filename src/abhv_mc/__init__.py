@@ -35,7 +35,8 @@ __all__ = [
 ]
 
 _HOMES = {
-    **dict.fromkeys(("Campaign", "CampaignResults", "open_results"), "abhv_mc.notebook"),
+    "Campaign": "abhv_mc.notebook",
+    **dict.fromkeys(("CampaignResults", "open_results"), "abhv_mc.campaign_results"),
     **dict.fromkeys(("compare", "rare", "tune", "worst"), "abhv_mc.searching"),
     **dict.fromkeys(("fly", "trim"), "abhv_mc.flying"),
     **dict.fromkeys(("fly_on", "linearize", "margins"), "abhv_mc.linearizing"),

@@ -1,39 +1,25 @@
-"""Campaigns in a notebook: a file to fly, and a folder's results as pandas tables and figures."""
+"""Campaigns in a notebook: a file, or its content, to fly."""
 
 import os
 import shutil
 import weakref
 from collections.abc import Mapping, Sequence
-from functools import cached_property
-from html import escape
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
 from abhv_mc.campaign.file.references import find_references
+from abhv_mc.campaign_results import CampaignResults, as_html
 from abhv_mc.flying import check_count, check_mapping, make_document
-from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
-from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import COMPLETE
-from abhv_mc.io.documents import InputError, describe, one_of, write_document
+from abhv_mc.io.documents import write_document
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
-    from matplotlib.figure import Figure
 
-    from abhv_mc.analysis.explain import Explanation
-    from abhv_mc.report.numbers.results import Results
 
 Paths = str | Path
-_AXES = {
-    "histories": ("controller", "flight", "time"),
-    "envelopes": ("controller", "channel", "time"),
-    "nominal": ("controller", "time"),
-    "reference": ("time",),
-}
 
 
 class Campaign:
@@ -110,288 +96,13 @@ class Campaign:
         entries = data.get("dispersions") or {}
         rows = [("controllers", ", ".join(self.controllers), "")]
         rows += [(name, ", ".join(f"{k} {v}" for k, v in entry.items()), "") for name, entry in entries.items()]
-        return _as_html(head, rows)
+        return as_html(head, rows)
 
     def __repr__(self) -> str:
         return (
             f"<Campaign {self.name}: {self.runs} flights of {', '.join(self.controllers)}, "
             f"{len(self.parameters)} dispersions>"
         )
-
-
-class CampaignResults:
-    """What a campaign's folder holds; every table is a pandas DataFrame, SI except angles in degrees.
-
-    ``attrs["units"]`` of a table has the unit of each column that says it. Tables are read as they are asked for: an
-    InputError says where a run has changed the folder since it was opened.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder.absolute()
-        self._paths = CampaignFolder(self.folder)
-        self.manifest = read_checked(self._paths)
-
-    @property
-    def complete(self) -> bool:
-        """Whether everything was flown."""
-        return bool(self.manifest["state"] == COMPLETE)
-
-    @property
-    def controllers(self) -> tuple[str, ...]:
-        """Names of the controllers that flew."""
-        return self._results.controllers
-
-    @cached_property
-    def flights(self) -> "pd.DataFrame":
-        """One row a flight and controller: outcome, dispersions, metrics."""
-        table = self._read(self._files_in(self._paths.flights))
-        order = {name: i for i, name in enumerate(self.controllers)}
-        return table.sort_values(["controller", "flight"], key=lambda c: c.map(order) if c.name == "controller" else c,
-                                 ignore_index=True)  # fmt: skip
-
-    @cached_property
-    def samples(self) -> "pd.DataFrame":
-        """Dispersions by flight, SI."""
-        return self._read([self._paths.samples]).set_index("flight")
-
-    @cached_property
-    def envelopes(self) -> "pd.DataFrame":
-        """Smallest and largest value and quantiles over all flights, by controller, channel and time."""
-        return self._read([self._paths.envelopes])
-
-    @cached_property
-    def histories(self) -> "pd.DataFrame":
-        """Channels over time of the flights that were kept."""
-        return self._read(self._files_in(self._paths.histories))
-
-    @cached_property
-    def nominal(self) -> "pd.DataFrame":
-        """Channels over time of each controller's nominal flight."""
-        return self._read([self._paths.nominal])
-
-    @cached_property
-    def reference(self) -> "pd.DataFrame":
-        """The mission's reference over time."""
-        return self._read([self._paths.reference])
-
-    @cached_property
-    def numbers(self) -> dict[str, Any]:
-        """Every number of the report, as ``report.json`` holds them."""
-        from abhv_mc.report.numbers.report_numbers import make_numbers
-
-        numbers = make_numbers(self._results)
-        refuse_changes(self._paths, self.manifest)
-        return numbers
-
-    @property
-    def answer(self) -> list[str]:
-        """The campaign's answer in sentences."""
-        from abhv_mc.report.numbers.confidence import sureness_sentence
-        from abhv_mc.report.numbers.summary import summary_sentences
-
-        return [*summary_sentences(self.numbers), sureness_sentence(self.numbers)]
-
-    @property
-    def verdicts(self) -> "pd.DataFrame":
-        """Verdict, counts, tolerance limit and room of each requirement on each controller."""
-        import pandas as pd
-
-        rows = [
-            {"requirement": entry["words"], "controller": name, **verdict}
-            for entry in self.numbers["requirements"]
-            for name, verdict in entry["controllers"].items()
-        ]
-        return pd.DataFrame(rows).set_index(["requirement", "controller"]) if rows else pd.DataFrame()
-
-    @property
-    def quantiles(self) -> "pd.DataFrame":
-        """Quantiles of each metric with their 95 % intervals, by metric, controller and level."""
-        import pandas as pd
-
-        rows = [
-            {"metric": metric, "controller": name, "level": level, **cell}
-            for metric, entry in self.numbers["metrics"].items()
-            for name, cells in entry["controllers"].items()
-            for level, cell in cells.items()
-            if isinstance(cell, dict)
-        ]
-        return pd.DataFrame(rows).set_index(["metric", "controller", "level"])
-
-    @cached_property
-    def _figures(self) -> "dict[str, Figure]":
-        from abhv_mc.report.pages.gallery import make_figures
-
-        figures = {text.name: figure for text, figure in make_figures(self._results, self.numbers)}
-        refuse_changes(self._paths, self.manifest)
-        return figures
-
-    @property
-    def figure_names(self) -> tuple[str, ...]:
-        """Names of the report's figures."""
-        return tuple(self._figures)
-
-    def figure(self, name: str, dpi: float = 100.0) -> "Figure":
-        """One of the report's figures. Raises KeyError for an unknown name."""
-        figure = self._figures[name]
-        figure.set_dpi(dpi)
-        return figure
-
-    def to_xarray(self, table: Literal["histories", "envelopes", "nominal", "reference"] = "histories") -> "xr.Dataset":
-        """A table over time as an xarray Dataset (the extra ``xarray``), a variable a column, ``units`` in its attrs.
-
-        Its axes are controller, flight and time for the histories that were kept (missing values where a flight has
-        none or has ended), controller, channel and time for envelopes, controller and time for nominal flights, time
-        for the reference. Raises InputError.
-        """
-        if table not in _AXES:
-            raise InputError("table", None, None, describe(table), one_of(_AXES))
-        try:
-            import xarray  # noqa: F401
-        except ImportError:
-            raise InputError("to_xarray", None, None, "no xarray here", "pip install 'abhv-mc[xarray]'") from None
-        rows = getattr(self, table)
-        axes, units = list(_AXES[table]), rows.attrs.get("units", {})
-        texts = {name: rows[name].astype(object) for name in ("controller", "channel") if name in rows}
-        found = rows.assign(**texts).set_index(axes).to_xarray()
-        for name in found.variables:
-            if name in units:
-                found[name].attrs["units"] = units[name]
-        return found.assign_attrs(campaign=self.manifest["name"], digest=self.manifest["digest"])
-
-    def make_report(self, format: Literal["html", "md"] = "html") -> Path:  # noqa: A002
-        """Write the report into the folder and give the path of the page."""
-        from abhv_mc.report.pages.build import build_report
-
-        refuse_changes(self._paths, self.manifest)
-        return build_report(self.folder, format)
-
-    def query(self, sql: str) -> "pd.DataFrame":
-        """The answer to SQL over the tables flights, samples, histories, envelopes, nominal and reference.
-
-        Empty for SQL that asks nothing. Raises :class:`abhv_mc.io.documents.InputError` for what cannot be answered.
-        """
-        import pandas as pd
-
-        from abhv_mc.folder.sql import ask
-
-        table = ask(self.folder, sql, lambda answer: answer.df())
-        refuse_changes(self._paths, self.manifest)
-        return pd.DataFrame() if table is None else table
-
-    def replay(self, flight: int, controller: str | None = None) -> "pd.DataFrame":
-        """Channels of one flight at full rate, flown again (by default by the first controller).
-
-        Raises RuntimeError where it is not the stored flight to the last bit: another version flew it.
-        """
-        import pandas as pd
-
-        from abhv_mc.analysis.replay import replay_flight
-        from abhv_mc.execution.engine import make_engine
-        from abhv_mc.flight.channels import CHANNEL_INDEX
-
-        again = replay_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly)
-        refuse_changes(self._paths, self.manifest)
-        if again.differences:
-            raise RuntimeError(f"flight {flight} differs from the stored one: {'; '.join(again.differences)}")
-        table = pd.DataFrame(again.block.history[0], columns=list(CHANNEL_INDEX)).dropna(how="all")
-        table.insert(0, "time", again.block.times[table.index])
-        return table.reset_index(drop=True)
-
-    def explain(self, flight: int, controller: str | None = None, requirement: str | None = None) -> "Explanation":
-        """The smallest set of a failing flight's dispersions with which it still fails; see ``abhv-mc explain``."""
-        from abhv_mc.analysis.explain import explain_flight
-        from abhv_mc.execution.engine import make_engine
-
-        refuse_changes(self._paths, self.manifest)
-        return explain_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly, requirement)
-
-    @staticmethod
-    def explained_figure(explanation: "Explanation", dpi: float = 100.0) -> "Figure":
-        """An explained flight as flown and with its causes alone, beside the nominal one."""
-        from abhv_mc.report.pages.explained import make_explained_figure
-
-        figure = make_explained_figure(explanation)
-        figure.set_dpi(dpi)
-        return figure
-
-    def whatif(self, settings: Mapping[str, Any]) -> "pd.DataFrame":
-        """Quantiles as flown and under other dispersions, such as ``{"aero.drag.half_width": "12 %"}``.
-
-        The effective numbers of flights are in the table's ``attrs``. Raises
-        :class:`abhv_mc.io.documents.InputError` where the flights do not cover what is asked.
-        """
-        import pandas as pd
-
-        from abhv_mc.report.numbers.whatif import make_whatif
-
-        nested: dict[str, dict[str, Any]] = {}
-        for key, value in check_mapping(settings, "settings").items():
-            name, _, entry = str(key).rpartition(".")
-            nested.setdefault(name, {})[entry] = value
-        refuse_changes(self._paths, self.manifest)
-        found = make_whatif(self.folder, nested)
-        rows = []
-        for name, part in found["controllers"].items():
-            for metric, levels in part["metrics"].items():
-                for level, pair in levels.items():
-                    row = {"metric": metric, "controller": name, "level": level}
-                    for when, cell in pair.items():
-                        row |= {when: cell["value"], f"{when}_low": cell["low"], f"{when}_high": cell["high"]}
-                    rows.append(row)
-        table = pd.DataFrame(rows).set_index(["metric", "controller", "level"])
-        table.attrs["effective_flights"] = {n: part["effective_flights"] for n, part in found["controllers"].items()}
-        return table
-
-    @cached_property
-    def _results(self) -> "Results":
-        from abhv_mc.report.numbers.results import read_results
-
-        results = read_results(self.folder)
-        refuse_changes(self._paths, self.manifest)
-        return results
-
-    def _files_in(self, part: Path) -> list[Path]:
-        return [path for path in data_files(self._paths, self.manifest) if path.parent == part]
-
-    def _read(self, files: Sequence[Path]) -> "pd.DataFrame":
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        tables = [pq.read_table(file, partitioning=None) for file in files]
-        refuse_changes(self._paths, self.manifest)
-        whole = pa.concat_tables(tables, promote_options="default")
-        table = whole.to_pandas(ignore_metadata=True)  # which may call a column by another one's name
-        units = {
-            field.name: (field.metadata or {}).get(b"unit", b"").decode(errors="replace") for field in whole.schema
-        }
-        table.attrs["units"] = {name: unit for name, unit in units.items() if unit}
-        return table
-
-    def __repr__(self) -> str:
-        facts = self.manifest
-        flights = f"{facts['runs_done']} of {facts['runs_planned']} flights"
-        return f"<CampaignResults {facts['name']}: {flights}, {facts['state']}>"
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows: how the flights ended and the verdicts, from the manifest alone."""
-        facts = self.manifest
-        head = f"{facts['name']}: {facts['runs_done']} of {facts['runs_planned']} flights each, {facts['state']}"
-        rows = [
-            (name, ", ".join(f"{count} {outcome}" for outcome, count in part["outcomes"].items()), "")
-            for name, part in facts["controllers"].items()
-        ]
-        for entry in facts["requirements"]:
-            side = "below" if "below" in entry else "above"
-            asked = f"{entry['metric']} {side} {entry[side]:g} in {100 * entry['probability']:g} %"
-            rows.append((entry["controller"], asked, entry["verdict"]))
-        return _as_html(head, rows)
-
-
-def _as_html(head: str, rows: Sequence[Sequence[str]]) -> str:
-    """A small table, names escaped."""
-    lines = ("".join(f"<td style='text-align: left'>{escape(cell)}</td>" for cell in row) for row in rows)
-    body = "".join(f"<tr>{line}</tr>" for line in lines)
-    return f"<table><caption style='text-align: left'>{escape(head)}</caption><tbody>{body}</tbody></table>"
 
 
 def write_inputs(data: Mapping[str, Any], folder: Path) -> Path:
@@ -427,8 +138,3 @@ def _write_input(kind: str, given: Any, folder: Path, place: str) -> str:
     (folder / place / name).parent.mkdir(parents=True, exist_ok=True)
     write_document(folder / place / name, document.data)
     return f"{place}/{name.as_posix()}"
-
-
-def open_results(folder: Paths) -> CampaignResults:
-    """The results in a campaign's folder. Raises :class:`abhv_mc.io.documents.InputError` where there is none."""
-    return CampaignResults(Path(folder))

@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from abhv_mc.campaign_results import CampaignResults
 from abhv_mc.flying import check_count, check_mapping, to_si
 from abhv_mc.io.documents import InputError, describe
 from abhv_mc.io.units import FRACTION
-from abhv_mc.notebook import Campaign, CampaignResults, Paths
+from abhv_mc.notebook import Campaign, Paths
 from abhv_mc.shipped import find_input
 
 if TYPE_CHECKING:

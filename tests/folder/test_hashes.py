@@ -8,12 +8,12 @@ import pytest
 from fake_flight import ENGINE, write_campaign
 from report.few_figures import build_with
 
+from abhv_mc.campaign_results import open_results
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.database import open_database
 from abhv_mc.folder.export import export_csv
 from abhv_mc.io.input_error import InputError
-from abhv_mc.notebook import open_results
 from abhv_mc.report.numbers.compare import compare_folders
 from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.pages import gallery
