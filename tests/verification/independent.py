@@ -50,11 +50,22 @@ def local_axes(lat, lon):
     return np.array([np.cross(east, down), east, down])
 
 
-def fly_sphere(world, altitude=30000.0, velocity_ned=(0, 0, 0), heading=0.0, rates_dps=(0, 0, 0), wind=lambda h: 0.0):
+def fly_sphere(
+    world,
+    altitude=30000.0,
+    velocity_ned=(0, 0, 0),
+    heading=0.0,
+    rates_dps=(0, 0, 0),
+    wind=lambda h: 0.0,
+    latitude=0.0,
+):
     """Rows of a published file for a sphere of 1 slug and CD 0.1; feet and degrees, 0.1 s apart; wind(h ft) in ft/s."""
     area = 0.1963495 * FT**2
-    axes = local_axes(0.0, 0.0)
-    r0 = np.array([world.a + altitude * FT, 0.0, 0.0])
+    lat = np.radians(latitude)
+    axes = local_axes(lat, 0.0)
+    e2 = world.f * (2.0 - world.f)
+    n = world.a / np.sqrt(1.0 - e2 * np.sin(lat) ** 2)
+    r0 = np.array([(n + altitude * FT) * np.cos(lat), 0.0, (n * (1.0 - e2) + altitude * FT) * np.sin(lat)])
     v0 = axes.T @ (np.array(velocity_ned) * FT) + np.cross(world.omega, r0)
     body0 = axes.T @ Rotation.from_euler("z", heading, degrees=True).as_matrix()
     rates = np.radians(rates_dps)  # constant: a sphere without moments

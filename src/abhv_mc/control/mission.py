@@ -18,6 +18,7 @@ from abhv_mc.vehicle.sensing import SensingKeys
 from abhv_mc.world.earth import WGS84, Earth
 
 Positive = Field(gt=0.0)
+_NORTHMOST = math.radians(89.99001)
 _KIND = "the kind of manoeuvre"
 _LENGTH = "how long it takes"
 GravitationalParameter = Annotated[
@@ -38,7 +39,9 @@ class Start(StrictModel):
     altitude: Length = Field(description="geodetic altitude")
     speed: Annotated[Speed, Positive] = Field(description="speed relative to the Earth")
     heading: Angle = Field(description="direction of the velocity, clockwise from north")
-    latitude: Annotated[Angle, Field(gt=-1.55, lt=1.55)] = Field(description="geodetic latitude")
+    latitude: Annotated[Angle, Field(gt=-_NORTHMOST, lt=_NORTHMOST)] = Field(
+        description="geodetic latitude, at most 89.99 deg"
+    )
     longitude: Angle = Field(0.0, description="positive to the east")
     flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = Field(
         0.0, description="of a start in a climb or a descent"

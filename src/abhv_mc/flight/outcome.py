@@ -24,6 +24,7 @@ class Outcome(IntEnum):
     BANK_LIMIT = 9
     OSCILLATION_LIMIT = 10
     FUEL_OUT = 11
+    POLE_LIMIT = 12
     LAW_FAILED = 50
     LAW_CRASHED = 51
     LAW_HUNG = 52
@@ -57,6 +58,7 @@ SENTENCES: dict[Outcome, str] = {
     Outcome.BANK_LIMIT: "The bank exceeded the limit of the mission or the vehicle.",
     Outcome.OSCILLATION_LIMIT: "An angle oscillated by more than the limit of the mission or the vehicle.",
     Outcome.FUEL_OUT: "The fuel was burnt before the end of the mission.",
+    Outcome.POLE_LIMIT: "The flight came nearer to a pole than the model can follow its longitude and heading.",
     Outcome.LAW_FAILED: "The control law, one of the user's own, raised an exception or returned an error.",
     Outcome.LAW_CRASHED: "The control law, one of the user's own, ended its process (a crash), twice.",
     Outcome.LAW_HUNG: "The control law, one of the user's own, did not return in time, twice.",
@@ -104,6 +106,7 @@ def _end(name: str) -> Limit:
     return Limit(Outcome.OK, _SOURCES.get(name, name), lambda limits: getattr(limits.end, name))
 
 
+NEAREST_POLE = math.radians(89.995)  # latitude; 560 m from the pole Mach 10 turns 0.05 rad a step about it
 _RIPPLES = ("bank_ripple", "angle_of_attack_ripple", "sideslip_ripple")
 _DEG = 180.0 / math.pi
 
@@ -115,6 +118,7 @@ def _above(outcome: Outcome, source: str, name: str, factor: float = 1.0) -> Lim
 
 # Of two limits left at the same tick the later one in this table names the outcome.
 LIMITS: tuple[Limit, ...] = (
+    Limit(Outcome.POLE_LIMIT, "latitude", lambda limits: (-NEAREST_POLE, NEAREST_POLE)),
     Limit(Outcome.FUEL_OUT, "fuel_left_kg", lambda limits: (limits.fuel_min, math.inf)),
     *map(_end, EndBounds._fields),
     *(_above(Outcome.OSCILLATION_LIMIT, f"{name}_deg", name, _DEG) for name in _RIPPLES),

@@ -17,14 +17,13 @@ from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.verification.nesc_cases import CASES, FOOT, CheckCase, Tolerances, tolerances
-from abhv_mc.verification.nesc_f16 import F16_CASES, RATE, fly_aircraft
+from abhv_mc.verification.nesc_f16 import RATE, fly_aircraft, read_aircraft_cases
 from abhv_mc.verification.recording import check_times, read_columns, stack_columns
 from abhv_mc.verification.replay import at_times, make_motion, make_replay_plan, make_start, replay, wrap_degrees
 from abhv_mc.verification.rows import Row
 
 STEP = 0.01  # s, the product's default
 _FILE = re.compile(r"Atmos_(\d\d(?:p\d)?)_sim_(\w+)\.csv(\.gz)?")
-_ALL = {**{f"{number:02d}": case for number, case in CASES.items()}, **F16_CASES}
 _NEEDED = 1.25  # times the largest difference of two simulators is allowed to the F-16, which has no limits of its own
 _LIKE = 6  # the case whose tolerances are added: a body with aerodynamics on the ellipsoid
 _LONGEST = 3600.0  # s
@@ -43,12 +42,13 @@ def find_files(folder: Path) -> dict[tuple[str, str], Path]:
     if not folder.is_dir():
         raise InputError(folder, None, None, "no such folder", "a folder of check-cases")
     found: dict[tuple[str, str], Path] = {}
+    known = {*(f"{number:02d}" for number in CASES), *read_aircraft_cases()}
     links = (path for path in folder.iterdir() if path.is_symlink())
     # os.walk passes over what vanishes meanwhile, as processes of /proc do, and what is closed.
     levels = chain(os.walk(folder), *(islice(os.walk(link), 1) for link in links))
     for path in sorted(Path(place, name) for place, _, names in levels for name in names):
         match = _FILE.fullmatch(path.name)
-        if match and match[1] in _ALL:
+        if match and match[1] in known:
             key = match[1], match[2]
             found[key if key not in found else (key[0], f"{key[1]} {path.relative_to(folder)}")] = path
     if not found:
@@ -85,7 +85,7 @@ def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
     for name in sorted({case for case, _ in data}):
         given = {simulator: columns for (case, simulator), columns in data.items() if case == name}
         duration = max(float(columns["time"][-1]) for columns in given.values())
-        if name in F16_CASES:
+        if name in read_aircraft_cases():
             if len(given) < 2:
                 wanted = "a second simulator's file: what two differ by is the tolerance"
                 raise InputError(files[name, next(iter(given))], None, None, f"one simulator of case {name}", wanted)

@@ -2,8 +2,7 @@
 
 import functools
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,8 @@ from abhv_mc.control.columns import REFERENCE
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.plan import FlightPlan, Timing
 from abhv_mc.flight.prepare import local_frame_rate
+from abhv_mc.io.documents import StrictModel, read_document, validate
+from abhv_mc.io.units import Angle, Length, Speed, Time, parse_in_unit
 from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.plant import state as s
 from abhv_mc.plant.trim import FlightPoint, trim
@@ -23,65 +24,51 @@ from abhv_mc.user_code.settings import CommandSteps
 from abhv_mc.user_code.source import Law, load_law, read_source
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.model import Vehicle
-from abhv_mc.verification.nesc_cases import ELLIPSOID, FOOT
+from abhv_mc.verification.nesc_cases import ELLIPSOID
 from abhv_mc.verification.replay import make_replay_plan, replay
 from abhv_mc.world.atmosphere import atmosphere
 
 RATE = 500.0  # Hz of the autopilot, which in the cases is continuous
-_DEG = math.pi / 180.0
-_KNOT = 1852.0 / 3600.0
 _TRIM_STEP = 1e-3  # s, of the accelerations that the trim makes zero
-_FULL_STICK = -25.0 * _DEG  # elevator of the whole stick, aft
+_FULL_STICK = math.radians(-25.0)  # elevator of the whole stick, aft
 
 
-@dataclass(frozen=True)
-class AircraftCase:
-    """One case: SI and radians; ``steps`` are what a command gains from a time (s) on."""
+class Step(StrictModel):
+    """What a command gains from a time on."""
 
-    altitude: float = 10_013.0 * FOOT
-    velocity: tuple[float, float] = (400.0 * FOOT, 400.0 * FOOT)  # north, east
-    latitude: float = 36.01916667 * _DEG
-    longitude: float = -75.67444444 * _DEG
-    law: str = "f16_control"
-    engaged: bool = True  # whether stick and throttle are trimmed with the law engaged as the case has it
-    commands: Mapping[str, float] = field(default_factory=dict)
-    steps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    at: Time
+    by: str | float
 
 
-_AUTOPILOT = {"sasOn": 1.0, "apOn": 1.0, "latOffset_measured": 0.0}
-F16_CASES: dict[str, AircraftCase] = {
-    "11": AircraftCase(),
-    "12": AircraftCase(altitude=30_013.0 * FOOT, velocity=(2000.0 * FOOT * math.sqrt(0.5),) * 2),
-    "13p1": AircraftCase(commands=_AUTOPILOT, steps={"altCmd": (5.0, 100.0 * FOOT)}),
-    "13p2": AircraftCase(commands=_AUTOPILOT, steps={"keasCmd": (5.0, -5.0 * _KNOT)}),
-    "13p3": AircraftCase(commands=_AUTOPILOT, steps={"baseChiCmd": (15.0, 15.0 * _DEG)}),
-    "13p4": AircraftCase(
-        commands={**_AUTOPILOT, "latOffset_measured": 1.0}, steps={"latOffset": (20.0, -2000.0 * FOOT)}
-    ),
-    "15": AircraftCase(
-        altitude=10_000.0 * FOOT,
-        velocity=(0.0, 563.643 * FOOT),
-        latitude=89.95 * _DEG,
-        longitude=-45.0 * _DEG,
-        law="f16_gnc",
-        engaged=False,
-        commands={**_AUTOPILOT, "circlePoleSW": 1.0},
-    ),
-    "16": AircraftCase(
-        altitude=10_000.0 * FOOT,
-        velocity=(563.643 * FOOT, 0.0),
-        latitude=0.0,
-        longitude=-179.95 * _DEG,
-        law="f16_gnc",
-        engaged=False,
-        commands={**_AUTOPILOT, "circlePoleSW": 0.0},
-    ),
-}
+class AircraftCase(StrictModel):
+    """One case; commands and steps in the law's units where they have none of their own."""
+
+    altitude: Length
+    velocity: tuple[Speed, Speed]  # north, east
+    latitude: Angle
+    longitude: Angle
+    law: str
+    engaged: bool  # whether stick and throttle are trimmed with the law engaged as the case has it
+    commands: dict[str, float] = {}
+    steps: dict[str, Step] = {}
+
+
+class AircraftCases(StrictModel):
+    """The cases by number."""
+
+    cases: dict[str, AircraftCase]
+
+
+@functools.cache
+def read_aircraft_cases() -> dict[str, AircraftCase]:
+    """The F-16's cases, 11 to 16, by their numbers in file names."""
+    document = read_document(shipped_configs() / "vehicle" / "f16" / "check_cases.yaml")
+    return validate(document, AircraftCases).cases
 
 
 def fly_aircraft(name: str, duration: float) -> Floats:
     """States ``[tick, state]`` of a case, ``RATE`` a second, by the product's plant and the imported law."""
-    case = F16_CASES[name]
+    case = read_aircraft_cases()[name]
     folder = shipped_configs() / "vehicle"
     vehicle = load_vehicle(folder / "f16.yaml")
     start = solve_start(vehicle, case)
@@ -168,7 +155,9 @@ def make_steps(law: Law, case: AircraftCase, start: Floats) -> CommandSteps:
     times, values = [], []
     for name in names:
         value = given.get(name, 0.0)
-        at, gain = case.steps.get(name, (0.0, 0.0))
+        step = case.steps.get(name)
+        at = step.at if step else 0.0
+        gain = parse_in_unit(step.by, law.mark.units.get(name, "-")) if step else 0.0
         times.append(np.array([0.0, at] if gain else [0.0]))
         values.append(np.array([value, value + gain] if gain else [value]))
     return CommandSteps(names, tuple(times), tuple(values))

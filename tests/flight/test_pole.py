@@ -1,0 +1,95 @@
+"""Flights near a pole and across the date line."""
+
+import math
+
+import numpy as np
+import pytest
+from verification.independent import FT, World, fly_sphere
+
+from abhv_mc.control.mission import read_mission
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import Timing
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.io.documents import InputErrors
+from abhv_mc.io.input_error import InputError
+from abhv_mc.plant import state as s
+from abhv_mc.shipped import shipped_configs
+from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.verification.nesc_cases import ELLIPSOID
+from abhv_mc.verification.nesc_f16 import fly_aircraft
+from abhv_mc.verification.replay import make_motion, make_replay_plan, make_start, replay
+
+CONFIGS = shipped_configs()
+
+
+def test_a_body_flies_past_the_pole_as_in_cartesian_coordinates() -> None:
+    """From 1.1 km to 0.8 km of the pole and on: its meridian and its course turn by a right angle within seconds."""
+    velocity = (700.0, 700.0, -1000.0)  # ft/s
+    wanted = np.array(fly_sphere(World(), 0.0, velocity, latitude=89.99))[:, 1:7]
+    vehicle = load_vehicle(CONFIGS / "vehicle" / "nesc" / "sphere.yaml")
+    start = make_start(
+        0.0, tuple(FT * v for v in velocity), 0.0, (0.0, 0.0, 0.0), vehicle.constants.mass_start, math.radians(89.99)
+    )
+    timing = Timing(0.01, 1, 3000)
+    motion = make_motion(replay(make_replay_plan(vehicle, ELLIPSOID, start, np.zeros((3001, 4)), timing))[::10])
+    assert np.degrees(motion.latitude).max() > 89.992
+    assert np.abs(motion.altitude / FT - wanted[:, 0]).max() < 5e-3  # as at the equator: constants of the air
+    metres = np.radians(90.0 - wanted[:, 2]) * 6.4e6  # from the pole
+    turned = (np.degrees(motion.longitude) - wanted[:, 1] + 180.0) % 360.0 - 180.0
+    assert np.abs(np.radians(turned) * metres).max() < 1e-3
+    assert np.abs(np.degrees(motion.latitude) - wanted[:, 2]).max() < 1e-8
+    assert np.abs(motion.velocity_ned / FT - wanted[:, 3:6]).max() < 1e-3
+
+
+def write_mission(folder, heading: float, latitude: float, longitude: float = 0.0):
+    path = folder / "mission.yaml"
+    path.write_text(
+        f"name: there\nstart: {{altitude: 20 km, speed: 1400 m/s, heading: {heading} deg, latitude: {latitude} deg, "
+        f"longitude: {longitude} deg}}\nduration: 20 s\nmanoeuvre: {{kind: level}}\n",
+        encoding="utf-8",
+    )
+    return path
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_flight_over_the_pole_ends_with_an_outcome_of_its_own(tmp_path, sign: int) -> None:
+    mission = write_mission(tmp_path, 0.0 if sign > 0 else 180.0, sign * 89.9)
+    plan = prepare(CONFIGS / "vehicle" / "ghame_x.yaml", mission, CONFIGS / "control" / "tlc.yaml", "tlc")
+    block = fly(plan, nominal_parameters(), 100, keep_states=True)
+    assert block.outcome.tolist() == [Outcome.POLE_LIMIT]
+    assert block.end_time[0] == pytest.approx(math.radians(0.095) * 6.42e6 / 1400.0, abs=0.1)
+    assert np.isfinite(block.states[0, : int(block.end_time[0]) + 1]).all()
+
+
+def test_a_mission_starts_up_to_89_99_deg(tmp_path) -> None:
+    assert read_mission(write_mission(tmp_path, 0.0, 89.99)).start.latitude == math.radians(89.99)
+    with pytest.raises((InputError, InputErrors), match=r"89\.995"):
+        read_mission(write_mission(tmp_path, 0.0, -89.995))
+
+
+def test_the_date_line_changes_longitude_alone(tmp_path) -> None:
+    files = CONFIGS / "vehicle" / "ghame_x.yaml", CONFIGS / "control" / "tlc.yaml"
+    here, there = (prepare(files[0], write_mission(tmp_path, 90.0, 10.0, lon), files[1], "tlc") for lon in (0, 179.9))
+    states = [fly(plan, nominal_parameters(), 100, keep_states=True).states[0] for plan in (here, there)]
+    rest = [i for i in range(s.N_STATES) if i != s.LONGITUDE]
+    assert np.array_equal(states[0][:, rest], states[1][:, rest])
+    turned = states[1][:, s.LONGITUDE] - states[0][:, s.LONGITUDE] - math.radians(179.9)
+    assert states[1][-1, s.LONGITUDE] < -3.0
+    assert np.abs((turned + 1.0) % math.tau - 1.0).max() < 1e-12
+
+
+@pytest.mark.parametrize(("case", "radius"), [("15", 0.05), ("16", 0.05)])
+def test_the_f16_circles_the_pole_and_the_crossing_of_equator_and_date_line(case: str, radius: float) -> None:
+    """NASA's cases 15 and 16: 3 nautical miles about the point, at the altitude of the start."""
+    motion = make_motion(fly_aircraft(case, 30.0))
+    latitude, longitude = np.degrees(motion.latitude), np.degrees(motion.longitude)
+    if case == "15":
+        away = 90.0 - latitude
+        around = np.ptp(np.unwrap(motion.longitude))
+    else:
+        east = (longitude + 360.0) % 360.0 - 180.0
+        away, around = np.hypot(latitude, east), np.ptp(np.unwrap(np.arctan2(latitude, east)))
+    assert np.abs(away - radius).max() < 0.002  # deg: 0.12 nautical miles, from a start without bank
+    assert around == pytest.approx(30.0 * 563.643 * FT / (math.radians(radius) * 6.39e6), rel=0.03)
+    assert np.ptp(motion.altitude) < 10.0
