@@ -36,6 +36,7 @@ from abhv_mc.plant.aerodynamics import build_up, find_cells, interpolate_groups
 from abhv_mc.plant.air_data import air_data, deflections
 from abhv_mc.plant.disturbance import active_disturbances, disturb
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
+from abhv_mc.plant.failures import possible_failures
 from benchmarks.document import replace_part, write_json
 from benchmarks.spread import Spread, describe_machine, find_spreads, make_note, make_parser, repeat
 from benchmarks.timing import measure_time
@@ -82,12 +83,12 @@ def run_part(plan, lqr_plan, memory, part, calls):
     start_lanes(plan, memory, width, memory.order, width)
     disturbances, sensor_errors = active_disturbances(Z, width), active_sensor_errors(Z, width)
     still = runge_kutta_stage(0, 0.0)  # the state stays where it is
-    evaluate(plan, memory, width, still, False)
+    evaluate(plan, memory, width, still, False, possible_failures(Z, width, vehicle.constants))
     for _ in range(calls):
         if part == 0:
             air_data(Z, width, vehicle, earth)
         elif part == 1:
-            deflections(Z, width, vehicle)
+            deflections(Z, memory.A, width, vehicle, False)
         elif part == 2:
             find_cells(Z, width, vehicle.tables, cells)
         elif part == 3:

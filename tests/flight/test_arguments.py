@@ -43,7 +43,9 @@ def with_arrays(plan, change):
     """The plan with an array of each of its parts changed."""
     tables = plan.vehicle.tables
     tables = tables._replace(data=change(tables.data), group_axis=change(tables.group_axis))
-    vehicle = plan.vehicle._replace(tables=tables, effector_mix=change(plan.vehicle.effector_mix))
+    vehicle = plan.vehicle._replace(
+        tables=tables, foreign=plan.vehicle.foreign._replace(digest=change(plan.vehicle.foreign.digest))
+    )
     return dataclasses.replace(
         plan,
         vehicle=vehicle,
@@ -70,7 +72,13 @@ def test_arrays_in_another_layout_fly_the_same(plan, change):
 
 def test_the_kernel_gets_only_arrays_it_can_rely_on(plan):
     made = make_kernel_plan(with_arrays(plan, misaligned), nominal_parameters(), Recording(0))
-    for array in (made.vehicle.tables.data, made.vehicle.effector_mix, made.reference, made.gains, made.initial_state):
+    for array in (
+        made.vehicle.tables.data,
+        made.vehicle.foreign.digest,
+        made.reference,
+        made.gains,
+        made.initial_state,
+    ):
         assert array.flags.aligned and array.flags.c_contiguous and array.flags.writeable
 
 

@@ -70,7 +70,7 @@ def test_everything_becomes_si_and_radians(write):
     assert (c.thrust_cos, c.thrust_sin, c.thrust_offset_z) == pytest.approx((np.sqrt(0.75), 0.5, 2.0))
     assert c.surface_rate_limit == pytest.approx(np.radians(400.0))
     assert c.angle_of_attack_min == pytest.approx(np.radians(-3.0))
-    assert vehicle.effector_mix.tolist() == [[0.5, 0.0, 2.0], *[[0.0] * 3] * 3]
+    assert vehicle.effector_mix.tolist() == [[0.5, 0.0, 2.0]]
 
 
 def test_terms_scales_and_effectors(write):

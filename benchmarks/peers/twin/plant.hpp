@@ -56,7 +56,7 @@ public:
         v[variable::equivalence_ratio] = x[state::equivalence_ratio];
         v[variable::altitude] = altitude;
         v[variable::mass] = x[state::mass] / p_[parameter::mass_total];
-        for (int e = 0; e < 4; ++e) {
+        for (std::size_t e = 0; e < in_.effector_mix.size() / 3; ++e) {
             const double* mix = &in_.effector_mix[3 * e];
             v[variable::effector_0 + e] =
                 mix[0] * v[variable::aileron] + mix[1] * v[variable::rudder] + mix[2] * v[variable::elevator];

@@ -111,7 +111,7 @@ def make_results(
         np.full((flights, samples if keep_states else 0, N_STATES), np.nan),
         np.full(bins, np.inf),
         np.full(bins, -np.inf),
-        np.empty((flights, SAVED_ROWS if keep else 0)),
+        np.zeros((flights, SAVED_ROWS if keep else 0)),
     )
 
 

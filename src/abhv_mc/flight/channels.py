@@ -8,6 +8,8 @@ name every source. A new one is an entry here, and a function there where the la
 
 from dataclasses import dataclass
 
+from abhv_mc.vehicle.arrays import MAX_EFFECTORS
+
 
 @dataclass(frozen=True)
 class Signal:
@@ -137,6 +139,10 @@ _SOURCES: tuple[Source, ...] = (
     Source("fuel_left_kg", "kg", "mass above the empty one, infinite where no fuel burns", "fuel_left_kg"),
     Source("fuel_used_kg", "kg", "mass at the start minus mass", "fuel_used_kg"),
     Source("surface_saturated", "-", "1 with a surface or its command at the limit", "surface_saturated", True),
+    *(
+        Source(f"effector_{i}_deg", "deg", f"deflection of the vehicle's effector {i}", f"effector_{i}")
+        for i in range(MAX_EFFECTORS)
+    ),
     Source("engine_failed", "-", "1 with a failed or unstarted engine", "engine_failed", True),
     Source("outside_tables", "-", "above zero outside the tables (clamped)", "outside", True),
 )

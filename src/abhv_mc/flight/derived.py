@@ -165,7 +165,7 @@ def surface_saturated(Z, lane, plan, tick):
     largest = larger(largest, abs(Z[X + s.ELEVATOR, lane]))
     command = larger(abs(Z[s.CMD_AILERON, lane]), abs(Z[s.CMD_RUDDER, lane]))
     command = larger(command, abs(Z[s.CMD_ELEVATOR, lane]))
-    saturated = (largest >= limit or command >= nominal_limit) and limit > 0.0
+    saturated = ((largest >= limit or command >= nominal_limit) and limit > 0.0) or Z[s.EFFECTOR_AT_LIMIT, lane] > 0.0
     return 1.0 if saturated else 0.0
 
 

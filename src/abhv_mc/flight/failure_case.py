@@ -9,8 +9,8 @@ from abhv_mc.plant.parameters import FAILURE_TIMES
 
 NO_FAILURE = "none"
 UNSTART = "engine unstart"  # by the vehicle's own condition, at no drawn time
-_ENGINE = "failure.engine.time"
-_KINDS = {"stuck_time": "stuck", "loss_time": "loss", "slow_time": "slow"}
+_ENGINE = "failure.engine"  # begins the names of an engine's failure
+_KINDS = {"time": "failed", "stuck_time": "stuck", "loss_time": "loss", "slow_time": "slow"}
 
 
 def failure_words(name: str) -> str:
@@ -19,7 +19,7 @@ def failure_words(name: str) -> str:
     what = parts[-2].replace("_", " ")
     if parts[1] == "sensor":
         return f"{what} sensor"
-    return "engine failed" if name == _ENGINE else f"{what} {_KINDS[parts[-1]]}"
+    return f"{what} {_KINDS[parts[-1]]}"
 
 
 def failure_cases(names: Sequence[str], samples: Floats, end_time: Floats, engine_failed: Floats) -> list[str]:
@@ -35,7 +35,7 @@ def failure_cases(names: Sequence[str], samples: Floats, end_time: Floats, engin
     for i, name in enumerate(names):
         if name in FAILURE_TIMES:
             came = samples[:, i] < end_time
-            timed |= came if name == _ENGINE else False
+            timed |= came if name.startswith(_ENGINE) else False
             for flight in np.flatnonzero(came):
                 cases[flight].append(failure_words(name))
     for flight in np.flatnonzero((engine_failed > 0.0) & ~timed):

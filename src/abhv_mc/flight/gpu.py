@@ -25,6 +25,7 @@ from abhv_mc.io.input_error import Refusal
 from abhv_mc.jit_cuda import cuda, device_kernel, find_device, uncontracted
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import TableCells
+from abhv_mc.plant.effectors import A_ROWS
 from abhv_mc.vehicle.arrays import CHUNK
 
 THREADS = 32  # of a block: one warp, so that flights that end early free their registers soonest
@@ -66,6 +67,7 @@ def make_flight_kernel(
             memory = Memory(
                 cuda.local.array((Z_ROWS, 1), np.float64),
                 cuda.local.array((O_ROWS, 1), np.float64),
+                cuda.local.array((A_ROWS, 1), np.float64),
                 cuda.local.array((1, 1), np.float64),  # threads share no extremes
                 cuda.local.array((table_rows, 1), np.float64),
                 cells,

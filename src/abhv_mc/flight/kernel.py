@@ -36,6 +36,14 @@ from abhv_mc.plant.aerodynamics import build_up, look_up
 from abhv_mc.plant.air_data import air_data, deflections, move_air
 from abhv_mc.plant.air_profile import nominal_density, nominal_wind
 from abhv_mc.plant.disturbance import Disturbances, active_disturbances, any_lane, disturb
+from abhv_mc.plant.effectors import (
+    any_driven,
+    end_effectors,
+    finish_effectors,
+    move_ideal_effectors,
+    run_effectors,
+    start_effectors,
+)
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
 from abhv_mc.plant.failures import (
     Failures,
@@ -45,7 +53,7 @@ from abhv_mc.plant.failures import (
     start_failures,
     watch_inlet,
 )
-from abhv_mc.plant.foreign import add_thrust, find_dispersed, foreign_coefficients, foreign_thrust
+from abhv_mc.plant.foreign import add_engines_out, add_thrust, find_dispersed, foreign_coefficients, foreign_thrust
 
 COMPACTION = 500  # ticks after which lanes of flights that have ended are given to others
 
@@ -100,17 +108,17 @@ def begin_tick(plan, memory, width, active, tick):
 
 
 @lanes
-def evaluate(plan, memory, width, stage, windy, failing):
+def evaluate(plan, memory, width, stage, windy, failures):
     """One Runge-Kutta stage at ``XS``."""
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
     if windy:
         move_air(Z, width)
         nominal_wind(Z, width, plan.profile)
     air_data(Z, width, vehicle, plan.earth)
-    deflections(Z, width, vehicle, failing)
+    deflections(Z, memory.A, width, vehicle, failures.effectors)
     look_up(Z, T, width, vehicle.tables, memory.cells)
     if plan.own.aerodynamics != 0:
-        foreign_coefficients(Z, width, vehicle, plan.own)
+        foreign_coefficients(Z, memory.A, width, vehicle, plan.own, failures.effectors)
     else:
         build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
     if plan.own.propulsion != 0:
@@ -118,6 +126,8 @@ def evaluate(plan, memory, width, stage, windy, failing):
     equations_of_motion(Z, width, vehicle, plan.earth, stage)
     if plan.own.propulsion != 0:
         add_thrust(Z, width, vehicle, stage)
+    if failures.engines:
+        add_engines_out(Z, width, vehicle, plan.own, stage)
 
 
 @lanes
@@ -170,20 +180,22 @@ def bin_tick(plan, memory, results, width, tick, first, last):
 @lanes
 def fly_ticks(plan, memory, results, width, law, first_tick, end, flights, n):
     """One group of flights from ``first_tick`` to before tick ``end``, or until all of them have ended."""
-    Z, O, step, steps_per_tick = memory.Z, memory.O, plan.timing.step, plan.timing.steps_per_tick
+    Z, O, A, step, steps_per_tick = memory.Z, memory.O, memory.A, plan.timing.step, plan.timing.steps_per_tick
+    effectors = plan.vehicle.effectors
     tick_length = step * steps_per_tick
     active = find_active(Z, width, plan)
     failures = active.failures
     for tick in range(first_tick, end):
         begin_tick(plan, memory, width, active, tick)
         control(plan, memory, width, law, tick)
-        fail_plant(Z, width, failures, plan.vehicle, tick * tick_length, tick_length)
+        fail_plant(Z, A, width, failures, plan.vehicle, tick * tick_length, tick_length)
         if law != RECORDED:
             command_ideal(Z, width, plan.vehicle.constants)
+        move_ideal_effectors(A, width, effectors)
         flying = True
         for evaluation in range(4 * steps_per_tick):  # one loop, so that its code is there once
             stage = evaluation % 4
-            evaluate(plan, memory, width, runge_kutta_stage(stage, step), active.windy, failures.effectors)
+            evaluate(plan, memory, width, runge_kutta_stage(stage, step), active.windy, failures)
             if evaluation == 0:
                 observe_tick(plan, memory, width, tick)
                 record_tick(plan, memory, results, flights, n, tick)
@@ -193,10 +205,13 @@ def fly_ticks(plan, memory, results, width, law, first_tick, end, flights, n):
                     break
             if stage == 0:
                 run_actuators(Z, width, plan.vehicle.constants, step, law == RECORDED)
+                run_effectors(Z, A, width, plan.vehicle, step)
             elif stage == 2:
                 set_actuators(Z, width)
+                end_effectors(A, width, effectors)
             elif stage == 3:
                 finish_step(Z, width, step, O[observe.ALIVE])
+                finish_effectors(A, width, effectors, O[observe.ALIVE])
         if not flying:
             break
 
@@ -211,6 +226,7 @@ def fly_groups(plan, memory, results, width, law, first_flight, last_flight):
     that have ended go to flights that still fly.
     """
     saved, order, keeps = memory.saved, memory.order, results.kept.shape[1] > 0
+    driven = any_driven(plan.vehicle)
     start, last = plan.first_tick, plan.timing.ticks if keeps else plan.timing.ticks + 1
     compacted = 1 < width < last_flight - first_flight  # otherwise there is one group, or no lane to give away
     for first in range(first_flight, last_flight, saved.shape[0]):
@@ -224,16 +240,18 @@ def fly_groups(plan, memory, results, width, law, first_flight, last_flight):
                 n = min(width, flying - group)
                 flights = order[group : group + n]
                 if first_tick > start:
-                    restore_lanes(memory, width, saved, group, n)
+                    restore_lanes(memory, width, saved, group, n, driven)
                 elif plan.start.shape[0] > 0:
-                    restore_lanes(memory, width, plan.start, first + group, n)
+                    restore_lanes(memory, width, plan.start, first + group, n, driven)
                 else:
                     start_lanes(plan, memory, width, flights, n)
                 fly_ticks(plan, memory, results, width, law, first_tick, end, flights, n)
                 for lane in range(n):
                     flight = flights[lane]
                     if memory.O[observe.ALIVE, lane] > 0.0 and end < last:
-                        save_lane(memory, lane, saved[still_flying])  # at or before its own place, already restored
+                        save_lane(
+                            memory, lane, saved[still_flying], driven
+                        )  # at or before its own place, already restored
                         order[still_flying] = flight
                         still_flying += 1
                     else:
@@ -249,7 +267,7 @@ def fly_groups(plan, memory, results, width, law, first_flight, last_flight):
                         results.outcome[flight] = int(memory.O[observe.OUTCOME, lane])
                         results.end_tick[flight] = int(memory.O[observe.END, lane])
                         if keeps:
-                            save_lane(memory, lane, results.kept[flight])
+                            save_lane(memory, lane, results.kept[flight], driven)
             flying = still_flying
 
 
@@ -273,6 +291,7 @@ def start_lanes(plan, memory, width, flights, n):
     if plan.own.aerodynamics != 0:
         find_dispersed(Z, width)
     prepare_actuators(Z, width, plan.vehicle.constants, plan.timing.step)
+    start_effectors(Z, memory.A, width, plan.vehicle, plan.timing.step)
     start_observing(Z, memory.O, width, plan.counted)
 
 

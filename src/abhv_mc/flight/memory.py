@@ -12,12 +12,13 @@ from abhv_mc.jit import lanes
 from abhv_mc.numerics.lane_memory import aligned_zeros
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import TableCells, make_cells
+from abhv_mc.plant.effectors import A_ROWS
 
 TOGETHER = 256  # flights that share a compaction: what is saved of them stays in a near cache
 
 Z_ROWS = observe.END_ROW  # the observer's rows are the last
 O_ROWS = observe.N_ROWS
-SAVED_ROWS = Z_ROWS + O_ROWS
+SAVED_ROWS = Z_ROWS + O_ROWS + A_ROWS
 
 
 class Memory(NamedTuple):
@@ -25,6 +26,7 @@ class Memory(NamedTuple):
 
     Z: Floats  # [row, lane] state, parameters, air data, ... see abhv_mc.plant.state
     O: Floats  # [row, lane] end of the flight and metrics, see abhv_mc.flight.observe
+    A: Floats  # [row, lane] effectors with actuators of their own, see abhv_mc.plant.effectors
     E: Floats  # [2 channel + side, lane] extremes of a bin, see abhv_mc.flight.extremes
     T: Floats  # [table row, lane]
     cells: TableCells
@@ -39,6 +41,7 @@ def make_memory(width: int) -> Memory:
     return Memory(
         aligned_zeros((Z_ROWS, width)),
         aligned_zeros((O_ROWS, width)),
+        aligned_zeros((A_ROWS, width)),
         aligned_zeros((E_ROWS, width)),
         aligned_zeros((s.MAX_TABLE_ROWS, width)),
         make_cells(width),
@@ -55,6 +58,7 @@ def has_width(memory, width):
     return (
         memory.Z.shape[1] == width
         and memory.O.shape[1] == width
+        and memory.A.shape[1] == width
         and memory.E.shape[1] == width
         and memory.T.shape[1] == width
         and memory.cells.cell.shape[1] == width
@@ -69,16 +73,22 @@ def has_width(memory, width):
 
 
 @lanes
-def save_lane(memory, lane, row):
-    """Save everything that a flight carries from tick to tick, to ``row`` [SAVED_ROWS]."""
+def save_lane(memory, lane, row, driven):
+    """Save everything that a flight carries from tick to tick, to ``row`` [SAVED_ROWS].
+
+    ``driven``: effectors with actuators of their own are part of it.
+    """
     for i in range(Z_ROWS):
         row[i] = memory.Z[i, lane]
     for i in range(O_ROWS):
         row[Z_ROWS + i] = memory.O[i, lane]
+    if driven:
+        for i in range(A_ROWS):
+            row[Z_ROWS + O_ROWS + i] = memory.A[i, lane]
 
 
 @lanes
-def restore_lanes(memory, width, saved, first, n):
+def restore_lanes(memory, width, saved, first, n, driven):
     """Flights from ``saved`` [flight, SAVED_ROWS] back into the lanes; spare lanes repeat the last."""
     for lane in range(width):
         row = saved[first + min(lane, n - 1)]
@@ -86,3 +96,6 @@ def restore_lanes(memory, width, saved, first, n):
             memory.Z[i, lane] = row[i]
         for i in range(O_ROWS):
             memory.O[i, lane] = row[Z_ROWS + i]
+        if driven:
+            for i in range(A_ROWS):
+                memory.A[i, lane] = row[Z_ROWS + O_ROWS + i]

@@ -35,6 +35,7 @@ from abhv_mc.plant.trim import GRAVITY, TrimPoint
 from abhv_mc.user_code.closure import check_closure, watched_design
 from abhv_mc.user_code.compiled import split_columns
 from abhv_mc.user_code.design import DesignModel
+from abhv_mc.user_code.effector_commands import drive_commanded
 from abhv_mc.user_code.law_source import read_trusted_law
 from abhv_mc.user_code.native import NativeLaw
 from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands, make_own_settings
@@ -140,6 +141,8 @@ def make_plan(
     """
     sensing = choose_sensing(mission.sensing, vehicle.constants.sensing)
     vehicle = vehicle._replace(constants=vehicle.constants._replace(sensing=sensing))
+    if own is not None and isinstance(own.law, Law):
+        vehicle = drive_commanded(vehicle, own.law.source)
     mission = on_glide_path(mission, vehicle)
     timing = make_timing(mission, controller.rate)
     trim_tables = make_mission_trim_tables(mission, vehicle)

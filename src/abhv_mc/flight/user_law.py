@@ -15,11 +15,13 @@ from abhv_mc.plant import state as s
 from abhv_mc.user_code.channels import compile_channels
 from abhv_mc.user_code.child import in_child, may_run_here
 from abhv_mc.user_code.compiled import compile_law
+from abhv_mc.user_code.effector_commands import commands_effectors
 from abhv_mc.user_code.law_interface import Measured
 from abhv_mc.user_code.native import NativeLaw, find_memory, open_native
 from abhv_mc.user_code.plain import PlainLaw
 from abhv_mc.user_code.source import Law, OwnSource, is_number, load_law
 from abhv_mc.user_code.vehicle_functions import compile_functions
+from abhv_mc.vehicle.model import name_effectors
 
 PYTHON = "python"
 NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
@@ -38,7 +40,11 @@ def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights
     if plan.law == PYTHON:
         law = load_plan_law(plan)
         source, gains = law.source, tuple(plan.gain_names.tolist())
-        made = compile_law(source, gains, width) if law.mark.compiled else PlainLaw(law, gains, width, memory_in_rows)
+        effectors = name_effectors(plan.vehicle) if commands_effectors(source) else ()
+        if law.mark.compiled:
+            made = compile_law(source, gains, width, effectors)
+        else:
+            made = PlainLaw(law, gains, width, memory_in_rows, effectors)
         address, onboard = int(made.address), int("onboard" in law.arguments)
     elif plan.law in NATIVE:
         places = -(-max(min(flights, TOGETHER), 1) // width) * width  # more are flown after these

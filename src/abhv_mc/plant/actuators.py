@@ -3,7 +3,9 @@
 They depend on their commands alone, which are held over a tick, so they run ahead of the equations of motion.
 """
 
-from abhv_mc.jit import lanes
+from typing import NamedTuple
+
+from abhv_mc.jit import lanes, scalar
 from abhv_mc.numerics.angles import clamp
 from abhv_mc.numerics.lane_math import exp
 from abhv_mc.plant import state as s
@@ -37,46 +39,77 @@ def prepare_actuators(Z, width, constants, step):
     """The blocks of the surfaces and of the engine; bandwidth and damping stay over a flight."""
     for lane in range(width):
         for engine in range(2):
-            block = s.ACTUATORS + engine * N_ACTUATOR_ROWS
             bandwidth = constants.surface_bandwidth * Z[_K_BANDWIDTH, lane]
             damping = constants.surface_damping * Z[_K_DAMPING, lane]
             if engine:
                 bandwidth = constants.engine_bandwidth * Z[_K_ENGINE_BANDWIDTH, lane]
                 damping = constants.engine_damping * Z[_K_ENGINE_DAMPING, lane]
-            stiffness, friction = bandwidth * bandwidth, 2.0 * damping * bandwidth
-            Z[block + STIFFNESS, lane], Z[block + FRICTION, lane] = stiffness, friction
-            e11, e12, e21, e22, i11, i12 = transition(stiffness, friction, step)
-            Z[block + END, lane], Z[block + END + 1, lane] = e11, e12
-            Z[block + END + 2, lane], Z[block + END + 3, lane] = e21, e22
-            # The integrator's sum is step / 6 (start + 4 middle + end); it is to be the integral.
-            Z[block + MIDDLE, lane] = 0.25 * (6.0 / step * i11 - 1.0 - e11)
-            Z[block + MIDDLE + 1, lane] = 0.25 * (6.0 / step * i12 - e12)
-            e11, e12, e21, e22, _, _ = transition(stiffness, friction, step / SUBSTEPS)
-            Z[block + SHORT, lane], Z[block + SHORT + 1, lane] = e11, e12
-            Z[block + SHORT + 2, lane], Z[block + SHORT + 3, lane] = e21, e22
-            growth = exp(bandwidth * step)
-            Z[block + REACH, lane] = 0.5 * (growth + 1.0 / growth)
-            Z[block + REACH + 1, lane] = 0.5 * bandwidth * (growth - 1.0 / growth)
+            prepare_actuator(Z, lane, s.ACTUATORS + engine * N_ACTUATOR_ROWS, bandwidth, damping, step)
 
 
 @lanes
-def run_actuator(Z, width, position_row, rate_row, command_row, block, low, high, rate_limit, step, recorded):
-    """One actuator from ``X`` through a step: its end into ``SUM``, the position of the stages in between into ``XS``.
+def prepare_actuator(Z, lane, block, bandwidth, damping, step):
+    """What an actuator needs for a step, in its block of rows."""
+    stiffness, friction = bandwidth * bandwidth, 2.0 * damping * bandwidth
+    Z[block + STIFFNESS, lane], Z[block + FRICTION, lane] = stiffness, friction
+    e11, e12, e21, e22, i11, i12 = transition(stiffness, friction, step)
+    Z[block + END, lane], Z[block + END + 1, lane] = e11, e12
+    Z[block + END + 2, lane], Z[block + END + 3, lane] = e21, e22
+    # The integrator's sum is step / 6 (start + 4 middle + end); it is to be the integral.
+    Z[block + MIDDLE, lane] = 0.25 * (6.0 / step * i11 - 1.0 - e11)
+    Z[block + MIDDLE + 1, lane] = 0.25 * (6.0 / step * i12 - e12)
+    e11, e12, e21, e22, _, _ = transition(stiffness, friction, step / SUBSTEPS)
+    Z[block + SHORT, lane], Z[block + SHORT + 1, lane] = e11, e12
+    Z[block + SHORT + 2, lane], Z[block + SHORT + 3, lane] = e21, e22
+    growth = exp(bandwidth * step)
+    Z[block + REACH, lane] = 0.5 * (growth + 1.0 / growth)
+    Z[block + REACH + 1, lane] = 0.5 * bandwidth * (growth - 1.0 / growth)
+
+
+class Actuator(NamedTuple):
+    """Rows of one actuator: position and rate before the step, the stages' position, both after it, its command."""
+
+    position: int
+    rate: int
+    middle: int
+    end: int
+    end_rate: int
+    command: int
+    block: int  # from here on what prepare_actuator makes
+
+
+@scalar
+def deflection_rows(i):
+    """Rows of aileron, rudder or elevator."""
+    position, rate = s.AILERON + i, s.AILERON_RATE + i
+    return Actuator(X + position, X + rate, XS + position, SUM + position, SUM + rate, s.ACTUATED + i, s.ACTUATORS)
+
+
+@scalar
+def engine_rows():
+    """Rows of the engine."""
+    block = s.ACTUATORS + N_ACTUATOR_ROWS
+    return Actuator(X + s.ETA, X + s.ETA_RATE, XS + s.ETA, SUM + s.ETA, SUM + s.ETA_RATE, s.ACTUATED + 3, block)
+
+
+@lanes
+def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
+    """One actuator through a step: its end, and the position of the stages in between.
 
     That is not the position half way but the one with which the integrator's sum over the step is the integral of the
     position: the same to the integrator's order, and right where a limit bends the path. low, high, rate_limit: [lane].
     A recorded actuator has its rate in the command row.
     """
-    slow = 0
+    slow, block = 0, rows.block
     for lane in range(width):
-        position, rate, command = Z[X + position_row, lane], Z[X + rate_row, lane], Z[command_row, lane]
+        position, rate, command = Z[rows.position, lane], Z[rows.rate, lane], Z[rows.command, lane]
         error = position - command
         middle = command + (Z[block + MIDDLE, lane] * error + Z[block + MIDDLE + 1, lane] * rate)
         end = command + (Z[block + END, lane] * error + Z[block + END + 1, lane] * rate)
         end_rate = Z[block + END + 2, lane] * error + Z[block + END + 3, lane] * rate
-        Z[XS + position_row, lane] = position + 0.5 * step * command if recorded else middle
-        Z[SUM + position_row, lane] = position + step * command if recorded else end
-        Z[SUM + rate_row, lane] = 0.0 if recorded else end_rate
+        Z[rows.middle, lane] = position + 0.5 * step * command if recorded else middle
+        Z[rows.end, lane] = position + step * command if recorded else end
+        Z[rows.end_rate, lane] = 0.0 if recorded else end_rate
         reach = Z[block + REACH, lane] * abs(rate) + Z[block + REACH + 1, lane] * abs(error)
         span = step * reach
         inside = reach < rate_limit[lane] and position - span > low[lane] and position + span < high[lane]
@@ -85,7 +118,7 @@ def run_actuator(Z, width, position_row, rate_row, command_row, block, low, high
         return
     short = step / SUBSTEPS
     for lane in range(width):
-        start, rate, command = Z[X + position_row, lane], Z[X + rate_row, lane], Z[command_row, lane]
+        start, rate, command = Z[rows.position, lane], Z[rows.rate, lane], Z[rows.command, lane]
         reach = Z[block + REACH, lane] * abs(rate) + Z[block + REACH + 1, lane] * abs(start - command)
         span = step * reach
         inside = reach < rate_limit[lane] and start - span > low[lane] and start + span < high[lane]
@@ -105,9 +138,9 @@ def run_actuator(Z, width, position_row, rate_row, command_row, block, low, high
             total += integral
         middle = 0.25 * (6.0 / step * total - start - position)
         # A lane that meets no limit keeps what it would have alone.
-        Z[XS + position_row, lane] = Z[XS + position_row, lane] if inside else middle
-        Z[SUM + position_row, lane] = Z[SUM + position_row, lane] if inside else position
-        Z[SUM + rate_row, lane] = Z[SUM + rate_row, lane] if inside else rate
+        Z[rows.middle, lane] = Z[rows.middle, lane] if inside else middle
+        Z[rows.end, lane] = Z[rows.end, lane] if inside else position
+        Z[rows.end_rate, lane] = Z[rows.end_rate, lane] if inside else rate
 
 
 @lanes
@@ -153,19 +186,7 @@ def run_actuators(Z, width, constants, step, recorded):
             continue
         for lane in range(width):
             rate_limit[lane] = constants.surface_rate_limit * Z[_K_RATE, lane] * Z[s.RATE_FACTOR + i, lane]
-        run_actuator(
-            Z,
-            width,
-            s.AILERON + i,
-            s.AILERON_RATE + i,
-            s.ACTUATED + i,
-            s.ACTUATORS,
-            low,
-            high,
-            rate_limit,
-            step,
-            recorded,
-        )
+        run_actuator(Z, width, deflection_rows(i), low, high, rate_limit, step, recorded)
     if constants.ideal_engine > 0.0 and not recorded:
         rest_actuator(Z, width, s.ETA, s.ETA_RATE)
         return
@@ -173,19 +194,7 @@ def run_actuators(Z, width, constants, step, recorded):
         low[lane] = constants.equivalence_ratio_min
         high[lane] = constants.equivalence_ratio_max * Z[_K_ETA_LIMIT, lane]
         rate_limit[lane] = constants.engine_rate_limit * Z[_K_ENGINE_RATE, lane]
-    run_actuator(
-        Z,
-        width,
-        s.ETA,
-        s.ETA_RATE,
-        s.ACTUATED + 3,
-        s.ACTUATORS + N_ACTUATOR_ROWS,
-        low,
-        high,
-        rate_limit,
-        step,
-        recorded,
-    )
+    run_actuator(Z, width, engine_rows(), low, high, rate_limit, step, recorded)
 
 
 @lanes

@@ -5,6 +5,7 @@ import math
 from abhv_mc.jit import lanes, scalar
 from abhv_mc.numerics.lane_math import is_shallow, reciprocals, shallow_angles, sincos, two_angles
 from abhv_mc.numerics.quaternion import rotate_meridional, rotate_to_body
+from abhv_mc.plant.effectors import place_effectors
 from abhv_mc.plant.state import (
     AILERON,
     AIR_U,
@@ -20,8 +21,6 @@ from abhv_mc.plant.state import (
     EARTH_Y,
     EARTH_Z,
     EFFECT,
-    EFFECTOR_GAIN,
-    EFFECTOR_OFFSET,
     ELEVATOR,
     ETA,
     GUST_P,
@@ -53,7 +52,6 @@ from abhv_mc.plant.state import (
     parameter_row,
     variable_row,
 )
-from abhv_mc.vehicle.arrays import VARIABLES
 from abhv_mc.world.atmosphere import atmosphere_lanes
 from abhv_mc.world.wind import wind_ned
 
@@ -76,8 +74,6 @@ _DELTA_E = variable_row("elevator")
 _ETA = variable_row("equivalence_ratio")
 _ALTITUDE = variable_row("altitude")
 _MASS = variable_row("mass")
-_EFFECTOR = variable_row("effector_0")
-N_EFFECTORS = sum(name.startswith("effector_") for name in VARIABLES)
 
 
 @scalar
@@ -116,19 +112,6 @@ def flow_angles(Z, width, alpha_row, beta_row):
         for lane in range(width):
             Z[alpha_row, lane], Z[beta_row, lane] = shallow_angles(
                 Z[SIN_ALPHA, lane], Z[COS_ALPHA, lane], Z[SIN_BETA, lane], Z[COS_BETA, lane]
-            )
-
-
-@lanes
-def set_effectors(Z, width, mix):
-    """The vehicle's own surfaces from the three (effective) axis deflections."""
-    for e in range(N_EFFECTORS):
-        aileron, rudder, elevator = mix[e, 0], mix[e, 1], mix[e, 2]
-        if aileron == 0.0 and rudder == 0.0 and elevator == 0.0:
-            continue  # not one of this vehicle's
-        for lane in range(width):
-            Z[_EFFECTOR + e, lane] = (
-                aileron * Z[_DELTA_A, lane] + rudder * Z[_DELTA_R, lane] + elevator * Z[_DELTA_E, lane]
             )
 
 
@@ -193,19 +176,14 @@ def air_data(Z, width, vehicle, earth):
 
 
 @lanes
-def deflections(Z, width, vehicle, failing):
+def deflections(Z, A, width, vehicle, failing):
     """Effective deflections and equivalence ratio of the stage, as the aerodynamics see them.
 
-    ``failing``: an effector of some flight fails, see :mod:`abhv_mc.plant.failures`.
+    ``failing`` as in :func:`abhv_mc.plant.effectors.place_effectors`.
     """
     for lane in range(width):
         Z[_DELTA_A, lane] = Z[EFFECT, lane] * Z[XS + AILERON, lane]
         Z[_DELTA_R, lane] = Z[EFFECT + 1, lane] * Z[XS + RUDDER, lane]
         Z[_DELTA_E, lane] = Z[EFFECT + 2, lane] * Z[XS + ELEVATOR, lane]
         Z[_ETA, lane] = Z[XS + ETA, lane]
-    set_effectors(Z, width, vehicle.effector_mix)
-    if failing:
-        for e in range(N_EFFECTORS):
-            for lane in range(width):
-                mixed = Z[_EFFECTOR + e, lane]
-                Z[_EFFECTOR + e, lane] = Z[EFFECTOR_GAIN + e, lane] * mixed + Z[EFFECTOR_OFFSET + e, lane]
+    place_effectors(Z, A, width, vehicle, failing)

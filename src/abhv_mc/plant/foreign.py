@@ -8,9 +8,9 @@ from abhv_mc.jit import lanes
 from abhv_mc.jit_pointer import call_address
 from abhv_mc.numerics.lane_math import reciprocals
 from abhv_mc.plant import state as s
-from abhv_mc.plant.air_data import set_effectors
 from abhv_mc.plant.disturbance import any_lane
 from abhv_mc.plant.effectiveness import N_INPUTS
+from abhv_mc.plant.effectors import place_effectors, set_effectors
 from abhv_mc.plant.equations import angular_acceleration
 from abhv_mc.plant.state import N_COEFFICIENTS, XS, parameter_row, variable_row
 
@@ -56,14 +56,14 @@ def part_row(part):
 
 
 @lanes
-def foreign_coefficients(Z, width, vehicle, own):
+def foreign_coefficients(Z, A, width, vehicle, own, failing):
     """Coefficients of the stage with their dispersions; the deflections are those of the surfaces themselves."""
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[s.RHO, lane], Z[s.AIRSPEED, lane]
     for i in range(3):
         for lane in range(width):
             Z[_DELTA + i, lane] = Z[XS + s.AILERON + i, lane]
-    set_effectors(Z, width, vehicle.effector_mix)
+    place_effectors(Z, A, width, vehicle, failing)
     call_aerodynamics(Z, vehicle.foreign, own)
     if not (any_lane(Z, width, s.F_DISPERSED, 1, 0.0) or any_lane(Z, width, s.EFFECT, 3, 1.0)):
         return
@@ -75,21 +75,21 @@ def foreign_coefficients(Z, width, vehicle, own):
         for c in range(N_COEFFICIENTS):
             used |= any_lane(Z, width, _K_PART + c * N_PARTS + part, 1, 1.0)
         if used:
-            add_part(Z, width, vehicle, own, part)
+            add_part(Z, A, width, vehicle, own, failing, part)
     for c in range(N_COEFFICIENTS):
         for lane in range(width):
             Z[s.COEF + c, lane] = Z[s.F_COEF + c, lane]
 
 
 @lanes
-def add_part(Z, width, vehicle, own, part):
+def add_part(Z, A, width, vehicle, own, failing, part):
     """Add to the rows ``F_COEF`` what one variable's dispersions change. ``Z[COEF]`` is as it was found afterwards."""
     row = part_row(part)
     for lane in range(width):
         Z[s.F_MASS, lane] = Z[row, lane]
         Z[row, lane] = 0.0
     if part >= 4:
-        set_effectors(Z, width, vehicle.effector_mix)
+        place_effectors(Z, A, width, vehicle, failing)
     base = s.F_BASE  # of the coefficients, undispersed
     for c in range(N_COEFFICIENTS):
         for lane in range(width):
@@ -98,7 +98,7 @@ def add_part(Z, width, vehicle, own, part):
     for lane in range(width):
         Z[row, lane] = Z[s.F_MASS, lane]
     if part >= 4:
-        set_effectors(Z, width, vehicle.effector_mix)
+        place_effectors(Z, A, width, vehicle, failing)
     for c in range(N_COEFFICIENTS):
         for lane in range(width):
             felt = Z[s.EFFECT + max(part - 4, 0), lane] if part >= 4 else 1.0
@@ -180,8 +180,7 @@ def add_thrust(Z, width, vehicle, stage):
     constants = vehicle.constants
     for lane in range(width):
         mass = Z[s.F_MASS, lane]
-        fuel_left = mass > constants.mass_empty * Z[_K_MASS, lane] or constants.burns_fuel == 0.0
-        runs = Z[s.ENGINE_THRUST, lane] if fuel_left else 0.0
+        runs = Z[s.ENGINE_THRUST, lane] if has_fuel(Z, lane, constants) else 0.0
         factor = Z[_K_THRUST, lane] * runs
         tx, ty, tz = factor * Z[s.F_THRUST, lane], factor * Z[s.F_THRUST + 1, lane], factor * Z[s.F_THRUST + 2, lane]
         arm_x = -Z[s.CG_X, lane] - Z[_CG_X, lane]
@@ -190,18 +189,7 @@ def add_thrust(Z, width, vehicle, stage):
         mx = factor * Z[s.F_MOMENT, lane] + arm_y * tz - arm_z * ty
         my = factor * Z[s.F_MOMENT + 1, lane] + arm_z * tx - arm_x * tz
         mz = factor * Z[s.F_MOMENT + 2, lane] + arm_x * ty - arm_y * tx
-        p_dot, q_dot, r_dot = angular_acceleration(
-            Z[s.INERTIA_XX, lane] * Z[_K_XX, lane],
-            Z[s.INERTIA_YY, lane] * Z[_K_YY, lane],
-            Z[s.INERTIA_ZZ, lane] * Z[_K_ZZ, lane],
-            Z[s.INERTIA_13, lane] * Z[_K_13, lane],
-            0.0,
-            0.0,
-            0.0,
-            mx,
-            my,
-            mz,
-        )
+        add_moment(Z, lane, (mx, my, mz), stage)
         per_mass, per_isp = reciprocals(mass, Z[_K_ISP, lane])
         Z[s.THRUST, lane] = tx
         Z[s.SPECIFIC_X, lane] += tx * per_mass
@@ -210,11 +198,51 @@ def add_thrust(Z, width, vehicle, stage):
         add_derivative(Z, lane, s.U, tx * per_mass, stage)
         add_derivative(Z, lane, s.V, ty * per_mass, stage)
         add_derivative(Z, lane, s.W, tz * per_mass, stage)
-        add_derivative(Z, lane, s.ROLL_RATE, p_dot, stage)
-        add_derivative(Z, lane, s.PITCH_RATE, q_dot, stage)
-        add_derivative(Z, lane, s.YAW_RATE, r_dot, stage)
         burnt = runs * Z[s.F_FUEL_FLOW, lane] * per_isp if constants.burns_fuel > 0.0 else 0.0
         add_derivative(Z, lane, s.MASS, -burnt, stage)
+
+
+@lanes
+def add_engines_out(Z, width, vehicle, own, stage):
+    """Add the moment of thrust that acts off the line of the whole, because single engines have failed."""
+    constants = vehicle.constants
+    for lane in range(width):
+        fx, fy, fz = Z[s.THRUST, lane] * constants.thrust_cos, 0.0, -Z[s.THRUST, lane] * constants.thrust_sin
+        if own.propulsion != 0:
+            factor = Z[_K_THRUST, lane] * (Z[s.ENGINE_THRUST, lane] if has_fuel(Z, lane, constants) else 0.0)
+            fx, fy, fz = (
+                factor * Z[s.F_THRUST, lane],
+                factor * Z[s.F_THRUST + 1, lane],
+                factor * Z[s.F_THRUST + 2, lane],
+            )
+        x, y, z = Z[s.ENGINE_ARM, lane], Z[s.ENGINE_ARM + 1, lane], Z[s.ENGINE_ARM + 2, lane]
+        add_moment(Z, lane, (y * fz - z * fy, z * fx - x * fz, x * fy - y * fx), stage)
+
+
+@lanes
+def has_fuel(Z, lane, constants):
+    """Whether there is fuel at the stage whose mass was put aside; a vehicle without an empty mass keeps its engine."""
+    return Z[s.F_MASS, lane] > constants.mass_empty * Z[_K_MASS, lane] or constants.burns_fuel == 0.0
+
+
+@lanes
+def add_moment(Z, lane, moment, stage):
+    """Add a moment about the centre of gravity to the derivatives, which are linear in it."""
+    p_dot, q_dot, r_dot = angular_acceleration(
+        Z[s.INERTIA_XX, lane] * Z[_K_XX, lane],
+        Z[s.INERTIA_YY, lane] * Z[_K_YY, lane],
+        Z[s.INERTIA_ZZ, lane] * Z[_K_ZZ, lane],
+        Z[s.INERTIA_13, lane] * Z[_K_13, lane],
+        0.0,
+        0.0,
+        0.0,
+        moment[0],
+        moment[1],
+        moment[2],
+    )
+    add_derivative(Z, lane, s.ROLL_RATE, p_dot, stage)
+    add_derivative(Z, lane, s.PITCH_RATE, q_dot, stage)
+    add_derivative(Z, lane, s.YAW_RATE, r_dot, stage)
 
 
 @lanes

@@ -7,6 +7,8 @@ Adding one is a line here and its use in the plant. Nominal values leave the fli
 import math
 from dataclasses import dataclass
 
+from abhv_mc.vehicle.arrays import MAX_EFFECTORS, MAX_ENGINES
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -63,23 +65,41 @@ DENSITY_KNOTS_KM = (10, 15, 20, 25, 30, 35, 40)
 NEVER = math.inf  # time of a failure that does not happen
 # What may fail: the three axis deflections, and the vehicle's own effectors by their place in its file.
 AXES = ("aileron", "rudder", "elevator")
-EFFECTORS = ("effector_0", "effector_1", "effector_2", "effector_3")
+EFFECTORS = tuple(f"effector_{i}" for i in range(MAX_EFFECTORS))
+_FIRST_EFFECTORS = EFFECTORS[:4]  # whose places in the table came first
+ENGINES = tuple(f"engine_{i}" for i in range(MAX_ENGINES))
 SENSORS = tuple(_NAVIGATION)
+
+
+def _surface_words(name: str) -> str:
+    return f"the vehicle's effector {name.split('_')[1]}" if name in EFFECTORS else f"the {name}"
+
+
+def _surface_times(surfaces: tuple[str, ...]) -> list[Parameter]:
+    return [
+        Parameter(f"failure.{name}.{kind}_time", "s", NEVER, f"time at which {_surface_words(name)} {text}")
+        for name in surfaces
+        for kind, text in (("stuck", "sticks"), ("loss", "loses effectiveness"), ("slow", "becomes slow"))
+    ]
+
+
+def _surface_failures(surfaces: tuple[str, ...]) -> list[Parameter]:
+    return [
+        parameter
+        for name in surfaces
+        for words in (_surface_words(name),)
+        for parameter in (
+            Parameter(f"failure.{name}.stuck_at", "rad", NEVER, f"deflection that {words} sticks at; inf: where it is"),
+            _error(f"failure.{name}.effectiveness", "-", f"effectiveness of {words} after its loss"),
+            Parameter(f"failure.{name}.rate_limit", "-", 0.1, f"factor on the rate limit of {words} once slow"),
+        )
+    ]
 
 
 def _failures() -> tuple[Parameter, ...]:
     """Failures at drawn times: first all times, so that one search finds whether any of them is used."""
-    surfaces = (*AXES, *EFFECTORS)
-    words = {name: f"the vehicle's effector {name[-1]}" if name in EFFECTORS else f"the {name}" for name in surfaces}
-    times = [
-        Parameter(f"failure.{name}.{kind}_time", "s", NEVER, text.format(words[name]))
-        for name in surfaces
-        for kind, text in (
-            ("stuck", "time at which {} sticks"),
-            ("loss", "time at which {} loses effectiveness"),
-            ("slow", "time at which {} becomes slow"),
-        )
-    ]
+    surfaces = (*AXES, *_FIRST_EFFECTORS)
+    times = _surface_times(surfaces)
     times.append(Parameter("failure.engine.time", "s", NEVER, "time at which the engine fails"))
     times += [
         Parameter(
@@ -87,17 +107,7 @@ def _failures() -> tuple[Parameter, ...]:
         )
         for name in SENSORS
     ]
-    how = [
-        parameter
-        for name in surfaces
-        for parameter in (
-            Parameter(
-                f"failure.{name}.stuck_at", "rad", NEVER, f"deflection that {words[name]} sticks at; inf: where it is"
-            ),
-            _error(f"failure.{name}.effectiveness", "-", f"effectiveness of {words[name]} after its loss"),
-            Parameter(f"failure.{name}.rate_limit", "-", 0.1, f"factor on the rate limit of {words[name]} once slow"),
-        )
-    ]
+    how = _surface_failures(surfaces)
     how += [
         Parameter("failure.engine.duration", "s", NEVER, "how long the engine has failed; inf: for good"),
         _error("failure.engine.thrust", "-", "factor on thrust and fuel flow of the failed engine; 0: flame-out"),
@@ -117,6 +127,22 @@ def _failures() -> tuple[Parameter, ...]:
         for name, unit in _NAVIGATION.items()
     ]
     return (*times, *how)
+
+
+def _more_failures() -> tuple[Parameter, ...]:
+    """Of further effectors, and of single engines."""
+    more = EFFECTORS[len(_FIRST_EFFECTORS) :]
+    words = {name: f"the vehicle's engine {name.split('_')[1]}" for name in ENGINES}
+    return (
+        *_surface_times(more),
+        *(Parameter(f"failure.{name}.time", "s", NEVER, f"time at which {words[name]} fails") for name in ENGINES),
+        *_surface_failures(more),
+        *(
+            Parameter(f"failure.{name}.duration", "s", NEVER, f"how long {words[name]} has failed; inf: for good")
+            for name in ENGINES
+        ),
+        *(_error(f"failure.{name}.thrust", "-", f"factor on the thrust of {words[name]} failed") for name in ENGINES),
+    )
 
 
 PARAMETERS: tuple[Parameter, ...] = (
@@ -195,6 +221,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         for axis, words in _GUST_AXES.items()
     ),
     _error("wind.turbulence_rotary", "-", "rotary gusts p, q, r of Dryden turbulence: 1 on, 0 off"),
+    *_more_failures(),
 )
 
 FAILURE_TIMES = tuple(

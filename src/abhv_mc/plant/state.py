@@ -6,8 +6,8 @@ lane loops vector code.
 
 from abhv_mc.numerics.random_numbers import N_STREAM_ROWS
 from abhv_mc.plant.actuator_step import N_ACTUATOR_ROWS
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
-from abhv_mc.vehicle.arrays import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES
+from abhv_mc.plant.parameters import ENGINES, PARAMETER_INDEX, PARAMETERS
+from abhv_mc.vehicle.arrays import COEFFICIENTS, FIXED_TABLE_ROWS, MAX_EFFECTORS, VARIABLES
 from abhv_mc.world.turbulence import N_FILTER_STATES
 
 # The state, in this order: geodetic altitude, longitude, latitude, body velocity u v w (Earth-relative),
@@ -71,8 +71,11 @@ PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / the dispersion of the mass, b
 ACTUATORS = PER_MASS_FACTOR + 1  # surfaces, then engine: what they need for a step, by flight
 LIMITS = ACTUATORS + 2 * N_ACTUATOR_ROWS  # of the actuator at work: lowest, highest, fastest
 FAILURE = LIMITS + 3  # what has failed at the tick, and what failures remember
-FOREIGN = FAILURE + 36 + N_MEASURED  # what functions of the vehicle's own are given and give
-LAW = FOREIGN + 23  # the rows of control and flight follow: the law's own memory first
+FOREIGN = FAILURE + 20 + 4 * MAX_EFFECTORS + N_MEASURED  # what functions of the vehicle's own are given and give
+EFFECTOR_COMMAND = FOREIGN + 23  # what a law commands of the vehicle's effectors themselves, infinite where nothing
+EFFECTOR_AT_LIMIT = EFFECTOR_COMMAND + MAX_EFFECTORS  # 1 where one that is driven is asked for more than its limits
+ENGINE_WHOLE = EFFECTOR_AT_LIMIT + 1  # factor on the thrust of all engines, then of each; where the rest of it acts
+LAW = ENGINE_WHOLE + 1 + len(ENGINES) + 3  # the rows of control and flight follow: the law's own memory first
 
 CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, AIR)
 
@@ -93,15 +96,17 @@ M_AIRSPEED, M_MACH, M_LOAD_FACTOR, M_PITCH, M_ROLL, M_YAW, M_LATITUDE, M_LONGITU
 M_EQUIVALENT_AIRSPEED, M_CROSS_TRACK = COUNTED - 2, COUNTED - 1
 GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, GUST)
 GUST_U, GUST_V, GUST_W, DENSITY_PROFILE, GUST_P, GUST_Q, GUST_R = range(GUST, TURBULENCE)
-# Commands that the actuators get; factors on the three surfaces' rates and effectiveness; gain and offset of the
-# vehicle's four effectors; of the engine: factor on thrust, increments of drag and pitching moment, whether it has
-# failed; then the deflections that surfaces and effectors stick at, slow effectors, frozen measurements, and of the
-# inlet: whether it has unstarted and the last time it was outside its range; the last time that the engine had failed.
+# Commands that the actuators get; factors on the three surfaces' rates and effectiveness; of the engine: factor on
+# thrust, increments of drag and pitching moment, whether it has failed; the deflections that surfaces stick at; of the
+# inlet: whether it has unstarted and the last time it was outside its range; the last time that the engine had failed;
+# of the vehicle's effectors: gain and offset, the deflections that they stick at, slow ones; then frozen measurements.
 ACTUATED, RATE_FACTOR, EFFECT = FAILURE, FAILURE + 4, FAILURE + 7
-EFFECTOR_GAIN, EFFECTOR_OFFSET = FAILURE + 10, FAILURE + 14
-ENGINE_THRUST, ENGINE_DRAG, ENGINE_PITCH, ENGINE_FAILED = range(FAILURE + 18, FAILURE + 22)
-STUCK_SURFACE, STUCK_EFFECTOR, SLOW_EFFECTOR = FAILURE + 22, FAILURE + 25, FAILURE + 29
-UNSTARTED, UNSTART_TIME, FAILED_TIME, FROZEN = FAILURE + 33, FAILURE + 34, FAILURE + 35, FAILURE + 36
+ENGINE_THRUST, ENGINE_DRAG, ENGINE_PITCH, ENGINE_FAILED = range(FAILURE + 10, FAILURE + 14)
+STUCK_SURFACE, UNSTARTED, UNSTART_TIME, FAILED_TIME = FAILURE + 14, FAILURE + 17, FAILURE + 18, FAILURE + 19
+EFFECTOR_GAIN, EFFECTOR_OFFSET, STUCK_EFFECTOR, SLOW_EFFECTOR, FROZEN = (
+    FAILURE + 20 + i * MAX_EFFECTORS for i in range(5)
+)
+ENGINE_RUNS, ENGINE_ARM = ENGINE_WHOLE + 1, ENGINE_WHOLE + 1 + len(ENGINES)
 
 # Density and airspeed that they are given; thrust, moment and fuel flow; coefficients with their dispersions and
 # without; the mass at the stage, or a variable put aside; whether parts of them are dispersed.

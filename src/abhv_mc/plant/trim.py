@@ -13,7 +13,7 @@ import numpy as np
 from abhv_mc.vehicle.arrays import COEFFICIENTS
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, evaluate_tables, make_variables
 from abhv_mc.vehicle.foreign import N_THRUST, evaluate_functions
-from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.vehicle.model import Vehicle, deflection_range
 from abhv_mc.world.atmosphere import atmosphere
 from abhv_mc.world.earth import Earth, gravity_ned, radii
 
@@ -83,7 +83,7 @@ def _balance(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float) ->
     along, across = _specific_force(earth, point)
     sin_s, cos_s = math.sin(point.bank), math.cos(point.bank)
     pitch_rate = across * sin_s * sin_s / (cos_s * point.speed) + point.flight_path_rate * cos_s
-    limit = constants.surface_limit
+    limits = deflection_range(vehicle, 2)
 
     def unbalance(alpha: float, elevator: float, eta: float) -> tuple[float, float, float]:
         """Along, across and about the pitch axis, as shares of the weight."""
@@ -101,7 +101,7 @@ def _balance(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float) ->
         return _root(lambda eta: unbalance(alpha, elevator, eta)[0], *ends)
 
     def elevator_of(alpha: float) -> float:
-        return _root(lambda elevator: unbalance(alpha, elevator, eta_of(alpha, elevator))[2], -limit, limit)
+        return _root(lambda elevator: unbalance(alpha, elevator, eta_of(alpha, elevator))[2], *limits)
 
     def lift_of(alpha: float) -> float:
         elevator = elevator_of(alpha)

@@ -15,8 +15,9 @@ from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import NEVER
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.differences import Slopes, cells_of, differentiate
-from abhv_mc.stability.probe import ask_plant, law_memory_rows, law_tick
-from abhv_mc.vehicle.arrays import VARIABLES
+from abhv_mc.stability.probe import ask_plant, check_linear, law_memory_rows, law_tick
+from abhv_mc.vehicle.arrays import MAX_EFFECTORS, VARIABLES
+from abhv_mc.vehicle.model import drive_axes
 
 INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
 ACTUATOR_STATES = tuple(f"{name}{part}" for name in INPUTS for part in ("", "_rate"))
@@ -30,6 +31,7 @@ _N_PATH = len(path.COORDINATES)
 _TURNING = (path.CHI, path.BANK)  # measured between -180 and 180 deg
 _AIR_SIDESLIP = _N_PATH  # behind the rates, in what plant_slopes gives
 _WHOLE = 1e-7  # how near to a whole number a slope of the measurement is taken for one
+_AT_ONCE = 1e5  # rad/s: of an ideal actuator, with a damping of 1: 0.02 ms late
 _FELT = 1e-8  # slope of a rate over a control, of which rounding leaves some
 
 # Why an input has no loop.
@@ -68,11 +70,12 @@ class Linear(NamedTuple):
 
 
 def linearize(plan: FlightPlan, points: Points) -> Linear:
-    """Linear models at points of flights."""
+    """Linear models at points of flights. Raises InputError for what has none at the four inputs."""
+    check_linear(plan)
     plant = plant_slopes(plan, points)
     plant_A, plant_B = plant.slope[:, :_N_PATH, :10], plant.slope[:, :_N_PATH, 10:]
     held_B = np.zeros_like(plant_B)
-    if (points.lane[:, s.SLOW_EFFECTOR : s.SLOW_EFFECTOR + 4] != NEVER).any():
+    if (points.lane[:, s.SLOW_EFFECTOR : s.SLOW_EFFECTOR + MAX_EFFECTORS] != NEVER).any():
         held_B = plant_slopes(plan, points, held=True).slope[:, :_N_PATH, 10:] - plant_B
     A, B = hold(plan, points.lane, plant_A, plant_B, held_B)
     felt = np.abs(plant_B).max(axis=1) + np.abs(held_B).max(axis=1)
@@ -174,7 +177,7 @@ def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
 
     ``lane`` [point, row] is the kernel's memory of the points.
     """
-    c = plan.vehicle.constants
+    c = drive_axes(plan.vehicle).constants
 
     def factor(name: str) -> Floats:
         return lane[:, s.parameter_row(name)]
@@ -182,6 +185,8 @@ def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
     surface = c.surface_bandwidth * factor("actuator.bandwidth"), c.surface_damping * factor("actuator.damping")
     engine = c.engine_bandwidth * factor("engine.bandwidth"), c.engine_damping * factor("engine.damping")
     A, B = np.zeros((len(lane), 8, 8)), np.zeros((len(lane), 8, 4))
+    surface = (np.full(len(lane), _AT_ONCE), np.ones(len(lane))) if c.ideal_surfaces > 0.0 else surface
+    engine = (np.full(len(lane), _AT_ONCE), np.ones(len(lane))) if c.ideal_engine > 0.0 else engine
     for i, (bandwidth, damping) in enumerate((surface, surface, surface, engine)):
         A[:, 2 * i, 2 * i + 1] = 1.0
         A[:, 2 * i + 1, 2 * i], A[:, 2 * i + 1, 2 * i + 1] = -(bandwidth**2), -2.0 * damping * bandwidth

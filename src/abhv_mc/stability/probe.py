@@ -21,16 +21,19 @@ from abhv_mc.flight.native_check import check_states
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.plan import LANES, FlightPlan, Recording
 from abhv_mc.flight.user_law import law_memory, measured_count, must_fly_elsewhere, open_law
+from abhv_mc.io.input_error import InputError
 from abhv_mc.jit import kernel, lanes
 from abhv_mc.plant import state as s
 from abhv_mc.plant.air_profile import nominal_density
 from abhv_mc.plant.disturbance import density_profile
 from abhv_mc.plant.equations import Stage
-from abhv_mc.plant.failures import fail_plant, fail_sensors
+from abhv_mc.plant.failures import Failures, fail_plant, fail_sensors
 from abhv_mc.plant.parameters import NEVER
 from abhv_mc.plant.state import SUM, XS, X
 from abhv_mc.user_code.child import in_child
+from abhv_mc.user_code.effector_commands import commands_effectors
 from abhv_mc.vehicle.arrays import VARIABLES
+from abhv_mc.vehicle.model import drive_axes
 
 # What a law of the program remembers from tick to tick, as rows of the lane memory; the last commands are among it
 # where it uses them.
@@ -103,7 +106,7 @@ def probe_begin(plan, memory, before, numbers, tick, sensed, acting):
             for lane in range(n):
                 for i in range(before.shape[1]):
                     sensed[start + lane, i] = Z[i, lane]
-            fail_plant(Z, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
+            fail_plant(Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
             for lane in range(n):
                 for i in range(before.shape[1]):
                     acting[start + lane, i] = Z[i, lane]
@@ -132,11 +135,13 @@ def probe_plant(plan, memory, held, acting, flight, states, numbers, tick, answe
             density_profile(Z, width)
             nominal_density(Z, width, plan.profile)
             if held:
-                for e in range(4):
+                for e in range(plan.vehicle.effectors.shape[0]):
                     for lane in range(width):
                         Z[s.SLOW_EFFECTOR + e, lane] = NEVER
-                fail_plant(Z, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
-            evaluate(plan, memory, width, Stage(1.0, 0.0), True, True)
+                fail_plant(Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
+            found = active.failures
+            failures = Failures(found.surfaces, True, found.engine, found.engines, found.sensors)
+            evaluate(plan, memory, width, Stage(1.0, 0.0), True, failures)
             navigate(Z, width, tick_length, tick == 0)
             instruments(plan, Z, width, active, 1)
             if active.failures.sensors:
@@ -174,11 +179,20 @@ def probe_law(plan, memory, tick, rows, numbers, before, after, seen):
                     seen[start + lane, s.N_VARIABLES + 3 + i] = Z[s.CMD + i, lane]
 
 
+def check_linear(plan: FlightPlan) -> None:
+    """Raise InputError for what has no linear model at the four inputs."""
+    drive_axes(plan.vehicle)
+    if plan.source is not None and plan.law == "python" and commands_effectors(plan.source):
+        wanted = "a law that commands aileron, rudder and elevator alone, for margins and linear models"
+        raise InputError(plan.source.file, None, None, "a law that commands effectors", wanted)
+
+
 def begin(plan: FlightPlan, kept: Kept) -> tuple[Floats, Floats]:
     """Lane memories [flight, row] of kept flights with the measurement of their tick, and with what then has failed."""
     before = np.ascontiguousarray(kept.rows[:, :Z_ROWS])
     sensed, acting = np.empty_like(before), np.empty_like(before)
-    arguments = make_kernel_plan(plan, nominal_parameters(), Recording(0)), make_memory(LANES)
+    flown = replace(plan, vehicle=drive_axes(plan.vehicle))
+    arguments = make_kernel_plan(flown, nominal_parameters(), Recording(0)), make_memory(LANES)
     probe_begin(*arguments, before, np.arange(len(before)), kept.tick, sensed, acting)
     return sensed, acting
 
@@ -194,7 +208,8 @@ def ask_plant(
     count = measured_count(plan)
     sizes = s.AILERON, len(VARIABLES), count
     answer = PlantAnswer(*(np.empty((points, size)) for size in sizes))
-    kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))
+    flown = replace(plan, vehicle=drive_axes(plan.vehicle))
+    kernel_plan = make_kernel_plan(flown, nominal_parameters(), Recording(0))
     own = kernel_plan.own._replace(more=int(count > s.N_MEASURED))
     arguments = kernel_plan._replace(own=own), make_memory(LANES), held
     rows = np.ascontiguousarray(lane[:, : s.LAW])

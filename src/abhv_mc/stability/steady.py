@@ -21,7 +21,7 @@ from abhv_mc.plant.parameters import NEVER, PARAMETER_INDEX
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.linearize import Points, law_slopes, memory_count, plant_slopes
 from abhv_mc.stability.points import Found
-from abhv_mc.stability.probe import begin, law_memory_rows
+from abhv_mc.stability.probe import begin, check_linear, law_memory_rows
 from abhv_mc.user_code.design import DesignModel
 from abhv_mc.vehicle.model import Vehicle
 
@@ -52,6 +52,7 @@ def make_steady_plan(
     """
     level = mission.model_copy(update={"manoeuvre": Level(kind="level"), "duration": 2.0 / controller.rate})
     plan = make_plan(vehicle, level, controller, name, own=own)
+    check_linear(plan)
     trim_tables = make_mission_trim_tables(mission, vehicle)
     row = plan.reference[0].copy()
     heading_rate = _turn_of_bank(vehicle, plan, row, bank) if bank else 0.0

@@ -12,7 +12,7 @@ from abhv_mc.plant import state as s
 from abhv_mc.plant.state import X, variable_row
 from abhv_mc.user_code.check import check_functions, find_function
 from abhv_mc.user_code.compiled import COMMAND_ROWS, build, compiled_names
-from abhv_mc.user_code.law_interface import Command, Measured, Reference
+from abhv_mc.user_code.law_interface import Measured, MixedCommand, Reference
 from abhv_mc.user_code.source import CHANNEL as MARK
 from abhv_mc.user_code.source import OwnSource, refuse_in_words, run_module
 
@@ -31,7 +31,7 @@ _ACTUAL = (
 )
 # What every flight measures; what laws may ask for besides is not there unless the law asks.
 _Seen: Any = NamedTuple("Measured", [(name, float) for name in Measured._fields[: s.N_MEASURED]])  # type: ignore[misc]
-_GIVEN = {"actual": _Seen, "measured": _Seen, "reference": Reference, "command": Command}
+_GIVEN = {"actual": _Seen, "measured": _Seen, "reference": Reference, "command": MixedCommand}
 _ARGUMENTS = (*_GIVEN, "time", "dt")
 
 
@@ -55,7 +55,7 @@ def compile_channels(source: OwnSource, width: int) -> Any:
         names = compiled_names(module)
         for name in functions:
             names[f"_channel_{name}"] = names[name]
-        names |= {"_Measured": _Seen, "_Reference": Reference, "_Command": Command}
+        names |= {"_Measured": _Seen, "_Reference": Reference, "_Command": MixedCommand}
         signatures = {name: tuple(inspect.signature(function).parameters) for name, function in functions.items()}
         return build(module, _make_loop(signatures, width), names)
 

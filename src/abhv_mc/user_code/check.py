@@ -10,6 +10,7 @@ import numpy as np
 from abhv_mc.control.laws.user import MAX_MEMORY
 from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_unit
+from abhv_mc.user_code.effector_commands import parse_law
 from abhv_mc.user_code.law_interface import ARGUMENTS, CLASSES, GIVEN
 from abhv_mc.user_code.source import Law, check_defaults, field_error
 
@@ -45,7 +46,7 @@ _REFUSED_CALLS = {
 def check_law(law: Law) -> None:
     """Raise InputError for the first thing that is wrong with a law."""
     source = law.source
-    tree = ast.parse(source.text)
+    tree = parse_law(source) if law.mark.compiled else ast.parse(source.text)
     functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
     classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
     node = find_function(source.file, functions, law.function)

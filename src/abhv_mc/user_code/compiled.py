@@ -19,7 +19,18 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.jit import compiler, scalar
 from abhv_mc.jit_pointer import Uncompilable, compile_pointer
 from abhv_mc.plant import state as s
-from abhv_mc.user_code.law_interface import Coefficients, Command, LastCommand, Measured, Onboard, Reference, Thrust
+from abhv_mc.user_code.effector_commands import find_commanded, tuple_codes
+from abhv_mc.user_code.law_interface import (
+    COMMAND_FIELDS,
+    Coefficients,
+    Command,
+    LastCommand,
+    Measured,
+    MixedCommand,
+    Onboard,
+    Reference,
+    Thrust,
+)
 from abhv_mc.user_code.scattered import Scattered
 from abhv_mc.user_code.source import MODULE, Law, Module, OwnSource, load_law, refuse_in_words
 from abhv_mc.user_code.table import Table
@@ -42,8 +53,10 @@ _NOISE = re.compile(r"(Failed in nopython mode|During: |File \"|- Resolution fai
 
 
 @functools.lru_cache(maxsize=64)
-def compile_law(source: OwnSource, gains: tuple[str, ...], width: int) -> Any:
+def compile_law(source: OwnSource, gains: tuple[str, ...], width: int, effectors: tuple[str, ...] = ()) -> Any:
     """The compiled loop over ``width`` lanes, with its ``address``. ``gains`` are the names of their columns.
+
+    ``effectors``: the vehicle's, for a law that commands some of them.
 
     Raises InputError for what does not compile, with the user's line.
     """
@@ -64,7 +77,7 @@ def compile_law(source: OwnSource, gains: tuple[str, ...], width: int) -> Any:
         if "memory" in law.arguments:
             names["_Memory"] = law.memory
         names["_law"] = names[law.function.__name__]
-        text = _make_loop(law, gains, width)
+        text = _make_loop(law, gains, width, effectors)
         return build(law.module, text, names, f"{gains}")
 
 
@@ -121,11 +134,16 @@ def own_hash() -> str:
 def compiled_names(module: Module) -> dict[str, Any]:
     """A file's names with its functions to be compiled, its tables as look-ups, its classes as makers of floats."""
     folder = str(unpack(module.source)) + os.sep if module.source.files else ""
-    return dict(_compile_names(module.names, folder, {}))
+    return dict(_compile_names(module.names, folder, {}, tuple_codes(module.source)))
 
 
-def _compile_names(given: dict[str, Any], folder: str, made: dict[int, dict[str, Any]]) -> dict[str, Any]:
-    """The names of a module, and of those that it imports from the law's own ``folder``."""
+def _compile_names(
+    given: dict[str, Any], folder: str, made: dict[int, dict[str, Any]], codes: dict[str, types.CodeType]
+) -> dict[str, Any]:
+    """The names of a module, and of those that it imports from the law's own ``folder``.
+
+    ``codes``: of functions that are compiled from another text than the user's.
+    """
     if id(given) in made:
         return made[id(given)]
     name = given["__name__"]
@@ -137,18 +155,21 @@ def _compile_names(given: dict[str, Any], folder: str, made: dict[int, dict[str,
     made[id(given)] = names
     for name, value in given.items():  # by type: isinstance() would ask the objects themselves
         if type(value) is types.FunctionType and value.__globals__ is given:
-            copy = types.FunctionType(value.__code__, names, name, value.__defaults__, value.__closure__)
+            copy = types.FunctionType(
+                codes.get(name, value.__code__), names, name, value.__defaults__, value.__closure__
+            )
             copy.__kwdefaults__ = value.__kwdefaults__
             names[name] = scalar(copy)
         elif type(value) is types.FunctionType and _is_in(folder, value.__globals__):
-            names[name] = _compile_names(value.__globals__, folder, made)[value.__name__]
+            names[name] = _compile_names(value.__globals__, folder, made, {})[value.__name__]
         elif type(value) is types.ModuleType and _is_in(folder, value.__dict__):
-            _compile_names(value.__dict__, folder, made)
+            _compile_names(value.__dict__, folder, made, {})
             names[name] = sys.modules[made[id(value.__dict__)]["__name__"]]
         elif issubclass(type(value), (Table, Scattered)):
             names[name] = value.make_compiled()
         elif issubclass(type(value), type) and hasattr(value, "_fields") and (value in _MADE or name == "Memory"):
-            names[name] = _make_maker(value, home.__name__)
+            mixed = value is Command and not codes
+            names[name] = _make_maker(MixedCommand if mixed else value, home.__name__, value._field_defaults)
     return names
 
 
@@ -156,11 +177,12 @@ def _is_in(folder: str, names: dict[str, Any]) -> bool:
     return bool(folder) and str(names.get("__file__", "")).startswith(folder)
 
 
-def _make_maker(kind: Any, home: str) -> Any:
-    """A compiled function that makes a named tuple of floats, whatever numbers it is given."""
-    defaults = kind._field_defaults
+def _make_maker(kind: Any, home: str, defaults: dict[str, Any]) -> Any:
+    """A compiled function that makes a named tuple of floats, whatever numbers it is given; effectors are a tuple."""
+    defaults = {name: value for name, value in defaults.items() if name != "effectors"}
     parameters = [f"{name}=_{name}" if name in defaults else name for name in kind._fields]
-    floats = ", ".join(f"float({name})" for name in kind._fields)
+    parameters = [f"{name}=()" if name == "effectors" else name for name in parameters]
+    floats = ", ".join(name if name == "effectors" else f"float({name})" for name in kind._fields)
     names: dict[str, Any] = {f"_{name}": float(value) for name, value in defaults.items()} | {
         "_kind": kind,
         "__name__": home,
@@ -169,7 +191,7 @@ def _make_maker(kind: Any, home: str) -> Any:
     return scalar(names["make"])
 
 
-def _make_loop(law: Law, gains: tuple[str, ...], width: int) -> str:
+def _make_loop(law: Law, gains: tuple[str, ...], width: int, effectors: tuple[str, ...]) -> str:
     """The text of the loop over lanes; the number of lanes is a constant of it, so that it becomes vector code."""
 
     def lane(row: int) -> str:
@@ -209,7 +231,9 @@ def _make_loop(law: Law, gains: tuple[str, ...], width: int) -> str:
             inside.append(f"{lane(MEMORY + i)} = after.{field}")
     else:
         inside.append(f"command = {call}")
-    for field, row in zip(Command._fields[:-1], COMMAND_ROWS, strict=True):
+    for i, name in enumerate(find_commanded(law.source)):
+        inside.append(f"{lane(s.EFFECTOR_COMMAND + effectors.index(name))} = command.effectors[{i}]")
+    for field, row in zip(COMMAND_FIELDS, COMMAND_ROWS, strict=True):
         inside.append(f"{lane(row)} = command.{field}")
     inside.append(f"if command.throttle != {_GIVEN}:")
     inside.append(f"    {lane(s.CMD_ETA)} = command.throttle")

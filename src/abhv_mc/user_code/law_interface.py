@@ -21,13 +21,16 @@ class Command(NamedTuple):
     angle_of_attack: float = NOT_GIVEN
     bank: float = NOT_GIVEN
     throttle: float = NOT_GIVEN
+    effectors: Any = ()  # rad by name: of the vehicle's effectors themselves, without the mix
 
 
-COMMAND_FIELDS = Command._fields[:-1]  # of laws in C and FMUs, which give the engine as one number
+COMMAND_FIELDS = Command._fields[:-2]  # of laws in C and FMUs, which give the engine as one number
+# Of laws that leave the effectors to their mix.
+MixedCommand: Any = NamedTuple("MixedCommand", [(name, float) for name in Command._fields[:-1]])  # type: ignore[misc]
 
 
 def command_rows(command: Command) -> tuple[float, ...]:
-    """What of a command goes to the rows of the lane memory: its fields but the last, the engine's as one."""
+    """What of a command goes to the rows of the lane memory: its fields but the last two, the engine's as one."""
     engine = command.equivalence_ratio if command.throttle == NOT_GIVEN else command.throttle
     return (*command[:3], engine, *command[4:7])
 

@@ -31,9 +31,18 @@ class PlainLaw:
     Its memory is any object, kept here; with ``memory_in_rows`` a named tuple of numbers, kept in the lanes' rows.
     """
 
-    def __init__(self, law: Law, gains: tuple[str, ...], width: int, memory_in_rows: bool = False) -> None:
+    def __init__(
+        self,
+        law: Law,
+        gains: tuple[str, ...],
+        width: int,
+        memory_in_rows: bool = False,
+        effectors: tuple[str, ...] = (),
+    ) -> None:
         self._in_rows, self._remembers = memory_in_rows, "memory" in law.arguments
         self._law, self._width = law, width
+        self._effectors = {name: s.EFFECTOR_COMMAND + i for i, name in enumerate(effectors)}
+        self._rows = [*COMMAND_ROWS, *self._effectors.values()]
         self._gains, self._commands = split_columns(gains)
         self._memories: dict[int, Any] = {}  # by a number that the flight's lane holds
         self._callback = _SOCKET(self._call)
@@ -68,7 +77,7 @@ class PlainLaw:
                 self._memories[len(self._memories)] = None
             number = int(block[MEMORY, lane])
             if number in first_of:  # a spare lane that repeats a flight
-                block[list(COMMAND_ROWS), lane] = block[list(COMMAND_ROWS), first_of[number]]
+                block[self._rows, lane] = block[self._rows, first_of[number]]
                 block[FAULT, lane] = block[FAULT, first_of[number]]
                 continue
             first_of[number] = lane
@@ -110,6 +119,8 @@ class PlainLaw:
         if not isinstance(command, Command):
             raise TypeError(f"the law returns {type(command).__name__}; wanted Command(...)")
         block[list(COMMAND_ROWS), lane] = command_rows(command)
+        for name, value in dict(command.effectors).items():
+            block[self._effectors[name], lane] = value
         if self._in_rows and self._remembers:
             block[MEMORY : MEMORY + len(memory), lane] = memory
         return memory

@@ -9,6 +9,9 @@ from typing import NamedTuple
 
 from abhv_mc.array_types import Floats, Ints
 
+MAX_EFFECTORS = 16  # surfaces of a vehicle's own
+MAX_ENGINES = 4
+
 # What a table axis or a build-up term may depend on, SI and radians.
 # The effectors are the vehicle's own surfaces, mixed from the three axis deflections.
 VARIABLES = (
@@ -25,10 +28,7 @@ VARIABLES = (
     "equivalence_ratio",
     "altitude",
     "mass",
-    "effector_0",
-    "effector_1",
-    "effector_2",
-    "effector_3",
+    *(f"effector_{i}" for i in range(MAX_EFFECTORS)),
 )
 
 # Lift and drag are in stability axes (from alpha), side force along body y; moments about body axes.

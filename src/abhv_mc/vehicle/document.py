@@ -1,6 +1,5 @@
 """The vehicle file: what may stand in it, and the checks that need no other file."""
 
-import math
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
@@ -11,38 +10,24 @@ from abhv_mc.io.units import (
     AREA,
     FRACTION,
     TIME,
-    Acceleration,
     Angle,
-    AngularRate,
     Area,
     Dimension,
-    Fraction,
-    Frequency,
     Inertia,
     Length,
     Mass,
-    Time,
     parse_unit,
 )
-from abhv_mc.vehicle.arrays import COEFFICIENTS
-from abhv_mc.vehicle.limits import LoadLimits
-from abhv_mc.vehicle.model import Inlet
+from abhv_mc.vehicle.arrays import COEFFICIENTS, MAX_EFFECTORS
+from abhv_mc.vehicle.limits import LoadLimits, Positive
+from abhv_mc.vehicle.propulsion_keys import PROPULSION_TABLES, Propulsion, PythonFunction
 from abhv_mc.vehicle.sensing import SensingKeys
+from abhv_mc.vehicle.surface_keys import AXIS_DEFLECTIONS, Effector, IdealSurfaces, SurfaceKeys
 
-AXIS_DEFLECTIONS = ("aileron", "rudder", "elevator")
 REDUCED_RATES = ("roll_rate", "pitch_rate", "yaw_rate")  # p b/(2 V), q c/(2 V), r b/(2 V)
 _PLAIN_FACTORS = ("mach", "equivalence_ratio")
 _ANGLE_FACTORS = ("angle_of_attack", "sideslip", *AXIS_DEFLECTIONS)
 FACTORS = (*_ANGLE_FACTORS, *REDUCED_RATES, *_PLAIN_FACTORS)
-
-# FIXED_TABLE_ROWS of the propulsion and the keys that name their tables.
-PROPULSION_TABLES = {
-    "capture_area_ratio": "capture_area_ratio",
-    "specific_impulse": "specific_impulse",
-    "thrust_area": "area",
-}
-
-Positive = Field(gt=0.0)
 
 
 class Reference(StrictModel):
@@ -139,13 +124,6 @@ class Term(StrictModel):
     scale: float = Field(default=1.0, description="number that multiplies it")
 
 
-class PythonFunction(StrictModel):
-    """A function of the vehicle's own, compiled apart from the flight."""
-
-    python: File = Field(description="Python file, relative to this file")
-    settings: dict[str, Any] = Field(default_factory=dict, description="of its class Settings")
-
-
 class ReferencePoint(StrictModel):
     """Where a function's forces and moments act, from the moment reference."""
 
@@ -180,160 +158,8 @@ class Aerodynamics(StrictModel):
     yawing_moment: tuple[Term, ...] = Field((), description="terms of the yawing moment, positive nose right")
 
 
-class Effector(StrictModel):
-    """Deflection of one surface per deflection of each axis."""
-
-    aileron: float = Field(0.0, description="deflection per aileron command")
-    rudder: float = Field(0.0, description="deflection per rudder command")
-    elevator: float = Field(0.0, description="deflection per elevator command")
-
-
-class Surfaces(StrictModel):
-    """Second-order actuators of the three axis deflections."""
-
-    bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency")
-    damping: Annotated[float, Positive] = Field(description="damping ratio")
-    limit: Annotated[Angle, Positive] = Field(description="greatest deflection, to either side")
-    rate_limit: Annotated[AngularRate, Positive] = Field(description="greatest rate of deflection")
-
-
-class IdealSurfaces(StrictModel):
-    """Deflections that are what is commanded."""
-
-    ideal: Literal[True] = Field(description="no dynamics")
-    limit: Annotated[Angle, Positive] = Field(description="greatest deflection, to either side")
-
-
-class ThrustLine(StrictModel):
-    """Where the thrust acts, from the moment reference."""
-
-    inclination: Angle = Field(default=0.0, description="of the thrust, upward")
-    offset: Length = Field(default=0.0, description="below the moment reference: positive pitches nose up")
-
-
-class Unstart(StrictModel):
-    """Flow in which the inlet stays started. Outside of it the engine fails as ``failure.engine`` says."""
-
-    angle_of_attack: tuple[Angle, Angle] = Field(default=(-math.inf, math.inf), description="least and greatest")
-    sideslip: Annotated[Angle, Positive] = Field(default=math.inf, description="greatest, to either side")
-    mach: tuple[float, float] = Field(default=(-math.inf, math.inf), description="least and greatest")
-    restart_delay: Annotated[Time, Field(ge=0.0)] = Field(
-        default=math.inf, description="time inside until it starts again; left out: never"
-    )
-    drag_increment: float = Field(default=0.0, description="added to the drag coefficient meanwhile")
-    pitching_moment_increment: float = Field(default=0.0, description="likewise to the pitching moment's")
-
-    @model_validator(mode="after")
-    def _check(self) -> "Unstart":
-        for name in ("angle_of_attack", "mach"):
-            low, high = getattr(self, name)
-            if low >= high:
-                raise Refusal("an empty range", "least and greatest", (name,))
-        if not self.model_fields_set & {"angle_of_attack", "sideslip", "mach"}:
-            raise Refusal("an unstart without a condition", "angle_of_attack, sideslip or mach")
-        return self
-
-    def inlet(self) -> Inlet:
-        """The condition as numbers."""
-        return Inlet(
-            1.0,
-            *self.angle_of_attack,
-            self.sideslip,
-            *self.mach,
-            self.restart_delay,
-            self.drag_increment,
-            self.pitching_moment_increment,
-        )
-
-
-class Relight(StrictModel):
-    """How an engine comes back after a failure; its flame-out follows the lag of the equivalence ratio."""
-
-    delay: Annotated[Time, Field(ge=0.0)] = Field(0.0, description="time until it begins to come back")
-    time_constant: Annotated[Time, Field(ge=0.0)] = Field(
-        0.0, description="time constant of its thrust; 0: the lag of the equivalence ratio"
-    )
-
-
-class _Propulsion(StrictModel):
-    specific_impulse: str = Field(description="name of the table of the specific impulse")
-    standard_gravity: Annotated[Acceleration, Positive] = Field(
-        default=9.80665, description="gravity in the specific impulse"
-    )
-    thrust_line: ThrustLine = Field(ThrustLine(), description="where the thrust acts; left out: along body x")
-    equivalence_ratio: tuple[float, float] = Field(description="least and greatest")
-    bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency of the equivalence ratio")
-    damping: Annotated[float, Positive] = Field(description="damping ratio of the equivalence ratio")
-    rate_limit: Annotated[Frequency, Positive] = Field(description="greatest rate of the equivalence ratio")
-    relight: Relight = Field(Relight(), description="how it comes back after a failure")
-    unstart: Unstart | None = Field(
-        default=None, description="flow outside which the engine fails; left out: the inlet stays started in any flow"
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> "_Propulsion":
-        if not 0.0 <= self.equivalence_ratio[0] < self.equivalence_ratio[1]:
-            raise Refusal(f"{list(self.equivalence_ratio)}", "least and greatest, from 0 up", ("equivalence_ratio",))
-        return self
-
-
-class Capture(_Propulsion):
-    """T = stoichiometric ratio * eta * Isp * g0 * rho * V * capture area ratio * cowl area."""
-
-    kind: Literal["capture"] = Field(description="how thrust is computed")
-    stoichiometric_ratio: Annotated[Fraction, Positive] = Field(description="fuel to air, by mass")
-    cowl_area: Annotated[Area, Positive] = Field(description="of the inlet")
-    capture_area_ratio: str = Field(description="name of the table of captured area over cowl area")
-
-
-class ThrustArea(_Propulsion):
-    """T = dynamic pressure * thrust area."""
-
-    kind: Literal["thrust_area"] = Field(description="how thrust is computed")
-    area: str = Field(description="name of the table of thrust over dynamic pressure")
-
-
-class ThrustFunction(PythonFunction):
-    """Thrust as a Python function of the air and the throttle."""
-
-    function: str = Field("thrust", description="name of the function")
-    throttle: tuple[float, float] = Field((0.0, 1.0), description="least and greatest")
-    ideal: bool = Field(False, description="the throttle is what is commanded")
-    bandwidth: Annotated[AngularRate, Positive] | None = Field(default=None, description="of the throttle")
-    damping: Annotated[float, Positive] = Field(default=1.0, description="damping ratio of the throttle")
-    rate_limit: Annotated[Frequency, Positive] | None = Field(default=None, description="greatest rate of the throttle")
-    unstart: Unstart | None = Field(
-        default=None, description="flow outside which the engine fails; left out: the inlet stays started in any flow"
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> "ThrustFunction":
-        if not self.throttle[0] < self.throttle[1]:
-            raise Refusal(f"{list(self.throttle)}", "least and greatest", ("throttle",))
-        if self.ideal == (self.bandwidth is not None and self.rate_limit is not None):
-            raise Refusal("an engine that is ideal and has dynamics, or neither", "ideal, or bandwidth and rate_limit")
-        return self
-
-
-def _propulsion_kind(value: Any) -> str:
-    given = value if isinstance(value, dict) else vars(value)
-    return "python" if "python" in given else str(given.get("kind"))
-
-
-Propulsion = Annotated[
-    Annotated[Capture, Tag("capture")]
-    | Annotated[ThrustArea, Tag("thrust_area")]
-    | Annotated[ThrustFunction, Tag("python")],
-    Discriminator(_propulsion_kind),
-]
-
-
 def _aerodynamics_kind(value: Any) -> str:
     return "python" if "python" in (value if isinstance(value, dict) else vars(value)) else "terms"
-
-
-def _surfaces_kind(value: Any) -> str:
-    return "ideal" if "ideal" in (value if isinstance(value, dict) else vars(value)) else "actuators"
 
 
 class FlightLimits(LoadLimits):
@@ -356,15 +182,11 @@ class VehicleDocument(StrictModel):
     description: str = Field("", description="what it is and where its numbers come from")
     reference: Reference = Field(description="area and lengths of the coefficients")
     mass: MassModel = Field(description="mass, inertia and centre of gravity")
-    surfaces: (
-        Annotated[
-            Annotated[Surfaces, Tag("actuators")] | Annotated[IdealSurfaces, Tag("ideal")],
-            Discriminator(_surfaces_kind),
-        ]
-        | None
-    ) = Field(default=None, description="actuators of the control surfaces; left out: none")
+    surfaces: SurfaceKeys | None = Field(default=None, description="actuators of the control surfaces; left out: none")
     effectors: dict[str, Effector] = Field(
-        default_factory=dict, max_length=4, description="surfaces of its own, mixed from aileron, rudder and elevator"
+        default_factory=dict,
+        max_length=MAX_EFFECTORS,
+        description="surfaces of its own, mixed from aileron, rudder and elevator",
     )
     propulsion: Propulsion | None = Field(default=None, description="the engine; left out: none")
     sensing: SensingKeys = Field(SensingKeys(), description="what its instruments measure; a mission may say otherwise")
@@ -390,9 +212,16 @@ class VehicleDocument(StrictModel):
 
     @model_validator(mode="after")
     def _check(self) -> "VehicleDocument":
-        for name in self.effectors:
+        for name, effector in self.effectors.items():
             if name in FACTORS or not name.isidentifier():
                 raise Refusal(f"an effector '{name}'", "a word that names no other variable", ("effectors", name))
+            if effector.driven and self.surfaces is None:
+                wanted = "surfaces, whose limit holds for aileron, rudder and elevator"
+                raise Refusal("an effector with an actuator in a file without surfaces", wanted, ("effectors", name))
+            dynamics = effector.rate, effector.bandwidth, effector.damping
+            if isinstance(self.surfaces, IdealSurfaces) and any(dynamics) and not all(dynamics):
+                wanted = "rate, bandwidth and damping, as the surfaces have none"
+                raise Refusal("an effector without one of its dynamics", wanted, ("effectors", name))
         factors = (*FACTORS, *self.effectors)
         for table, quantity, place in self.uses():
             if table not in self.tables:

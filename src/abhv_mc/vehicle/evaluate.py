@@ -22,7 +22,8 @@ def make_variables(vehicle: Vehicle, **values: ArrayLike) -> Floats:
     variables[0] = 1.0
     for name, value in values.items():
         variables[VARIABLES.index(name)] = value
-    variables[_FIRST_EFFECTOR:] = np.tensordot(vehicle.effector_mix, variables[_AXIS_DEFLECTIONS], axes=1)
+    mixed = np.tensordot(vehicle.effector_mix, variables[_AXIS_DEFLECTIONS], axes=1)
+    variables[_FIRST_EFFECTOR : _FIRST_EFFECTOR + len(mixed)] = mixed
     return variables
 
 

@@ -9,31 +9,21 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.array_types import Ints
 from abhv_mc.io.documents import Document, Refusal, read_document, validate
 from abhv_mc.io.input_error import one_of
 from abhv_mc.io.units import parse_unit
 from abhv_mc.vehicle.arrays import COEFFICIENTS, VARIABLES, BuildUp
-from abhv_mc.vehicle.document import (
-    AXIS_DEFLECTIONS,
-    PROPULSION_TABLES,
-    REDUCED_RATES,
-    AerodynamicsFunction,
-    Capture,
-    IdealSurfaces,
-    MassPoint,
-    Surfaces,
-    ThrustFunction,
-    VehicleDocument,
-    check_inertia,
-)
+from abhv_mc.vehicle.document import REDUCED_RATES, AerodynamicsFunction, MassPoint, VehicleDocument, check_inertia
 from abhv_mc.vehicle.foreign import VehicleCode, make_code, reference_point
 from abhv_mc.vehicle.limits import LoadBounds
-from abhv_mc.vehicle.model import Constants, Inlet, Vehicle, no_functions
+from abhv_mc.vehicle.model import DRIVEN, Constants, Inlet, Vehicle, no_functions
 from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
+from abhv_mc.vehicle.propulsion_keys import PROPULSION_TABLES, Capture, ThrustFunction, engine_rows
 from abhv_mc.vehicle.sensing import Sensing, choose_sensing
+from abhv_mc.vehicle.surface_keys import AXIS_DEFLECTIONS, IdealSurfaces, Surfaces
 from abhv_mc.vehicle.table_file import parse_role, read_rows, read_table
 
-N_EFFECTORS = 4
 _LARGEST_IMPULSE = 1e4  # s: no air-breathing engine comes near; an exhaust velocity in m/s lies beyond
 
 
@@ -177,7 +167,10 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     columns = np.array(_in_turns(terms), dtype=np.int64).reshape(-1, 4).T
     build_up = BuildUp(columns[0].copy(), rows[columns[1]], columns[2].copy(), columns[3].copy())
     foreign = file.code.pack() if file.code else no_functions()
-    return Vehicle(_make_constants(content), tables, build_up, _effector_mix(content), foreign)
+    constants = _make_constants(content)
+    effectors = _effector_mix(content), _effectors(content, constants), _letters(list(content.effectors))
+    engines = np.array(engine_rows(content.propulsion.engines) if content.propulsion else []).reshape(-1, 4)
+    return Vehicle(constants, tables, build_up, *effectors, engines, foreign)
 
 
 def _in_turns(terms: list[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
@@ -219,10 +212,35 @@ def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) 
 
 
 def _effector_mix(content: VehicleDocument) -> np.ndarray:
-    mix = np.zeros((N_EFFECTORS, len(AXIS_DEFLECTIONS)))
-    for i, effector in enumerate(content.effectors.values()):
-        mix[i] = [getattr(effector, axis) for axis in AXIS_DEFLECTIONS]
-    return mix
+    mix = [[getattr(effector, axis) for axis in AXIS_DEFLECTIONS] for effector in content.effectors.values()]
+    return np.array(mix, dtype=np.float64).reshape(-1, len(AXIS_DEFLECTIONS))
+
+
+def _effectors(content: VehicleDocument, constants: Constants) -> np.ndarray:
+    """The columns of ``Vehicle.effectors``; what an effector does not say is as the surfaces have it."""
+    rows = np.zeros((len(content.effectors), DRIVEN + 1))
+    c = constants
+    for row, effector in zip(rows, content.effectors.values(), strict=True):
+        low, high = effector.limits or (-c.surface_limit, c.surface_limit)
+        moves = effector.rate is not None or effector.bandwidth is not None
+        ideal = effector.ideal or (c.ideal_surfaces > 0.0 and not moves)
+        row[:] = (
+            low,
+            high,
+            effector.rate or c.surface_rate_limit or math.inf,
+            effector.bandwidth or c.surface_bandwidth,
+            effector.damping or c.surface_damping,
+            ideal,
+            effector.driven,
+        )
+    return rows
+
+
+def _letters(names: Sequence[str]) -> Ints:
+    rows = np.zeros((len(names), max(map(len, names), default=0)), dtype=np.int64)
+    for row, name in zip(rows, names, strict=True):
+        row[: len(name)] = [ord(letter) for letter in name]
+    return rows
 
 
 def _make_constants(content: VehicleDocument) -> Constants:

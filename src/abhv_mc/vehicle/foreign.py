@@ -17,8 +17,9 @@ from abhv_mc.io.documents import Document
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.input_files import read_input
 from abhv_mc.vehicle.arrays import VARIABLES
-from abhv_mc.vehicle.document import AerodynamicsFunction, ThrustFunction, VehicleDocument
+from abhv_mc.vehicle.document import AerodynamicsFunction, VehicleDocument
 from abhv_mc.vehicle.model import Foreign, Vehicle
+from abhv_mc.vehicle.propulsion_keys import ThrustFunction
 from abhv_mc.world.atmosphere import atmosphere
 
 N_THRUST = 7  # force x y z, moment x y z, fuel flow

@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats, Ints
-from abhv_mc.vehicle.arrays import BuildUp, Tables
+from abhv_mc.io.input_error import InputError
+from abhv_mc.vehicle.arrays import VARIABLES, BuildUp, Tables
 from abhv_mc.vehicle.limits import LoadBounds
 from abhv_mc.vehicle.sensing import Sensing
 
@@ -79,11 +80,70 @@ class Constants(NamedTuple):
     ideal_engine: float = 0.0
 
 
+# Columns of ``Vehicle.effectors``: rad, rad, rad/s, rad/s, -, and 1 or 0: moves without dynamics; has an actuator of
+# its own, or follows the three axis deflections.
+LOW, HIGH, RATE, BANDWIDTH, DAMPING, IDEAL, DRIVEN = range(7)
+
+
 class Vehicle(NamedTuple):
     """The packed vehicle."""
 
     constants: Constants
     tables: Tables
     build_up: BuildUp
-    effector_mix: Floats  # [4, 3] radians of effector per radian of (aileron, rudder, elevator)
+    effector_mix: Floats  # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
+    effectors: Floats  # [effector, 7] the columns above; of one that is not driven, the surfaces' numbers
+    effector_names: Ints  # [effector, letter] code points, zeros behind
+    engines: Floats  # [engine, 4] share of the thrust; x, y, z of it from where all of it acts, m; none: one engine
     foreign: Foreign = no_functions()
+
+
+def name_effectors(vehicle: Vehicle) -> tuple[str, ...]:
+    """The names of a vehicle's effectors, in their order."""
+    return tuple("".join(map(chr, row[row > 0])) for row in vehicle.effector_names)
+
+
+def follow_axes(vehicle: Vehicle) -> Vehicle:
+    """The vehicle with effectors that follow the axes' deflections."""
+    effectors = vehicle.effectors.copy()
+    effectors[:, DRIVEN] = 0.0
+    return vehicle._replace(effectors=effectors)
+
+
+def drive_all(vehicle: Vehicle) -> Vehicle:
+    """The vehicle with an actuator at each effector: what is not given is the surfaces'."""
+    effectors = vehicle.effectors.copy()
+    effectors[:, DRIVEN] = 1.0
+    return vehicle._replace(effectors=effectors)
+
+
+def drive_axes(vehicle: Vehicle) -> Vehicle:
+    """The vehicle with actuators of the three axis deflections, which move all as its effectors' move, limits apart.
+
+    The effectors follow by their mix. Raises InputError where actuators differ, those of an axis deflection that acts
+    itself among them.
+    """
+    c = vehicle.constants
+    driven = vehicle.effectors[:, DRIVEN] > 0.0
+    if not driven.any():
+        return vehicle
+    kinds = vehicle.effectors[driven][:, BANDWIDTH : IDEAL + 1].tolist()
+    used = {VARIABLES[i] for i in (*vehicle.build_up.variable, *vehicle.tables.axis_variable)}
+    if not driven.all() or used & {"aileron", "rudder", "elevator"}:
+        kinds.append([c.surface_bandwidth, c.surface_damping, c.ideal_surfaces])
+    if any(kind != kinds[0] for kind in kinds):
+        wanted = "one bandwidth and damping of all surfaces, for a linear model"
+        raise InputError("vehicle", None, None, "effectors whose actuators differ", wanted)
+    bandwidth, damping, ideal = kinds[0]
+    constants = c._replace(surface_bandwidth=bandwidth, surface_damping=damping, ideal_surfaces=ideal)
+    return follow_axes(vehicle)._replace(constants=constants)
+
+
+def deflection_range(vehicle: Vehicle, axis: int) -> tuple[float, float]:
+    """Least and greatest deflection (rad) of aileron, rudder or elevator alone that its effectors can follow."""
+    low, high = -vehicle.constants.surface_limit, vehicle.constants.surface_limit
+    for mix, effector in zip(vehicle.effector_mix[:, axis], vehicle.effectors, strict=True):
+        if effector[DRIVEN] > 0.0 and mix != 0.0:
+            ends = sorted((effector[LOW] / mix, effector[HIGH] / mix))
+            low, high = max(low, ends[0]), min(high, ends[1])
+    return float(low), float(high)

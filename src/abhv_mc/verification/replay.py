@@ -14,7 +14,7 @@ from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.user_code.vehicle_functions import find_code
-from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.vehicle.model import Vehicle, follow_axes
 from abhv_mc.world.earth import Earth
 
 _INF = math.inf
@@ -48,6 +48,7 @@ def make_replay_plan(vehicle: Vehicle, earth: Earth, start: Floats, controls: Fl
     gains = np.zeros((ticks, len(RECORDED_GAINS)))
     gains[:, :4] = controls
     gains[:-1, 4:] = np.diff(controls, axis=0) / timing.tick
+    vehicle = follow_axes(vehicle)
     return FlightPlan(
         controller="recorded",
         law="recorded",

@@ -39,7 +39,7 @@ from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, Pooled
 from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
 from abhv_mc.flight.metrics import MARGINS, METRICS, Metric
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
-from abhv_mc.plant.parameters import EFFECTORS, PARAMETER_INDEX, PARAMETERS
+from abhv_mc.plant.parameters import EFFECTORS, ENGINES, PARAMETER_INDEX, PARAMETERS
 
 DISPERSIBLE = tuple(parameter.name for parameter in PARAMETERS[1:])
 
@@ -152,8 +152,11 @@ def check_campaign(document: Document) -> CheckedCampaign:
 
 
 def name_effectors(document: Document) -> Document:
-    """The campaign with failures of the vehicle's own effectors by their place: ``failure.right_elevon.stuck_time``
-    becomes ``failure.effector_0.stuck_time`` where the vehicle file lists right_elevon first."""
+    """The campaign with failures of the vehicle's own effectors and engines by their place.
+
+    ``failure.right_elevon.stuck_time`` becomes ``failure.effector_0.stuck_time`` where the vehicle file lists
+    right_elevon first.
+    """
     data: dict[str, Any] = document.data if isinstance(document.data, dict) else {}
     held, vehicle = data.get("dispersions"), data.get("vehicle")
     if not isinstance(held, dict) or not isinstance(vehicle, str):
@@ -163,8 +166,10 @@ def name_effectors(document: Document) -> Document:
         content = read_document(document.path.parent / vehicle).data if asked else None
     except InputError:
         return document  # the model refuses the vehicle
+    propulsion = content.get("propulsion") if isinstance(content, dict) else None
+    engines = propulsion.get("engines") if isinstance(propulsion, dict) else None
     effectors = content.get("effectors") if isinstance(content, dict) else None
-    places = {name: EFFECTORS[i] for i, name in enumerate(list(effectors or {})[: len(EFFECTORS)])}
+    places = dict(zip(effectors or {}, EFFECTORS, strict=False)) | dict(zip(engines or {}, ENGINES, strict=False))
 
     def renamed(name: str) -> str:
         group, _, rest = name.partition(".")

@@ -21,7 +21,7 @@ from abhv_mc.control.design.design_tables import (
     variables_at,
 )
 from abhv_mc.vehicle.arrays import CHUNK, FIXED_TABLE_ROWS, VARIABLES, Tables
-from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.vehicle.model import Vehicle, deflection_range
 from abhv_mc.vehicle.pack import Axis, Table, pack_tables
 from abhv_mc.world.atmosphere import atmosphere
 
@@ -125,7 +125,7 @@ def trim_elevator(
     from scipy.optimize import elementwise
 
     mass = vehicle.constants.mass_start
-    limit = vehicle.constants.surface_limit
+    low, high = deflection_range(vehicle, 2)
 
     def pitching_moment(elevator: Any, speed: Any, alpha: Any, eta: Any) -> Any:
         nothing = np.zeros_like(speed)
@@ -133,13 +133,13 @@ def trim_elevator(
         wrench = wrench_at(vehicle, around, mass, speed, alpha, nothing, rates, deflections, eta)
         return wrench.moment[1] / (around.density * speed**2 * vehicle.constants.area * vehicle.constants.chord)
 
-    ends = [pitching_moment(np.full_like(speed, end), speed, alpha, eta) for end in (-limit, limit)]
+    ends = [pitching_moment(np.full_like(speed, end), speed, alpha, eta) for end in (low, high)]
     bracketed = np.sign(ends[0]) * np.sign(ends[1]) <= 0.0
-    elevator = np.where(np.abs(ends[0]) < np.abs(ends[1]), -limit, limit)
+    elevator = np.where(np.abs(ends[0]) < np.abs(ends[1]), low, high)
     if bracketed.any():
         found = elementwise.find_root(
             pitching_moment,
-            (-limit, limit),
+            (low, high),
             args=(speed[bracketed], alpha[bracketed], eta[bracketed]),
             tolerances={"xatol": 1e-13},
         )

@@ -25,8 +25,8 @@ from abhv_mc.numerics.angles import clamp, wrap
 from abhv_mc.numerics.lane_math import exp, sincos
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import build_up, look_up
-from abhv_mc.plant.air_data import set_effectors
 from abhv_mc.plant.effectiveness import N_INPUTS, slopes_of_coefficients, table_slopes
+from abhv_mc.plant.effectors import set_effectors
 from abhv_mc.plant.foreign import nominal_coefficients, nominal_slopes, nominal_thrust
 from abhv_mc.plant.state import LAW, N_COEFFICIENTS, variable_row
 from abhv_mc.world.atmosphere import atmosphere_lanes

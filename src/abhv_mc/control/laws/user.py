@@ -44,13 +44,17 @@ def own_tick(plan, memory, width, tick):
     dt = plan.timing.step * plan.timing.steps_per_tick
     if own.onboard > 0:
         nominal_onboard(plan, memory, width, tick)
+    effectors = plan.vehicle.effectors.shape[0]
+    for i in range(effectors):
+        for lane in range(width):
+            Z[s.EFFECTOR_COMMAND + i, lane] = math.inf
     if own.address != 0:
         call_address(own.address, own.context, Z, plan.reference, plan.gains, plan.settings, tick, dt)
-    finish_commands(Z, width, plan.vehicle.constants, plan.reference, tick)
+    finish_commands(Z, width, plan.vehicle.constants, effectors, plan.reference, tick)
 
 
 @lanes
-def finish_commands(Z, width, constants, reference, tick):
+def finish_commands(Z, width, constants, effectors, reference, tick):
     """Commands within the vehicle's limits; a law that gives what is not a number ends its flight."""
     limit = constants.surface_limit
     for lane in range(width):
@@ -65,6 +69,9 @@ def finish_commands(Z, width, constants, reference, tick):
         eta = constants.equivalence_ratio_min if eta == math.inf else eta
         eta = clamp(eta, constants.equivalence_ratio_min, constants.equivalence_ratio_max)
         total = aileron + rudder + elevator + eta + path + alpha + bank
+        for i in range(effectors):
+            given = Z[s.EFFECTOR_COMMAND + i, lane]
+            total += 0.0 if given == math.inf else given
         finite = total - total == 0.0
         fault = Z[FAULT, lane]
         Z[FAULT, lane] = NOT_FINITE if fault == 0.0 and not finite else fault

@@ -1,0 +1,82 @@
+"""What a law commands of the vehicle's effectors themselves: ``Command(..., effectors={"left_flap": 0.1})``.
+
+Compiled code has no dictionaries: the numbers of a law to be compiled become a tuple, in the order of their names.
+"""
+
+import ast
+import types
+from typing import Any
+
+from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.user_code.source import OwnSource
+from abhv_mc.vehicle.model import Vehicle, drive_all, name_effectors
+
+_WANTED = 'Command(..., effectors={"name": ...}), the same names in each Command of the law'
+
+
+def find_commanded(source: OwnSource) -> tuple[str, ...]:
+    """The effectors that a law's Commands name, sorted; none for a law that leaves them to their mix."""
+    found: set[str] = set()
+    for _, given in _commands(ast.parse(source.text)):
+        if isinstance(given, ast.Dict):
+            found.update(
+                key.value for key in given.keys if isinstance(key, ast.Constant) and isinstance(key.value, str)
+            )
+    return tuple(sorted(found))
+
+
+def commands_effectors(source: OwnSource) -> bool:
+    """Whether any Command of a law is given effectors."""
+    return any(given is not None for _, given in _commands(ast.parse(source.text)))
+
+
+def parse_law(source: OwnSource) -> ast.Module:
+    """The text with tuples for the effectors of its Commands. Raises InputError for what cannot be one."""
+    tree = ast.parse(source.text)
+    names = find_commanded(source)
+    calls = _commands(tree)
+    if all(given is None for _, given in calls):
+        return tree
+    for call, given in calls:
+        keys = [key.value if isinstance(key, ast.Constant) else None for key in getattr(given, "keys", ())]
+        if not isinstance(given, ast.Dict) or tuple(sorted(map(str, keys))) != names:
+            raise InputError(source.file, call.lineno, call.col_offset + 1, "other effectors in a Command", _WANTED)
+        values = dict(zip(keys, given.values, strict=True))
+        numbers: list[ast.expr] = [
+            ast.Call(ast.Name("float", ast.Load()), [values[name]], [])
+            for name in names  # all of one type
+        ]
+        for keyword in call.keywords:
+            if keyword.arg == "effectors":
+                keyword.value = ast.copy_location(ast.Tuple(numbers, ast.Load()), given)
+    return ast.fix_missing_locations(tree)
+
+
+def tuple_codes(source: OwnSource) -> dict[str, types.CodeType]:
+    """Code of the functions of a law with such tuples, by name; none for a law without."""
+    if not find_commanded(source):
+        return {}
+    code = compile(parse_law(source), source.file, "exec", dont_inherit=True)
+    return {each.co_name: each for each in code.co_consts if isinstance(each, types.CodeType)}
+
+
+def drive_commanded(vehicle: Vehicle, source: OwnSource) -> Vehicle:
+    """The vehicle as a law flies it: one that commands effectors finds an actuator at each of them.
+
+    Raises InputError for effectors that the vehicle does not have.
+    """
+    if not commands_effectors(source):
+        return vehicle
+    known = name_effectors(vehicle)
+    for name in find_commanded(source):
+        if name not in known:
+            raise InputError(source.file, None, None, f"the effector '{name}'", one_of(known, name))
+    return drive_all(vehicle)
+
+
+def _commands(tree: ast.Module) -> list[tuple[ast.Call, Any]]:
+    """Each Command that is made, and what it is given as effectors; None where nothing."""
+    calls = [
+        node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Command"
+    ]
+    return [(call, next((k.value for k in call.keywords if k.arg == "effectors"), None)) for call in calls]

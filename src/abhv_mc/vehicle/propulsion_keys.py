@@ -1,0 +1,186 @@
+"""The engine in a vehicle file: tables or a function, its lag, how it fails, and several engines."""
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from abhv_mc.io.documents import File, Refusal, StrictModel
+from abhv_mc.io.units import Acceleration, Angle, AngularRate, Area, Fraction, Frequency, Length, Time
+from abhv_mc.vehicle.arrays import MAX_ENGINES
+from abhv_mc.vehicle.limits import Positive
+from abhv_mc.vehicle.model import Inlet
+
+# FIXED_TABLE_ROWS of the propulsion and the keys that name their tables.
+PROPULSION_TABLES = {
+    "capture_area_ratio": "capture_area_ratio",
+    "specific_impulse": "specific_impulse",
+    "thrust_area": "area",
+}
+
+
+class PythonFunction(StrictModel):
+    """A function of the vehicle's own, compiled apart from the flight."""
+
+    python: File = Field(description="Python file, relative to this file")
+    settings: dict[str, Any] = Field(default_factory=dict, description="of its class Settings")
+
+
+class ThrustLine(StrictModel):
+    """Where the thrust acts, from the moment reference."""
+
+    inclination: Angle = Field(default=0.0, description="of the thrust, upward")
+    offset: Length = Field(default=0.0, description="below the moment reference: positive pitches nose up")
+
+
+class Unstart(StrictModel):
+    """Flow in which the inlet stays started. Outside of it the engine fails as ``failure.engine`` says."""
+
+    angle_of_attack: tuple[Angle, Angle] = Field(default=(-math.inf, math.inf), description="least and greatest")
+    sideslip: Annotated[Angle, Positive] = Field(default=math.inf, description="greatest, to either side")
+    mach: tuple[float, float] = Field(default=(-math.inf, math.inf), description="least and greatest")
+    restart_delay: Annotated[Time, Field(ge=0.0)] = Field(
+        default=math.inf, description="time inside until it starts again; left out: never"
+    )
+    drag_increment: float = Field(default=0.0, description="added to the drag coefficient meanwhile")
+    pitching_moment_increment: float = Field(default=0.0, description="likewise to the pitching moment's")
+
+    @model_validator(mode="after")
+    def _check(self) -> "Unstart":
+        for name in ("angle_of_attack", "mach"):
+            low, high = getattr(self, name)
+            if low >= high:
+                raise Refusal("an empty range", "least and greatest", (name,))
+        if not self.model_fields_set & {"angle_of_attack", "sideslip", "mach"}:
+            raise Refusal("an unstart without a condition", "angle_of_attack, sideslip or mach")
+        return self
+
+    def inlet(self) -> Inlet:
+        """The condition as numbers."""
+        return Inlet(
+            1.0,
+            *self.angle_of_attack,
+            self.sideslip,
+            *self.mach,
+            self.restart_delay,
+            self.drag_increment,
+            self.pitching_moment_increment,
+        )
+
+
+class Relight(StrictModel):
+    """How an engine comes back after a failure; its flame-out follows the lag of the equivalence ratio."""
+
+    delay: Annotated[Time, Field(ge=0.0)] = Field(0.0, description="time until it begins to come back")
+    time_constant: Annotated[Time, Field(ge=0.0)] = Field(
+        0.0, description="time constant of its thrust; 0: the lag of the equivalence ratio"
+    )
+
+
+class Engine(StrictModel):
+    """One of several engines, each of which may fail by itself: where its share acts, from the whole thrust's line."""
+
+    share: Annotated[Fraction, Positive] | None = Field(None, description="of the thrust; left out: equal shares")
+    x: Length = Field(0.0, description="forward")
+    y: Length = Field(0.0, description="to the right")
+    z: Length = Field(0.0, description="below")
+
+
+def check_engines(engines: dict[str, Engine]) -> None:
+    """Refuse engines whose thrusts together act elsewhere than the whole. Raises :class:`Refusal`."""
+    rows = engine_rows(engines)
+    if not rows:
+        return
+    total = sum(share for share, *_ in rows)
+    off = [sum(row[0] * row[i] for row in rows) for i in (1, 2, 3)]
+    if len({engine.share is None for engine in engines.values()}) > 1 or abs(total - 1.0) > 1e-9:
+        raise Refusal(f"engines with shares that make {total:g}", "shares that make 1, or none", ("engines",))
+    if max(map(abs, off)) > 1e-6:
+        found = f"engines whose thrust acts {', '.join(f'{x:g}' for x in off)} m from the whole's"
+        raise Refusal(found, "positions from the thrust's line that balance", ("engines",))
+
+
+def engine_rows(engines: dict[str, Engine]) -> list[tuple[float, float, float, float]]:
+    """Share and position of each."""
+    return [(each.share or 1.0 / len(engines), each.x, each.y, each.z) for each in engines.values()]
+
+
+class _Propulsion(StrictModel):
+    specific_impulse: str = Field(description="name of the table of the specific impulse")
+    standard_gravity: Annotated[Acceleration, Positive] = Field(
+        default=9.80665, description="gravity in the specific impulse"
+    )
+    thrust_line: ThrustLine = Field(ThrustLine(), description="where the thrust acts; left out: along body x")
+    equivalence_ratio: tuple[float, float] = Field(description="least and greatest")
+    bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency of the equivalence ratio")
+    damping: Annotated[float, Positive] = Field(description="damping ratio of the equivalence ratio")
+    rate_limit: Annotated[Frequency, Positive] = Field(description="greatest rate of the equivalence ratio")
+    relight: Relight = Field(Relight(), description="how it comes back after a failure")
+    unstart: Unstart | None = Field(
+        default=None, description="flow outside which the engine fails; left out: the inlet stays started in any flow"
+    )
+    engines: dict[str, Engine] = Field(
+        default_factory=dict, max_length=MAX_ENGINES, description="several engines by name; left out: one"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "_Propulsion":
+        check_engines(self.engines)
+        if not 0.0 <= self.equivalence_ratio[0] < self.equivalence_ratio[1]:
+            raise Refusal(f"{list(self.equivalence_ratio)}", "least and greatest, from 0 up", ("equivalence_ratio",))
+        return self
+
+
+class Capture(_Propulsion):
+    """T = stoichiometric ratio * eta * Isp * g0 * rho * V * capture area ratio * cowl area."""
+
+    kind: Literal["capture"] = Field(description="how thrust is computed")
+    stoichiometric_ratio: Annotated[Fraction, Positive] = Field(description="fuel to air, by mass")
+    cowl_area: Annotated[Area, Positive] = Field(description="of the inlet")
+    capture_area_ratio: str = Field(description="name of the table of captured area over cowl area")
+
+
+class ThrustArea(_Propulsion):
+    """T = dynamic pressure * thrust area."""
+
+    kind: Literal["thrust_area"] = Field(description="how thrust is computed")
+    area: str = Field(description="name of the table of thrust over dynamic pressure")
+
+
+class ThrustFunction(PythonFunction):
+    """Thrust as a Python function of the air and the throttle."""
+
+    function: str = Field("thrust", description="name of the function")
+    throttle: tuple[float, float] = Field((0.0, 1.0), description="least and greatest")
+    ideal: bool = Field(False, description="the throttle is what is commanded")
+    bandwidth: Annotated[AngularRate, Positive] | None = Field(default=None, description="of the throttle")
+    damping: Annotated[float, Positive] = Field(default=1.0, description="damping ratio of the throttle")
+    rate_limit: Annotated[Frequency, Positive] | None = Field(default=None, description="greatest rate of the throttle")
+    unstart: Unstart | None = Field(
+        default=None, description="flow outside which the engine fails; left out: the inlet stays started in any flow"
+    )
+    engines: dict[str, Engine] = Field(
+        default_factory=dict, max_length=MAX_ENGINES, description="several engines by name; left out: one"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "ThrustFunction":
+        check_engines(self.engines)
+        if not self.throttle[0] < self.throttle[1]:
+            raise Refusal(f"{list(self.throttle)}", "least and greatest", ("throttle",))
+        if self.ideal == (self.bandwidth is not None and self.rate_limit is not None):
+            raise Refusal("an engine that is ideal and has dynamics, or neither", "ideal, or bandwidth and rate_limit")
+        return self
+
+
+def _propulsion_kind(value: Any) -> str:
+    given = value if isinstance(value, dict) else vars(value)
+    return "python" if "python" in given else str(given.get("kind"))
+
+
+Propulsion = Annotated[
+    Annotated[Capture, Tag("capture")]
+    | Annotated[ThrustArea, Tag("thrust_area")]
+    | Annotated[ThrustFunction, Tag("python")],
+    Discriminator(_propulsion_kind),
+]

@@ -1,0 +1,197 @@
+"""Effectors with actuators of their own: against a brute-force integration, against actuators of the axes, failing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
+from abhv_mc.flight.metrics import METRIC_INDEX
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.io.input_error import InputError
+from abhv_mc.plant import state as s
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.shipped import shipped_configs
+from abhv_mc.stability.linearize import actuator_matrices
+from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.vehicle.arrays import VARIABLES
+
+CONFIGS = shipped_configs()
+COUNT = 16
+LIMITS = [(-5.0 - i, 6.0 + i) for i in range(COUNT)]  # deg
+RATES = [40.0 + 20.0 * i for i in range(COUNT)]  # deg/s
+BANDWIDTHS = [20.0 + 4.0 * i for i in range(COUNT)]  # rad/s
+DAMPINGS = [0.5 + 0.03 * i for i in range(COUNT)]
+ROW = s.VAR + VARIABLES.index("effector_0")
+LAW = """
+from typing import NamedTuple
+from abhv_mc.extend import Command, controller
+
+@controller{how}
+def law(time, reference):
+    step = 0.0 if time < 0.05 else 0.2 if time < 0.3 else -0.3
+    return Command(
+        0.01, 0.02, reference.elevator, equivalence_ratio=reference.equivalence_ratio,
+        effectors={{{given}}},
+    )
+"""
+
+
+def write_vehicle(folder, effectors: str, name: str = "ghame_x"):
+    text = (CONFIGS / "vehicle" / f"{name}.yaml").read_text(encoding="utf-8")
+    text = text.replace("file: ghame/", f"file: {CONFIGS}/vehicle/ghame/")
+    text = text.replace("file: winged_cone/", f"file: {CONFIGS}/vehicle/winged_cone/")
+    head, _, rest = text.partition("\neffectors:")
+    rest = rest[rest.index("\npropulsion:") :] if rest else ""
+    if not rest:
+        head, rest = text[: text.index("propulsion:")], text[text.index("propulsion:") :]
+    path = folder / "vehicle.yaml"
+    path.write_text(f"{head}\neffectors:\n{effectors}\n{rest}", encoding="utf-8")
+    return path
+
+
+def sixteen() -> str:
+    lines = []
+    for i in range(COUNT):
+        low, high = LIMITS[i]
+        own = (
+            "ideal: true"
+            if i == 3
+            else f"rate: {RATES[i]} deg/s, bandwidth: {BANDWIDTHS[i]} rad/s, damping: {DAMPINGS[i]}"
+        )
+        lines.append(
+            f"  flap_{i}: {{aileron: {0.1 * i}, rudder: 0.5, elevator: 1.0, limits: [{low} deg, {high} deg], {own}}}"
+        )
+    return "\n".join(lines)
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """Plan of a law that commands half of sixteen effectors itself."""
+    return make_plan(tmp_path_factory.mktemp("effectors"))
+
+
+def make_plan(folder, given: str | None = None, how: str = ""):
+    given = given or ", ".join(f'"flap_{i}": step' for i in range(0, COUNT, 2))
+    (folder / "own.py").write_text(LAW.format(given=given, how=how), encoding="utf-8")
+    (folder / "own.yaml").write_text("law: python\nfile: own.py\nrate: 100 Hz\n", encoding="utf-8")
+    vehicle = write_vehicle(folder, sixteen())
+    plan = prepare(vehicle, CONFIGS / "mission" / "level.yaml", folder / "own.yaml", "own")
+    return replace(plan, timing=plan.timing._replace(ticks=60))
+
+
+def positions(plan, ticks, parameters=None):
+    """Deflections [tick, flight, effector] at ticks."""
+    parameters = nominal_parameters() if parameters is None else parameters
+    kept = None
+    rows = []
+    for tick in ticks:
+        kept = fly_until(plan, parameters, tick, kept)
+        rows.append(kept.rows[:, ROW : ROW + COUNT].copy())
+    return np.array(rows)
+
+
+def expected(plan, parameters, ticks):
+    """The same by steps of 5 us of each effector's equation."""
+    dt, fine = 5e-6, 2000
+    mix = np.array([[0.1 * i, 0.5, 1.0] for i in range(COUNT)])
+    low, high = np.radians(LIMITS).T
+    rate_limit, w, z = np.radians(RATES) * parameters[PARAMETER_INDEX["actuator.rate_limit"]], BANDWIDTHS, DAMPINGS
+    w = np.array(w) * parameters[PARAMETER_INDEX["actuator.bandwidth"]]
+    elevator = plan.reference[:, list(ref_names()).index("elevator")]
+    position = np.clip(mix[:, 2] * plan.initial_state[s.ELEVATOR], low, high)
+    rate, found = np.zeros(COUNT), {}
+    for tick in range(max(ticks)):
+        time = 0.01 * tick
+        step = 0.0 if time < 0.05 else 0.2 if time < 0.3 else -0.3
+        command = mix @ [0.01, 0.02, elevator[tick]]
+        command[::2] = step
+        command = np.clip(command, low, high)
+        for _ in range(fine):
+            rate = np.clip(
+                rate + dt * (w**2 * (command - position) - 2.0 * np.array(z) * w * rate), -rate_limit, rate_limit
+            )
+            moved = position + dt * rate
+            position = np.clip(moved, low, high)
+            rate = np.where(moved == position, rate, 0.0)
+        position[3], rate[3] = command[3], 0.0
+        found[tick + 1] = position.copy()
+    return np.array([found[tick] for tick in ticks])
+
+
+def ref_names():
+    from abhv_mc.control.columns import REFERENCE
+
+    return REFERENCE
+
+
+def test_sixteen_effectors_move_by_their_own_limits_rates_and_lags(flown) -> None:
+    parameters = nominal_parameters(1)
+    parameters[0, PARAMETER_INDEX["actuator.bandwidth"]] = 1.2
+    parameters[0, PARAMETER_INDEX["actuator.rate_limit"]] = 0.8
+    ticks = [6, 12, 30, 36, 60]
+    found, wanted = positions(flown, ticks, parameters)[:, 0], expected(flown, parameters[0], ticks)
+    assert np.abs(found - wanted).max() < 2e-4  # rad; a stop met within a step of the brute force costs most
+
+
+def test_an_effector_sticks_is_slow_and_loses_effectiveness(flown) -> None:
+    cases = ({}, {"stuck_time": 0.1}, {"slow_time": 0.0, "rate_limit": 0.1}, {"loss_time": 0.0, "effectiveness": 0.4})
+    parameters = nominal_parameters(len(cases))
+    for row, case in zip(parameters, cases, strict=True):
+        for name, value in case.items():
+            row[PARAMETER_INDEX[f"failure.effector_14.{name}"]] = value
+    at = positions(flown, [10, 11, 20, 60], parameters)[:, :, 14]
+    assert np.ptp(at[:, 1]) < 1e-12 < np.ptp(at[:, 0])
+    assert at[2, 2] - at[0, 2] == pytest.approx(0.1 * np.radians(RATES[14]) * 0.1, rel=1e-3)
+    assert at[:, 3] == pytest.approx(0.4 * at[:, 0], rel=1e-12)
+
+
+def test_a_law_in_plain_python_commands_the_same(tmp_path, flown) -> None:
+    plain = make_plan(tmp_path, how="(compiled=False)")
+    assert np.array_equal(positions(plain, [20]), positions(flown, [20]))
+
+
+def test_lanes_and_groups_do_not_matter(flown) -> None:
+    longer = replace(flown, timing=flown.timing._replace(ticks=60))
+    parameters = nominal_parameters(40)
+    parameters[:, PARAMETER_INDEX["actuator.bandwidth"]] = np.linspace(0.7, 1.3, 40)
+    together = fly(longer, parameters, keep_states=True, record_every=10)
+    alone = fly(longer, parameters[[3, 37]], keep_states=True, record_every=10, lanes=1)
+    assert np.array_equal(together.states[[3, 37]], alone.states)
+    assert np.array_equal(together.metrics[[3, 37]], alone.metrics)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [('"flop": step', "flop"), ('**{"flap_0": step}', "other effectors")],
+    ids=["unknown", "no names"],
+)
+def test_effectors_that_there_are_not_are_refused(tmp_path, given: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        make_plan(tmp_path, given)
+
+
+def test_elevons_with_actuators_alike_fly_as_the_axes_do(tmp_path) -> None:
+    """The same lag on both sides of a linear mix: equal while nothing meets a limit."""
+    own = "limits: [-60 deg, 60 deg], rate: 4000 deg/s, bandwidth: 50 rad/s, damping: 0.7"
+    effectors = (
+        f"  right_elevon: {{aileron: 1.0, elevator: -1.0, {own}}}\n"
+        f"  left_elevon: {{aileron: -1.0, elevator: -1.0, {own}}}"
+    )
+    mixed = CONFIGS / "vehicle" / "winged_cone.yaml"
+    driven = write_vehicle(tmp_path, effectors, "winged_cone")
+    files = CONFIGS / "mission" / "turn.yaml", CONFIGS / "control" / "tlc.yaml"
+    plans = [prepare(vehicle, *files, "tlc") for vehicle in (mixed, driven)]
+    parameters = nominal_parameters(2)
+    parameters[1, PARAMETER_INDEX["control.aileron_effectiveness"]] = 0.8
+    blocks = [fly(plan, parameters, 100, keep_states=True) for plan in plans]
+    difference = np.abs(blocks[0].states - blocks[1].states)
+    assert difference[..., s.ALTITUDE].max() < 1e-6
+    assert difference[..., s.ROLL_RATE : s.YAW_RATE + 1].max() < 1e-10
+    assert blocks[1].metrics[0, METRIC_INDEX["aileron_travel_deg"]] > 0.0
+    lane = np.ones((1, s.LAW))
+    assert np.array_equal(*(actuator_matrices(plan, lane)[0] for plan in plans))
+    uneven = load_vehicle(driven)
+    uneven.effectors[0, 3] = 20.0
+    with pytest.raises(InputError, match="differ"):
+        actuator_matrices(replace(plans[1], vehicle=uneven), lane)

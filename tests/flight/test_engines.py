@@ -1,0 +1,86 @@
+"""Several engines: a failure of each by itself yaws and pitches the vehicle."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from abhv_mc.flight.channels import CHANNEL_INDEX
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.prepare import prepare
+from abhv_mc.io.input_error import InputError
+from abhv_mc.plant import state as s
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.shipped import shipped_configs
+from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.vehicle.evaluate import evaluate_fixed, make_variables
+
+CONFIGS = shipped_configs()
+PAIR = (
+    "{left: {share: 0.4, y: -0.6 m, z: -0.1 m}, right: {share: 0.4, y: 0.6 m, z: -0.1 m}, "
+    "below: {share: 0.2, z: 0.4 m}}"
+)
+
+
+def write_vehicle(folder, engines: str):
+    text = (CONFIGS / "vehicle" / "ghame_x.yaml").read_text(encoding="utf-8")
+    text = text.replace("file: ghame/", f"file: {CONFIGS}/vehicle/ghame/")
+    path = folder / "vehicle.yaml"
+    path.write_text(
+        text.replace("propulsion:", f"propulsion:\n  engines: {engines}\n ", 1).replace("  #", "#", 1), encoding="utf-8"
+    )
+    return path
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    vehicle = write_vehicle(tmp_path_factory.mktemp("engines"), PAIR)
+    made = prepare(vehicle, CONFIGS / "mission" / "level.yaml", CONFIGS / "control" / "tlc.yaml", "tlc")
+    return replace(made, timing=made.timing._replace(ticks=100))
+
+
+def fly_cases(plan, *cases):
+    parameters = nominal_parameters(len(cases))
+    for row, case in zip(parameters, cases, strict=True):
+        for name, value in case.items():
+            row[PARAMETER_INDEX[name]] = value
+    return fly(plan, parameters, 1, keep_states=True)
+
+
+def test_an_engine_out_takes_its_share_and_turns_the_vehicle(plan) -> None:
+    """The change of the body rates over the first tick against moment over inertia."""
+    block = fly_cases(plan, {}, {"failure.engine_0.time": 0.0}, {"failure.engine_2.time": 0.0})
+    thrust = block.history[:, :, CHANNEL_INDEX["thrust_n"]].astype(float)
+    eta = block.history[:, :, CHANNEL_INDEX["equivalence_ratio"]].astype(float)
+    # TLC asks for more, at another angle of attack, where the inlet captures more.
+    assert thrust[1, 60] / thrust[0, 60] / (eta[1, 60] / eta[0, 60]) == pytest.approx(0.6, abs=0.05)
+    # The first tick: thrust falls by 1 - exp(-t / lag), and nothing has answered yet.
+    lag = 2.0 * 1.0 / 20.0
+    lost = 1.0 - np.exp(-0.01 / lag)
+    vehicle = plan.vehicle
+    fixed = evaluate_fixed(vehicle, make_variables(vehicle, mass=vehicle.constants.mass_start))
+    whole = thrust[0, 0]
+    for flight, share, y, z in ((1, 0.4, -0.6, -0.1), (2, 0.2, 0.0, 0.4)):
+        assert thrust[flight, 0] == pytest.approx(whole * (1.0 - share * lost), rel=1e-6)
+        change = (block.states[flight, 1] - block.states[0, 1])[s.ROLL_RATE : s.YAW_RATE + 1] / 0.01
+        line = vehicle.constants.thrust_offset_z - fixed["center_of_gravity_z"][0]
+        force = -whole * share * lost
+        pitch, yaw = (line + z) * force / fixed["inertia_yy"][0], -y * force / fixed["inertia_zz"][0]
+        assert change[1] == pytest.approx(pitch, rel=2e-2)
+        assert change[2] == pytest.approx(yaw, rel=2e-2, abs=1e-6)
+
+
+def test_all_engines_out_is_the_engine_out(plan) -> None:
+    each = {f"failure.engine_{i}.time": 0.3 for i in range(3)}
+    block = fly_cases(plan, each, {"failure.engine.time": 0.3}, {"failure.engine_3.time": 0.3}, {})
+    assert np.abs(block.states[0] - block.states[1]).max() < 1e-9
+    assert np.array_equal(block.states[2], block.states[3])  # there are three
+
+
+@pytest.mark.parametrize(
+    ("engines", "words"),
+    [("{left: {y: -1 m}, right: {y: 2 m}}", "acts"), ("{left: {share: 0.4}, right: {share: 0.4}}", "shares")],
+)
+def test_engines_that_do_not_make_the_whole_are_refused(tmp_path, engines: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        load_vehicle(write_vehicle(tmp_path, engines))
