@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 from fake_flight import ENGINE, LOST_BELOW, fly, write_campaign
 
-from abhv_mc.analysis.explain import _mildest_first, explain_flight
+from abhv_mc.analysis.explain import explain_flight, mildest_first
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.metrics import METRIC_INDEX
@@ -100,5 +100,5 @@ def test_a_failure_that_seldom_comes_is_no_usual_dispersion():
     drawn = np.column_stack([np.where(np.arange(100) % 10, np.inf, 5.0), np.linspace(-1.0, 1.0, 100)])
     samples = SimpleNamespace(flights=100, rows=lambda first, stop: drawn[first:stop])
     with np.errstate(all="raise"):
-        assert _mildest_first(samples, np.array([5.0, 0.8])).tolist() == [1, 0]
-        assert _mildest_first(samples, np.array([np.inf, 0.8])).tolist() == [0, 1]
+        assert mildest_first(samples, np.array([5.0, 0.8])).tolist() == [1, 0]
+        assert mildest_first(samples, np.array([np.inf, 0.8])).tolist() == [0, 1]

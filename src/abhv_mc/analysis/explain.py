@@ -1,5 +1,6 @@
 """Why a flight failed: the smallest set of its dispersions that still fails with all others nominal."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,11 +93,11 @@ def explain_flight(
     if controller not in campaign.model.controllers:
         raise InputError(root, None, None, f"no controller '{controller}'", one_of(campaign.model.controllers))
     row = find_row(folder, controller, flight)
-    failure = _find_failure(root, campaign, row, requirement)
+    failure = find_failure(root, campaign, row, requirement)
     read_checked(folder, [folder.plan(controller)])
     plan = read_trusted_plan(folder, campaign, controller, trust_code)
     names = campaign.names
-    nominal = np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in names])
+    nominal = nominal_values(names)
     values, seeds = row.samples[0, : len(names)], row.samples[:, len(names) :]  # the noise stays as it was flown
 
     def spread(rows: Floats) -> Floats:
@@ -108,7 +109,7 @@ def explain_flight(
 
     samples = SampleReader(folder.samples)
     try:
-        found = shrink(len(names), severity, _mildest_first(samples, values))
+        found = shrink(len(names), severity, mildest_first(samples, values))
     except ValueError:
         wish = "the version of the program that flew it (see manifest.json)"
         raise InputError(root, None, None, f"a flight {flight} that does not fail when flown again", wish) from None
@@ -130,8 +131,16 @@ def explain_flight(
     )
 
 
-def _find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked: str | None) -> Failure:
-    """What to explain of a flight. Raises InputError where it did not fail so."""
+def nominal_values(names: Sequence[str]) -> Floats:
+    """Each parameter without its dispersion."""
+    return np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in names])
+
+
+def find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked: str | None) -> Failure:
+    """What to explain of a flight: its early end, or else the first requirement that it missed, or the one ``asked``.
+
+    Raises InputError where it did not fail so.
+    """
     outcome = next(o for o in Outcome if o.code == row.outcome[0])
     if outcome == Outcome.FAILED_TO_RUN:
         found = f"flight {row.first}, which could not be computed"
@@ -157,7 +166,7 @@ def _find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked:
     raise InputError(root, None, None, found, "a flight that ended early or missed a requirement")
 
 
-def _mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:
+def mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:
     """The parameters, those whose values are the most usual among the campaign's first."""
     drawn = samples.rows(0, min(samples.flights, _MOST_SAMPLES))[:, : values.size]
     middle = np.median(drawn, axis=0)  # infinite where most flights are without a failure

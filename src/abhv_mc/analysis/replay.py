@@ -1,5 +1,6 @@
 """Fly one flight of a campaign again at full rate, and prove that it is the same flight."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -72,18 +73,30 @@ def replay_flight(
 
 def find_row(folder: CampaignFolder, controller: str, flight: int) -> FlightRows:
     """The stored row of one flight. Raises InputError where there is none."""
+    return find_rows(folder, controller, [flight])[0]
+
+
+def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -> list[FlightRows]:
+    """The stored row of each flight, in their order. Raises InputError where one is not there."""
     read_checked(folder, [folder.samples])
     names = SampleReader(folder.samples).names
+    found: dict[int, FlightRows] = {}
     for path in folder.flights.glob("*.parquet"):
         try:
             name, first, stop = parse_block_name(path)
-            if name == controller and first <= flight < stop:
+            wanted = [flight for flight in flights if name == controller and first <= flight < stop]
+            if wanted:
                 read_checked(folder, [path])
-                for rows, _ in read_pieces(path, names):
-                    if rows.first <= flight < rows.stop:
-                        at = slice(flight - rows.first, flight - rows.first + 1)
-                        parts = {part: getattr(rows, part)[at] for part in ("samples", "outcome", "values")}
-                        return replace(rows, first=flight, **parts)
+                pieces = [rows for rows, _ in read_pieces(path, names)]
+            for flight in wanted:
+                rows = next(piece for piece in pieces if piece.first <= flight < piece.stop)
+                at = slice(flight - rows.first, flight - rows.first + 1)
+                parts = {part: getattr(rows, part)[at] for part in ("samples", "outcome", "values")}
+                found[flight] = replace(rows, first=flight, **parts)
         except DamagedFileError as error:
             raise InputError(path, None, None, str(error), "a whole file: run the campaign again") from None
-    raise InputError(folder.root, None, None, f"no flight {flight} of '{controller}'", "the number of a flown flight")
+    for flight in flights:
+        if flight not in found:
+            wanted_words = "the number of a flown flight"
+            raise InputError(folder.root, None, None, f"no flight {flight} of '{controller}'", wanted_words)
+    return [found[flight] for flight in flights]

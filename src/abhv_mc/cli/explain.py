@@ -1,4 +1,4 @@
-"""``abhv-mc explain``: why a flight failed."""
+"""``abhv-mc explain``: why a flight failed, or all that did."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,11 +8,13 @@ import typer
 from abhv_mc.cli.options import Controller, Folder, Json, TrustCode
 from abhv_mc.cli.outputs import output_file
 from abhv_mc.cli.printing import say, show
+from abhv_mc.io.input_error import InputError
 
 
 def command(
     folder: Folder,
-    flight: Annotated[int, typer.Option(min=0, help="Number of a flight that failed.")],
+    flight: Annotated[int | None, typer.Option(min=0, help="Number of a flight that failed.")] = None,
+    every: Annotated[bool, typer.Option("--all", help="Map the failed flights: the 50 worst of a controller.")] = False,
     controller: Controller = None,
     requirement: Annotated[
         str | None,
@@ -34,10 +36,26 @@ def command(
 ) -> None:
     """Find the smallest set of a failing flight's dispersions that still fails with all others nominal.
 
-    A flight failed that ended early or missed a requirement.
+    A flight failed that ended early or missed a requirement. With --all: the same of every controller's failed flights,
+    grouped by these sets; 'abhv-mc report' shows them.
     """
-    from abhv_mc.analysis.explain import explain_flight
     from abhv_mc.cli.announce import announce_compiling
+
+    if every == (flight is not None) or (every and (requirement or out)):
+        found = "no flight" if not every and flight is None else "both a flight (or its requirement, or figure) and all"
+        raise InputError("--flight", None, None, found, "--flight NUMBER, or --all alone")
+    announce_compiling()
+    if flight is None:
+        _map_all(folder, controller, json, trust_code)
+    else:
+        _explain_one(folder, flight, controller, requirement, out, json, trust_code)
+
+
+def _explain_one(
+    folder: Path, flight: int, controller: str | None, requirement: str | None, out: Path | None, json: Path | None,
+    trust_code: bool,
+) -> None:  # fmt: skip
+    from abhv_mc.analysis.explain import explain_flight
     from abhv_mc.execution.engine import make_engine
     from abhv_mc.folder.layout import CampaignFolder
     from abhv_mc.report.numbers.results import read_facts
@@ -46,10 +64,43 @@ def command(
 
     paths = CampaignFolder(folder)
     name = controller or read_facts(paths.campaign).controllers[0]
-    announce_compiling()
     fly = make_engine().fly
     found = run_in_thread(lambda: explain_flight(folder, name, flight, fly, requirement, trust_code=trust_code))
     path = out or paths.explained / f"{name}-{flight}.png"
     write_explained_figure(found, path)
     words = [*explanation_words(found), f"figure    {path}"]
     show(explanation_numbers(found) | {"figure": str(path)}, json, lambda: say(*words, sep="\n"))
+
+
+def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code: bool) -> None:
+    from abhv_mc.analysis.failure_map import map_failures, write_map
+    from abhv_mc.cli.printing import new_table, print_table
+    from abhv_mc.execution.engine import make_engine
+    from abhv_mc.io.documents import one_of
+    from abhv_mc.report.numbers.failure_map import failure_map_tables, map_numbers
+    from abhv_mc.report.numbers.results import read_results
+    from abhv_mc.report.numbers.worst import rank_failed
+
+    results = read_results(folder)
+    if controller is not None and controller not in results.controllers:
+        raise InputError(folder, None, None, f"no controller '{controller}'", one_of(results.controllers, controller))
+    names = results.controllers if controller is None else (controller,)
+    failed = {name: rank_failed(results, name) for name in names}
+    if not any(failed.values()):
+        say("no flight ended early or missed a requirement")
+        return
+    found = map_failures(folder, failed, make_engine(), trust_code)
+    results.refuse_changes()
+    path = write_map(folder, found)
+    numbers = map_numbers(found)
+
+    def in_words() -> None:
+        for part in failure_map_tables(numbers, str(folder)):
+            table = new_table(["failed", "still fails with", "values", "flights"], ["such as"], part["controller"])
+            for row in part["rows"]:
+                table.add_row(*(row[key] for key in ("failure", "names", "typical", "flights", "flight")))
+            print_table(table)
+            say(part["rest"])
+        say(f"map       {path}; abhv-mc report {folder} shows it")
+
+    show(numbers, json, in_words)

@@ -46,6 +46,7 @@ class CampaignFolder:
         self.histories = root / "histories"
         self.envelope_states = root / "envelope_states"
         self.explained = root / "explained"
+        self.failure_map = self.explained / "failures.json"
         self.lock = root / ".lock"
 
     def plan(self, controller: str) -> Path:

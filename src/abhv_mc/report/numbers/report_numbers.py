@@ -15,6 +15,7 @@ from abhv_mc.report.numbers.compare import baseline_numbers
 from abhv_mc.report.numbers.convergence import convergence_numbers
 from abhv_mc.report.numbers.drivers import driver_numbers
 from abhv_mc.report.numbers.failure_cases import failure_case_numbers
+from abhv_mc.report.numbers.failure_map import failure_map_numbers
 from abhv_mc.report.numbers.failures import find_tolerance, judge_all, requirement_failures, requirement_words
 from abhv_mc.report.numbers.findings import finding_numbers, left_out
 from abhv_mc.report.numbers.glance import glance_numbers
@@ -186,6 +187,7 @@ def make_numbers(results: Results, baseline: Path | None = None) -> dict[str, An
         "noteworthy": finding_numbers(results),
         "left_out": left_out(results),
         "worst": worst_numbers(results),
+        "failure_map": failure_map_numbers(results),
         "failure_cases": failure_case_numbers(results),
         "ranges": _ranges(results),
         "stability": stability_numbers(results),

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.outcome import Outcome
+from abhv_mc.report.numbers.failures import failed_anyhow
 from abhv_mc.report.numbers.flights import ControllerFlights
 from abhv_mc.report.numbers.plain import plain
 from abhv_mc.report.numbers.results import Results
@@ -51,6 +52,14 @@ def distance_beyond(flights: ControllerFlights, criteria: Sequence[Criterion]) -
         table[i] = (excess - middle) / spread(values[~flights.failed])
     which = np.argmax(table, axis=0)
     return np.where(flights.failed, np.inf, table.max(axis=0)), which
+
+
+def rank_failed(results: Results, controller: str) -> list[int]:
+    """Numbers of the flights that ended early or missed a requirement, the worst first."""
+    flights = results.flights[controller]
+    failed = failed_anyhow(flights, results.campaign.requirements)
+    rows = rank_worst(flights, results.campaign.criteria, flights.flight.size) if failed.any() else []
+    return [int(flights.flight[row]) for row in rows if failed[row]]
 
 
 def _moments(column: Floats) -> tuple[float, float]:

@@ -55,6 +55,8 @@ def make_key(folder: Path, baseline: Path | None = None) -> str:
     parts = sorted(path for name in ("report", "statistics") for path in (source / name).rglob("*") if path.is_file())
     code = {path.relative_to(source).as_posix(): hash_file(path) for path in parts if path.suffix != ".pyc"}
     data: list[Any] = [abhv_mc.__version__, code, hash_file(folder / "manifest.json")]
+    if CampaignFolder(folder).failure_map.is_file():
+        data.append(hash_file(CampaignFolder(folder).failure_map))
     if baseline is not None:
         data += [baseline.as_posix(), hash_file(baseline / "manifest.json")]
     text = json.dumps(data, sort_keys=True)

@@ -20,6 +20,7 @@ from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.numbers import tables
 from abhv_mc.report.numbers.confidence import sureness_sentence
 from abhv_mc.report.numbers.failure_cases import failure_case_rows, failure_case_sentence
+from abhv_mc.report.numbers.failure_map import failure_map_tables
 from abhv_mc.report.numbers.labels import controller_label
 from abhv_mc.report.numbers.parameters import parameter_doc
 from abhv_mc.report.numbers.results import Results
@@ -159,6 +160,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
             for name, part in numbers["drivers"].get("controllers", {}).items()
             if part["failures"]
         },
+        "failure_map": failure_map_tables(numbers["failure_map"], folder),
         "failure_cases": failure_case_rows(numbers["failure_cases"]),
         "failure_sentence": failure_case_sentence(numbers["failure_cases"], campaign["labels"]),
         "rates": {

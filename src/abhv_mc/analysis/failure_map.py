@@ -1,0 +1,198 @@
+"""A map of a campaign's failures: the smallest sets of dispersions with which its failed flights still fail."""
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from abhv_mc.analysis.causes import group_failures
+from abhv_mc.analysis.explain import Failure, find_failure, mildest_first, nominal_values
+from abhv_mc.analysis.replay import find_rows
+from abhv_mc.analysis.shrink import Shrunk, shrink_together
+from abhv_mc.array_types import Floats, Mask
+from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.sampling.samples import full_rows
+from abhv_mc.execution.blocks import choose_batch
+from abhv_mc.execution.engine import Engine
+from abhv_mc.execution.executor import Executor, open_executor
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.folder.hashes import read_checked
+from abhv_mc.folder.inputs import read_folder_campaign
+from abhv_mc.folder.layout import CampaignFolder, write_bytes
+from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.plans import read_trusted_plan
+from abhv_mc.folder.samples import SampleReader
+from abhv_mc.io.documents import InputError
+
+MOST_FLIGHTS = 50  # of a controller
+_BUDGET = 400  # sets tried in order of size for a flight: all pairs of up to 27 dispersions
+
+
+@dataclass(frozen=True)
+class Dispersed:
+    """One dispersion of a set that suffices, and its values in the flights; SI."""
+
+    parameter: str
+    high: bool  # above nominal in all of them; else below
+    least: float
+    median: float
+    largest: float
+
+
+@dataclass(frozen=True)
+class FailureGroup:
+    """Flights that fail in the same way with the same set of dispersions alone."""
+
+    failure: str  # in words
+    dispersions: tuple[Dispersed, ...]
+    flights: tuple[int, ...]  # the most severe first
+
+
+@dataclass(frozen=True)
+class ControllerFailures:
+    """What was found of one controller."""
+
+    failed: int  # flights that ended early or missed a requirement, those not looked at among them
+    groups: tuple[FailureGroup, ...]  # each way to fail by itself, the groups of most flights first
+    nominal: tuple[int, ...]  # flights that fail with nothing dispersed
+    unexplained: tuple[int, ...]  # flights that fail with no small set alone
+    tried: int  # flights flown to find it
+
+    @property
+    def looked_at(self) -> int:
+        """Flights that were shrunk."""
+        return sum(len(group.flights) for group in self.groups) + len(self.nominal) + len(self.unexplained)
+
+
+@dataclass(frozen=True)
+class FailureMap:
+    """The map of a campaign whose flights have this digest."""
+
+    digest: str
+    controllers: dict[str, ControllerFailures]
+
+
+_ADAPTER = TypeAdapter(FailureMap)
+
+
+def map_failures(
+    root: Path,
+    failed: Mapping[str, Sequence[int]],
+    engine: Engine,
+    trust_code: bool = False,
+) -> FailureMap:
+    """Shrink the dispersions of failed flights, by controller and the most severe first, and group what is left.
+
+    The first ``MOST_FLIGHTS`` of each controller are looked at. Raises InputError for a flight that did not fail.
+    """
+    folder = CampaignFolder(root)
+    read_checked(folder, [folder.campaign, folder.samples, *folder.input_files()])
+    campaign = read_folder_campaign(folder)
+    found = {}
+    with open_executor(engine, campaign.model.execution, None, None) as executor:
+        for name, flights in failed.items():
+            read_checked(folder, [folder.plan(name)])
+            plan = read_trusted_plan(folder, campaign, name, trust_code)
+            found[name] = _map_controller(folder, campaign, name, flights, partial(_fly, executor, plan))
+    return FailureMap(str(read_manifest(folder.manifest).get("digest")), found)
+
+
+def _fly(executor: Executor, plan: FlightPlan, parameters: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
+    """Outcomes, ends and metrics of flights; those that cannot be computed count as not failed."""
+    share = choose_batch(len(parameters), executor.workers)
+    pieces = [parameters[start : start + share] for start in range(0, len(parameters), share)]
+    with ThreadPoolExecutor(executor.workers + 1) as threads:
+        blocks = list(threads.map(lambda piece: executor.fly(plan, piece, None), pieces))
+    outcome, end, metrics = (
+        np.concatenate([getattr(block, name) for block in blocks]) for name in ("outcome", "end_time", "metrics")
+    )
+    return outcome, end, metrics
+
+
+def _map_controller(
+    folder: CampaignFolder, campaign: CheckedCampaign, controller: str, failed: Sequence[int], fly: Callable[..., Any]
+) -> ControllerFailures:
+    flights = [int(flight) for flight in failed[:MOST_FLIGHTS]]
+    rows = find_rows(folder, controller, flights)
+    failures = [find_failure(folder.root, campaign, row, None) for row in rows]
+    names, nominal = campaign.names, nominal_values(campaign.names)
+    if not rows:
+        return ControllerFailures(0, (), (), (), 0)
+    samples = np.concatenate([row.samples for row in rows])
+    values, seeds = samples[:, : len(names)], samples[:, len(names) :]  # the noise stays as it was flown
+
+    def severity(owners: NDArray[np.intp], keep: Mask) -> Floats:
+        dispersed = np.where(keep, values[owners], nominal)
+        flown = fly(full_rows(rows[0].names, np.column_stack([dispersed, seeds[owners]])))
+        return _severity(failures, owners, *flown)
+
+    reader = SampleReader(folder.samples)
+    found = shrink_together(len(names), severity, [mildest_first(reader, each) for each in values], _BUDGET)
+    groups, told = _group(names, flights, failures, values, values > nominal, found)
+    bare = tuple(flight for flight, each in zip(flights, found, strict=True) if each is not None and () in each.sets)
+    rest = tuple(flight for flight in flights if flight not in told and flight not in bare)
+    return ControllerFailures(len(failed), groups, bare, rest, sum(each.tried for each in found if each))
+
+
+def _severity(
+    failures: Sequence[Failure], owners: NDArray[np.intp], outcome: NDArray[np.int64], end: Floats, metrics: Floats
+) -> Floats:
+    """How badly each candidate [candidate] fails as its owner did; -inf where it does not, or was not computed."""
+    severity = np.full(owners.size, -np.inf)
+    for who in np.unique(owners).tolist():
+        rows = owners == who
+        severity[rows] = failures[who].severity(outcome[rows], end[rows], metrics[rows])
+    return np.where(outcome == Outcome.FAILED_TO_RUN, -np.inf, severity)
+
+
+def _group(
+    names: Sequence[str],
+    flights: Sequence[int],
+    failures: Sequence[Failure],
+    values: Floats,
+    high: Mask,
+    found: Sequence[Shrunk | None],
+) -> tuple[tuple[FailureGroup, ...], set[int]]:
+    """Groups for each way to fail by itself, and the flights in them."""
+    groups = []
+    for words in dict.fromkeys(failure.words for failure in failures):
+        members = [k for k, failure in enumerate(failures) if failure.words == words]
+        for cause in group_failures([found[k] for k in members], high[members])[0]:
+            rows = [members[k] for k in cause.failures]
+            low, middle, top = np.quantile(values[np.ix_(rows, cause.inputs)], (0.0, 0.5, 1.0), axis=0).tolist()
+            ends = zip(low, middle, top, strict=True)
+            held = zip((names[i] for i in cause.inputs), cause.high, ends, strict=True)
+            dispersions = tuple(Dispersed(name, side, *three) for name, side, three in held)
+            groups.append(FailureGroup(words, dispersions, tuple(flights[k] for k in rows)))
+    return tuple(groups), {flight for group in groups for flight in group.flights}
+
+
+def write_map(root: Path, found: FailureMap) -> Path:
+    """Keep it in the campaign's folder, where the report finds it; the path."""
+    path = CampaignFolder(root).failure_map
+    path.parent.mkdir(exist_ok=True)
+    write_bytes(path, _ADAPTER.dump_json(found, indent=1) + b"\n")
+    return path
+
+
+def read_map(root: Path, digest: str | None) -> FailureMap | None:
+    """The map that a folder keeps; None where there is none of the flights with this digest.
+
+    Raises InputError for a file that is none.
+    """
+    path = CampaignFolder(root).failure_map
+    if not path.is_file():
+        return None
+    try:
+        found = _ADAPTER.validate_json(path.read_bytes())
+    except ValidationError as error:
+        wanted = f"what 'abhv-mc explain {root} --all' writes; it makes it again"
+        raise InputError(path, None, None, str(error.errors()[0]["msg"]), wanted) from None
+    return found if found.digest == digest else None

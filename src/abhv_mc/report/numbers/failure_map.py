@@ -1,0 +1,74 @@
+"""The map of failures, which `abhv-mc explain DIR --all` makes, as numbers and as rows of words."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+from abhv_mc.analysis.failure_map import FailureMap, read_map
+from abhv_mc.report.numbers.labels import controller_label
+from abhv_mc.report.numbers.parameters import shown_value, spoken_name
+from abhv_mc.report.numbers.plain import plain
+from abhv_mc.report.numbers.results import Results
+from abhv_mc.report.numbers.words import count_of, joined, percent
+
+_SIDES = {True: "high", False: "low"}
+
+
+def failure_map_numbers(results: Results) -> dict[str, Any] | None:
+    """The map that the folder keeps of these flights; None where there is none."""
+    found = read_map(results.folder, results.manifest.get("digest"))
+    return None if found is None else map_numbers(found)
+
+
+def map_numbers(found: FailureMap) -> dict[str, Any]:
+    """What JSON holds of each controller."""
+    return {
+        name: plain({**dataclasses.asdict(part), "looked_at": part.looked_at})
+        for name, part in found.controllers.items()
+    }
+
+
+def failure_map_tables(found: Mapping[str, Any] | None, folder: str) -> list[dict[str, Any]]:
+    """For each controller with failed flights a row a group, and what is in none."""
+    command = f"abhv-mc replay {folder} --controller"
+    return [
+        {
+            "controller": controller_label(name),
+            "rows": [
+                {**_row(group, part["looked_at"]), "command": f"{command} {name} --flight {group['flights'][0]}"}
+                for group in part["groups"]
+            ],
+            "rest": _rest(part),
+        }
+        for name, part in (found or {}).items()
+        if part["failed"]
+    ]
+
+
+def _row(group: Mapping[str, Any], total: int) -> dict[str, Any]:
+    flights = group["flights"]
+    return {
+        "failure": group["failure"],
+        "names": joined([f"{spoken_name(d['parameter'])} {_SIDES[d['high']]}" for d in group["dispersions"]]),
+        "typical": "; ".join(map(_typical, group["dispersions"])),
+        "flights": count_of(len(flights), total),
+        "flight": str(flights[0]),
+        "share": percent(len(flights) / total, 2),
+    }
+
+
+def _typical(found: Mapping[str, Any]) -> str:
+    """'-35 % (-40 % to -31 %)'; of one flight its value."""
+    low, middle, high = (shown_value(found["parameter"], found[key]) for key in ("least", "median", "largest"))
+    return f"{middle} ({low} to {high})" if low != high else middle
+
+
+def _rest(part: Mapping[str, Any]) -> str:
+    """'3 of 50 not explained: ...'."""
+    total = part["looked_at"]
+    words = [f"{len(part['unexplained'])} of {total} not explained: no set of up to three dispersions is enough"]
+    if part["nominal"]:
+        words.append(f"{len(part['nominal'])} fail with nothing dispersed")
+    if part["failed"] > total:
+        words.append(f"the {total} worst of {part['failed']} failed flights were looked at")
+    return "; ".join(words)
