@@ -85,10 +85,13 @@ mathjax_path = "mathjax/tex-chtml.js"
 mathjax3_config = {"options": {"enableMenu": False}}
 
 
-def _copy_mathjax(app, error):
-    """The parts of MathJax that its loader reads."""
+def _copy_files(app, error):
+    """The parts of MathJax that its loader reads, and a report to look at."""
     if error is not None or app.builder.format != "html":
         return
+    shutil.copyfile(
+        HERE / "_build/flown/study/reports/s_manoeuvre/report.html", Path(app.outdir) / "_static/report.html"
+    )
     package = importlib.util.find_spec("sphinx-mathjax-offline").submodule_search_locations[0]
     source, target = Path(package) / "static" / "mathjax", Path(app.outdir) / "_static" / "mathjax"
     for part in ("tex-chtml.js", "output/chtml/fonts", "input/tex/extensions"):
@@ -101,4 +104,4 @@ def _copy_mathjax(app, error):
 
 def setup(app):
     """Called by Sphinx."""
-    app.connect("build-finished", _copy_mathjax)
+    app.connect("build-finished", _copy_files)

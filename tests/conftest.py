@@ -31,6 +31,7 @@ _THOROUGH = (
     "folder/test_remote.py",
     "report/test_browser.py",
     "report/test_keyboard.py",
+    "report/test_reading.py",
     "report/test_shipped_campaigns.py",
     "robustness",
     "studies",

@@ -48,7 +48,7 @@ def _fly_study(folder: Path) -> None:
     if folder.exists():
         rmtree(folder)
     write_new_campaign(folder)
-    command = [sys.executable, "-m", "abhv_mc", "run", "campaign.yaml", "--runs", str(RUNS), "--no-report"]
+    command = [sys.executable, "-m", "abhv_mc", "run", "campaign.yaml", "--runs", str(RUNS)]
     run(command, cwd=folder, check=True, stdout=sys.stderr)
     stamp.write_text(state.hexdigest())
 

@@ -17,7 +17,7 @@ from abhv_mc.execution.progress import Progress
 from abhv_mc.folder.layout import FolderLostError, StorageFullError
 from abhv_mc.io.documents import InputError
 
-HEAVY = {"duckdb", "matplotlib", "numba", "numpy", "pandas", "plotly", "pyarrow", "pydantic", "scipy"}
+HEAVY = {"duckdb", "matplotlib", "numba", "numpy", "pandas", "pyarrow", "pydantic", "scipy"}
 
 
 def run_program(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:

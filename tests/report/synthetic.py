@@ -1,5 +1,6 @@
 """A campaign's folder made by formula, in the format of the contract: the report's tests need no flight."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ name: synthetic_s
 question: Does TLC hold the S manoeuvre better than LQR under the paper's uncertainties?
 vehicle: vehicle.yaml
 mission: mission.yaml
-controllers: {{tlc: tlc.yaml, lqr: lqr.yaml, lqr_retuned: lqr_retuned.yaml}}
+controllers: {{{controllers}}}
 runs: {runs}
 seed: 2014
 sampling: {sampling}
@@ -37,13 +38,17 @@ dispersions:
   aero.lift: {{distribution: uniform, half_width: 10 %}}
   aero.drag: {{distribution: uniform, half_width: 15 %}}
 correlations: []
-requirements:
-- {{metric: altitude_error_max_m, below: 50, probability: 0.9973, consumer_risk: 0.10}}
-- {{metric: speed_error_max_mps, below: 5, probability: 0.9973, consumer_risk: 0.10}}
-- {{metric: sideslip_max_deg, below: 0.7, probability: 0.9973, consumer_risk: 0.10}}
+requirements: [{requirements}]
 keep: {{histories: {{flights: worst 20, channels: all, rate: 10 Hz}}}}
 execution: {{workers: auto, batch: auto}}
 """
+
+
+REQUIREMENTS = (
+    "{metric: altitude_error_max_m, below: 50, probability: 0.9973, consumer_risk: 0.10}",
+    "{metric: speed_error_max_mps, below: 5, probability: 0.9973, consumer_risk: 0.10}",
+    "{metric: sideslip_max_deg, below: 0.7, probability: 0.9973, consumer_risk: 0.10}",
+)
 
 
 def reference_of(time):
@@ -71,7 +76,7 @@ def reference_of(time):
 def histories_of(name, samples, time, wobble):
     """Channels [channel][flight, time] of one controller, by formula: lags and pulses that grow with the samples."""
     reference = reference_of(time)
-    stray, usage = ERROR[name], USAGE[name]
+    stray, usage = ERROR.get(name, 0.6), USAGE.get(name, 1.0)
     density, lift, drag = ((samples[key] - 1.0)[:, None] for key in ("atmosphere.density", "aero.lift", "aero.drag"))
     kick = np.exp(-time / 2.0) + 0.8 * np.where(time > 50.0, np.exp(-(time - 50.0) / 2.0), 0.0)
     swing = np.sin(time / 4.0) * np.exp(-time / 30.0)
@@ -153,7 +158,15 @@ def metrics_of(channels, time):
     return {signal.name: np.asarray(found.get(signal.name, nothing), dtype=np.float64) for signal in METRICS}
 
 
-def write_campaign(folder: Path, runs: int = 60, sampling: str = "random", failing: int = 0, seed: int = 7) -> Path:
+def write_campaign(
+    folder: Path,
+    runs: int = 60,
+    sampling: str = "random",
+    failing: int = 0,
+    seed: int = 7,
+    controllers: Sequence[str] = CONTROLLERS,
+    requirements: Sequence[str] = REQUIREMENTS,
+) -> Path:
     """Write a synthetic campaign; of the controllers after the first, the `failing` flights with most density fail."""
     draw = np.random.default_rng(seed)
     paths = CampaignFolder(folder)
@@ -167,11 +180,11 @@ def write_campaign(folder: Path, runs: int = 60, sampling: str = "random", faili
     wobble = draw.normal(size=runs)[:, None]
     pq.write_table(pa.table({"flight": np.arange(runs, dtype=np.int64), **samples}), paths.samples)
     nominal, envelopes, digests = {}, {}, {}
-    for name in CONTROLLERS:
+    for name in controllers:
         channels = histories_of(name, samples, time, wobble)
         metrics = metrics_of(channels, time)
         outcome = np.full(runs, "ok", dtype=object)
-        if name != CONTROLLERS[0] and failing:
+        if name != controllers[0] and failing:
             outcome[np.argsort(samples["atmosphere.density"])[-failing:]] = "sideslip_limit"
         digests[name] = write_flights(
             paths.flights, name, samples, outcome, {**metrics, "end_time_s": np.full(runs, 60.0)}
@@ -192,13 +205,17 @@ def write_campaign(folder: Path, runs: int = 60, sampling: str = "random", faili
     write_envelopes(paths.envelopes, time, names, envelopes)
     write_nominal(paths.nominal, time, nominal)
     pq.write_table(pa.table({"time": time, **reference_of(time)}), paths.reference)
-    for reference in ("vehicle", "mission", *CONTROLLERS):
+    for reference in ("vehicle", "mission", *controllers):
         (folder / f"{reference}.yaml").write_text("name: synthetic\n", encoding="utf-8")
-    paths.campaign.write_text(CAMPAIGN.format(runs=runs, sampling=sampling), encoding="utf-8")
+    listed = {
+        "controllers": ", ".join(f"{name}: {name}.yaml" for name in controllers),
+        "requirements": ", ".join(requirements),
+    }
+    paths.campaign.write_text(CAMPAIGN.format(runs=runs, sampling=sampling, **listed), encoding="utf-8")
     manifest = {
         "state": "complete",
-        "runs_planned": runs * len(CONTROLLERS),
-        "runs_done": runs * len(CONTROLLERS),
+        "runs_planned": runs * len(controllers),
+        "runs_done": runs * len(controllers),
         "runs_failed": 2 * failing,
         "campaign_hash": "0" * 64,
         "seed": 2014,

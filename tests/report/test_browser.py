@@ -128,12 +128,6 @@ def test_a_narrow_window_needs_no_sideways_scrolling(probed, tmp_path, width):
     assert found["overflow"] <= found["width"], found["wide"]
 
 
-def test_it_prints_on_at_most_twelve_pages(report_folder, tmp_path):
-    target = tmp_path / "report.pdf"
-    browse(tmp_path, (report_folder / "report.html").as_uri(), f"--print-to-pdf={target}", "--no-pdf-header-footer")
-    assert 0 < len(re.findall(rb"/Type\s*/Page[^s]", target.read_bytes())) <= 12
-
-
 def test_no_other_script_runs(report_page, tmp_path):
     foreign = (
         "<script>document.body.dataset.foreign = 1</script><img src=x onerror='document.body.dataset.foreign = 1'>"

@@ -19,8 +19,6 @@ FILES = [
     "bank",
     "convergence",
     "distribution_asked",
-    "distribution_usage",
-    "drivers",
     "elevator",
     "equivalence_ratio",
     "error_against_usage",

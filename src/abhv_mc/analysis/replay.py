@@ -87,12 +87,12 @@ def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -
             wanted = [flight for flight in flights if name == controller and first <= flight < stop]
             if wanted:
                 read_checked(folder, [path])
-                pieces = [rows for rows, _ in read_pieces(path, names)]
-            for flight in wanted:
-                rows = next(piece for piece in pieces if piece.first <= flight < piece.stop)
-                at = slice(flight - rows.first, flight - rows.first + 1)
-                parts = {part: getattr(rows, part)[at] for part in ("samples", "outcome", "values")}
-                found[flight] = replace(rows, first=flight, **parts)
+                for rows, _ in read_pieces(path, names):
+                    for flight in wanted:
+                        if rows.first <= flight < rows.stop:
+                            at = slice(flight - rows.first, flight - rows.first + 1)
+                            parts = {part: getattr(rows, part)[at] for part in ("samples", "outcome", "values")}
+                            found[flight] = replace(rows, first=flight, **parts)
         except DamagedFileError as error:
             raise InputError(path, None, None, str(error), "a whole file: run the campaign again") from None
     for flight in flights:

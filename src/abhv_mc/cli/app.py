@@ -24,7 +24,7 @@ _COMMANDS = {
     "Analyse": ("margins", "linearize"),
     "Prove": ("verify", "bench"),
 }
-_LIBRARIES = ("numba", "llvmlite", "numpy", "scipy", "pandas", "pyarrow", "joblib", "pydantic", "plotly", "duckdb")
+_LIBRARIES = ("numba", "llvmlite", "numpy", "scipy", "pandas", "pyarrow", "joblib", "pydantic", "duckdb")
 
 _MODULES = {"import": "importing"}  # where a command's name is a word of Python's
 

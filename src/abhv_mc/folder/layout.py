@@ -40,6 +40,7 @@ class CampaignFolder:
         self.nominal = root / "nominal.parquet"
         self.reference = root / "reference.parquet"
         self.margins = root / "margins.json"
+        self.matrix = root / "verification_matrix.csv"
         self.inputs = root / "inputs"
         self.plans = root / "plans"
         self.flights = root / "flights"
@@ -59,7 +60,8 @@ class CampaignFolder:
     @property
     def report(self) -> tuple[Path, ...]:
         """What a report writes."""
-        return (self.root / "report.html", self.root / "report.md", self.root / "report.json", self.root / "figures")
+        pages = (self.root / f"report.{kind}" for kind in ("html", "md", "json"))
+        return (*pages, self.matrix, self.root / "figures")
 
     @property
     def parts(self) -> tuple[Path, ...]:

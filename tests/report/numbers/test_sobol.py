@@ -30,7 +30,7 @@ def fly(folder, half_width="5 %", runs=640):
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     folder = fly(tmp_path_factory.mktemp("saltelli"))
-    build_with(folder, "sobol")
+    build_with(folder)
     return folder
 
 
@@ -42,7 +42,7 @@ def test_the_report_names_what_causes_the_variance(flown):
     assert top["parameter"] == "atmosphere.density" and top["first"][0] > 0.9
     assert all(entry["total"][0] < 0.2 for entry in rest)
     page = (flown / "report.html").read_text(encoding="utf-8")
-    assert "Sobol indices of the errors, largest total first" in page and "figures/sobol.png" in page
+    assert "Sobol indices of the errors, largest total first" in page
     first, second, *_ = summary_sentences(numbers)
     assert first.startswith("What spreads an error most is for one and two the same in ")
     assert second.startswith("What moves the errors of one most (share of the variance that involves them, within ")

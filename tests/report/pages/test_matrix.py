@@ -8,6 +8,7 @@ from report.few_figures import build_with
 from typer.testing import CliRunner
 
 from abhv_mc.cli.app import app
+from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.report.pages.matrix import Case, make_junit
 
 REQUIREMENTS = (
@@ -37,7 +38,9 @@ def test_a_run_writes_junit_and_the_report_its_matrix(tmp_path, monkeypatch):
     assert len(cases) == 4
     assert cases["GNC-1 altitude_error_max_m below 50 in 50 % (one)"].find("failure") is None
     assert cases["GNC-2 altitude_error_max_m below 4.9 in 99 % (two)"].find("failure") is not None
-    build_with(out)
+    page = build_with(out).read_text(encoding="utf-8")
+    assert "<strong>GNC-1</strong>" in page and "stay, near · SRD" in page
+    assert CampaignFolder(out).unknown_files() == []  # a fresh run deletes all of it
     with (out / "verification_matrix.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 6  # three requirements on two controllers

@@ -73,10 +73,10 @@ def test_headings_skip_no_level(outline):
 
 def test_figures_have_words_and_sizes(outline):
     images = outline.all("img")
-    assert len(images) == 16
+    assert len(images) == 14
     assert all(len(image["alt"]) > 20 and image["src"].startswith("data:image/png;base64,") for image in images)
     assert all(int(image["width"]) > 0 and int(image["height"]) > 0 for image in images)
-    assert sum(tag == "figcaption" for tag, _, _ in outline.elements) == 16
+    assert sum(tag == "figcaption" for tag, _, _ in outline.elements) == 14
 
 
 def test_tables_have_captions_and_scopes(outline):

@@ -107,7 +107,16 @@ def plot_error_against_usage(
                 continue
             marker = MARKERS[i % len(MARKERS)]
             few = keep[:: max(1, keep.size // _MOST_POINTS)]
-            axes.plot(x[few], y[few], marker, color=colors[name], markersize=1.6, alpha=0.35, markeredgewidth=0)
+            axes.plot(
+                x[few],
+                y[few],
+                marker,
+                color=colors[name],
+                markersize=1.6,
+                alpha=0.35,
+                markeredgewidth=0,
+                rasterized=True,
+            )
             axes.plot(
                 np.median(x[keep]),
                 np.median(y[keep]),

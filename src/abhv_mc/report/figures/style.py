@@ -9,6 +9,7 @@ from typing import Any, ParamSpec
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.style import context
 
@@ -176,3 +177,11 @@ def write_png(figure: Figure, path: Path) -> tuple[int, int]:
     )
     write_bytes(path, file.getvalue())
     return image.width, image.height
+
+
+def write_svg(figure: Figure, path: Path) -> None:
+    """Write a figure as SVG, the same bytes each time, its text as text. Raises as :func:`write_png` does."""
+    file = BytesIO()
+    with context(["default", _RC, {"svg.hashsalt": "abhv-mc", "svg.fonttype": "none"}]):
+        FigureCanvasSVG(figure).print_svg(file, metadata={"Date": None, "Creator": None})
+    write_bytes(path, file.getvalue())

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
+from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.report.numbers.drivers import otherwise_words
 from abhv_mc.report.numbers.labels import controller_label
 from abhv_mc.report.numbers.parameters import parameter_doc, shown_value, spoken_name
@@ -59,7 +60,17 @@ def verdict_rows(numbers: Mapping[str, Any]) -> list[Row]:
             for name, verdict in entry["controllers"].items()
         ]
         share, risk = percent(entry["probability"]), percent(entry["consumer_risk"])
-        rows.append({"words": entry["words"], "share": share, "risk": risk, "cells": cells})
+        traced = " \N{MIDDLE DOT} ".join(entry[key] for key in TRACED if key != "id" and key in entry)
+        rows.append(
+            {
+                "id": entry.get("id", ""),
+                "traced": traced,
+                "words": entry["words"],
+                "share": share,
+                "risk": risk,
+                "cells": cells,
+            }
+        )
     return rows
 
 

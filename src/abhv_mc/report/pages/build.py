@@ -91,7 +91,7 @@ def _seldom_collecting() -> Iterator[None]:
 
 @_seldom_collecting()
 def build_report(folder: Path, format: Format = "html", baseline: Path | None = None) -> Path:  # noqa: A002
-    """Write `report.json`, `figures/*.png` and `report.html` (or `report.md`) into a campaign's folder.
+    """Write `report.json`, `figures/*.png`, `*.svg` and `report.html` (or `report.md`) into a campaign's folder.
 
     Needs nothing but what the campaign wrote there, and the folder of a ``baseline`` to compare it with. Returns the
     path of the page.
@@ -100,10 +100,10 @@ def build_report(folder: Path, format: Format = "html", baseline: Path | None = 
     if format not in get_args(Format):
         raise InputError("format", None, None, describe(format), one_of(get_args(Format)))
     from abhv_mc.folder.layout import write_text
-    from abhv_mc.report.figures.style import write_png
+    from abhv_mc.report.figures.style import write_png, write_svg
     from abhv_mc.report.numbers.report_numbers import make_numbers
     from abhv_mc.report.pages.gallery import make_figures
-    from abhv_mc.report.pages.matrix import MATRIX_FILE, make_matrix
+    from abhv_mc.report.pages.matrix import make_matrix
     from abhv_mc.report.pages.page import PageFigure, make_markdown, make_page
     from abhv_mc.report.pages.searched import refuse_search
 
@@ -117,10 +117,11 @@ def build_report(folder: Path, format: Format = "html", baseline: Path | None = 
     for text, figure in make_figures(results, numbers):
         path = figures_folder / f"{text.name}.png"
         width, height = write_png(figure, path)
+        write_svg(figure, path.with_suffix(".svg"))
         figures.append(PageFigure(text, path, width, height))
     results.refuse_changes()
-    kept = {figure.path for figure in figures}
-    for stale in figures_folder.glob("*.png"):
+    kept = {figure.path.with_suffix(kind) for figure in figures for kind in (".png", ".svg")}
+    for stale in [*figures_folder.glob("*.png"), *figures_folder.glob("*.svg")]:
         if stale not in kept:
             stale.unlink(missing_ok=True)  # another report of this folder may do the same
     page = folder / f"report.{format}"
@@ -128,7 +129,7 @@ def build_report(folder: Path, format: Format = "html", baseline: Path | None = 
         page, make_page(results, numbers, figures) if format == "html" else make_markdown(results, numbers, figures)
     )
     if numbers["requirements"]:
-        write_text(folder / MATRIX_FILE, make_matrix(numbers))
+        write_text(CampaignFolder(folder).matrix, make_matrix(numbers))
     report = folder / "report.json"
     names = [*_read_pages(report, numbers), page.name]
     pictures = [path.relative_to(folder).as_posix() for path in sorted(kept)]

@@ -1,5 +1,6 @@
 """What the page's linked view of the flights shows: every point a flight, its dispersions, metrics and history."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -69,7 +70,7 @@ def make_flights_view(results: Results, labels: Mapping[str, str], colors: Mappi
             {"name": name, "label": labels[name], "color": colors[name], "mark": mark_of(k)}
             for k, name in enumerate(names)
         ],
-        "folder": results.folder.as_posix(),
+        "folder": shlex.quote(results.folder.as_posix()),
         "rows": {
             "controller": controller.tolist(),
             "flight": number.tolist(),

@@ -7,23 +7,18 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.metrics import MARGIN_NAMES, SURFACE_USAGE, Statistic
+from abhv_mc.flight.metrics import MARGIN_NAMES, SURFACE_USAGE
 from abhv_mc.report.figures.channels import FigureText, channel_figures, off_reference, shown_bands
 from abhv_mc.report.figures.convergence import ConvergencePanel, plot_convergence
 from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributions, plot_error_against_usage
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
-from abhv_mc.report.figures.marks import MarksPanel, plot_marks
 from abhv_mc.report.figures.stability import MarginMarks, plot_margins
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.numbers.failure_cases import failure_case_figures
 from abhv_mc.report.numbers.failures import failed_anyhow
 from abhv_mc.report.numbers.paired import total_usage
-from abhv_mc.report.numbers.parameters import spoken_name
 from abhv_mc.report.numbers.results import Results, read_histories
 from abhv_mc.report.numbers.worst import distance_beyond
-
-_AMOUNTS = (Statistic.RMS, Statistic.SUM)
-_SHOWN_PARAMETERS = 6
 
 
 def _spread(results: Results, metric: str) -> Spread:
@@ -41,21 +36,13 @@ _ASKED_TEXT = FigureText(
     "Share of flights at or below each value. A curve that ends below 100 % had flights that ended early; where small "
     "values are bad, one that begins above 0 %.",
 )
-_USAGE_TEXT = FigureText(
-    "distribution_usage",
-    "Control usage over the flights",
-    "Share of flights at or below each amount of control: rms deflection from trim, and the way that each surface "
-    "travelled.",
-)
 _MOST_TRADES = 3
 
 
 def _distributions(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
-    records = results.campaign.metrics
-    usage = [m for m in results.metrics if records[m].group == "usage" and records[m].statistic in _AMOUNTS]
-    for text, metrics in ((_ASKED_TEXT, results.asked), (_USAGE_TEXT, usage)):
-        if metrics:
-            yield text, plot_distributions([_spread(results, metric) for metric in metrics], labels, colors)
+    if results.asked:
+        spreads = [_spread(results, metric) for metric in results.asked]
+        yield _ASKED_TEXT, plot_distributions(spreads, labels, colors)
 
 
 def _trade(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
@@ -124,83 +111,6 @@ def _worst(
         yield text, plot_envelopes(rows, list(labels.values()), list(colors.values()))
 
 
-def _marks_panel(
-    label: str, ranked: list[Any], names: list[str], tables: Mapping[str, Mapping[Any, Any]], kinds: Mapping[str, Any]
-) -> MarksPanel:
-    """Marks of the ranked parameters; ``kinds`` says for each kind of number which entries are filled."""
-    missing = {"driver": False} | dict.fromkeys(kinds, (np.nan,) * 3)
-    entries = {name: [table.get(key, missing) for key in ranked] for name, table in tables.items()}
-    marks = {
-        name: [
-            (np.array([e[kind] for e in listed], float), np.array([filled(e) for e in listed], bool))
-            for kind, filled in kinds.items()
-        ]
-        for name, listed in entries.items()
-    }
-    return MarksPanel(label, names, marks)
-
-
-def _drivers(
-    results: Results, numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]
-) -> Iterator[Any]:
-    found = {name: part["metrics"] for name, part in numbers["drivers"].get("controllers", {}).items()}
-    panels = []
-    for metric in numbers["asked"]:
-        tables = {
-            name: {(e["parameter"], e["either_way"]): e for e in part[metric]["parameters"]}
-            for name, part in found.items()
-            if metric in part
-        }
-        if not tables:
-            continue
-        ranked = sorted(
-            {parameter for table in tables.values() for parameter in table},
-            key=lambda p: -max(abs(table[p]["srrc"][0]) if p in table else 0.0 for table in tables.values()),
-        )[:_SHOWN_PARAMETERS]
-        names = [spoken_name(name) + (", high or low" if either else "") for name, either in ranked]
-        panels.append(
-            _marks_panel(numbers["metrics"][metric]["label"], ranked, names, tables, {"srrc": lambda e: e["driver"]})
-        )
-    if panels:
-        text = FigureText(
-            "drivers",
-            "What drives the errors",
-            "How far an error moves, in its own spread, when a parameter moves by its spread (standardized rank "
-            "regression coefficients with 95 % intervals): right of zero the error grows with the parameter, left of "
-            'it the error shrinks; "high or low" is the parameter\'s distance from its median, either side. Filled '
-            "marks drive the error: beyond 0.2, beyond chance, and in a regression that explains more than half.",
-        )
-        meanings = ("drives the error", "does not, or not shown")
-        label = "smaller \N{LEFTWARDS ARROW} error \N{RIGHTWARDS ARROW} larger"
-        yield text, plot_marks(panels, labels, colors, label, (-1.05, 1.05), meanings)
-
-
-def _sobol(
-    results: Results, numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]
-) -> Iterator[Any]:
-    found = {n: part["metrics"] for n, part in numbers["sobol"].get("controllers", {}).items() if part["metrics"]}
-    kinds = {"total": lambda _: False, "first": lambda _: True}
-    panels = []
-    for metric in numbers["asked"]:
-        tables = {name: {e["parameter"]: e for e in part[metric]} for name, part in found.items() if metric in part}
-        if not tables:
-            continue
-        ranked = sorted(results.dispersed, key=lambda p: -max(table[p]["total"][0] for table in tables.values()))
-        ranked = ranked[:_SHOWN_PARAMETERS]
-        panels.append(
-            _marks_panel(numbers["metrics"][metric]["label"], ranked, [spoken_name(p) for p in ranked], tables, kinds)
-        )
-    if panels:
-        text = FigureText(
-            "sobol",
-            "Sobol indices of the errors",
-            "Share of each error's variance that a parameter causes alone (first order, filled) and together with all "
-            "others (total, hollow), with 95 % intervals. Where the two differ, the parameter acts through others.",
-        )
-        meanings = ("alone (first order)", "with others (total)")
-        yield text, plot_marks(panels, labels, colors, "share of the variance", (-0.1, 1.05), meanings)
-
-
 def _convergence(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
     traces = numbers["convergence"]
     panels = []
@@ -264,6 +174,4 @@ def make_figures(results: Results, numbers: Mapping[str, Any]) -> Iterator[tuple
     yield from failure_case_figures(results, labels, colors)
     yield from _worst(results, numbers, labels, colors)
     yield from _margins(results, labels, colors)
-    yield from _drivers(results, numbers, labels, colors)
-    yield from _sobol(results, numbers, labels, colors)
     yield from _convergence(numbers, labels, colors)

@@ -8,7 +8,6 @@ from xml.etree import ElementTree
 
 from abhv_mc.campaign.file.config import TRACED
 
-MATRIX_FILE = "verification_matrix.csv"
 _COLUMNS = (
     *TRACED, "metric", "side", "limit", "unit", "probability", "controller", "binding", "verdict", "failures",
     "flights", "tolerance_limit", "consumer_risk", "words",

@@ -16,6 +16,23 @@ const flightsView = (data, numbers, style) => {
   const numberText = (value) => (Number.isFinite(value) ? String(Number(value.toPrecision(4))).replace("-", "\u2212") : "none");
   const name = (row) => `${data.controllers[rows.controller[row]].label}, flight ${rows.flight[row]}`;
 
+  // A list of buttons is one stop of the Tab key; the arrows go through it.
+  const oneStop = (list) => {
+    const buttons = () => [...list.querySelectorAll("button")];
+    const stop = (chosen) => { for (const button of buttons()) button.tabIndex = button === chosen ? 0 : -1; };
+    list.addEventListener("focusin", (event) => stop(event.target));
+    list.addEventListener("keydown", (event) => {
+      const all = buttons();
+      const here = all.indexOf(document.activeElement);
+      const next = { ArrowDown: here + 1, ArrowUp: here - 1, Home: 0, End: all.length - 1 }[event.key];
+      if (next === undefined) return;
+      event.preventDefault();
+      all[next]?.focus();
+    });
+    return () => stop(buttons()[0]);
+  };
+  const restop = oneStop(at("flight-rows"));
+
   const fill = (select, entries, first) => {
     for (const entry of entries) select.append(new Option(labelOf(entry), entry.name, false, entry.name === first));
   };
@@ -79,6 +96,7 @@ const flightsView = (data, numbers, style) => {
 
   const drawTable = () => {
     const body = at("flight-rows");
+    const focused = body.contains(document.activeElement);
     body.replaceChildren();
     const members = data.order.filter(chosen);
     at("flight-count").textContent = `${members.length.toLocaleString("en")} of ${count.toLocaleString("en")} flights` +
@@ -99,6 +117,8 @@ const flightsView = (data, numbers, style) => {
         ...data.headed.map((metric) => numberText(column(metric)[row])),
         rows.history[row] >= 0 ? "kept" : ""]) line.insertCell().textContent = text;
     }
+    restop();
+    if (focused) (body.querySelector(".current button") || body.querySelector("button"))?.focus();
   };
 
   const drawFlight = () => {
@@ -184,6 +204,7 @@ const flightsView = (data, numbers, style) => {
       at("scatter").scrollIntoView({ block: "center" });
     });
   }
+  for (const table of document.querySelectorAll("#worst tbody")) oneStop(table)();
   // Other places of the page name flights: data-show="controller flight".
   for (const link of document.querySelectorAll("[data-show]")) {
     link.addEventListener("click", () => {

@@ -1,0 +1,112 @@
+"""A headless Chromium under its debugging protocol: clicks, keys and prints go through its own input."""
+
+import asyncio
+import base64
+import contextlib
+import json
+import shutil
+import subprocess
+import time
+
+import pytest
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+KEYS = {"Tab": (9, ""), "Enter": (13, "\r"), " ": (32, " "), "ArrowDown": (40, "")}
+
+
+class Page:
+    """One tab. Every call waits for its answer."""
+
+    def __init__(self, loop, socket):
+        self.loop, self.socket, self.number = loop, socket, 0
+
+    def call(self, method, **parameters):
+        return self.loop.run_until_complete(self._call(method, parameters))
+
+    async def _call(self, method, parameters):
+        self.number += 1
+        await self.socket.write_message(json.dumps({"id": self.number, "method": method, "params": parameters}))
+        while True:
+            message = json.loads(await asyncio.wait_for(self.socket.read_message(), 180))
+            if message.get("id") == self.number:
+                return message["result"]
+
+    def ask(self, expression, wait=False):
+        """The value of an expression; with ``wait``, of the promise that it is."""
+        found = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=wait)
+        assert "exceptionDetails" not in found, found["exceptionDetails"]
+        return found["result"].get("value")
+
+    def show(self, path, width=1400, height=900, dark=False):
+        """Load a report and wait until it is drawn."""
+        wishes = {"prefers-color-scheme": "dark" if dark else "light", "prefers-reduced-motion": "reduce"}
+        self.call("Emulation.setEmulatedMedia", features=[{"name": k, "value": v} for k, v in wishes.items()])
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self.call("Page.navigate", url=path.as_uri())
+        for _ in range(300):
+            drawn = "location.href === {} && document.querySelectorAll('#plot .modebar-btn').length > 0"
+            if self.ask(drawn.format(json.dumps(path.as_uri()))):
+                return
+            time.sleep(0.1)
+        raise AssertionError("the plot was not drawn")
+
+    def press(self, key):
+        code, text = KEYS[key]
+        common = {"key": key, "code": "Space" if key == " " else key, "windowsVirtualKeyCode": code}
+        self.call("Input.dispatchKeyEvent", type="keyDown" if text else "rawKeyDown", text=text, **common)
+        self.call("Input.dispatchKeyEvent", type="keyUp", **common)
+
+    def click(self, x, y):
+        for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+            buttons = {} if kind == "mouseMoved" else {"button": "left", "clickCount": 1}
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **buttons)
+
+    def print(self, width, height):
+        """The page on paper of this size in inches: a PDF's bytes."""
+        found = self.call("Page.printToPDF", paperWidth=width, paperHeight=height, preferCSSPageSize=False)
+        return base64.b64decode(found["data"])
+
+
+@contextlib.contextmanager
+def open_browser(profile):
+    """A page of a browser of its own; skips where there is none."""
+    if BROWSER is None:
+        pytest.skip("no Chromium is installed")
+    client = pytest.importorskip("tornado.websocket", reason="needs the extra 'cluster' or 'notebook'")
+    http = pytest.importorskip("tornado.httpclient")
+    command = [
+        BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-dev-shm-usage",
+        "--disable-background-networking", "--disable-sync", "--disable-component-update",
+        f"--user-data-dir={profile}", "--remote-debugging-port=0", "about:blank",
+    ]  # fmt: skip
+    browser = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    async def connect():
+        port = int(note.read_text(encoding="utf-8").split()[0])
+        while True:
+            try:
+                listed = await http.AsyncHTTPClient().fetch(f"http://127.0.0.1:{port}/json/list")
+                (target,) = [entry for entry in json.loads(listed.body) if entry["type"] == "page"]
+                return await client.websocket_connect(target["webSocketDebuggerUrl"], max_message_size=100_000_000)
+            except (OSError, ValueError):
+                await asyncio.sleep(0.1)
+
+    async def closed(socket):
+        while await socket.read_message() is not None:
+            pass
+
+    loop = asyncio.new_event_loop()
+    try:
+        note = profile / "DevToolsActivePort"
+        end = time.monotonic() + 60.0
+        while not (note.is_file() and note.read_text(encoding="utf-8").strip()) and time.monotonic() < end:
+            time.sleep(0.1)
+        page = Page(loop, loop.run_until_complete(asyncio.wait_for(connect(), 60)))
+        page.call("Page.enable")
+        yield page
+        page.socket.close()
+        loop.run_until_complete(asyncio.wait_for(closed(page.socket), 30))
+    finally:
+        loop.close()
+        browser.terminate()
+        browser.wait(30)

@@ -1,0 +1,172 @@
+"""What a reader sees in a real browser: the first screen, the flights behind points and names, paper, accessibility."""
+
+import json
+import shlex
+import shutil
+import subprocess
+
+import pytest
+from report.browser import open_browser
+from report.synthetic import write_campaign
+
+from abhv_mc.report.pages.build import build_report
+
+PAPER = {"A4": (8.27, 11.69), "Letter": (8.5, 11.0)}
+METRICS = (
+    "altitude_error_max_m", "speed_error_max_mps", "sideslip_max_deg", "bank_error_settled_max_deg",
+    "angle_of_attack_error_settled_max_deg", "altitude_error_rms_m", "speed_error_rms_mps", "sideslip_rms_deg",
+    "heading_error_max_deg", "cross_track_error_max_m", "aileron_rms_deg", "rudder_rms_deg",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    with open_browser(tmp_path_factory.mktemp("browser") / "profile") as page:
+        yield page
+
+
+@pytest.fixture(scope="module")
+def crowded(tmp_path_factory):
+    """Eight controllers and twelve requirements, some of which most flights miss."""
+    requirements = [f"{{metric: {name}, below: 1.5, probability: 0.9, consumer_risk: 0.1}}" for name in METRICS]
+    names = ["tlc", *(f"lqr_{k}" for k in range(7))]
+    folder = tmp_path_factory.mktemp("crowded") / "c"
+    build_report(write_campaign(folder, runs=40, failing=4, controllers=names, requirements=requirements))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def sparse(tmp_path_factory):
+    """One controller, and nothing required."""
+    folder = tmp_path_factory.mktemp("sparse") / "c"
+    build_report(write_campaign(folder, runs=40, controllers=["tlc"], requirements=[]))
+    return folder
+
+
+@pytest.fixture(params=["report_folder", "crowded", "sparse"])
+def folder(request):
+    return request.getfixturevalue(request.param)
+
+
+# Words beside labels: the sentences and the line on how sure.
+FIRST = """(() => {
+  const bottom = (s) => { const e = document.querySelector(s); return e ? e.getBoundingClientRect().bottom : 0; };
+  const words = [".sentences", ".sure"].map((s) => document.querySelector(s)?.innerText ?? "").join(" ");
+  const count = words.trim().split(/\\s+/).length;
+  return { ends: ["h1", ".sentences", ".chart", ".cards", ".sure"].map(bottom), words: count,
+    cut: [...document.querySelectorAll("#answer .name, #answer .card p, #answer th")]
+      .filter((e) => e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== "inline")
+      .map((e) => e.textContent) };
+})()"""
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_answer_is_on_the_first_screen(page, folder, dark):
+    page.show(folder / "report.html", dark=dark)
+    found = page.ask(FIRST)
+    assert max(found["ends"]) < 900 and found["words"] <= 80 and found["cut"] == []
+
+
+WIDE = """[...document.querySelectorAll("table")].filter((t) => t.clientWidth && t.getBoundingClientRect().width
+  > t.parentElement.getBoundingClientRect().width + 1).map((t) => t.caption?.innerText ?? t.className)"""
+
+
+@pytest.mark.parametrize("name", ["report_folder", "sparse"])
+def test_no_table_is_wider_than_its_box(page, name, request):
+    page.show(request.getfixturevalue(name) / "report.html")
+    page.ask("for (const part of document.querySelectorAll('details')) part.open = true")
+    assert page.ask(WIDE) == []
+
+
+@pytest.mark.parametrize("width", [360, 768, 1400])
+def test_no_window_needs_sideways_scrolling(page, folder, width):
+    page.show(folder / "report.html", width, 700)
+    assert page.ask("document.documentElement.scrollWidth") <= width
+
+
+@pytest.mark.parametrize("name", ["report_folder", "sparse"])
+def test_axe_finds_nothing(page, name, request):
+    axe = pytest.importorskip("axe_core_python.base")
+    page.call("Page.setBypassCSP", enabled=True)
+    page.show(request.getfixturevalue(name) / "report.html")
+    page.ask("for (const part of document.querySelectorAll('details')) part.open = true")
+    page.ask(axe.AXE_FILE_PATH.read_text(encoding="utf-8"))
+    found = json.loads(page.ask("axe.run().then((found) => JSON.stringify(found.violations))", wait=True))
+    assert [(rule["id"], node["target"], node["failureSummary"]) for rule in found for node in rule["nodes"]] == []
+
+
+LISTED = "[...document.querySelectorAll('#worst [data-show]')].map((link) => link.dataset.show)"
+SHOWN = """({ title: document.getElementById("flight-title").textContent,
+  drawn: !document.getElementById("flight-plots").hidden
+    && document.querySelectorAll("#flight-history .scatterlayer .trace").length,
+  command: document.getElementById("flight-command").textContent })"""
+
+
+def test_a_click_on_a_worst_flight_draws_it(page, report_folder, report_json):
+    page.show(report_folder / "report.html")
+    listed = page.ask(LISTED)
+    worst = {name: [entry["flight"] for entry in flights] for name, flights in report_json["worst"].items()}
+    assert listed == [f"{name} {flight}" for name, flights in worst.items() for flight in flights]
+    for k, entry in enumerate(listed):
+        page.ask(f"document.querySelectorAll('#worst [data-show]')[{k}].click()")
+        name, flight = entry.split()
+        found = page.ask(SHOWN)
+        assert found["title"].startswith(f"{report_json['campaign']['labels'][name]}, flight {flight}:")
+        assert found["drawn"]
+        assert shlex.split(found["command"])[2:] == [str(report_folder), "--flight", flight, "--controller", name]
+
+
+POINTS = """(() => {
+  const plot = document.getElementById("scatter"), box = plot.getBoundingClientRect();
+  const { xaxis, yaxis } = plot._fullLayout;
+  return plot.data.flatMap((trace) => trace.x.map((x, i) => ({ name: trace.text[i],
+    x: box.left + xaxis._offset + xaxis.l2p(x), y: box.top + yaxis._offset + yaxis.l2p(trace.y[i]) })));
+})()"""
+
+
+def test_a_click_on_a_point_draws_its_flight(page, report_folder):
+    page.show(report_folder / "report.html")
+    count = len(page.ask(POINTS))
+    named = set()
+    for k in range(0, count, 17):  # controllers lie over each other
+        page.ask("document.getElementById('scatter').scrollIntoView({ block: 'center' })")
+        points = page.ask(POINTS)
+        point = points[k]
+        page.click(point["x"], point["y"])
+        title = page.ask(SHOWN)["title"]
+        near = {p["name"] for p in points if abs(p["x"] - point["x"]) < 12 and abs(p["y"] - point["y"]) < 12}
+        assert title.partition(":")[0] in near
+        named.add(title)
+    assert len(named) > 6
+
+
+def test_table_and_scatter_name_the_same_flights(page, failing_folder):
+    build_report(failing_folder)
+    page.show(failing_folder / "report.html")
+    page.ask("""(() => { const box = document.getElementById("flights-outcome"); box.value = "failed";
+      box.dispatchEvent(new Event("change")); })()""")
+    points = page.ask("document.getElementById('scatter').data.flatMap((trace) => trace.text)")
+    rows = page.ask("[...document.querySelectorAll('#flight-rows button')].map((b) => b.ariaLabel.slice(5))")
+    assert sorted(rows) == sorted(points) and len(rows) == 24
+
+
+@pytest.mark.parametrize("size", PAPER)
+def test_paper_is_evidence(page, report_folder, report_json, size, tmp_path):
+    page.show(report_folder / "report.html")
+    target = tmp_path / "report.pdf"
+    target.write_bytes(page.print(*PAPER[size]))
+    if shutil.which("pdftotext") is None:
+        pytest.skip("no pdftotext is installed")
+    text = subprocess.run(["pdftotext", "-layout", target, "-"], capture_output=True, text=True, check=True).stdout
+    flat = "".join(text.split())
+    for words in (report_json["digest"], "seed2014", "abhvmc0.1.0", "abhv-mcrun", *report_json["files"].values()):
+        assert words in flat, words
+    assert 0 < text.count("\f") <= 12
+
+
+def test_no_figure_is_small_on_paper(page, report_folder):
+    page.show(report_folder / "report.html", 794, 1100)  # A4 at 96 per inch
+    page.call("Emulation.setEmulatedMedia", media="print")
+    widths = page.ask("[...document.images].map((image) => image.getBoundingClientRect().width * 25.4 / 96)")
+    page.call("Emulation.setEmulatedMedia", media="")
+    assert widths and min(widths) >= 160.0
