@@ -20,6 +20,7 @@ from search.line_flight import LINE, METRIC, write_line
 from abhv_mc.cli.errors import ExitCode, exit_code_of
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.engine import make_engine
+from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.retry import UnusableError
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
@@ -116,10 +117,16 @@ RUNS = 192
 
 
 @pytest.fixture(scope="module")
-def local(tmp_path_factory):
-    """Compiled flights on this machine: the digest that every cluster has to give."""
+def local_folder(tmp_path_factory):
+    """Compiled flights by two workers of this machine."""
     request = Request(REAL, tmp_path_factory.mktemp("local") / "out", RUNS, controllers=("tlc",), workers=2)
-    return run_campaign(request, make_engine()).manifest["digest"]
+    return run_campaign(request, make_engine()).folder
+
+
+@pytest.fixture(scope="module")
+def local(local_folder):
+    """The digest that every cluster has to give."""
+    return json.loads((local_folder / "manifest.json").read_text())["digest"]
 
 
 @pytest.fixture(scope="module")
@@ -148,6 +155,22 @@ def test_compiled_flights_have_the_same_digest_in_blocks_of_any_size(local, two_
     )
     flown = run_campaign(request, make_engine()).manifest
     assert (flown["state"], flown["runs_failed"], flown["digest"]) == ("complete", 0, local)
+
+
+def test_a_cluster_shards_and_one_worker_give_the_same_bits(local_folder, two_workers, tmp_path):
+    """Digest, envelopes and histories of compiled flights."""
+    asked = Request(REAL, tmp_path / "dask", RUNS, controllers=("tlc",), scheduler=two_workers.address)
+    folders = [run_campaign(asked, make_engine()).folder]
+    folders.append(run_campaign(replace(asked, out=tmp_path / "one", scheduler=None, workers=1), make_engine()).folder)
+    parts = [tmp_path / "part1", tmp_path / "part2"]
+    for i, part in enumerate(parts, 1):
+        run_campaign(replace(asked, out=part, scheduler=None, shard=(i, 2)), make_engine())
+    folders.append(merge_campaign(parts, tmp_path / "merged").folder)
+    digests = {json.loads((folder / "manifest.json").read_text())["digest"] for folder in (local_folder, *folders)}
+    assert len(digests) == 1
+    for name in ("envelopes.parquet", "histories/tlc-000000.parquet"):
+        whole = pq.read_table(local_folder / name)
+        assert whole.num_rows and all(pq.read_table(folder / name).equals(whole) for folder in folders), name
 
 
 def test_compiled_flights_stand_a_killed_worker_and_a_late_one(local, dask, tmp_path):

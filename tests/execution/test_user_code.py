@@ -11,6 +11,7 @@ import pytest
 from execution.test_cluster import Dask
 from report.few_figures import build_with
 
+from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.cli import linearize, margins
@@ -20,6 +21,7 @@ from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.fly import fly
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.io.documents import InputError, InputErrors
@@ -187,40 +189,93 @@ def test_one_changed_byte_of_a_declared_file_is_another_campaign(study, tmp_path
     assert again["digest"] != run["digest"]
 
 
-def write_c_law(repository, folder, line=""):
-    """The shipped LQR in C, with a line of its own, as the law of the study's campaign."""
+def write_c_law(repository, folder, *lines):
+    """The shipped LQR in C, with lines of its own, as the law of the study's campaign."""
     shipped = repository / "configs" / "control" / "lqr_c"
     shutil.copy(shipped / "lqr_design.py", folder)
     shutil.copy(shipped / "lqr_c.yaml", folder / "law.yaml")
     text = (shipped / "lqr.c").read_text()
-    (folder / "lqr.c").write_text(text.replace("    double path =", f"    {line}\n    double path ="))
-    return Request(folder / "campaign.yaml", folder / ("crashing" if line else "whole"))
+    text = text.replace("    double path =", "\n".join(f"    {line}" for line in (*lines, "double path =")))
+    (folder / "lqr.c").write_text(text)
+    return Request(folder / "campaign.yaml", folder / ("failing" if lines else "whole"))
 
 
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_a_crash_in_c_costs_one_flight_of_a_campaign_that_ends_and_reports(study, repository, tmp_path, capfd):
-    """In worker processes; the other flights are those of the built-in law, as is a replay of one of them."""
-    study(24)
-    request = write_c_law(repository, tmp_path)
-    whole = run_campaign(request, make_engine()).manifest
-    assert whole["controllers"]["mine"]["outcomes"] == {"ok": 24}
-    flown = read_results(request.out).flights
-    errors = np.array(flown["mine"].metrics["altitude_error_max_m"])
-    assert np.array_equal(errors, flown["lqr"].metrics["altitude_error_max_m"])
-    assert replay_flight(request.out, "mine", 3, fly).differences == ()
-    second, first = np.sort(errors)[-2:]
-    line = f"if (altitude * altitude > {float(0.5 * (first + second)) ** 2!r}) *(volatile int *)0 = 1;"
-    crashing = write_c_law(repository, tmp_path, line)
-    with pytest.raises(InputError, match=r"inputs/controllers/mine/lqr.c: other content"):
-        run_campaign(dataclasses.replace(crashing, out=request.out), make_engine())
-    found = run_campaign(crashing, make_engine()).manifest
+def read_errors(folder, controller):
+    return np.array(read_results(folder).flights[controller].metrics["altitude_error_max_m"])
+
+
+needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+
+
+@needs_cc
+def test_a_crash_and_a_hang_in_c_cost_a_flight_each_of_a_campaign_that_ends_and_reports(
+    study, repository, tmp_path, capfd
+):
+    """In worker processes; the other flights are those of the built-in law."""
+    text = study(140).read_text().replace("batch: 16}", "batch: 16, flight_time_limit: 1 s}")
+    text = re.sub("  atmosphere.density: .*", "  initial.altitude: {distribution: uniform, half_width: 50 m}", text)
+    file = tmp_path / "campaign.yaml"
+    file.write_text(text)
+    heights = (20_000.0 + read_campaign(file).make_samples().draw(0, 140)[:, 0]).tolist()
+    crash, hang = (f"time == 0.0 && measured->altitude - {heights[k]!r} < 1e-4" for k in (137, 61))
+    crash, hang = (f"{each} && measured->altitude - {heights[k]!r} > -1e-4" for each, k in ((crash, 137), (hang, 61)))
+    lines = f"if ({crash}) *(volatile int *)0 = 1;", f"if ({hang}) for (volatile int on = 1; on;) {{}}"
+    request = write_c_law(repository, tmp_path, *lines)
+    found = run_campaign(request, make_engine()).manifest
     assert found["state"] == "complete"
-    assert found["controllers"]["mine"]["outcomes"] == {"ok": 23, "law_crashed": 1}
-    again = read_results(crashing.out).flights["mine"]
-    rest = np.arange(24) != int(np.argmax(errors))
-    assert np.array_equal(np.array(again.metrics["altitude_error_max_m"])[rest], errors[rest])
-    assert build_with(crashing.out).exists()
-    assert "SIGSEGV" in capfd.readouterr().err
+    assert found["controllers"]["mine"]["outcomes"] == {"law_crashed": 1, "law_hung": 1, "ok": 138}
+    flown = read_results(request.out).flights
+    assert [Outcome(code).code for code in flown["mine"].outcome[[61, 137]]] == ["law_hung", "law_crashed"]
+    rest = flown["mine"].outcome == Outcome.OK
+    assert np.array_equal(read_errors(request.out, "mine")[rest], read_errors(request.out, "lqr")[rest])
+    assert build_with(request.out).exists()
+    told = capfd.readouterr().err
+    assert "SIGSEGV" in told and "not done in" in told
+
+
+@needs_cc
+def test_a_law_in_c_flies_on_a_cluster_is_replayed_explained_tuned_and_trusted(
+    study, repository, tmp_path, monkeypatch, capfd
+):
+    pytest.importorskip("distributed")
+    text = re.sub(
+        "  atmosphere.density: .*",
+        "  initial.altitude: {distribution: uniform, half_width: 50 m}",
+        study(24).read_text(),
+    )
+    (tmp_path / "campaign.yaml").write_text(text)
+    request = write_c_law(repository, tmp_path, "if (measured->altitude > 20020.0) return 1;")
+    cluster = Dask(tmp_path)
+    try:
+        cluster.start_worker()
+        remote = dataclasses.replace(request, out=tmp_path / "remote", scheduler=cluster.address)
+        flown = run_campaign(remote, make_engine()).manifest
+    finally:
+        cluster.close()
+    whole = run_campaign(request, make_engine()).manifest
+    assert whole["digest"] == flown["digest"]
+    failed = np.flatnonzero(read_results(request.out).flights["mine"].outcome == Outcome.LAW_FAILED)
+    assert 0 < failed.size < 24
+    ok = np.setdiff1d(np.arange(24), failed)
+    assert np.array_equal(read_errors(request.out, "mine")[ok], read_errors(request.out, "lqr")[ok])
+    assert replay_flight(request.out, "mine", int(ok[0]), fly).differences == ()
+    assert explain_flight(request.out, "mine", int(failed[0]), fly).causes == ("initial.altitude",)
+    block = "tune: {free: [{key: settings.bank_limit}], minimise: {metric: bank_error_rms_deg, quantile: 0.5}, "
+    (tmp_path / "tune.yaml").write_text(block + "candidates: 17, flights: 32, validation: 100}\n")
+    new = tmp_path / "new.yaml"
+    tune_controller(TuneRequest(request.campaign, new, "mine", tmp_path / "tune.yaml"), make_engine())
+    assert "sources:" in new.read_text()
+    changed = tmp_path / "lqr.c"
+    changed.write_text(changed.read_text() + "\n")
+    with pytest.raises(InputError, match=r"inputs/controllers/mine/lqr.c: other content"):
+        run_campaign(request, make_engine())
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "somebody_else"))
+    run = Request(request.out / "campaign.yaml", tmp_path / "again", runs=4)
+    with pytest.raises(InputError, match="--trust-code"):
+        run_campaign(run, make_engine())
+    with pytest.raises(InputError, match="--trust-code"):
+        replay_flight(request.out, "mine", 1, fly)
+    assert not (tmp_path / "again").exists()
 
 
 def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):
