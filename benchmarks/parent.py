@@ -1,11 +1,11 @@
 """What the launching process does for each flight, and how many workers it can feed: canned blocks in workers' place.
 
-    python -m benchmarks.parent [--flights N] [--json FILE]
+    python -m benchmarks.parent [--flights N] [--files N] [--json FILE]
 
 A batch is flown once for real; every block of a campaign beyond 4096 flights is then made of copies of it, pickled as
-it would come through a worker's pipe, after the time that a core takes to fly it, shortened eightfold. So a campaign of
-64 workers runs on any machine; the network is not in it. Prints the launching process's processor time a flight, and
-the flights a second that so many workers give.
+it would come through a worker's pipe, after the time that a core takes to fly it, give or take a fifth. So a campaign
+of 64 workers runs on any machine; the network is not in it. Few workers fly up to eight times as fast, which gives the
+launching process no more to do than 64. Prints its processor time a flight, and the flights a second of so many.
 """
 
 import argparse
@@ -13,6 +13,8 @@ import contextlib
 import io
 import json
 import pickle
+import random
+import resource
 import tempfile
 import threading
 import time
@@ -33,8 +35,8 @@ from abhv_mc.folder.counted import Counting
 
 CAMPAIGN = Path(__file__).parents[1] / "campaigns" / "s_manoeuvre.yaml"
 WORKERS = (1, 2, 8, 32, 64)
+_BLOCK = 8192  # flights of one
 FLIGHT = 1.25e-3  # s of a core for a flight, TLC and LQR mixed
-FASTER = 8  # times that canned workers fly
 
 
 class CannedWorkers:
@@ -43,7 +45,7 @@ class CannedWorkers:
     def __init__(self, fly: Any, seconds: float) -> None:
         self._fly, self._seconds = fly, seconds  # of a flight
         self._canned: dict[tuple[int, int], bytes] = {}
-        self._lock = threading.Lock()
+        self._lock, self._spread = threading.Lock(), random.Random(1)
 
     def fly(self, plan: Any, parameters: np.ndarray, recorded: Any = None) -> Any:
         """A block of as many flights; pilot flights and histories are flown for real."""
@@ -55,7 +57,8 @@ class CannedWorkers:
                 self._canned[key] = self._can(plan, parameters, recorded)
                 start = time.perf_counter()
         sent = pickle.dumps((parameters, recorded), pickle.HIGHEST_PROTOCOL)
-        time.sleep(max(0.0, self._seconds * len(parameters) - (time.perf_counter() - start) * bool(sent)))
+        taken = self._seconds * len(parameters) * self._spread.uniform(0.8, 1.2)
+        time.sleep(max(0.0, taken - (time.perf_counter() - start) * bool(sent)))
         return pickle.loads(self._canned[key])  # noqa: S301
 
     def _can(self, plan: Any, parameters: np.ndarray, recorded: Counting) -> bytes:
@@ -66,8 +69,8 @@ class CannedWorkers:
         return pickle.dumps(sign(type(few)(**parts)), pickle.HIGHEST_PROTOCOL)
 
 
-def run(flights: int, workers: int, seconds: float) -> tuple[float, float]:
-    """Processor and wall time of a campaign's second half, s: the first has made the canned blocks."""
+def run(flights: int, workers: int, seconds: float, out: Path | None = None, laws: Any = ("tlc", "lqr")) -> Any:
+    """Processor and wall time of a flight in the middle half of a campaign, s: no canned blocks are made there."""
     engine = make_engine()
     crew, marks = CannedWorkers(engine.fly, seconds), []
     keep = runner._Run._keep
@@ -86,24 +89,41 @@ def run(flights: int, workers: int, seconds: float) -> tuple[float, float]:
         tempfile.TemporaryDirectory() as folder,
         contextlib.redirect_stderr(io.StringIO()),
     ):
-        runner.run_campaign(Request(CAMPAIGN, Path(folder) / "out", flights, None, ("tlc", "lqr"), workers), engine)
-    half = marks[len(marks) // 2 :]
+        runner.run_campaign(Request(CAMPAIGN, out or Path(folder) / "out", flights, None, laws, workers), engine)
+    half = marks[len(marks) // 4 : 3 * len(marks) // 4 + 1]
     number = sum(count for count, _, _ in half[1:])
     return (half[-1][1] - half[0][1]) / number, (half[-1][2] - half[0][2]) / number
+
+
+def count_files(flights: int) -> None:
+    """Print what a campaign of one controller leaves."""
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.perf_counter()
+        own, _ = run(flights, 2, 0.0, Path(folder) / "out", ("tlc",))
+        files = len(list(Path(folder).rglob("*.parquet")))
+        size = (Path(folder) / "out" / "manifest.json").stat().st_size
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        print(f"{flights} flights: {files} data files, a manifest of {size} bytes, {time.perf_counter() - start:.0f} s")
+        print(f"{1e3 * own:.4f} ms of processor time a flight, {memory:.0f} MB at most")
 
 
 def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--flights", type=int, default=131_072, help="of each controller, for the launching process")
+    parser.add_argument("--files", type=int, help="flights of a campaign whose files are counted, and nothing else")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
+    if given.files:
+        count_files(given.files)
+        return
     own, _ = run(given.flights, 2, 0.0)
     found: dict[str, Any] = {"ms_per_flight": 1e3 * own, "flights_per_second": {}}
     print(f"the launching process: {1e3 * own:.4f} ms of processor time a flight", flush=True)
     for workers in WORKERS:
-        _, seconds = run(max(16_384, 16_384 * workers), workers, FLIGHT / FASTER)
-        found["flights_per_second"][workers] = rate = 1.0 / (FASTER * seconds)
+        faster = max(1, min(8, WORKERS[-1] // workers))
+        _, seconds = run(_BLOCK // 2 * max(32, 8 * workers), workers, FLIGHT / faster)
+        found["flights_per_second"][workers] = rate = 1.0 / (faster * seconds)
         print(f"{workers:3d} workers: {rate:9.0f} flights/s, {rate * FLIGHT / workers:.2f} of their cores", flush=True)
     if given.json:
         given.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

@@ -1,0 +1,70 @@
+"""What a campaign takes beside the kernel alone: processor time of a flight with all that is stored, as a ratio.
+
+    python -m benchmarks.storage [--rounds N]
+
+The default campaign's TLC and LQR by one thread of this process. A flight's time is the difference of a larger and a
+smaller campaign over the difference of their flights, so that nothing that comes once is in it; the kernel flies the
+same samples in turns with them.
+"""
+
+import argparse
+import contextlib
+import dataclasses
+import io
+import tempfile
+import time
+from pathlib import Path
+from statistics import median
+
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.sampling.samples import full_rows
+from abhv_mc.execution.engine import make_engine
+from abhv_mc.execution.plans import make_plans
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.flight.fly import fly
+
+CAMPAIGN = Path(__file__).parents[1] / "campaigns" / "s_manoeuvre.yaml"
+LAWS = ("tlc", "lqr")
+SIZES = {"up to 4096 flights": (1024, 4096), "beyond": (8192, 24_576)}
+BATCH = 1024
+
+
+def run(flights: int) -> float:
+    """Processor time of a campaign, s."""
+    engine = dataclasses.replace(make_engine(), isolation="threads", find_stability=None)
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
+        start = time.process_time()
+        run_campaign(Request(CAMPAIGN, Path(folder) / "out", flights, None, LAWS, 1), engine)
+        return time.process_time() - start
+
+
+def main() -> None:
+    """Print the ratios."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--rounds", type=int, default=3)
+    rounds = parser.parse_args().rounds
+    campaign = read_campaign(CAMPAIGN, BATCH, None, LAWS)
+    samples = campaign.make_samples()
+    parameters = full_rows(samples.names, samples.draw(0, BATCH))
+    plans = make_plans(campaign, LAWS, make_engine())
+
+    def kernel() -> float:
+        start = time.process_time()
+        for plan in plans.values():
+            fly(plan, parameters)
+        return (time.process_time() - start) / (BATCH * len(LAWS))
+
+    kernel()  # loads or compiles
+    run(64)
+    for words, (few, many) in SIZES.items():
+        ratios = []
+        for _ in range(rounds):
+            before, small, between, large, after = kernel(), run(few), kernel(), run(many), kernel()
+            flight = (large - small) / ((many - few) * len(LAWS))
+            ratios.append(flight / median((before, between, after)))
+        print(f"{words}: {median(ratios):.3f} x the kernel ({min(ratios):.3f} to {max(ratios):.3f})", flush=True)
+
+
+if __name__ == "__main__":
+    main()
