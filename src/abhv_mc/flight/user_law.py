@@ -24,6 +24,7 @@ from abhv_mc.user_code.vehicle_functions import compile_functions
 from abhv_mc.vehicle.model import name_effectors
 
 PYTHON = "python"
+_MORE = "|".join(Measured._fields[s.N_MEASURED :])
 NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 
 
@@ -50,7 +51,8 @@ def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights
         places = -(-max(min(flights, TOGETHER), 1) // width) * width  # more are flown after these
         memory = len(native_memory(plan)) if memory_in_rows else None
         source = _checked(plan.source, plan.source_hash)
-        made = open_native(source, tuple(plan.gain_names.tolist()), width, places, memory)
+        gains, seen = tuple(plan.gain_names.tolist()), measured_count(plan)
+        made = open_native(source, gains, width, places, memory, seen)
         address, context = made.address, made.context
     if plan.channels_hash:
         channels = int(compile_channels(_checked(plan.channels_source, plan.channels_hash), width).address)
@@ -78,8 +80,11 @@ def _open_vehicle(plan: FlightPlan, width: int) -> tuple[Any, ...]:
 
 def asks_for_more(plan: FlightPlan) -> bool:
     """Whether the plan's law may look at measured values beyond the ten that every law is given."""
-    if plan.law == "c":  # a library does not say
-        return True
+    if plan.law == "c":
+        source = _checked(plan.source, plan.source_hash)
+        texts = [content.decode(errors="replace") for _, content in source.files]
+        unknown = NativeLaw(source).recipe["library"] is not None  # a library does not say, nor a struct copied whole
+        return unknown or any(re.search(rf"\b({_MORE}|memcpy|memmove)\b", text) for text in texts)
     if plan.law == "fmu":
         return _names_more(_checked(plan.source, plan.source_hash).text)
     if plan.law != PYTHON:
@@ -90,8 +95,7 @@ def asks_for_more(plan: FlightPlan) -> bool:
 
 
 def _names_more(text: str) -> bool:
-    names = "|".join(Measured._fields[s.N_MEASURED :])
-    return re.search(rf"\.({names})\b", text) is not None
+    return re.search(rf"\.({_MORE})\b", text) is not None
 
 
 def measured_count(plan: FlightPlan) -> int:

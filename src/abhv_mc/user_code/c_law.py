@@ -146,17 +146,18 @@ class CFlights:
         """Nothing: all of it is memory of this process."""
 
 
-def open_c_law(source: OwnSource, gains: int, width: int, places: int, memory: int | None) -> CFlights:
+def open_c_law(source: OwnSource, gains: int, width: int, places: int, memory: int | None, seen: int) -> CFlights:
     """The law for ``width`` lanes, with room for the states of ``places`` flights.
 
     With ``memory`` numbers the lanes' rows hold them, as those of a compiled law, and the state is made anew of them at
-    each tick.
+    each tick. The first ``seen`` measured quantities are given, the others are not-a-number.
     """
     library = load_library(source)
-    loop = compile_adapter(width, memory)
+    loop = compile_adapter(width, memory, seen)
     stride = -(-max(library.state_size, 1) // _LINE) * _LINE
     states = aligned_zeros(stride // 8 * places)
     buffer = aligned_zeros(_NUMBERS // 8 + MAX_MEMORY)
+    buffer[seen : s.N_SEEN] = np.nan
     addresses = [library.init, library.step, library.get, library.set]
     context = np.array([*addresses, states.ctypes.data, stride, places, 0, gains, buffer.ctypes.data], np.int64)
     return CFlights(int(loop.address), int(context.ctypes.data), (loop, states, buffer, context, library))
@@ -209,8 +210,10 @@ _CALL = """\
 
 
 @functools.cache
-def compile_adapter(width: int, memory: int | None) -> Any:
-    """The compiled loop, the same for every law; ``memory`` as in :func:`open_c_law`."""
+def compile_adapter(width: int, memory: int | None, given: int) -> Any:
+    """The compiled loop, the same for every law; ``memory`` and ``given``, which it calls ``seen``, as in
+    :func:`open_c_law`.
+    """
 
     def at(row: int) -> str:
         return f"Z[{row * width} + lane]"
@@ -223,7 +226,7 @@ def compile_adapter(width: int, memory: int | None) -> Any:
     restored.append(f"failed = call_c(put, (state, buffer + {_NUMBERS}))")
     kept = [f"{row} = numbers[{i}]" for i, row in enumerate(rows)]
     repeat = [f"{at(row)} = {at(row)[:-1]} - 1]" for row in (*COMMAND_ROWS, FAULT)]
-    seen = [f"seen[{i}] = {at(s.MEASURED + i)}" for i in range(s.N_SEEN)]
+    seen = [f"seen[{i}] = {at(s.MEASURED + i)}" for i in range(given)]
     seen += [f"total += seen[{i}]" for i in range(s.N_MEASURED)]
     text = (_HEAD + (_OWN_PLACE if memory is None else "") + _CALL).format(
         width=width,

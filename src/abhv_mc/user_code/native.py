@@ -67,11 +67,11 @@ def find_memory(source: OwnSource, settings: Floats, first: Floats) -> dict[str,
 
 
 def open_native(
-    source: OwnSource, gains: tuple[str, ...], width: int, places: int, memory: int | None
+    source: OwnSource, gains: tuple[str, ...], width: int, places: int, memory: int | None, seen: int
 ) -> CFlights | FmuFlights:
     """A law for the flights of one call; see :func:`abhv_mc.user_code.c_law.open_c_law`."""
     if _is_c(source):
-        return open_c_law(source, len(gains), width, places, memory)
+        return open_c_law(source, len(gains), width, places, memory, seen)
     return open_fmu(source, gains, width, places, memory is not None)
 
 
