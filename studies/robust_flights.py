@@ -71,6 +71,8 @@ def ripple(error: NDArray[np.float64]) -> float:
     Turning points count from half of RIPPLE on, so that no wiggle hides a slow cycle; 0 without such a pair. The first
     swing begins at no turning point and does not count.
     """
+    if np.ptp(error) < 0.5 * RIPPLE:
+        return 0.0
     least, swings, way, extreme, turn = 0.5 * RIPPLE, [], 0.0, float(error[0]), float(error[0])
     for value in error.tolist():
         if way == 0.0:

@@ -1,0 +1,71 @@
+"""The study of error against control usage: limits, fronts and pairs of equal usage, on made-up candidates."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "studies"))
+
+import fronts
+import fronts_results
+from robust_flights import EFFECTIVENESS, LONGEST_DELAY
+
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+
+
+def made_up(errors: list[float], usages: list[list[float]], broken: tuple[int, ...] = ()) -> fronts.Tried:
+    count = len(errors)
+    limits = np.full((count, fronts.LIMITS), -0.1)
+    limits[list(broken), 1] = 0.1
+    return fronts.Tried(np.zeros((count, 14)), np.tile(np.array(errors)[:, None], 6), np.array(usages), limits)
+
+
+def test_a_front_is_of_designs_within_limits_that_none_beats() -> None:
+    usage = [[u] * 6 for u in (0.5, 0.6, 0.7, 0.8, 0.4)]
+    tried = made_up([1.0, 1.1, 0.9, 0.8, 0.5], usage, broken=(4,))
+    np.testing.assert_allclose(tried.front.mean_usage, [0.5, 0.7, 0.8])
+    again = fronts.tried_of(tried.table)
+    np.testing.assert_array_equal(again.limits, tried.limits)
+    np.testing.assert_array_equal(again.usage, tried.usage)
+
+
+def test_the_best_within_a_budget_keeps_it() -> None:
+    tried = made_up([1.0, 0.9, 0.8], [[u] * 6 for u in (0.5, 0.7, 0.9)])
+    assert int(np.argmin(tried.within(0.75).rank())) == 1
+    assert int(np.argmin(tried.within(0.3).rank())) == 0  # none keeps it: the nearest
+
+
+def test_usages_agree_surface_by_surface() -> None:
+    """Equal means are no equal usage, and the error decides only among those that agree."""
+    wanted = np.array([1.0, 0.5, 1.0, 0.5, 1.0, 0.5])
+    uneven, agreeing, worse = wanted[::-1].copy(), wanted * 1.03, wanted * 0.98
+    tried = made_up([0.5, 0.8, 0.9], [uneven, agreeing, worse])
+    np.testing.assert_allclose(fronts.mismatch(tried.usage, wanted), [1.0, 0.03, 1 / 0.98 - 1.0])
+    assert int(np.argmin(tried.matching(wanted).rank())) == 1
+    other = made_up([0.7], [wanted.tolist()])
+    assert fronts.nearest_pair(other, tried)[:2] == (0, 2)
+    assert [(i, j) for _, i, j in fronts_results.agreeing(other, tried, 0.8)] == [(0, 1), (0, 2)]
+    assert not fronts_results.agreeing(other, tried, 0.7)
+
+
+def test_the_hard_corners_take_both_ends_of_everything_but_the_delay() -> None:
+    rows = fronts.hard_corners()
+    assert len(np.unique(rows, axis=0)) == 16
+    surfaces = rows[:, [PARAMETER_INDEX[f"control.{name}_effectiveness"] for name in ("aileron", "rudder", "elevator")]]
+    ends = 1.0 + EFFECTIVENESS * np.array([-1.0, -1.0, 1.0, 1.0])[:, None]
+    np.testing.assert_allclose(np.sort(surfaces, axis=0)[[0, 7, 8, 15]], np.tile(ends, 3))
+    assert (rows[:, PARAMETER_INDEX["sensor.delay"]] == LONGEST_DELAY).all()
+
+
+def test_a_step_that_is_kept_is_not_searched_again(tmp_path: Path) -> None:
+    archive = fronts.Archive(tmp_path, "ghame_x")
+    assert len(archive.tried("tlc", (1, 2)).points) == 0
+    tried = made_up([1.0, 0.9], [[0.5] * 6, [0.6] * 6])
+    np.savez_compressed(archive.file("tlc", 1, "00-start-0"), table=tried.table, seconds=36.0)
+    number, law, kind, budget = next(fronts.steps(1))
+    assert (number, law, kind, budget) == (0, "tlc", "start", 0.0)
+    fronts.run_step(None, archive, 1, (number, law, kind, budget))  # type: ignore[arg-type]  # nothing to measure with
+    np.testing.assert_array_equal(archive.tried("tlc", (1,)).score, tried.score)
+    assert len(archive.tried("tlc", (2,)).points) == 0
+    assert archive.seconds() == 36.0
