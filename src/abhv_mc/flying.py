@@ -141,11 +141,10 @@ def make_parameters(dispersions: Mapping[str, Quantity] | None) -> "NDArray[np.f
 
 def check_delay(plan: "FlightPlan", parameters: "NDArray[np.float64]") -> None:
     """Raise InputError for measurements that are later than the lanes remember."""
-    from abhv_mc.flight.sensors import MAX_DELAY_TICKS, find_late
+    from abhv_mc.flight.sensors import delays_known, find_late
 
     if late := find_late(parameters, plan.timing.tick):
-        most = f"0 to {1e3 * MAX_DELAY_TICKS * plan.timing.tick:g} ms, {MAX_DELAY_TICKS} control periods"
-        raise InputError("dispersions", None, None, late, most)
+        raise InputError("dispersions", None, None, late, delays_known(plan.timing.tick))
 
 
 def fly(

@@ -134,11 +134,21 @@ def test_what_cannot_be_is_refused(margins, requirements, words, tmp_path):
     assert all(each in str(refused.value) for each in words), str(refused.value)
 
 
-def test_explain_takes_the_end_time_from_its_column(engine, tmp_path):
-    """Margins come after it; a requirement on them is none that a flight can be flown again for."""
+def test_a_missed_margin_is_explained(engine, tmp_path):
     path = _write(tmp_path / "d.yaml", "{at: [trim], flights: all}", REQUIRED)
-    flown = run_campaign(Request(path, tmp_path / "d", runs=4, workers=1), engine)
-    with pytest.raises(InputError, match="no requirement on 'gain_margin_min_db'"):
-        explain_flight(flown.folder, "tlc", 0, engine.fly, "gain_margin_min_db")
-    with pytest.raises(InputError, match="did not fail"):
-        explain_flight(flown.folder, "tlc", 0, engine.fly)
+    flown = run_campaign(Request(path, tmp_path / "d", runs=12, workers=1), engine)
+    missed = _table(flown.folder, "tlc")["gain_margin_min_db"] <= 0.1
+    assert missed.any() and not missed.all()
+    found = explain_flight(flown.folder, "tlc", int(np.flatnonzero(missed)[0]), engine.fly, "gain_margin_min_db")
+    assert found.causes == ("control.rudder_effectiveness",) and "gain_margin_min_db" in found.failure.words
+    with pytest.raises(InputError, match="kept gain_margin_min_db"):
+        explain_flight(flown.folder, "tlc", int(np.flatnonzero(~missed)[0]), engine.fly, "gain_margin_min_db")
+
+
+def test_delays_that_no_flight_remembers_are_refused(engine, tmp_path):
+    path = _write(tmp_path / "e.yaml", "null")
+    late = "  sensor.delay: {distribution: uniform, low: 0 ms, high: 300 ms}\nrequirements:"
+    path.write_text(path.read_text(encoding="utf-8").replace("requirements:", late), encoding="utf-8")
+    with pytest.raises(InputError, match=r"300 ms.*0 to 250 ms"):
+        run_campaign(Request(path, tmp_path / "e", workers=1), engine)
+    assert not (tmp_path / "e").exists()

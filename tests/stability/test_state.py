@@ -33,10 +33,20 @@ def test_the_maps_of_the_ticks_predict_the_flight_after_a_failure(case):
 
 
 def test_a_slow_effector_is_held_over_each_tick():
-    inputs = read("lqr_retuned", "level_mach15", "winged_cone")
-    plan = make_plan(inputs[0], inputs[1].model_copy(update={"duration": 4.0}), inputs[2], "lqr_retuned")
+    """In a light wind: in still air the rudder stands on its table's node at zero, where each side has its own map."""
+    vehicle, mission, law = read("tlc", "level_mach15", "winged_cone")
+    plan = make_plan(vehicle, mission.model_copy(update={"duration": 4.0}), law, "tlc")
     slow = {"failure__effector_0__slow_time": 1.0, "failure__effector_0__rate_limit": 0.5}
-    assert_predicted(plan, parameters(**CALM, **slow), 200, 100, every=4)
+    assert_predicted(plan, parameters(**CALM, **slow, wind__north=5.0), 200, 100, every=4)
+
+
+def test_the_thrust_of_a_flame_out_decays_tick_by_tick():
+    """Under the paper's LQR, which comes to no limit of the throttle within the second."""
+    vehicle, mission, law = read("lqr")
+    start = mission.start.model_copy(update={"altitude": 24e3})
+    plan = make_plan(vehicle, mission.model_copy(update={"duration": 4.0, "start": start}), law, "lqr")
+    out = parameters(**CALM, failure__engine__time=2.0, failure__engine__thrust=0.0)
+    assert_predicted(plan, out, 230, 100)
 
 
 def test_each_ticks_map_is_the_next_ticks_along_the_s():

@@ -14,6 +14,8 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.blocks import Fly
+from abhv_mc.execution.margin_plans import make_margin_plans
+from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flights import END_TIME, FlightRows
@@ -96,6 +98,8 @@ def explain_flight(
     failure = find_failure(root, campaign, row, requirement)
     read_checked(folder, [folder.plan(controller)])
     plan = read_trusted_plan(folder, campaign, controller, trust_code)
+    if failure.requirement is not None and failure.requirement.metric in MARGIN_NAMES:
+        plan = make_margin_plans(campaign, {controller: plan}, "cpu")[controller]
     names = campaign.names
     nominal = nominal_values(names)
     values, seeds = row.samples[0, : len(names)], row.samples[:, len(names) :]  # the noise stays as it was flown
@@ -145,13 +149,12 @@ def find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked: 
     if outcome == Outcome.FAILED_TO_RUN:
         found = f"flight {row.first}, which could not be computed"
         raise InputError(root, None, None, found, "a flight that was flown")
-    end = row.columns.index(END_TIME.name)
-    metrics_flown = row.columns[:end]  # margins, which follow, are no metrics of the flights that are flown again
-    state = np.array([int(outcome)]), row.values[:, end], row.values[:, :end]
+    places = [i for i, name in enumerate(row.columns) if name != END_TIME.name]  # margins follow it
+    columns = [row.columns[i] for i in places]
+    state = np.array([int(outcome)]), row.end_time, row.values[:, places]
     failures = [
-        Failure(entry, limit, metrics_flown.index(entry.metric))
+        Failure(entry, limit, columns.index(entry.metric))
         for entry, limit in zip(campaign.model.requirements, campaign.limits, strict=True)
-        if entry.metric in metrics_flown
     ]
     metrics = [failure.requirement.metric for failure in failures if failure.requirement]
     if asked is not None and asked not in metrics:

@@ -4,22 +4,29 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.feasibility import asked_in_vain
 from abhv_mc.campaign.file.user_code import check_own_code
 from abhv_mc.campaign.file.user_metrics import pack_sources
 from abhv_mc.execution.engine import Engine, check_source
+from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import pack_metrics
 from abhv_mc.flight.plan import LANES, FlightPlan
+from abhv_mc.flight.sensors import delays_known, find_late
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.inputs import FolderInputs
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.plans import read_trusted_plan
 from abhv_mc.io.documents import Document, InputError
+from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.user_code.channels import compile_channels
 from abhv_mc.user_code.closure import check_closure
 from abhv_mc.user_code.source import read_source
 from abhv_mc.vehicle.sensing import IN_WIND
+
+_RARELY = 1e-6  # probability that a law may have beyond a bound
 
 
 def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -> int:
@@ -37,11 +44,29 @@ def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) 
     model = campaign.model
     check_own_code(campaign)
     made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
+    _check_delays(campaign, made.values())
     plans = {name: declare(campaign, plan) for name, plan in made.items()}
     for plan in plans.values():
         if plan.channels_source is not None:
             compile_channels(plan.channels_source, LANES)  # now, before anything is written
     return plans
+
+
+def _check_delays(campaign: CheckedCampaign, plans: Iterable[FlightPlan]) -> None:
+    """Raise InputError for measurements later than flights remember, or from the future, by more than one in 1e6."""
+    if "sensor.delay" not in campaign.names:
+        return
+    if campaign.sample_file is not None:
+        place: tuple[str, ...] = ("sampling",)
+        drawn = campaign.sample_file.values[:, campaign.names.index("sensor.delay")]
+    else:
+        place = ("dispersions", "sensor.delay")
+        drawn = campaign.marginals["sensor.delay"].ppf(np.array([_RARELY, 1.0 - _RARELY]))
+    rows = nominal_parameters(drawn.size)
+    rows[:, PARAMETER_INDEX["sensor.delay"]] = drawn
+    for plan in plans:
+        if late := find_late(rows, plan.timing.tick):
+            raise campaign.document.key_error(place, late, delays_known(plan.timing.tick))
 
 
 def declare(campaign: CheckedCampaign, plan: FlightPlan) -> FlightPlan:

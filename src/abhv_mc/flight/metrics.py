@@ -67,6 +67,7 @@ class Metric(Signal):
     never_negative: bool = False
     leads: bool = False  # whether it stands first in a report where the campaign requires nothing
     plateaus: tuple[float, ...] = ()  # values that many flights share
+    finding: Literal["", "saturates", "cycles", "leaves_tables"] = ""  # what a report says of flights with much of it
     band: tuple[float, float] | None = None  # where a campaign requires it on both sides: in between is good
 
     @property
@@ -192,8 +193,8 @@ def _largest(name: str, unit: str, doc: str, label: str, group: Group, of: str) 
     return Metric(name, unit, doc, label, "high", group, of, Statistic.MAX, **_ZERO)
 
 
-def _time(name: str, doc: str, label: str, group: Group, of: str) -> Metric:
-    return Metric(name, "s", doc, label, "high", group, of, Statistic.TIME_OUTSIDE, **_ZERO)
+def _time(name: str, doc: str, label: str, group: Group, of: str, finding: Any = "") -> Metric:
+    return Metric(name, "s", doc, label, "high", group, of, Statistic.TIME_OUTSIDE, **_ZERO, finding=finding)
 
 
 METRICS: tuple[Metric, ...] = (
@@ -245,16 +246,12 @@ METRICS: tuple[Metric, ...] = (
     ),
     _time(
         "surface_saturation_s", "time with a surface at its deflection limit", "Surface saturation", "usage",
-        "surface_saturated",
+        "surface_saturated", "saturates",
     ),
     *(
-        _largest(
-            f"{name}_ripple_deg",
-            "deg",
-            f"largest cycle of the {words} in settled stretches, from side to side",
-            f"{label} ripple",
-            "tracking",
-            f"{name}_ripple_deg",
+        Metric(
+            f"{name}_ripple_deg", "deg", f"largest cycle of the {words} in settled stretches, from side to side",
+            f"{label} ripple", "high", "tracking", f"{name}_ripple_deg", Statistic.MAX, **_ZERO, finding="cycles",
         )
         for name, words, label in (
             ("bank", "bank error", "Bank"),
@@ -274,7 +271,10 @@ METRICS: tuple[Metric, ...] = (
         )
     ),
     _time("engine_failed_s", "time with a failed or unstarted engine", "Engine failed", "loads", "engine_failed"),
-    _time("outside_tables_s", "time outside the tables (clamped)", "Outside tables", "loads", "outside_tables"),
+    _time(
+        "outside_tables_s", "time outside the tables (clamped)", "Outside tables", "loads", "outside_tables",
+        "leaves_tables",
+    ),
 )  # fmt: skip
 
 
@@ -312,7 +312,7 @@ METRIC_INDEX: dict[str, int] = {metric.name: i for i, metric in enumerate(METRIC
 BUILT_IN: dict[str, Metric] = {metric.name: metric for metric in (*METRICS, *MARGINS)}
 SURFACE_USAGE = tuple(m.name for m in METRICS if m.group == "usage" and m.statistic == Statistic.RMS)
 
-_TEXT = tuple(field.name for field in fields(Metric) if field.name not in ("plateaus", "leads", "band"))
+_TEXT = tuple(field.name for field in fields(Metric) if field.name not in ("plateaus", "leads", "band", "finding"))
 NO_METRICS: NDArray[np.str_] = np.empty((0, len(_TEXT)), dtype=np.str_)
 
 

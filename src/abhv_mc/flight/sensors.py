@@ -31,6 +31,11 @@ def find_late(parameters: Floats, tick: float) -> str:
     return f"sensor.delay of {1e3 * wrong[0]:g} ms" if wrong.size else ""
 
 
+def delays_known(tick: float) -> str:
+    """The range of delays at a control period (s), in words."""
+    return f"0 to {1e3 * MAX_DELAY_TICKS * tick:g} ms, {MAX_DELAY_TICKS} control periods"
+
+
 class SensorErrors(NamedTuple):
     """Sensor errors active in any lane; the others are never computed."""
 

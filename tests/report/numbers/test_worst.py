@@ -1,12 +1,16 @@
 """The worst flights: what is told of each."""
 
 import pytest
+from fake_flight import ENGINE
+from fake_flight import write_campaign as write_fake
 from report.synthetic import write_campaign
 
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.numbers.tables import worst_tables
-from abhv_mc.report.numbers.worst import _largest
+from abhv_mc.report.numbers.worst import _largest, worst_numbers
 
 
 def test_worst_flights_have_their_three_largest_dispersions_in_sigma(tmp_path):
@@ -32,3 +36,13 @@ def test_of_many_dispersions_only_the_largest_three_are_told():
     found = _largest(sampled, dict.fromkeys(sampled, (1.0, 0.05)))
     assert [entry["parameter"] for entry in found] == ["aero.lift.23", "aero.lift.22", "aero.lift.21"]
     assert found[0]["sigma"] == pytest.approx(4.6)
+
+
+def test_the_flights_that_are_listed_are_those_with_histories(tmp_path):
+    keep = "{histories: {flights: [every 40], rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
+    run_campaign(Request(write_fake(tmp_path / "f", keep=keep), tmp_path / "out"), ENGINE)
+    listed = worst_numbers(read_results(tmp_path / "out"))
+    for entries in listed.values():
+        assert sorted(entry["flight"] for entry in entries) == list(range(0, 300, 40))
+        beyond = [entry["beyond"] for entry in entries if entry["outcome"] == "ok"]
+        assert beyond == sorted(beyond, reverse=True)

@@ -13,7 +13,7 @@ from abhv_mc.report.numbers.words import count_of, joined, percent
 from abhv_mc.vehicle.sensing import IN_WIND
 
 _CYCLES = 5.0  # deg, from side to side: ripple from which a flight is said to cycle
-_SATURATION, _OUTSIDE, _RIPPLE = "surface_saturation_s", "outside_tables_s", "_ripple_deg"
+_LIMITS = {"saturates": 0.0, "leaves_tables": 0.0, "cycles": _CYCLES}  # of a record's finding: what is more is said
 
 
 def finding_numbers(results: Results) -> dict[str, Any]:
@@ -30,15 +30,22 @@ def left_out(results: Results) -> dict[str, int]:
 
 
 def _of(flights: ControllerFlights) -> dict[str, Any]:
-    def above(metric: str, limit: float) -> int | None:
-        return int(np.sum(flights.metrics[metric] > limit)) if metric in flights.metrics else None
+    records = {name: record for name, record in flights.records.items() if record.finding and name in flights.metrics}
 
-    cycling = {metric.removesuffix(_RIPPLE): above(metric, _CYCLES) for metric in flights.metrics if _RIPPLE in metric}
+    def above(finding: str) -> dict[str, int]:
+        return {
+            record.label.removesuffix(" ripple").lower().replace(" ", "_"): int(
+                np.sum(flights.metrics[name] > _LIMITS[finding])
+            )
+            for name, record in records.items()
+            if record.finding == finding
+        }
+
     return {
         "flown": int(flights.flight.size),
-        "saturated": above(_SATURATION, 0.0),
-        "outside_tables": above(_OUTSIDE, 0.0),
-        "cycling": cycling,
+        "saturated": max(above("saturates").values(), default=None),
+        "outside_tables": max(above("leaves_tables").values(), default=None),
+        "cycling": above("cycles"),
         "ripple_deg": _CYCLES,
     }
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -238,10 +239,7 @@ def read_results(root: Path) -> Results:
 def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
     """The kept histories of one controller: flight -> "time" and channels -> [time]; empty where none are kept."""
     kept: dict[int, dict[str, Floats]] = {}
-    folder = CampaignFolder(root)
-    for path in data_files(folder, read_manifest(folder.manifest)):
-        if path.parent != folder.histories:
-            continue
+    for path in _history_files(root):
         table = pq.read_table(path, filters=[("controller", "=", controller)], partitioning=None)
         if not table.num_rows:
             continue
@@ -251,3 +249,15 @@ def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
             rows = np.flatnonzero(numbers == number)
             kept[int(number)] = {key: value[rows].astype(np.float64) for key, value in columns.items()}
     return kept
+
+
+def kept_flights(root: Path, controller: str) -> set[int]:
+    """The flights of one controller whose histories are kept."""
+    only = {"filters": [("controller", "=", controller)], "partitioning": None}
+    tables = (pq.read_table(path, columns=["flight"], **only) for path in _history_files(root))
+    return {int(number) for table in tables for number in pc.unique(table["flight"]).to_pylist()}
+
+
+def _history_files(root: Path) -> Iterator[Path]:
+    folder = CampaignFolder(root)
+    return (path for path in data_files(folder, read_manifest(folder.manifest)) if path.parent == folder.histories)

@@ -12,10 +12,10 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.report.numbers.failures import failed_anyhow
 from abhv_mc.report.numbers.flights import ControllerFlights
 from abhv_mc.report.numbers.plain import plain
-from abhv_mc.report.numbers.results import Results
+from abhv_mc.report.numbers.results import Results, kept_flights
 from abhv_mc.statistics.ranking import Criterion, choose_worst, order_of, spread
 
-LISTED_WORST = 10  # where no number of worst flights keeps its histories
+_LISTED = 10  # at most, where no number of worst flights keeps its histories
 _LARGEST = 3  # dispersions of a flight that are told
 
 
@@ -36,6 +36,18 @@ def in_order(flights: ControllerFlights, criteria: Sequence[Criterion], rows: ND
     beyond = distance_beyond(flights, criteria)[0][rows]
     early_first = np.where(flights.failed[rows], flights.end_time[rows], np.inf)
     return rows[np.lexsort((flights.flight[rows], -beyond, early_first))]
+
+
+def listed_worst(results: Results, name: str) -> list[int]:
+    """The rows [flight] of the flights that a report lists: those whose histories are kept, the worst without any.
+
+    At most as many as the campaign asks for with 'worst N', or 10 where it keeps others.
+    """
+    flights, criteria, number = results.flights[name], results.campaign.criteria, results.campaign.worst
+    kept = np.flatnonzero(np.isin(flights.flight, list(kept_flights(results.folder, name))))
+    if not kept.size:
+        return rank_worst(flights, criteria, number or _LISTED)
+    return in_order(flights, criteria, kept)[: max(number, _LISTED)].tolist()
 
 
 def distance_beyond(flights: ControllerFlights, criteria: Sequence[Criterion]) -> tuple[Floats, NDArray[np.intp]]:
@@ -90,7 +102,7 @@ def worst_numbers(results: Results) -> dict[str, Any]:
     criteria = results.campaign.criteria
     for name in results.controllers:
         flights = results.flights[name]
-        rows = np.array(rank_worst(flights, criteria, results.campaign.worst or LISTED_WORST), dtype=np.intp)
+        rows = np.array(listed_worst(results, name), dtype=np.intp)
         beyond, which = distance_beyond(flights, criteria)
         numbers = flights.flight[rows]
         metrics = {m: flights.metrics[m][rows] for m in results.compared}

@@ -13,7 +13,7 @@ from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.report.numbers.parameters import spoken_name
 from abhv_mc.report.numbers.results import Results, read_histories
-from abhv_mc.report.numbers.worst import LISTED_WORST, rank_worst
+from abhv_mc.report.numbers.worst import listed_worst, rank_worst
 
 MOST_FLIGHTS = 6000  # points of the view, of all controllers together
 LISTED = 100  # rows of the table
@@ -106,8 +106,7 @@ def mark_of(number: int) -> str:
 def _rank(results: Results, name: str, most: int) -> list[int]:
     """Rows of the worst flights of a controller: those that the report lists in its order, then the next."""
     flights, criteria = results.flights[name], results.campaign.criteria
-    listed = rank_worst(flights, criteria, results.campaign.worst or LISTED_WORST)
-    return list(dict.fromkeys([*listed, *rank_worst(flights, criteria, most)]))
+    return list(dict.fromkeys([*listed_worst(results, name), *rank_worst(flights, criteria, most)]))
 
 
 def _kept(flights: int, worst: Sequence[int], most: int) -> NDArray[np.intp]:
