@@ -6,11 +6,12 @@ Each takes the lane memory, a lane, the plan and the tick, and returns the unit 
 import math
 
 from abhv_mc.control import columns as ref
-from abhv_mc.flight.ripple import FREQUENCY, N_RIPPLE_ROWS, follow_ripple
+from abhv_mc.flight.ripple import FREQUENCY, N_RIPPLE_ROWS, end_swing, watch_swings
 from abhv_mc.flight.sensors import END_ROW
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.angles import larger, wrap
 from abhv_mc.plant import state as s
+from abhv_mc.plant.disturbance import any_lane
 from abhv_mc.plant.heating import heat_flux
 from abhv_mc.plant.state import X, parameter_row, variable_row
 
@@ -92,28 +93,35 @@ def load_factor_g(Z, lane, plan, tick):
 
 
 @lanes
-def _ripple(Z, lane, row, error, plan, tick):
-    settled, length = plan.reference[tick, ref.SETTLED] > 0.0, plan.timing.step * plan.timing.steps_per_tick
-    return follow_ripple(Z, lane, row, error, settled, float(tick), length)
-
-
-@lanes
 def bank_ripple_deg(Z, lane, plan, tick):
-    """The cycle of the bank error that ends at this tick, see :mod:`abhv_mc.flight.ripple`."""
-    return _ripple(Z, lane, RIPPLES, bank_error_deg(Z, lane, plan, tick), plan, tick)
+    """The cycle of the bank error that ends at this tick, which :func:`follow_ripples` finds."""
+    return 0.0
 
 
 @lanes
 def angle_of_attack_ripple_deg(Z, lane, plan, tick):
     """The same of the angle-of-attack error."""
-    error = angle_of_attack_error_deg(Z, lane, plan, tick)
-    return _ripple(Z, lane, RIPPLES + N_RIPPLE_ROWS, error, plan, tick)
+    return 0.0
 
 
 @lanes
 def sideslip_ripple_deg(Z, lane, plan, tick):
     """The same of the sideslip, whose command is zero."""
-    return _ripple(Z, lane, RIPPLES + 2 * N_RIPPLE_ROWS, Z[_BETA, lane] * _DEG, plan, tick)
+    return 0.0
+
+
+@lanes
+def follow_ripples(Z, width, plan, tick, errors, ripples, cycles):
+    """Cycles of bank, angle of attack and sideslip: from rows of their errors to rows of ripples and frequencies."""
+    settled, length = plan.reference[tick, ref.SETTLED], plan.timing.step * plan.timing.steps_per_tick
+    for i in range(3):
+        row, factor = RIPPLES + i * N_RIPPLE_ROWS, _DEG if i == 2 else 1.0
+        watch_swings(Z, width, row, errors[i], factor, settled, float(tick), ripples[i])
+        if any_lane(Z, width, ripples[i], 1, 0.0):
+            for lane in range(width):
+                if Z[ripples[i], lane] > 0.0:
+                    Z[ripples[i], lane] = end_swing(Z, lane, row, Z[errors[i], lane] * factor, float(tick), length)
+                    Z[cycles[i], lane] = Z[row + FREQUENCY, lane]
 
 
 @lanes

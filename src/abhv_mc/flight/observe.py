@@ -15,7 +15,7 @@ from abhv_mc.array_types import Floats, Ints
 from abhv_mc.control.laws.user import FAULT
 from abhv_mc.flight import counting, derived
 from abhv_mc.flight.channels import CHANNELS, SOURCES
-from abhv_mc.flight.derived import FIRST_DERIVED, remember_start
+from abhv_mc.flight.derived import FIRST_DERIVED, follow_ripples, remember_start
 from abhv_mc.flight.outcome import LIMITS, Limits, Outcome
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.tables import natural
@@ -55,6 +55,12 @@ def find_row(source: str) -> int:
     if row is None and source not in DERIVED:
         raise ValueError(f"'{source}' is no row of the lane memory and no function of abhv_mc.flight.derived")
     return FIRST_DERIVED + DERIVED.index(source) if row is None else row
+
+
+_ANGLES = ("bank", "angle_of_attack", "sideslip")
+_ERRORS = tuple(find_row(name) for name in ("bank_error_deg", "angle_of_attack_error_deg", "sideslip"))
+_RIPPLES = tuple(find_row(f"{name}_ripple_deg") for name in _ANGLES)
+_CYCLES = tuple(find_row(f"{name}_cycle_hz") for name in _ANGLES)
 
 
 def find_factor(source: str, unit: str) -> float:
@@ -134,6 +140,7 @@ def derive(Z, width, plan, tick):
     """The derived quantities at this tick."""
     for lane in range(width):
         _derive_lane(Z, lane, plan, tick)
+    follow_ripples(Z, width, plan, tick, _ERRORS, _RIPPLES, _CYCLES)
 
 
 @lanes

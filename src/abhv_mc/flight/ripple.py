@@ -1,7 +1,8 @@
 """Cycles of an angle about its command while the reference is settled: a few numbers a lane, tick by tick.
 
-A swing goes from one turning point of the error to the next; it has turned when the way back is a quarter of the swing,
-or of the one before. A cycle is three swings one after another, each at least half of the one before, and none more
+A swing goes from one turning point of the error to the next. It is looked for twice, as a large slow cycle may carry a
+small fast one: a quick swing has turned when the way back is a quarter of it, a slow one at 0.35 of it or of the one
+before. A cycle is three swings one after another, each at least half of the one before, and none more
 than twice as long in time as another. Its amplitude is the largest of the three, from side to side, its frequency that
 of the three half periods. A slow decay, a drift, or the one swing after a step is none. A settled stretch begins anew:
 its first swing begins at no turning point and does not count.
@@ -15,18 +16,61 @@ from abhv_mc.numerics.angles import larger, smaller
 # cycle so far and its size. Stage: 0 nothing seen, 0.5 no motion yet, +-1 moving since the beginning, +-2 since a
 # turning point; its sign is that of the motion.
 TURN, TURN_TIME, FARTHEST, FARTHEST_TIME, SWING, BEFORE, LENGTH, LENGTH_BEFORE, STAGE, FREQUENCY, LARGEST = range(11)
-N_RIPPLE_ROWS = 11
-BACK = 0.25  # of a swing: the way back that makes a turning point
+N_SWING_ROWS = 11
+N_RIPPLE_ROWS = 2 * N_SWING_ROWS  # slow swings, then quick ones
+SLOW, QUICK = 0.35, 0.25  # of a swing: the way back that makes a turning point
+WIGGLE = 0.01  # deg: a shorter way back makes none
 _LEAST = 0.5  # of the swing before
 _LONGEST = 2.0  # of three swings, times the shortest
 
 
 @lanes
-def follow_ripple(Z, lane, row, error, settled, time, tick):
+def watch_swings(Z, width, row, error, factor, settled, time, out):
+    """Set ``out`` to 1 in the lanes whose error (deg: row ``error`` times ``factor``) begins or ends a swing, else 0.
+
+    :func:`end_swing` follows these up; ``time`` counts control ticks. This alone runs at every tick.
+    """
+    for lane in range(width):
+        Z[out, lane] = _watch(Z, lane, row, Z[error, lane] * factor, settled, time, SLOW, 1.0)
+    quick = row + N_SWING_ROWS
+    for lane in range(width):
+        Z[out, lane] += _watch(Z, lane, quick, Z[error, lane] * factor, settled, time, QUICK, 0.0)
+
+
+@lanes
+def _watch(Z, lane, row, error, settled, time, share, remembered):
+    stage, turn, farthest = Z[row + STAGE, lane], Z[row + TURN, lane], Z[row + FARTHEST, lane]
+    swing, since = Z[row + SWING, lane], Z[row + FARTHEST_TIME, lane]
+    moving = abs(stage) >= 1.0
+    back = (farthest - error) * (1.0 if stage > 0.0 else -1.0)
+    turned = back >= larger(WIGGLE, share * larger(abs(farthest - turn), remembered * abs(swing)))
+    farther = moving & (back < 0.0)
+    Z[row + FARTHEST, lane] = error if farther else farthest
+    Z[row + FARTHEST_TIME, lane] = time if farther else since
+    Z[row + STAGE, lane] = stage * settled
+    Z[row + SWING, lane] = swing * settled
+    Z[row + BEFORE, lane] *= settled
+    ends = 1.0 if (moving & turned) | ((not moving) & ((stage == 0.0) | (error != turn))) else 0.0
+    return ends * settled
+
+
+@lanes
+def end_swing(Z, lane, row, error, time, tick):
     """The amplitude of the cycle whose third swing has just ended, 0 without one.
 
-    ``time`` counts control ticks, of ``tick`` seconds.
+    ``tick`` is the control period, s. FREQUENCY of ``row`` is that of the larger cycle of both kinds.
     """
+    quick = row + N_SWING_ROWS
+    slow_size = _end(Z, lane, row, error, time, tick, SLOW, 1.0)
+    quick_size = _end(Z, lane, quick, error, time, tick, QUICK, 0.0)
+    quicker = Z[quick + LARGEST, lane] > Z[row + LARGEST, lane]
+    Z[row + FREQUENCY, lane] = Z[quick + FREQUENCY, lane] if quicker else Z[row + FREQUENCY, lane]
+    Z[row + LARGEST, lane] = larger(Z[row + LARGEST, lane], Z[quick + LARGEST, lane])
+    return larger(slow_size, quick_size)
+
+
+@lanes
+def _end(Z, lane, row, error, time, tick, share, remembered):
     stage, swing, length = Z[row + STAGE, lane], Z[row + SWING, lane], Z[row + LENGTH, lane]
     begins = stage == 0.0
     turn = error if begins else Z[row + TURN, lane]
@@ -36,8 +80,8 @@ def follow_ripple(Z, lane, row, error, settled, time, tick):
     moving = abs(stage) >= 1.0
     way = (1.0 if stage > 0.0 else -1.0) if moving else (1.0 if error > turn else (-1.0 if error < turn else 0.0))
     size, back = abs(farthest - turn), (farthest - error) * way
-    turned = moving and back > 0.0 and back >= BACK * larger(size, abs(swing))
-    counts = turned and settled and abs(stage) == 2.0
+    turned = moving and back >= larger(WIGGLE, share * larger(size, remembered * abs(swing)))
+    counts = turned and abs(stage) == 2.0
     # The swing that has ended, after the two before it.
     took, before, took_before = farthest_time - turn_time, Z[row + BEFORE, lane], Z[row + LENGTH_BEFORE, lane]
     shortest, longest = smaller(took, smaller(length, took_before)), larger(took, larger(length, took_before))
@@ -48,14 +92,14 @@ def follow_ripple(Z, lane, row, error, settled, time, tick):
     period = (took + length + took_before) * tick
     Z[row + FREQUENCY, lane] = 1.5 / period if amplitude > largest else Z[row + FREQUENCY, lane]
     Z[row + LARGEST, lane] = larger(amplitude, largest)
-    Z[row + BEFORE, lane] = (swing if turned else before) if settled else 0.0
+    Z[row + BEFORE, lane] = swing if turned else before
     Z[row + LENGTH_BEFORE, lane] = length if turned else took_before
-    Z[row + SWING, lane] = ((size if counts else -size) if turned else swing) if settled else 0.0
+    Z[row + SWING, lane] = (size if counts else -size) if turned else swing
     Z[row + LENGTH, lane] = took if turned else length
     first = way if way != 0.0 else 0.5
     Z[row + TURN, lane] = farthest if turned else turn
     Z[row + TURN_TIME, lane] = farthest_time if turned else turn_time
     Z[row + FARTHEST, lane] = error if turned or back < 0.0 else farthest
     Z[row + FARTHEST_TIME, lane] = time if turned or back < 0.0 else farthest_time
-    Z[row + STAGE, lane] = (-2.0 * way if turned else (stage if moving else first)) if settled else 0.0
+    Z[row + STAGE, lane] = -2.0 * way if turned else (stage if moving else first)
     return amplitude
