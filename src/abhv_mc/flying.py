@@ -135,7 +135,7 @@ def make_parameters(dispersions: Mapping[str, Quantity] | None) -> "NDArray[np.f
             dimension = dimension_of(PARAMETERS[PARAMETER_INDEX[name]].unit)
             row[0, PARAMETER_INDEX[name]] = parse_quantity(value, dimension, dimension.unit)
         except Refusal as refusal:
-            raise InputError("dispersions", None, None, f"{name}: {refusal.found}", refusal.wanted) from None
+            raise InputError("dispersions", None, None, f"{name}: {refusal.found}", refusal.expected) from None
     return row
 
 
@@ -272,8 +272,8 @@ def check_count(value: int, least: int, name: str, most: int | None = None) -> i
     """A whole number that is not below ``least`` or above ``most``. Raises InputError, which calls it ``name``."""
     whole = isinstance(value, Integral) and not isinstance(value, bool)
     if not whole or value < least or (most is not None and value > most):
-        wanted = f"a whole number, {least} or more" if most is None else f"a whole number from {least} to {most}"
-        raise InputError(name, None, None, describe(value), wanted)
+        expected = f"a whole number, {least} or more" if most is None else f"a whole number from {least} to {most}"
+        raise InputError(name, None, None, describe(value), expected)
     return int(value)
 
 
@@ -289,4 +289,4 @@ def to_si(value: Quantity, dimension: Dimension, name: str) -> float:
     try:
         return parse_quantity(value, dimension, dimension.unit)
     except Refusal as refusal:
-        raise InputError(name, None, None, refusal.found, refusal.wanted) from None
+        raise InputError(name, None, None, refusal.found, refusal.expected) from None

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from abhv_mc.control.controller_file import Controller
     from abhv_mc.control.mission import Mission
     from abhv_mc.flight.plan import FlightPlan
-    from abhv_mc.flight.prepare import OwnParts
+    from abhv_mc.flight.prepare import UserParts
     from abhv_mc.stability.analysis import Time
     from abhv_mc.stability.linearize import Points
     from abhv_mc.vehicle.model import Vehicle
@@ -43,7 +43,7 @@ class Setup(NamedTuple):
     vehicle: "Vehicle"
     mission: "Mission"
     controller: "Controller"
-    own: "OwnParts | None"  # of a law of the user's own
+    user_code: "UserParts | None"  # of a law of the user's own
 
 
 class Place(NamedTuple):
@@ -110,24 +110,24 @@ def find_point(setup: Setup, name: str, time: "Time", bank: float, parameters: "
     warnings = []
     if time == "trim":
         try:
-            plan = make_steady_plan(setup.vehicle, setup.mission, setup.controller, name, bank, setup.own)
+            plan = make_steady_plan(setup.vehicle, setup.mission, setup.controller, name, bank, setup.user_code)
             found = trim_points(plan, parameters)
         except np.linalg.LinAlgError as error:
             words = f"a vehicle that its controls do not rule in steady flight ({str(error).lower()})"
-            wanted = "surfaces with moments of their own, and a weight that they can hold"
-            raise InputError(_path(setup.files[0]), None, None, words, wanted) from None
+            expected = "surfaces with moments of their own, and a weight that they can hold"
+            raise InputError(_path(setup.files[0]), None, None, words, expected) from None
         if found.faults[0]:
-            wanted = "a start that this vehicle can be trimmed at, or a time of the flight instead of the trim"
-            raise InputError(_path(setup.files[1]), None, None, f"a start at which {found.faults[0]}", wanted)
+            expected = "a start that this vehicle can be trimmed at, or a time of the flight instead of the trim"
+            raise InputError(_path(setup.files[1]), None, None, f"a start at which {found.faults[0]}", expected)
     else:
         if not 0.0 <= time <= setup.mission.duration:
-            wanted = f"a time of the mission, 0 to {setup.mission.duration:g} s"
-            raise InputError(asked, None, None, f"{time:g} s", wanted)
+            expected = f"a time of the mission, 0 to {setup.mission.duration:g} s"
+            raise InputError(asked, None, None, f"{time:g} s", expected)
         plan = prepare(*setup.files, name)
         found = flown_points(plan, parameters, time)
         if found.faults[0].startswith("the flight"):
-            wanted = f"a time at which {name} still flies"
-            raise InputError(asked, None, None, f"{time:g} s: {found.faults[0]}", wanted)
+            expected = f"a time at which {name} still flies"
+            raise InputError(asked, None, None, f"{time:g} s: {found.faults[0]}", expected)
         if found.faults[0]:
             warnings.append(f"{name} at {time:g} s: {found.faults[0]}; what is linearized knows no limits")
     warnings += [f"{name}: {words}" for words in near_nodes(plan, found.points)]

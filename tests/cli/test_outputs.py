@@ -12,7 +12,7 @@ from typer.models import OptionInfo
 from abhv_mc.cli.app import app
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.folder.layout import find_own_place
+from abhv_mc.folder.layout import find_user_place
 
 NOT_OUTPUTS = {"baseline", "block", "plans", "references", "vehicle", "file", "staging"}  # read, or for a while
 
@@ -126,13 +126,13 @@ def test_json_on_standard_output_stands_there_alone(abhv_mc, tmp_path, monkeypat
 
 def test_other_places_are_free(flown, tmp_path):
     copy = shutil.copytree(flown, tmp_path / "copy")
-    assert find_own_place(copy) == Path()
+    assert find_user_place(copy) == Path()
     for taken in ("report.json", "flights/x", "histories/more/x.parquet"):
-        assert find_own_place(copy / taken) == Path(taken)
+        assert find_user_place(copy / taken) == Path(taken)
     for free in (copy / "csv", copy / "mine.parquet", copy.parent / "flights", tmp_path / "new"):
-        assert find_own_place(free) is None
+        assert find_user_place(free) is None
     (copy / "campaign.yaml").unlink()  # a damaged folder is one all the same
-    assert find_own_place(copy / "flights/x") == Path("flights/x")
+    assert find_user_place(copy / "flights/x") == Path("flights/x")
     (tmp_path / "manifest.json").write_text("{}")  # of a web page
     (tmp_path / "figures").mkdir()
-    assert find_own_place(tmp_path / "figures/x.png") is None
+    assert find_user_place(tmp_path / "figures/x.png") is None

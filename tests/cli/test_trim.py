@@ -54,4 +54,4 @@ def test_refuses_bad_options(run, options, place):
 
 
 def test_refuses_a_vehicle_that_cannot_be_trimmed(run):
-    assert "without surfaces or engine" in str(run("nesc/sphere").exception)
+    assert "without surfaces" in str(run("nesc/sphere").exception)

@@ -7,17 +7,17 @@ from abhv_mc.io.atomic_write import atomic_write
 
 def test_whole_or_not_at_all(tmp_path):
     path = tmp_path / "a/b.txt"
-    with atomic_write(path, durable=True) as aside:
-        aside.write_text("new")
+    with atomic_write(path, durable=True) as temporary:
+        temporary.write_text("new")
         assert not path.exists()
     assert path.read_text() == "new"
-    with pytest.raises(TypeError), atomic_write(path) as aside:
-        aside.write_text(3)
+    with pytest.raises(TypeError), atomic_write(path) as temporary:
+        temporary.write_text(3)
     assert path.read_text() == "new" and list(path.parent.iterdir()) == [path]
 
 
 def test_what_is_written_has_the_rights_of_any_file(tmp_path):
-    with atomic_write(tmp_path / "a") as aside:
-        aside.write_bytes(b"")
+    with atomic_write(tmp_path / "a") as temporary:
+        temporary.write_bytes(b"")
     (tmp_path / "b").touch()
     assert (tmp_path / "a").stat().st_mode == (tmp_path / "b").stat().st_mode

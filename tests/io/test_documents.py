@@ -184,7 +184,7 @@ def test_refused_values(tmp_path: Path, text: str, place: tuple[int, int], found
     (error,) = refusals(tmp_path, text)
     assert (error.line, error.column) == place
     assert found in error.found
-    assert wanted in error.wanted
+    assert wanted in error.expected
 
 
 def test_everything_wrong_is_said_in_order(tmp_path: Path) -> None:

@@ -73,7 +73,7 @@ def test_refused(text: object, dimension: Dimension, found: str) -> None:
     with pytest.raises(Refusal) as caught:
         parse_quantity(text, dimension)  # type: ignore[arg-type]
     assert found in caught.value.found
-    assert dimension.wanted in caught.value.wanted
+    assert dimension.expected in caught.value.expected
 
 
 def test_bare_number_has_the_default_unit() -> None:

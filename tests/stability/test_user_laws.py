@@ -50,10 +50,10 @@ def write_law(folder, compiled="", base="(NamedTuple)", pitch="1.5", altitude="1
 def plans(file, name="own", seconds=3.0):
     """The plan of a flight and that of steady flight, of a controller file."""
     vehicle, mission, _ = read("lqr")
-    controller, own = read_law(file)
+    controller, user_code = read_law(file)
     short = mission.model_copy(update={"duration": seconds})
-    steady = make_steady_plan(vehicle, mission, controller, name, own=own)
-    return make_plan(vehicle, short, controller, name, own=own), steady
+    steady = make_steady_plan(vehicle, mission, controller, name, user_code=user_code)
+    return make_plan(vehicle, short, controller, name, user_code=user_code), steady
 
 
 def stability(plan, points, dispersions):

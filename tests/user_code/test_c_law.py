@@ -225,7 +225,7 @@ def test_what_is_no_law_is_refused_in_words(make, words):
     if words.startswith("'expected"):
         assert refused.value.line == REFUSED[words][: REFUSED[words].index("return 2\n")].count("\n") + 1
     if "No such file" in words:
-        assert refused.value.wanted.startswith("files: [helper.h]")
+        assert refused.value.expected.startswith("files: [helper.h]")
 
 
 def test_declared_headers_are_found_and_hashed(make, tmp_path):

@@ -3,7 +3,7 @@
 import numba
 
 from abhv_mc.user_code import compiled
-from abhv_mc.user_code.source import OwnSource
+from abhv_mc.user_code.source import UserSource
 
 LAW = """
 from abhv_mc.extend import Command, controller
@@ -17,7 +17,7 @@ def test_a_flipped_bit_of_a_compiled_law_is_not_executed(tmp_path, monkeypatch):
     """It flew another law, or killed the process."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(compiled, "code_folder", lambda _: tmp_path)
-    source = OwnSource(LAW, str(tmp_path / "law.py"))
+    source = UserSource(LAW, str(tmp_path / "law.py"))
 
     def compile_it():
         compiled.compile_law.__wrapped__(source, (), 8)

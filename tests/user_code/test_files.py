@@ -105,7 +105,7 @@ def test_what_it_does_not_declare_is_refused_with_the_line(write, text, line, fo
     with pytest.raises(InputError) as refused:
         check_closure(source)
     assert (refused.value.file, refused.value.line) == (source.file, line)
-    assert found in refused.value.found and wanted in refused.value.wanted
+    assert found in refused.value.found and wanted in refused.value.expected
 
 
 def test_a_module_of_its_own_that_reads_is_named_with_its_line(write, tmp_path):

@@ -11,7 +11,7 @@ from abhv_mc.flying import make_document
 from abhv_mc.io.input_error import InputError
 from abhv_mc.notebook import write_inputs
 from abhv_mc.user_code.from_function import make_law_text
-from abhv_mc.user_code.source import OwnSource, load_law
+from abhv_mc.user_code.source import UserSource, load_law
 
 CELLS = """
 import math
@@ -78,11 +78,11 @@ def cells(monkeypatch):
 
 def test_a_law_of_a_cell_is_taken_with_what_it_names(cells):
     text = make_law_text(cells.law)
-    law = load_law(OwnSource(text, "law.py"))
+    law = load_law(UserSource(text, "law.py"))
     assert law.mark.units == {"bank_limit": "rad"} and law.settings._field_defaults == {"path": 0.9, "bank_limit": 1.2}
     assert law.design is not None and law.memory._fields == ("speed",)
     assert "bare" not in text
-    bare = load_law(OwnSource(make_law_text(cells.bare), "bare.py"))
+    bare = load_law(UserSource(make_law_text(cells.bare), "bare.py"))
     assert bare.arguments == ("measured", "reference")
     measured, reference = types.SimpleNamespace(bank=0.5), types.SimpleNamespace(elevator=0.0, equivalence_ratio=1.0)
     assert bare.function(measured, reference)[0] == -0.2 * np.pi

@@ -3,7 +3,7 @@
 from importlib import metadata
 
 from abhv_mc.user_code.packages import find_package_versions
-from abhv_mc.user_code.source import OwnSource
+from abhv_mc.user_code.source import UserSource
 
 LAW = """
 import math
@@ -17,6 +17,6 @@ def design(model, settings):
 def test_packages_are_found_in_the_law_and_in_the_modules_that_it_declares():
     files = (("law.py", LAW.encode()), ("mylaw/gains.py", b"import yaml\nfrom . import more\n"), ("odd.py", b"print 1"))
     found = find_package_versions(
-        [OwnSource(LAW, "law.py", files), OwnSource('{"law": "c", "library": null}', "law.c")]
+        [UserSource(LAW, "law.py", files), UserSource('{"law": "c", "library": null}', "law.c")]
     )
     assert found == {name: metadata.version(name) for name in ("numpy", "scipy", "PyYAML")}

@@ -366,7 +366,7 @@ def test_what_cannot_be_compiled_is_said_in_the_users_terms(make, tmp_path, text
         make(HEAD + "@controller\n" + text)
     error = caught.value
     assert found in error.found, str(error)
-    assert wanted in error.wanted or wanted in error.found, str(error)
+    assert wanted in error.expected or wanted in error.found, str(error)
     assert error.file == str(tmp_path / "law.py")
     assert error.line == line or (error.line is None and "something" in found), str(error)
 

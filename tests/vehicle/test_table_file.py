@@ -73,7 +73,7 @@ def test_refuses_with_the_place(tmp_path, text, line, column, words):
     with pytest.raises(InputError) as caught:
         read(tmp_path, text)
     assert (caught.value.line, caught.value.column) == (line, column)
-    assert words in f"{caught.value.found} {caught.value.wanted}"
+    assert words in f"{caught.value.found} {caught.value.expected}"
     assert caught.value.file.endswith("table.csv")
 
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.control.controller_file import TlcController, read_controller
-from abhv_mc.control.design.design_model import Surroundings, attitude_rates, body_rate_rates, guidance_rates, wrench_at
+from abhv_mc.control.design.design_model import Environment, attitude_rates, body_rate_rates, guidance_rates, wrench_at
 from abhv_mc.control.design.design_tables import Numbers, slope
-from abhv_mc.control.design.environment import make_surroundings
+from abhv_mc.control.design.environment import make_environment
 from abhv_mc.control.design.reference import make_mission_trim_tables, solve_reference
 from abhv_mc.control.design.trim_tables import trim_elevator
 from abhv_mc.control.laws.tlc_loops import AttitudePoint, attitude_inverse
@@ -45,7 +45,7 @@ _RANGES = {
 class Nominal(NamedTuple):
     """A nominal anywhere in the envelope, the elevator at trim, the body turning as sub-loop 3 wants it."""
 
-    around: Surroundings
+    around: Environment
     values: dict[str, float]  # of _RANGES, and the speed
     elevator: float
     rates: tuple[float, float, float]  # p, q, r
@@ -88,7 +88,7 @@ def draw_nominals(design: Design, count: int, seed: int = 2014) -> list[Nominal]
 
 
 def _make_nominal(vehicle: Vehicle, values: dict[str, float]) -> Nominal:
-    around = make_surroundings(SPHERE, values["altitude"], values["latitude"])
+    around = make_environment(SPHERE, values["altitude"], values["latitude"])
     speed = values["mach"] * around.sound_speed
     alpha, bank, gamma = values["angle_of_attack"], values["bank"], values["flight_path_angle"]
     at = [np.array([x]) for x in (speed, alpha, values["equivalence_ratio"])]

@@ -30,16 +30,16 @@ def write_gains(file: Path, plan: FlightPlan) -> None:
         raise InputError(file, None, None, f"the law {plan.controller}, which has no gains", "one with a design")
     ticks = plan.timing.ticks + 1
     times, gains = plan.reference[:ticks, TIME], plan.gains[:ticks]
-    with atomic_write(file) as aside:
+    with atomic_write(file) as temporary:
         if file.suffix == ".mat":
             from scipy.io import savemat
 
-            with aside.open("wb") as stream:
+            with temporary.open("wb") as stream:
                 content = {"time_s": times, "gains": gains, "names": np.array(names, dtype=object)}
                 savemat(stream, content, oned_as="column")
         else:
             make = _make_csv if file.suffix == ".csv" else _make_header
-            aside.write_text(make(plan.controller, names, times, gains), encoding="utf-8")
+            temporary.write_text(make(plan.controller, names, times, gains), encoding="utf-8")
 
 
 def _make_csv(controller: str, names: tuple[str, ...], times: np.ndarray, gains: np.ndarray) -> str:

@@ -84,11 +84,11 @@ def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -
     for path in folder.flights.glob("*.parquet"):
         try:
             name, first, stop = parse_block_name(path)
-            wanted = [flight for flight in flights if name == controller and first <= flight < stop]
-            if wanted:
+            expected = [flight for flight in flights if name == controller and first <= flight < stop]
+            if expected:
                 read_checked(folder, [path])
                 for rows, _ in read_pieces(path, names):
-                    for flight in wanted:
+                    for flight in expected:
                         if rows.first <= flight < rows.stop:
                             at = slice(flight - rows.first, flight - rows.first + 1)
                             parts = {part: getattr(rows, part)[at] for part in ("samples", "outcome", "values")}

@@ -65,7 +65,7 @@ def make_change(campaign: CheckedCampaign, settings: Mapping[str, Mapping[str, A
         model = validate(document, Campaign)
         marginals = {name: model.dispersions[name].make_marginal(PARAMETERS[PARAMETER_INDEX[name]]) for name in after}
     except (InputError, Refusal) as error:
-        raise InputError(_SET, None, None, error.found, error.wanted) from None
+        raise InputError(_SET, None, None, error.found, error.expected) from None
     mixed = [campaign.names[column] for column in campaign.copula.columns]
     for name, marginal in marginals.items():
         _check_support(name, campaign.marginals[name], marginal)
@@ -86,8 +86,8 @@ def _check_support(name: str, old: Marginal, new: Marginal) -> None:
     if isinstance(old, DiscreteMarginal) and isinstance(new, DiscreteMarginal):
         missing = np.setdiff1d(new.values, old.values)
         if missing.size:
-            wanted = f"some of {', '.join(f'{value:g}' for value in old.values)}"
-            raise InputError(_SET, None, None, f"{name} at {missing[0]:g}, where nothing was flown", wanted)
+            expected = f"some of {', '.join(f'{value:g}' for value in old.values)}"
+            raise InputError(_SET, None, None, f"{name} at {missing[0]:g}, where nothing was flown", expected)
         return
     if not (isinstance(old, ContinuousMarginal) and isinstance(new, ContinuousMarginal)):
         found = f"a change of {name} between a discrete choice and a continuous distribution"

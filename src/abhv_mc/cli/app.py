@@ -39,9 +39,9 @@ app = typer.Typer(
 )
 
 
-def _print_versions(wanted: bool) -> None:
+def _print_versions(expected: bool) -> None:
     """The program's version, and what a problem report needs beside it."""
-    if wanted:
+    if expected:
         import platform
         from importlib.metadata import version
 

@@ -117,7 +117,7 @@ def read_setups(
     vehicle: Path | None, mission: Path, controllers: str | None, one: bool = False, trust_code: bool = False
 ) -> "dict[str, Setup]":
     """What is to be linearized, by the controllers' names; ``mission`` may be a campaign file. Raises InputError."""
-    from abhv_mc.campaign.file.user_code import check_own_law
+    from abhv_mc.campaign.file.user_code import check_user_law
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.io.input_error import InputError
@@ -127,7 +127,7 @@ def read_setups(
     if one and len(files) > 1:
         raise InputError("--controller", None, None, ", ".join(files), "one controller")
     for file in files.values():
-        check_own_law(read_controller(file), trust_code)
+        check_user_law(read_controller(file), trust_code)
     setups = {name: read_setup((*paths, file)) for name, file in files.items()}
     announce_compiling()
     return setups
@@ -144,10 +144,10 @@ def _find_files(
 
     if find_kind(mission) == "campaign":
         from abhv_mc.campaign.file.check import read_campaign
-        from abhv_mc.campaign.file.user_code import check_own_code
+        from abhv_mc.campaign.file.user_code import check_user_code
 
         campaign = read_campaign(mission)
-        check_own_code(campaign, trust_code)
+        check_user_code(campaign, trust_code)
         model = campaign.model
         known = {name: Path(file) for name, file in model.controllers.items()}
         names = parse_names(controllers) or tuple(known)

@@ -126,4 +126,4 @@ def parse_option(option: str, text: str, dimension: Any, bare_unit: str | None =
     try:
         return parse_quantity(text.strip(), dimension, bare_unit)
     except Refusal as refusal:
-        raise InputError(option, None, None, refusal.found, refusal.wanted) from None
+        raise InputError(option, None, None, refusal.found, refusal.expected) from None

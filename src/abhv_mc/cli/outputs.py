@@ -53,11 +53,11 @@ def _check_folder(path: Path, campaign: bool = False) -> Path:
 
 
 def _check(path: Path, home: Path, campaign: bool = False) -> Path:
-    from abhv_mc.folder.layout import find_own_place
+    from abhv_mc.folder.layout import find_user_place
 
     if _is_address(path):
         raise InputError(path, None, None, "an address", "a place on this machine")
-    place = find_own_place(path)
+    place = find_user_place(path)
     if place is not None and not (campaign and place == Path()):
         raise InputError(path, None, None, "a place of the campaign's own files", "another name, or a place elsewhere")
     there = next(folder for folder in (home, *home.parents) if folder.exists())

@@ -76,8 +76,8 @@ def _quantity(name: str, text: str) -> float:
     bare = "deg" if dimension is ANGLE else dimension.unit
     value = parse_option(option, text, dimension, bare)
     if not low <= value <= high:
-        wanted = f"{format_quantity(low, dimension)} to {format_quantity(high, dimension)}"
-        raise InputError(option, None, None, f"'{text}'", wanted)
+        expected = f"{format_quantity(low, dimension)} to {format_quantity(high, dimension)}"
+        raise InputError(option, None, None, f"'{text}'", expected)
     return value
 
 

@@ -114,7 +114,7 @@ def parse_numbers(value: Any, keys: tuple[str | int, ...]) -> list[float]:
             numbers.append(parse_any(item))
         except Refusal as refusal:
             place = (*keys, i) if isinstance(value, list) else keys
-            raise Refusal(refusal.found, refusal.wanted, place) from None
+            raise Refusal(refusal.found, refusal.expected, place) from None
     if not numbers:
         raise Refusal("an empty list", "at least one number", keys)
     return numbers

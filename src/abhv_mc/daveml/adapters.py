@@ -115,10 +115,10 @@ def _call(model: Model, kind: str, answers: Mapping[str, Answer]) -> str:
     return f"    out = {MODEL}(\n{given}\n    )" if given else f"    out = {MODEL}()"
 
 
-def _outputs(model: Model, wanted: tuple[str, ...]) -> list[str]:
+def _outputs(model: Model, expected: tuple[str, ...]) -> list[str]:
     """``name=value`` in SI for each quantity that the model gives; what is zero for good is left out."""
     names, outputs, found = python_names(model), find_signals(model.outputs), []
-    for quantity in wanted:
+    for quantity in expected:
         variable = outputs.get(quantity)
         if variable is None or (not variable.computed and variable.initial == 0.0):
             continue

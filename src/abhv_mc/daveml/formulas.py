@@ -44,8 +44,8 @@ _CONSTANTS = {"pi": math.pi, "exponentiale": math.e}
 def read_formula(node: Node, path: Path) -> Expression:
     """The expression of a content element of MathML. Raises InputError for what is not in the list."""
 
-    def refuse(at: Node, found: str, wanted: str) -> InputError:
-        return InputError(path, at.line, at.column, found, wanted)
+    def refuse(at: Node, found: str, expected: str) -> InputError:
+        return InputError(path, at.line, at.column, found, expected)
 
     def leaf(at: Node) -> Expression:
         if at.name == "ci":

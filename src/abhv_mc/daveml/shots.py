@@ -7,14 +7,14 @@ from typing import Any
 from abhv_mc.daveml.model import Model
 from abhv_mc.daveml.writer import MODEL, python_names, write_module
 from abhv_mc.io.input_error import InputError, InputErrors
-from abhv_mc.user_code.source import OwnSource, run_module
+from abhv_mc.user_code.source import UserSource, run_module
 
 _WITHOUT_TOLERANCE = 1e-6  # of a value for which the file gives none
 
 
 def make_function(model: Model) -> Callable[..., Any]:
     """The written model as a function of its inputs by their Python names; it gives a named tuple of outputs."""
-    function: Callable[..., Any] = run_module(OwnSource(write_module(model), str(model.path))).names[MODEL]
+    function: Callable[..., Any] = run_module(UserSource(write_module(model), str(model.path))).names[MODEL]
     return function
 
 

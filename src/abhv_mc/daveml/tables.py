@@ -178,12 +178,12 @@ class _Tables:
     def _shaped(self, node: Node, values: Floats, grids: tuple[Grid, ...]) -> Floats:
         shape = [grid.points.size for grid in grids]
         if not grids or values.size != np.prod(shape):
-            wanted = f"{' x '.join(map(str, shape))}, as its breakpoints" if grids else "breakpoints"
-            raise self._refuse(node, f"a table of {values.size} values", wanted)
+            expected = f"{' x '.join(map(str, shape))}, as its breakpoints" if grids else "breakpoints"
+            raise self._refuse(node, f"a table of {values.size} values", expected)
         return values.reshape(shape)
 
-    def _refuse(self, node: Node, found: str, wanted: str) -> InputError:
-        return InputError(self._path, node.line, node.column, found, wanted)
+    def _refuse(self, node: Node, found: str, expected: str) -> InputError:
+        return InputError(self._path, node.line, node.column, found, expected)
 
 
 def _descendants(node: Node) -> list[Node]:

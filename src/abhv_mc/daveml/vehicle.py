@@ -120,11 +120,11 @@ def _write_parts(models: Sequence[Model], kinds: Mapping[str, tuple[str, ...]], 
 
 def _constants(models: Sequence[Model], answers: Answers) -> dict[str, float]:
     """Reference lengths and mass properties, SI, from whichever file gives them."""
-    wanted = ("area", "span", "chord", "mass", "inertia_xx", "inertia_yy", "inertia_zz", "inertia_zx", "inertia_xy",
+    expected = ("area", "span", "chord", "mass", "inertia_xx", "inertia_yy", "inertia_zz", "inertia_zx", "inertia_xy",
               "inertia_yz", "center_of_gravity_x", "center_of_gravity_y", "center_of_gravity_z")  # fmt: skip
     found: dict[str, float] = {}
     for model in models:
-        outputs = {name: variable for name, variable in find_signals(model.outputs).items() if name in wanted}
+        outputs = {name: variable for name, variable in find_signals(model.outputs).items() if name in expected}
         if not outputs:
             continue
         names = python_names(model)

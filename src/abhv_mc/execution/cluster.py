@@ -30,14 +30,14 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.metrics import MarginPlan
 from abhv_mc.user_code.c_source import refuse_platform
 from abhv_mc.user_code.child import allow_here
-from abhv_mc.user_code.source import OwnSource
+from abhv_mc.user_code.source import UserSource
 from abhv_mc.vehicle.foreign import VehicleCode
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 Arrays = dict[str, np.ndarray]
-Code = tuple[OwnSource | None, OwnSource | None, VehicleCode | None]  # of a law, of channels, of a vehicle
+Code = tuple[UserSource | None, UserSource | None, VehicleCode | None]  # of a law, of channels, of a vehicle
 
 _CONNECT = 10.0  # s to find the scheduler
 _PER_THREAD = 2  # blocks under way for each thread of the cluster, so that none waits for the next one

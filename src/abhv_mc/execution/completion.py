@@ -56,7 +56,7 @@ class Completion:
         numbers = np.arange(self.campaign.runs)
         below = (numbers >= self.first) & (numbers < self.goal())
         for name, done in self.done.items():
-            wanted = ~done & below & (name in self.asked)  # what was flown and is in no envelope is wanted anyhow
+            expected = ~done & below & (name in self.asked)  # what was flown and is in no envelope is wanted anyhow
             computed = ~self.all_counts[name].uncomputed  # the others have nothing for the envelopes
-            missing[name] = wanted, ~collectors[name].covered & (done & computed | wanted)
+            missing[name] = expected, ~collectors[name].covered & (done & computed | expected)
         return missing if any(mask.any() for masks in missing.values() for mask in masks) else {}

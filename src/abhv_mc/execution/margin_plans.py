@@ -17,7 +17,7 @@ def make_margin_plans(campaign: CheckedCampaign, plans: dict[str, FlightPlan], d
 
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
-    from abhv_mc.flight.prepare import own_parts_of
+    from abhv_mc.flight.prepare import user_parts_of
     from abhv_mc.stability.steady import make_steady_plan
     from abhv_mc.user_code.vehicle_functions import load_vehicle
 
@@ -28,7 +28,7 @@ def make_margin_plans(campaign: CheckedCampaign, plans: dict[str, FlightPlan], d
     laws = {name: read_controller(model.controllers[name]) for name in plans}
     return {
         name: add_margins(
-            plan, make_steady_plan(vehicle, mission, laws[name], name, own=own_parts_of(plan)), model.margins.at
+            plan, make_steady_plan(vehicle, mission, laws[name], name, user_code=user_parts_of(plan)), model.margins.at
         )
         for name, plan in plans.items()
     }

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.user_code import check_own_code
+from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.execution.engine import Engine, check_source, make_engine
 from abhv_mc.execution.runner import RunResult, run_campaign
 from abhv_mc.execution.setup import Request
@@ -28,6 +28,6 @@ def merge_campaign(
     sharded = "shard" in read_manifest(CampaignFolder(parts[0]).manifest)
     folders = order_shards(parts) if sharded else check_pool(parts)
     check_source(folders[0], read_manifest(folders[0].manifest), engine)
-    check_own_code(read_campaign(folders[0].campaign), trust_code)  # flights are flown again for their histories
+    check_user_code(read_campaign(folders[0].campaign), trust_code)  # flights are flown again for their histories
     (join_shards if sharded else join_seeds)(folders, out)
     return run_campaign(Request(CampaignFolder(out).campaign, out, trust_code=trust_code), engine)

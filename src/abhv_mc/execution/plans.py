@@ -8,7 +8,7 @@ import numpy as np
 
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.feasibility import asked_in_vain
-from abhv_mc.campaign.file.user_code import check_own_code
+from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.campaign.file.user_metrics import pack_sources
 from abhv_mc.execution.engine import Engine, check_source
 from abhv_mc.flight.fly import nominal_parameters
@@ -42,7 +42,7 @@ def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -
 def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) -> dict[str, FlightPlan]:
     """The plans of some of a campaign's controllers, with what it declares. Raises InputError."""
     model = campaign.model
-    check_own_code(campaign)
+    check_user_code(campaign)
     made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
     _check_delays(campaign, made.values())
     plans = {name: declare(campaign, plan) for name, plan in made.items()}
@@ -80,7 +80,7 @@ def declare(campaign: CheckedCampaign, plan: FlightPlan) -> FlightPlan:
 
 
 def _declare(campaign: CheckedCampaign, plan: FlightPlan) -> FlightPlan:
-    return replace(plan, declared=pack_metrics(campaign.declared), own_sources=pack_sources(campaign.own_sources))
+    return replace(plan, declared=pack_metrics(campaign.declared), user_sources=pack_sources(campaign.user_sources))
 
 
 def take_plans(

@@ -52,7 +52,7 @@ def fly_probes(campaign: CheckedCampaign, plans: dict[str, FlightPlan], fly: Fly
     """
     trials = make_trials(campaign)
     limit = _COMPILING + time_limit(len(trials), campaign.model.execution.flight_time_limit or _USUAL)
-    flown = {name: _fly_aside(fly, plan, trials, every, limit) for name, plan in plans.items()}
+    flown = {name: _fly_temporary(fly, plan, trials, every, limit) for name, plan in plans.items()}
     errors: list[InputError] = []
     for i, name in enumerate(campaign.names):
         unchanged, *rows = range(1 + _ROWS * i, 1 + _ROWS * (i + 1))
@@ -66,7 +66,7 @@ def fly_probes(campaign: CheckedCampaign, plans: dict[str, FlightPlan], fly: Fly
     return flown
 
 
-def _fly_aside(fly: Fly, plan: FlightPlan, trials: Floats, every: int, limit: float) -> FlightBlock:
+def _fly_temporary(fly: Fly, plan: FlightPlan, trials: Floats, every: int, limit: float) -> FlightBlock:
     try:
         return run_in_thread(lambda: fly(plan, trials, every), limit)
     except TimeoutError:

@@ -90,8 +90,8 @@ def write_kept_histories(
     from joblib import Parallel, delayed
 
     keep = campaign.model.keep.histories
-    wanted = list_histories(folder, campaign, all_counts, hashes)
-    missing = [file for file in wanted if not file.whole]
+    expected = list_histories(folder, campaign, all_counts, hashes)
+    missing = [file for file in expected if not file.whole]
 
     def fly_again(part: int) -> tuple[int, FlightBlock]:
         plan = plans[missing[part].controller]
@@ -114,7 +114,7 @@ def write_kept_histories(
             )
             backpressure.free()
             progress.add(len(file.flights))
-    for path in set(folder.histories.glob("*.parquet")) - {file.path for file in wanted}:
+    for path in set(folder.histories.glob("*.parquet")) - {file.path for file in expected}:
         path.unlink()
         hashes.forget(path)
 

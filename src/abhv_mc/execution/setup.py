@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES
-from abhv_mc.campaign.file.user_code import check_own_code
+from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.execution.engine import Engine, check_source
 from abhv_mc.execution.margin_plans import make_margin_plans
 from abhv_mc.execution.plans import find_warnings, make_plans, record_every, take_plans
@@ -79,7 +79,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     stack.enter_context(reading_once())
     asked = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
     folder = CampaignFolder(request.out or Path("reports") / asked.model.name)
-    for source in check_own_code(asked, request.trust_code):
+    for source in check_user_code(asked, request.trust_code):
         trust(source)  # his own file: he has flown it
     _check_shard(request, asked)
     inputs = collect_inputs(asked)

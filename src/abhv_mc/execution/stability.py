@@ -39,7 +39,7 @@ def describe_stability(campaign: CheckedCampaign, plans: Mapping[str, FlightPlan
     """
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
-    from abhv_mc.flight.prepare import own_parts_of
+    from abhv_mc.flight.prepare import user_parts_of
     from abhv_mc.stability.steady import make_steady_plan
     from abhv_mc.user_code.vehicle_functions import load_vehicle
 
@@ -50,8 +50,8 @@ def describe_stability(campaign: CheckedCampaign, plans: Mapping[str, FlightPlan
     rows, found = make_corners(campaign), {}
     for name, file in model.controllers.items():
         try:
-            own = own_parts_of(plans[name])
-            steady = make_steady_plan(vehicle, mission, read_controller(file), name, own=own)
+            user_code = user_parts_of(plans[name])
+            steady = make_steady_plan(vehicle, mission, read_controller(file), name, user_code=user_code)
             found[name] = _describe(name, steady, rows)
         except InputError as error:
             found[name] = {"fault": error.found}

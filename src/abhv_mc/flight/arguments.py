@@ -41,7 +41,7 @@ _COLUMNS = {  # of the gains and of the settings
 }
 
 
-class OwnLaw(NamedTuple):
+class UserCode(NamedTuple):
     """A law of the user's own, as the kernel calls it."""
 
     address: int  # of its machine code, 0 for none
@@ -74,7 +74,7 @@ class KernelPlan(NamedTuple):
     counted: Counted
     first_tick: int  # at which the flights start
     start: Floats  # [flight, row] their memories then, see abhv_mc.flight.fly; no flights: the mission's start
-    own: OwnLaw = OwnLaw(0, 0, 0, 0)
+    user_code: UserCode = UserCode(0, 0, 0, 0)
 
 
 class KernelResults(NamedTuple):
@@ -140,7 +140,7 @@ def make_kernel_plan(
             plan.settings,
             plan.profile,
             parameters,
-            compile_metrics(plan.metrics, known_sources(plan.own_sources)),
+            compile_metrics(plan.metrics, known_sources(plan.user_sources)),
             start.tick if start else 0,
             start.rows if start else np.empty((0, SAVED_ROWS)),
         ),
@@ -180,10 +180,10 @@ def conform(value: Any, kind: Any, name: str) -> Any:
 
 def check_type(array: Any, kind: Any, name: str) -> None:
     """Raise ValueError unless an array has the type that an annotation such as ``Floats`` declares."""
-    wanted = np.dtype(get_args(get_args(kind)[1])[0])
-    if not isinstance(array, np.ndarray) or array.dtype != wanted:
+    expected = np.dtype(get_args(get_args(kind)[1])[0])
+    if not isinstance(array, np.ndarray) or array.dtype != expected:
         found = f"an array of {array.dtype}" if isinstance(array, np.ndarray) else f"a {type(array).__name__}"
-        raise ValueError(f"{name} is {found}, not an array of {wanted}")
+        raise ValueError(f"{name} is {found}, not an array of {expected}")
 
 
 def check_shape(array: NDArray[Any], shape: tuple[int | None, ...], name: str) -> None:

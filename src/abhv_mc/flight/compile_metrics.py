@@ -45,11 +45,13 @@ def _known_sources() -> dict[str, Known]:
     }
 
 
-def known_sources(own: NDArray[np.str_]) -> dict[str, Known]:
+def known_sources(user_channels: NDArray[np.str_]) -> dict[str, Known]:
     """The sources of the program, and the channels of the user's own file ``[channel, 2]``, each name and unit."""
-    if len(own) > MAX_CHANNELS:
-        raise ValueError(f"{len(own)} channels of the user's own")
-    return _known_sources() | {name: Known(unit, CHANNEL + i, 1.0) for i, (name, unit) in enumerate(own.tolist())}
+    if len(user_channels) > MAX_CHANNELS:
+        raise ValueError(f"{len(user_channels)} channels of the user's own")
+    return _known_sources() | {
+        name: Known(unit, CHANNEL + i, 1.0) for i, (name, unit) in enumerate(user_channels.tolist())
+    }
 
 
 def compile_metrics(metrics: Sequence[Metric], known: Mapping[str, Known]) -> Counted:

@@ -71,8 +71,8 @@ def fly(
         return fly_in_child(fly, plan, parameters, recording, lanes, keep_states, start)
     results = make_results(plan, len(parameters), recording, keep_states)
     kernel_plan, memory, results = flight_arguments(plan, parameters, results, recording, lanes, start)
-    with open_law(plan, lanes, memory_in_rows=start is not None, flights=len(parameters)) as own:
-        compiled_flight(lanes)(kernel_plan._replace(own=own), memory, results)
+    with open_law(plan, lanes, memory_in_rows=start is not None, flights=len(parameters)) as user_code:
+        compiled_flight(lanes)(kernel_plan._replace(user_code=user_code), memory, results)
     return make_block(plan, results, recording)
 
 
@@ -88,8 +88,8 @@ def fly_until(plan: FlightPlan, parameters: Floats, tick: int, start: Kept | Non
     shorter = replace(plan, timing=plan.timing._replace(ticks=tick))
     results = make_results(shorter, len(parameters), Recording(0), False, keep=True)
     kernel_plan, memory, results = flight_arguments(shorter, parameters, results, Recording(0), LANES, start)
-    with open_law(plan, LANES, memory_in_rows=True) as own:
-        compiled_flight(LANES)(kernel_plan._replace(own=own), memory, results)
+    with open_law(plan, LANES, memory_in_rows=True) as user_code:
+        compiled_flight(LANES)(kernel_plan._replace(user_code=user_code), memory, results)
     return Kept(tick, results.kept)
 
 

@@ -82,7 +82,7 @@ def find_active(Z, width, plan):
 @lanes
 def instruments(plan, Z, width, active, tick):
     """What is measured against the air, and what the user's own law asks for besides."""
-    sensing, more = plan.vehicle.constants.sensing, plan.own.more > 0
+    sensing, more = plan.vehicle.constants.sensing, plan.user_code.more > 0
     against_air = active.windy and sensing.angle_of_attack + sensing.sideslip + sensing.speed > 0
     if active.windy and (against_air or more):
         move_air(Z, width)
@@ -117,17 +117,17 @@ def evaluate(plan, memory, width, stage, windy, failures):
     air_data(Z, width, vehicle, plan.earth)
     deflections(Z, memory.A, width, vehicle, failures.effectors)
     look_up(Z, T, width, vehicle.tables, memory.cells)
-    if plan.own.aerodynamics != 0:
-        foreign_coefficients(Z, memory.A, width, vehicle, plan.own, failures.effectors)
+    if plan.user_code.aerodynamics != 0:
+        foreign_coefficients(Z, memory.A, width, vehicle, plan.user_code, failures.effectors)
     else:
         build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
-    if plan.own.propulsion != 0:
-        foreign_thrust(Z, width, vehicle, plan.own)
+    if plan.user_code.propulsion != 0:
+        foreign_thrust(Z, width, vehicle, plan.user_code)
     equations_of_motion(Z, width, vehicle, plan.earth, stage)
-    if plan.own.propulsion != 0:
+    if plan.user_code.propulsion != 0:
         add_thrust(Z, width, vehicle, stage)
     if failures.engines:
-        add_engines_out(Z, width, vehicle, plan.own, stage)
+        add_engines_out(Z, width, vehicle, plan.user_code, stage)
 
 
 @lanes
@@ -150,9 +150,9 @@ def observe_tick(plan, memory, width, tick):
     if inlet.unstarts > 0.0:
         watch_inlet(memory.Z, width, inlet, tick * plan.timing.step * plan.timing.steps_per_tick)
     derive(memory.Z, width, plan, tick)
-    if plan.own.channels != 0:
+    if plan.user_code.channels != 0:
         dt = plan.timing.step * plan.timing.steps_per_tick
-        call_address(plan.own.channels, 0, memory.Z, plan.reference, plan.gains, plan.settings, tick, dt)
+        call_address(plan.user_code.channels, 0, memory.Z, plan.reference, plan.gains, plan.settings, tick, dt)
     check_limits(memory.Z, memory.O, width, plan.observed, tick)
     count_tick(memory, width, plan, tick, observe.FIRST_METRIC)
 
@@ -288,7 +288,7 @@ def start_lanes(plan, memory, width, flights, n):
         nominal_wind(Z, width, plan.profile)
         face_air(Z, width)
     start_failures(Z, width)
-    if plan.own.aerodynamics != 0:
+    if plan.user_code.aerodynamics != 0:
         find_dispersed(Z, width)
     prepare_actuators(Z, width, plan.vehicle.constants, plan.timing.step)
     start_effectors(Z, memory.A, width, plan.vehicle, plan.timing.step)

@@ -38,8 +38,8 @@ def check_native(plan: FlightPlan) -> None:
         raise InputError(str(plan.source and plan.source.file), None, None, found, "a law that returns") from None
     if not same:
         found = "a law that keeps memory of its own: a flight depends on those beside it or before it"
-        wanted = "all memory in the flight's state, and nothing in statics"
-        raise InputError(str(plan.source and plan.source.file), None, None, found, wanted)
+        expected = "all memory in the flight's state, and nothing in statics"
+        raise InputError(str(plan.source and plan.source.file), None, None, found, expected)
 
 
 def check_states(plan: FlightPlan) -> None:
@@ -59,8 +59,8 @@ def _try_once(is_right: Callable[[FlightPlan], bool], plan: FlightPlan, ticks: i
     shorter = replace(plan, timing=plan.timing._replace(ticks=min(ticks, plan.timing.ticks)))
     if not in_child(is_right, shorter, limit=_LONGEST):
         return False
-    with atomic_write(note) as aside:
-        aside.write_text("", encoding="utf-8")
+    with atomic_write(note) as temporary:
+        temporary.write_text("", encoding="utf-8")
     return True
 
 

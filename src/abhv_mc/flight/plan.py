@@ -13,7 +13,7 @@ from abhv_mc.flight.metrics import METRICS, NO_METRICS, Metric, unpack_metrics
 from abhv_mc.identity import Flyer
 from abhv_mc.plant.air_profile import no_profile
 from abhv_mc.plant.effectiveness import Effectiveness
-from abhv_mc.user_code.source import OwnSource
+from abhv_mc.user_code.source import UserSource
 from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.foreign import VehicleCode
 from abhv_mc.vehicle.model import Vehicle
@@ -80,11 +80,11 @@ class FlightPlan:
     warnings: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # sentences for the user
     gain_names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # of a law of one's own
     declared: NDArray[np.str_] = field(default_factory=NO_METRICS.copy)  # metrics of a campaign, as pack_metrics gives
-    own_sources: NDArray[np.str_] = field(default_factory=NO_SOURCES.copy)  # [channel, 2] name and unit
+    user_sources: NDArray[np.str_] = field(default_factory=NO_SOURCES.copy)  # [channel, 2] name and unit
     source_hash: str = ""  # of its text, "" for the laws of the program
     channels_hash: str = ""  # of the text of channels of one's own
-    source: OwnSource | None = field(default=None, metadata={"stored": False})  # its text: travels, is not stored
-    channels_source: OwnSource | None = field(default=None, metadata={"stored": False})
+    source: UserSource | None = field(default=None, metadata={"stored": False})  # its text: travels, is not stored
+    channels_source: UserSource | None = field(default=None, metadata={"stored": False})
     vehicle_code: VehicleCode | None = field(default=None, metadata={"stored": False})  # of vehicle.foreign's digest
 
     @property

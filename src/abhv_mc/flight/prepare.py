@@ -15,7 +15,7 @@ from abhv_mc.control.controller_file import (
 )
 from abhv_mc.control.design.design_model import wrench_at
 from abhv_mc.control.design.design_tables import Numbers, slope
-from abhv_mc.control.design.environment import make_surroundings
+from abhv_mc.control.design.environment import make_environment
 from abhv_mc.control.design.guidance_trim import trim_faults
 from abhv_mc.control.design.lqr_design import make_lqr_gains, make_lqr_settings
 from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, on_glide_path, solve_reference
@@ -38,7 +38,7 @@ from abhv_mc.user_code.design import DesignModel
 from abhv_mc.user_code.effector_commands import drive_commanded
 from abhv_mc.user_code.law_source import read_trusted_law
 from abhv_mc.user_code.native import NativeLaw
-from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands, make_own_settings
+from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands, make_user_settings
 from abhv_mc.user_code.source import Law, load_law
 from abhv_mc.user_code.vehicle_functions import find_code, load_vehicle
 from abhv_mc.vehicle.limits import tighter
@@ -55,21 +55,23 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
     """Read the three files and compute the plan. Raises :class:`abhv_mc.io.documents.InputError`."""
     packed = load_vehicle(vehicle)
     asked = read_mission(mission)
-    law, own = read_law(controller)
+    law, user_code = read_law(controller)
     glides = packed.constants.equivalence_ratio_max == 0.0
-    if packed.constants.surface_limit == 0.0 or (glides and own is None):
+    if packed.constants.surface_limit == 0.0 or (glides and user_code is None):
         found = "a vehicle without control surfaces or engine"
-        wanted = "one with both, to fly a mission with this controller (a law of your own flies one without an engine)"
-        raise InputError(vehicle, None, None, found, wanted)
+        expected = (
+            "one with both, to fly a mission with this controller (a law of your own flies one without an engine)"
+        )
+        raise InputError(vehicle, None, None, found, expected)
     if isinstance(law, TlcController) and not has_authority(packed, asked):
         found = "deflections that do not turn the vehicle about three axes"
         raise InputError(vehicle, None, None, found, "aileron, rudder and elevator with moments of their own")
     try:
-        plan = make_plan(packed, asked, law, name, mission, own)
+        plan = make_plan(packed, asked, law, name, mission, user_code)
     except np.linalg.LinAlgError as error:
         found = f"a mission along which {law.law} has no gains for this vehicle ({str(error).lower()})"
-        wanted = "one where the controls rule the flight"
-        raise InputError(mission, None, None, found, wanted) from None
+        expected = "one where the controls rule the flight"
+        raise InputError(mission, None, None, found, expected) from None
     if plan.law in NATIVE:
         check_native(plan)
         return plan
@@ -77,7 +79,7 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
         return plan
 
 
-class OwnParts(NamedTuple):
+class UserParts(NamedTuple):
     """A law of the user's own, its settings and its commands."""
 
     law: Law | NativeLaw
@@ -85,7 +87,7 @@ class OwnParts(NamedTuple):
     commands: CommandSteps = NO_COMMANDS
 
 
-def read_law(controller: Path) -> tuple[Controller, OwnParts | None]:
+def read_law(controller: Path) -> tuple[Controller, UserParts | None]:
     """A controller file and, where it names a law of the user's own, that law: its code is run. Raises InputError."""
     document, law = read_controller_document(controller)
     if not isinstance(law, UserController):
@@ -93,14 +95,14 @@ def read_law(controller: Path) -> tuple[Controller, OwnParts | None]:
     source = read_trusted_law(law)
     if not isinstance(law, PythonController):
         numbers = law.numbers if isinstance(law, CController) else []
-        return law, OwnParts(NativeLaw(source), np.array(numbers, dtype=np.float64))
+        return law, UserParts(NativeLaw(source), np.array(numbers, dtype=np.float64))
     check_closure(source)
     loaded = load_law(source)
     commands = make_commands(document, law, loaded)
-    return law, OwnParts(loaded, make_own_settings(document, law, loaded), commands)
+    return law, UserParts(loaded, make_user_settings(document, law, loaded), commands)
 
 
-def own_parts_of(plan: FlightPlan) -> OwnParts | None:
+def user_parts_of(plan: FlightPlan) -> UserParts | None:
     """A plan's own law and its settings; None for a law of the program. Raises ValueError without its source."""
     if plan.law not in USER_LAWS:
         return None
@@ -109,13 +111,13 @@ def own_parts_of(plan: FlightPlan) -> OwnParts | None:
     columns = plan.gains[:, first:]
     times = np.arange(len(columns), dtype=np.float64) * plan.timing.tick
     names = law.commands._fields if columns.shape[1] and isinstance(law, Law) else ()
-    return OwnParts(law, plan.settings, CommandSteps(names, (times,) * len(names), tuple(columns.T)))
+    return UserParts(law, plan.settings, CommandSteps(names, (times,) * len(names), tuple(columns.T)))
 
 
 def has_authority(vehicle: Vehicle, mission: Mission) -> bool:
     """Whether the deflections' moments at the start can be solved for the deflections, as control allocation does."""
     start = mission.start
-    around = make_surroundings(mission.make_earth(), start.altitude, start.latitude, mission.make_air())
+    around = make_environment(mission.make_earth(), start.altitude, start.latitude, mission.make_air())
 
     def moment(deflections: Numbers) -> Numbers:
         nothing = 0.0 * deflections[0]
@@ -132,7 +134,7 @@ def make_plan(
     controller: Controller,
     name: str,
     mission_file: str | Path | None = None,
-    own: OwnParts | None = None,
+    user_code: UserParts | None = None,
 ) -> FlightPlan:
     """The plan of one controller's flights.
 
@@ -141,16 +143,16 @@ def make_plan(
     """
     sensing = choose_sensing(mission.sensing, vehicle.constants.sensing)
     vehicle = vehicle._replace(constants=vehicle.constants._replace(sensing=sensing))
-    if own is not None and isinstance(own.law, Law):
-        vehicle = drive_commanded(vehicle, own.law.source)
+    if user_code is not None and isinstance(user_code.law, Law):
+        vehicle = drive_commanded(vehicle, user_code.law.source)
     mission = on_glide_path(mission, vehicle)
     timing = make_timing(mission, controller.rate)
     trim_tables = make_mission_trim_tables(mission, vehicle)
     reference, nominal = solve_reference(mission, vehicle, trim_tables, timing.tick, timing.ticks)
     warnings = trim_faults(nominal, reference[:, TIME])
     if nominal.status.all():
-        wanted = "a mission that this vehicle can fly"
-        raise InputError(mission_file or mission.name, None, None, "; ".join(warnings), wanted)
+        expected = "a mission that this vehicle can fly"
+        raise InputError(mission_file or mission.name, None, None, "; ".join(warnings), expected)
     if not isinstance(controller, UserController):
         warnings += limit_faults(controller, reference)
     warnings += find_vehicle_warnings(vehicle)
@@ -161,7 +163,7 @@ def make_plan(
     start = make_start_trim(mission, vehicle)
     if start.fault:
         warnings.append(f"at the start {start.fault}")
-    names, gains = make_gains(controller, own, DesignModel(vehicle, mission, reference, trim_tables))
+    names, gains = make_gains(controller, user_code, DesignModel(vehicle, mission, reference, trim_tables))
     constants = vehicle.constants
     loads = tighter(mission.limits.bounds(), constants.bounds)
     if loads.heat_flux < np.inf and constants.nose_radius == 0.0:
@@ -187,38 +189,42 @@ def make_plan(
         initial_state=make_initial_state(mission, vehicle, start),
         reference=reference,
         gains=gains,
-        settings=make_settings(controller, own),
+        settings=make_settings(controller, user_code),
         profile=mission.make_air(),
         warnings=np.array(warnings, dtype=np.str_),
         gain_names=np.array(names, dtype=np.str_),
-        source_hash=own.law.source.hash if own else "",
-        source=own.law.source if own else None,
+        source_hash=user_code.law.source.hash if user_code else "",
+        source=user_code.law.source if user_code else None,
         vehicle_code=find_code(vehicle),
     )
 
 
-def make_gains(controller: Controller, own: OwnParts | None, model: DesignModel) -> tuple[tuple[str, ...], Floats]:
+def make_gains(
+    controller: Controller, user_code: UserParts | None, model: DesignModel
+) -> tuple[tuple[str, ...], Floats]:
     """Gains [tick, gain] of a controller along the model's reference, and their names if the law is the user's own.
 
     Raises InputError for what a design of the user's own gets wrong.
     """
     if isinstance(controller, UserController):
-        if own is None:
+        if user_code is None:
             raise ValueError("a controller of the user's own without its law")
-        names, gains = watched_design(own.law, model, own.settings)
-        return (*names, *own.commands.column_names()), np.concatenate([gains, own.commands.columns(model.time)], axis=1)
+        names, gains = watched_design(user_code.law, model, user_code.settings)
+        return (*names, *user_code.commands.column_names()), np.concatenate(
+            [gains, user_code.commands.columns(model.time)], axis=1
+        )
     if isinstance(controller, TlcController):
         return (), make_tlc_gains(controller, model.table, model.vehicle, model.trim_tables)
     return (), make_lqr_gains(controller, model.mission, model.table, model.vehicle, model.trim_tables)
 
 
-def make_settings(controller: Controller, own: OwnParts | None) -> Floats:
+def make_settings(controller: Controller, user_code: UserParts | None) -> Floats:
     """The constants [setting] of a controller's law."""
     if isinstance(controller, TlcController):
         return make_tlc_settings(controller)
     if isinstance(controller, LqrController):
         return make_lqr_settings(controller)
-    return own.settings if own is not None else np.empty(0)
+    return user_code.settings if user_code is not None else np.empty(0)
 
 
 def limit_faults(controller: TlcController | LqrController, reference: Floats) -> list[str]:

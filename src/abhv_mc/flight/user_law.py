@@ -7,7 +7,7 @@ from typing import Any
 
 from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.control.laws.user import MAX_MEMORY, MEMORY
-from abhv_mc.flight.arguments import OwnLaw
+from abhv_mc.flight.arguments import UserCode
 from abhv_mc.flight.memory import TOGETHER
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
@@ -19,7 +19,7 @@ from abhv_mc.user_code.effector_commands import commands_effectors
 from abhv_mc.user_code.law_interface import Measured
 from abhv_mc.user_code.native import NativeLaw, find_memory, open_native
 from abhv_mc.user_code.plain import PlainLaw
-from abhv_mc.user_code.source import Law, OwnSource, is_number, load_law
+from abhv_mc.user_code.source import Law, UserSource, is_number, load_law
 from abhv_mc.user_code.vehicle_functions import compile_functions
 from abhv_mc.vehicle.model import name_effectors
 
@@ -29,7 +29,7 @@ NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 
 
 @contextlib.contextmanager
-def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights: int = TOGETHER) -> Iterator[OwnLaw]:
+def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights: int = TOGETHER) -> Iterator[UserCode]:
     """The law and the channels of a plan for ``width`` lanes; nothing for a plan without its own.
 
     ``memory_in_rows`` keeps the memory of a law in plain Python or native code where a compiled law has it, see
@@ -57,10 +57,16 @@ def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights
     if plan.channels_hash:
         channels = int(compile_channels(_checked(plan.channels_source, plan.channels_hash), width).address)
     functions = _open_vehicle(plan, width)
-    own = tuple(0 if one is None else int(one.address) for one in functions)
+    user_code = tuple(0 if one is None else int(one.address) for one in functions)
     try:
-        yield OwnLaw(
-            address, onboard, channels, int(asks_for_more(plan)), context, aerodynamics=own[0], propulsion=own[1]
+        yield UserCode(
+            address,
+            onboard,
+            channels,
+            int(asks_for_more(plan)),
+            context,
+            aerodynamics=user_code[0],
+            propulsion=user_code[1],
         )
     finally:
         if plan.law in NATIVE:
@@ -108,7 +114,7 @@ def load_plan_law(plan: FlightPlan) -> Law:
     return load_law(_checked(plan.source, plan.source_hash))
 
 
-def _checked(source: OwnSource | None, digest: str) -> OwnSource:
+def _checked(source: UserSource | None, digest: str) -> UserSource:
     if source is None or source.hash != digest:
         raise ValueError("a plan of the user's own code without its source")
     return source

@@ -281,8 +281,8 @@ def _write_state(path: Path, histograms: Histograms, covered: Mask, seen: Single
         "flights": np.asarray(len(covered)),
     }
 
-    def write(aside: Path) -> None:
-        with aside.open("wb") as file:
+    def write(temporary: Path) -> None:
+        with temporary.open("wb") as file:
             np.savez(file, **state)  # type: ignore[arg-type]
 
     write_whole(path, write)

@@ -23,9 +23,9 @@ def export_csv(root: Path, out: Path) -> Iterator[Path]:
     manifest = read_checked(folder)
     for name, files in table_files(folder, manifest).items():
 
-        def write(aside: Path, files: list[Path] = files) -> None:
+        def write(temporary: Path, files: list[Path] = files) -> None:
             schema = pq.read_schema(files[0]).remove_metadata()
-            with pc.CSVWriter(aside, schema) as writer:
+            with pc.CSVWriter(temporary, schema) as writer:
                 for batch in _read(files, schema):
                     writer.write_batch(batch)
 

@@ -111,8 +111,8 @@ def write_pieces(
     encoding = dict.fromkeys(floats, "BYTE_STREAM_SPLIT")
     options = {"compression": "zstd", "compression_level": 1, "write_page_checksum": True, **more}
 
-    def write(aside: Path) -> None:
-        with pq.ParquetWriter(aside, schema, use_dictionary=words, column_encoding=encoding, **options) as writer:
+    def write(temporary: Path) -> None:
+        with pq.ParquetWriter(temporary, schema, use_dictionary=words, column_encoding=encoding, **options) as writer:
             for piece in pieces:
                 writer.write_table(piece)
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
 
-from abhv_mc.io.atomic_write import ASIDE, atomic_write
+from abhv_mc.io.atomic_write import TEMPORARY, atomic_write
 from abhv_mc.io.input_error import InputError, is_printable
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the last: a limit on a file's size (ulimit -f)
@@ -75,7 +75,7 @@ class CampaignFolder:
         if not self.root.is_dir():
             return []
         known = {*self.parts, self.lock}
-        return sorted(p for p in self.root.iterdir() if p not in known and not p.name.endswith(ASIDE))
+        return sorted(p for p in self.root.iterdir() if p not in known and not p.name.endswith(TEMPORARY))
 
     def refuse_strange(self, fresh: bool) -> None:
         """Raises InputError, without a manifest, for files of others, and for flights that only ``fresh`` deletes."""
@@ -102,11 +102,11 @@ class CampaignFolder:
     def sweep(self) -> None:
         """Delete what a killed process was writing."""
         folders = [part for part in self.parts if part.is_dir()]
-        for path in chain(self.root.glob(f"*{ASIDE}"), *(folder.rglob(f"*{ASIDE}") for folder in folders)):
+        for path in chain(self.root.glob(f"*{TEMPORARY}"), *(folder.rglob(f"*{TEMPORARY}") for folder in folders)):
             path.unlink(missing_ok=True)
 
 
-def find_own_place(path: Path) -> Path | None:
+def find_user_place(path: Path) -> Path | None:
     """Where in a campaign's folder a path lies that is, or is in, a part of it; empty for the folder itself."""
     target = Path(os.path.realpath(path))
     for root in (target, *target.parents):
@@ -145,8 +145,8 @@ def explain_os_error(path: Path, writing: bool = False) -> Iterator[None]:
             ) from error
         if error.errno in (_UNWRITABLE if writing else _CLOSED):
             what = "written" if writing else "written or read"
-            found, wanted = f"a place that cannot be {what} ({error.strerror})", f"a place that can be {what}"
-            raise InputError(path, None, None, found, wanted) from error
+            found, expected = f"a place that cannot be {what} ({error.strerror})", f"a place that can be {what}"
+            raise InputError(path, None, None, found, expected) from error
         raise
 
 
@@ -166,10 +166,10 @@ def write_whole(path: Path, write: Callable[[Path], None], durable: bool = False
     Raises StorageFullError or InputError where the folder takes nothing.
     """
     digest = ""
-    with explain_os_error(path, writing=True), atomic_write(path, durable) as aside:
-        write(aside)
+    with explain_os_error(path, writing=True), atomic_write(path, durable) as temporary:
+        write(temporary)
         if _recorders:
-            digest = hash_file(aside)
+            digest = hash_file(temporary)
     for note in _recorders:
         note(path, digest)
 
@@ -183,8 +183,8 @@ def hash_file(path: Path) -> str:
 def write_bytes(path: Path, content: bytes, durable: bool = False) -> None:
     """Write a file whole."""
 
-    def write(aside: Path) -> None:
-        aside.write_bytes(content)
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(content)
 
     write_whole(path, write, durable)
 

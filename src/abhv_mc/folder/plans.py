@@ -27,7 +27,7 @@ from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.state import N_STATES
 from abhv_mc.user_code.c_source import with_library
 from abhv_mc.user_code.law_source import read_law_source
-from abhv_mc.user_code.source import OwnSource, read_source
+from abhv_mc.user_code.source import UserSource, read_source
 from abhv_mc.user_code.trust import check_trusted
 from abhv_mc.user_code.vehicle_functions import check_vehicle_trusted, find_code, load_vehicle
 from abhv_mc.vehicle.model import Vehicle
@@ -62,8 +62,8 @@ def rebuild(kind: type[T], flat: Mapping[str, np.ndarray], prefix: str = "") -> 
         return kind(value.item())  # type: ignore[call-arg]
     if typing.get_origin(kind) is tuple:  # of floats
         return tuple(value.tolist())  # type: ignore[return-value]
-    wanted = np.dtype(typing.get_args(typing.get_args(kind)[1])[0])
-    return np.require(value, None if wanted.kind == "U" else wanted, ["C", "A"])  # type: ignore[return-value]
+    expected = np.dtype(typing.get_args(typing.get_args(kind)[1])[0])
+    return np.require(value, None if expected.kind == "U" else expected, ["C", "A"])  # type: ignore[return-value]
 
 
 def write_plan(path: Path, plan: FlightPlan) -> None:
@@ -151,7 +151,7 @@ def read_trusted_plan(
     return dataclasses.replace(plan, vehicle_code=find_code(plan.vehicle))
 
 
-def _read_laws(place: Path) -> Iterator[OwnSource]:
+def _read_laws(place: Path) -> Iterator[UserSource]:
     """The code of every controller file in a folder."""
     for path in sorted(place.rglob("*.y*ml")):
         controller = read_controller(path)
@@ -159,7 +159,7 @@ def _read_laws(place: Path) -> Iterator[OwnSource]:
             yield read_law_source(controller)
 
 
-def _take(sources: Iterable[OwnSource], place: Path, digest: str, trusted: bool) -> OwnSource:
+def _take(sources: Iterable[UserSource], place: Path, digest: str, trusted: bool) -> UserSource:
     for source in sources:
         if source.hash == digest:
             check_trusted(source, trusted)

@@ -30,10 +30,10 @@ def write_samples(
         metadata={f"abhv_mc.{key}": text for key, text in provenance.items()},
     )
 
-    def write(aside: Path) -> None:
+    def write(temporary: Path) -> None:
         options = {"compression": "zstd", "compression_level": 1, "use_dictionary": False, "write_page_checksum": True}
         encoding = dict.fromkeys(names, "BYTE_STREAM_SPLIT")
-        with pq.ParquetWriter(aside, schema, column_encoding=encoding, **options) as writer:
+        with pq.ParquetWriter(temporary, schema, column_encoding=encoding, **options) as writer:
             for first in range(0, flights, ROW_GROUP):
                 stop = min(first + ROW_GROUP, flights)
                 values = draw(first, stop)

@@ -6,7 +6,7 @@ import secrets
 from collections.abc import Iterator
 from pathlib import Path
 
-ASIDE = ".aside"  # ending of a file that is being written
+TEMPORARY = ".aside"  # ending of a file that is being written
 
 
 @contextlib.contextmanager
@@ -19,15 +19,15 @@ def atomic_write(path: Path, durable: bool = False) -> Iterator[Path]:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     # The dot hides it from readers of the folder; nobody who may write there can have laid a link in its place.
-    aside = path.parent.absolute() / f".{path.name[:100]}.{secrets.token_hex(8)}{ASIDE}"
-    os.close(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666))
+    temporary = path.parent.absolute() / f".{path.name[:100]}.{secrets.token_hex(8)}{TEMPORARY}"
+    os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666))
     try:
-        yield aside
+        yield temporary
         if durable:
-            with aside.open("rb") as file:
+            with temporary.open("rb") as file:
                 os.fsync(file.fileno())
-        aside.replace(path)
+        temporary.replace(path)
     except BaseException:
         with contextlib.suppress(OSError):
-            aside.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
         raise

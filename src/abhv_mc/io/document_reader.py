@@ -44,7 +44,7 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
         line, column = _place_of(text[: error.position])
         raise InputError(path, line, column, f"the character {text[error.position]!r}", "printable text") from None
     except _TooMuchError as error:
-        raise InputError(path, *error.place, error.found, error.wanted) from None
+        raise InputError(path, *error.place, error.found, error.expected) from None
     except MarkedYAMLError as error:
         _refuse_syntax(path, error)
     except (YAMLError, ValueError, OverflowError) as error:  # the last: the escape of a character beyond all
@@ -68,16 +68,16 @@ def _refuse_syntax(path: Path, error: MarkedYAMLError) -> NoReturn:
         raise InputError(path, line, column, "a tab", "spaces, as YAML indents by spaces only") from None
     if "another document" in problem:
         raise InputError(path, line, column, "a second document", "one document in a file") from None
-    wanted = f"YAML 1.2 ({error.context})" if error.context else "YAML 1.2"
-    raise InputError(path, line, column, problem.removeprefix("found "), wanted) from None
+    expected = f"YAML 1.2 ({error.context})" if error.context else "YAML 1.2"
+    raise InputError(path, line, column, problem.removeprefix("found "), expected) from None
 
 
 class _TooMuchError(Exception):
     """More levels or values than a file may have."""
 
-    def __init__(self, place: Place, found: str, wanted: str) -> None:
-        super().__init__(place, found, wanted)
-        self.place, self.found, self.wanted = place, found, wanted
+    def __init__(self, place: Place, found: str, expected: str) -> None:
+        super().__init__(place, found, expected)
+        self.place, self.found, self.expected = place, found, expected
 
 
 class _Bounded(Composer):
@@ -109,8 +109,8 @@ class _Builder:
         self.values: Places = {}
         self.keys: Places = {}
 
-    def refuse(self, node: Node, found: str, wanted: str) -> NoReturn:
-        raise InputError(self.path, *_start(node), found, wanted)
+    def refuse(self, node: Node, found: str, expected: str) -> NoReturn:
+        raise InputError(self.path, *_start(node), found, expected)
 
     def build(self, node: Node, keys: tuple[str | int, ...]) -> Plain:
         self.values[keys] = _start(node)

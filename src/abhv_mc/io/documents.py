@@ -67,13 +67,13 @@ class Document:
         """Line and column (from 1) of the key that ends ``keys``; of the value, where it is a list's item."""
         return self.key_places.get(keys) or self.position(*keys)
 
-    def error(self, keys: tuple[Key, ...], found: str, wanted: str) -> InputError:
+    def error(self, keys: tuple[Key, ...], found: str, expected: str) -> InputError:
         """What to raise when the value at ``keys`` is wrong."""
-        return InputError(self.path, *self.position(*keys), found, wanted)
+        return InputError(self.path, *self.position(*keys), found, expected)
 
-    def key_error(self, keys: tuple[Key, ...], found: str, wanted: str) -> InputError:
+    def key_error(self, keys: tuple[Key, ...], found: str, expected: str) -> InputError:
         """What to raise when the key that ends ``keys`` is wrong."""
-        return InputError(self.path, *self.key_position(*keys), found, wanted)
+        return InputError(self.path, *self.key_position(*keys), found, expected)
 
     def resolve(self, text: str | Path) -> Path:
         """A path written in the file, which is relative to the file's folder."""
@@ -218,7 +218,7 @@ def _locate(data: Plain, location: tuple[Key, ...]) -> tuple[Key, ...]:
     return best
 
 
-_WANTED = {
+_EXPECTED = {
     "string_type": "text",
     "int_type": "a whole number",
     "int_from_float": "a whole number",
@@ -251,10 +251,10 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
         value, around = value[key], value  # type: ignore[index]
     cause = context.get("error")
     if isinstance(cause, Refusal):
-        return document.error((*keys, *cause.keys), cause.found, cause.wanted)
+        return document.error((*keys, *cause.keys), cause.found, cause.expected)
     if kind == "extra_forbidden":
-        wanted = one_of(known_keys[id(around)], keys[-1]) if id(around) in known_keys else "no such key"
-        return document.key_error(keys, f"unknown key '{keys[-1]}'", wanted)
+        expected = one_of(known_keys[id(around)], keys[-1]) if id(around) in known_keys else "no such key"
+        return document.key_error(keys, f"unknown key '{keys[-1]}'", expected)
     if location and location[-1] == "[key]":
         return document.key_error(keys, f"the key '{keys[-1]}'", _plain(detail["msg"]))
     if kind == "missing":
@@ -273,7 +273,7 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
         word = "least" if kind == "too_short" else "most"
         limit = context["min_length" if kind == "too_short" else "max_length"]
         return document.error(keys, f"{context['actual_length']} of them", f"at {word} {limit}")
-    return document.error(keys, describe(value), _WANTED.get(kind) or _plain(detail["msg"]))
+    return document.error(keys, describe(value), _EXPECTED.get(kind) or _plain(detail["msg"]))
 
 
 def _explain_tag(document: Document, keys: tuple[Key, ...], value: Any, context: Any) -> InputError:

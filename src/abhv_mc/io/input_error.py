@@ -9,17 +9,17 @@ from pathlib import Path
 class InputError(Exception):
     """Bad input: the place, what was found there and what is expected. The command line prints it and exits 2."""
 
-    def __init__(self, file: str | Path, line: int | None, column: int | None, found: str, wanted: str) -> None:
-        super().__init__(file, line, column, found, wanted)
+    def __init__(self, file: str | Path, line: int | None, column: int | None, found: str, expected: str) -> None:
+        super().__init__(file, line, column, found, expected)
         self.file = str(file)
         self.line = line
         self.column = column
         self.found = found
-        self.wanted = wanted
+        self.expected = expected
 
     def __str__(self) -> str:
         place = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
-        return printable(f"{place}: {_sentence(self.found, self.wanted)}")
+        return printable(f"{place}: {_sentence(self.found, self.expected)}")
 
 
 class InputErrors(InputError):
@@ -27,7 +27,7 @@ class InputErrors(InputError):
 
     def __init__(self, errors: Sequence[InputError]) -> None:
         first = errors[0]
-        super().__init__(first.file, first.line, first.column, first.found, first.wanted)
+        super().__init__(first.file, first.line, first.column, first.found, first.expected)
         self.args = (tuple(errors),)
         self.errors = tuple(errors)
 
@@ -41,18 +41,18 @@ class Refusal(ValueError):
     ``keys`` lead from the checked value to the part of it that is wrong.
     """
 
-    def __init__(self, found: str, wanted: str, keys: tuple[str | int, ...] = ()) -> None:
-        super().__init__(found, wanted, keys)
+    def __init__(self, found: str, expected: str, keys: tuple[str | int, ...] = ()) -> None:
+        super().__init__(found, expected, keys)
         self.found = found
-        self.wanted = wanted
+        self.expected = expected
         self.keys = keys
 
     def __str__(self) -> str:
-        return printable(_sentence(self.found, self.wanted))
+        return printable(_sentence(self.found, self.expected))
 
 
-def _sentence(found: str, wanted: str) -> str:
-    return f"{found}; {wanted}" if wanted.startswith("did you mean") else f"{found}; expected {wanted}"
+def _sentence(found: str, expected: str) -> str:
+    return f"{found}; {expected}" if expected.startswith("did you mean") else f"{found}; expected {expected}"
 
 
 def printable(text: str) -> str:

@@ -27,14 +27,14 @@ class NumberTable:
     values: NDArray[np.float64]  # [row, column]
     lines: tuple[int, ...]  # of the file, by row
 
-    def error(self, row: int, name: str, found: str, wanted: str) -> InputError:
+    def error(self, row: int, name: str, found: str, expected: str) -> InputError:
         """What is wrong with the number in that row under that name, at its place in the file."""
         line = self.lines[row]
         reader = csv.reader(_lines_of(self.path))
         header = next(reader)
         cells = next(cells for cells in reader if reader.line_num >= line)
         place = [cell.strip() for cell in header].index(name)
-        return InputError(self.path, line, _column(cells, place), found, wanted)
+        return InputError(self.path, line, _column(cells, place), found, expected)
 
     def check_rising(self, name: str, unit: str) -> None:
         """Raise :class:`InputError` at the first number under that name that is not above the one before."""
@@ -45,7 +45,7 @@ class NumberTable:
 
 
 def read_number_table(
-    path: Path, wanted: Mapping[str, float] | None = None, max_bytes: int = 200_000_000
+    path: Path, expected: Mapping[str, float] | None = None, max_bytes: int = 200_000_000
 ) -> NumberTable:
     """The columns ``wanted`` of a file, in that order, each with the largest magnitude there may be; all where None.
 
@@ -59,18 +59,18 @@ def read_number_table(
     try:
         reader = csv.reader(_lines_of(path))
         header = [name.strip() for name in next(reader, [])]
-        names = tuple(header if wanted is None else wanted)
+        names = tuple(header if expected is None else expected)
         missing = [name for name in names if name not in header]
         if missing:
             raise InputError(path, 1, 1, f"no column {', '.join(missing)}", f"the columns {', '.join(names)}")
         twice = [name for name in names if header.count(name) > 1]
         if twice:
             raise InputError(path, 1, None, f"the column {twice[0]} twice", "each column once")
-        places = [(header.index(name), math.inf if wanted is None else wanted[name]) for name in names]
+        places = [(header.index(name), math.inf if expected is None else expected[name]) for name in names]
         for cells in reader:
             if not cells:
                 continue
-            if wanted is None and len(cells) != len(header):
+            if expected is None and len(cells) != len(header):
                 raise InputError(path, reader.line_num, None, f"{len(cells)} cells", f"{len(header)} cells")
             rows.append([_number(path, reader.line_num, cells, place, most) for place, most in places])
             lines.append(reader.line_num)

@@ -72,7 +72,7 @@ class Dimension:
     largest: float = math.inf  # SI; no vehicle, mission or controller has more of it
 
     @property
-    def wanted(self) -> str:
+    def expected(self) -> str:
         """The words for a refusal."""
         return f"{self.name} such as '{self.example}'"
 
@@ -137,29 +137,29 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
     if dimension is FRACTION:
         bare_unit = "-"
     if isinstance(text, bool) or not isinstance(text, (str, Real)):  # numbers of numpy, too
-        raise Refusal(describe(text), dimension.wanted)
+        raise Refusal(describe(text), dimension.expected)
     match = _QUANTITY.fullmatch(str(text).strip().replace("\N{MINUS SIGN}", "-"))
     if match is None:
-        raise Refusal(describe(text), dimension.wanted)
+        raise Refusal(describe(text), dimension.expected)
     number, unit = float(match.group(1)), match.group(2).strip()
     if not unit:
         if bare_unit is None:
-            raise Refusal(f"{describe(text)} without a unit", dimension.wanted)
+            raise Refusal(f"{describe(text)} without a unit", dimension.expected)
         unit = bare_unit
     try:
         factor, exponents = parse_unit(unit)
     except Refusal as refusal:
-        hint = re.search(r"did you mean '.*?'\?", refusal.wanted)
+        hint = re.search(r"did you mean '.*?'\?", refusal.expected)
         raise Refusal(
-            f"{describe(text)} with {refusal.found}", dimension.wanted + (f" ({hint[0]})" if hint else "")
+            f"{describe(text)} with {refusal.found}", dimension.expected + (f" ({hint[0]})" if hint else "")
         ) from None
     if exponents != dimension.exponents:
         given = _BY_EXPONENTS.get(exponents)
-        raise Refusal(f"{describe(text)}, {given.name if given else 'something else'}", dimension.wanted)
+        raise Refusal(f"{describe(text)}, {given.name if given else 'something else'}", dimension.expected)
     inverse = 1.0 / factor  # dividing by 100 rounds once, where multiplying by 0.01 rounds twice
     value = number / inverse if inverse.is_integer() else number * factor
     if not math.isfinite(value):
-        raise Refusal(describe(text), f"a finite number ({dimension.wanted})")
+        raise Refusal(describe(text), f"a finite number ({dimension.expected})")
     return value
 
 
@@ -206,7 +206,7 @@ def _schema(dimension: Dimension) -> WithJsonSchema:
     symbols = {symbol: exponents for symbol, (_, exponents) in _UNITS.items()}
     text = {
         "type": "string",
-        "description": dimension.wanted,
+        "description": dimension.expected,
         "examples": [dimension.example],
         "pattern": quantity_pattern(dimension.exponents, symbols),
     }

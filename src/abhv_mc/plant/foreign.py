@@ -43,10 +43,10 @@ def find_dispersed(Z, width):
 
 
 @lanes
-def call_aerodynamics(Z, foreign, own):
+def call_aerodynamics(Z, foreign, user_code):
     """Coefficients at the variables, in stability axes."""
     given = foreign.aerodynamics_settings
-    call_address(own.aerodynamics, 0, Z, given, given, given, 0, 0.0)
+    call_address(user_code.aerodynamics, 0, Z, given, given, given, 0, 0.0)
 
 
 @lanes
@@ -56,7 +56,7 @@ def part_row(part):
 
 
 @lanes
-def foreign_coefficients(Z, A, width, vehicle, own, failing):
+def foreign_coefficients(Z, A, width, vehicle, user_code, failing):
     """Coefficients of the stage with their dispersions; the deflections are those of the surfaces themselves."""
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[s.RHO, lane], Z[s.AIRSPEED, lane]
@@ -64,7 +64,7 @@ def foreign_coefficients(Z, A, width, vehicle, own, failing):
         for lane in range(width):
             Z[_DELTA + i, lane] = Z[XS + s.AILERON + i, lane]
     place_effectors(Z, A, width, vehicle, failing)
-    call_aerodynamics(Z, vehicle.foreign, own)
+    call_aerodynamics(Z, vehicle.foreign, user_code)
     if not (any_lane(Z, width, s.F_DISPERSED, 1, 0.0) or any_lane(Z, width, s.EFFECT, 3, 1.0)):
         return
     for c in range(N_COEFFICIENTS):
@@ -75,14 +75,14 @@ def foreign_coefficients(Z, A, width, vehicle, own, failing):
         for c in range(N_COEFFICIENTS):
             used |= any_lane(Z, width, _K_PART + c * N_PARTS + part, 1, 1.0)
         if used:
-            add_part(Z, A, width, vehicle, own, failing, part)
+            add_part(Z, A, width, vehicle, user_code, failing, part)
     for c in range(N_COEFFICIENTS):
         for lane in range(width):
             Z[s.COEF + c, lane] = Z[s.F_COEF + c, lane]
 
 
 @lanes
-def add_part(Z, A, width, vehicle, own, failing, part):
+def add_part(Z, A, width, vehicle, user_code, failing, part):
     """Add to the rows ``F_COEF`` what one variable's dispersions change. ``Z[COEF]`` is as it was found afterwards."""
     row = part_row(part)
     for lane in range(width):
@@ -94,7 +94,7 @@ def add_part(Z, A, width, vehicle, own, failing, part):
     for c in range(N_COEFFICIENTS):
         for lane in range(width):
             Z[base + c, lane] = Z[s.COEF + c, lane]
-    call_aerodynamics(Z, vehicle.foreign, own)
+    call_aerodynamics(Z, vehicle.foreign, user_code)
     for lane in range(width):
         Z[row, lane] = Z[s.F_MASS, lane]
     if part >= 4:
@@ -109,15 +109,15 @@ def add_part(Z, A, width, vehicle, own, failing, part):
 
 
 @lanes
-def nominal_coefficients(Z, width, vehicle, own, density_row, speed_row):
+def nominal_coefficients(Z, width, vehicle, user_code, density_row, speed_row):
     """Coefficients of the nominal vehicle at the variables, at a density and a speed."""
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[density_row, lane], Z[speed_row, lane]
-    call_aerodynamics(Z, vehicle.foreign, own)
+    call_aerodynamics(Z, vehicle.foreign, user_code)
 
 
 @lanes
-def nominal_slopes(Z, width, vehicle, own, first_row):
+def nominal_slopes(Z, width, vehicle, user_code, first_row):
     """Rows ``first_row + coefficient * N_INPUTS + input``: slopes with aileron, rudder, elevator and sideslip.
 
     ``Z[COEF]`` and the variables are as they were found afterwards.
@@ -133,7 +133,7 @@ def nominal_slopes(Z, width, vehicle, own, first_row):
             for lane in range(width):
                 Z[row, lane] = Z[s.F_MASS, lane] + (STEP if side == 0 else -STEP)
             set_effectors(Z, width, vehicle.effector_mix)
-            call_aerodynamics(Z, vehicle.foreign, own)
+            call_aerodynamics(Z, vehicle.foreign, user_code)
             for c in range(N_COEFFICIENTS):
                 slope = first_row + c * N_INPUTS + i
                 for lane in range(width):
@@ -148,7 +148,7 @@ def nominal_slopes(Z, width, vehicle, own, first_row):
 
 
 @lanes
-def nominal_thrust(Z, width, vehicle, own, density_row, speed_row):
+def nominal_thrust(Z, width, vehicle, user_code, density_row, speed_row):
     """Thrust, moment and fuel flow of the nominal engine: the rows from ``F_THRUST``.
 
     The moment is about the point about which the aerodynamics' is.
@@ -156,7 +156,7 @@ def nominal_thrust(Z, width, vehicle, own, density_row, speed_row):
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[density_row, lane], Z[speed_row, lane]
     given = vehicle.foreign.propulsion_settings
-    call_address(own.propulsion, 0, Z, given, given, given, 0, 0.0)
+    call_address(user_code.propulsion, 0, Z, given, given, given, 0, 0.0)
     x, z = vehicle.foreign.engine_x, vehicle.foreign.engine_z
     if x != 0.0 or z != 0.0:
         for lane in range(width):
@@ -167,9 +167,9 @@ def nominal_thrust(Z, width, vehicle, own, density_row, speed_row):
 
 
 @lanes
-def foreign_thrust(Z, width, vehicle, own):
+def foreign_thrust(Z, width, vehicle, user_code):
     """The engine function's thrust at the stage's state, for :func:`add_thrust`."""
-    nominal_thrust(Z, width, vehicle, own, s.RHO, s.AIRSPEED)
+    nominal_thrust(Z, width, vehicle, user_code, s.RHO, s.AIRSPEED)
     for lane in range(width):
         Z[s.F_MASS, lane] = Z[XS + s.MASS, lane]
 
@@ -203,12 +203,12 @@ def add_thrust(Z, width, vehicle, stage):
 
 
 @lanes
-def add_engines_out(Z, width, vehicle, own, stage):
+def add_engines_out(Z, width, vehicle, user_code, stage):
     """Add the moment of thrust that acts off the line of the whole, because single engines have failed."""
     constants = vehicle.constants
     for lane in range(width):
         fx, fy, fz = Z[s.THRUST, lane] * constants.thrust_cos, 0.0, -Z[s.THRUST, lane] * constants.thrust_sin
-        if own.propulsion != 0:
+        if user_code.propulsion != 0:
             factor = Z[_K_THRUST, lane] * (Z[s.ENGINE_THRUST, lane] if has_fuel(Z, lane, constants) else 0.0)
             fx, fy, fz = (
                 factor * Z[s.F_THRUST, lane],

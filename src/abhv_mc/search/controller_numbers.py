@@ -69,9 +69,9 @@ def read_controller_numbers(
     numbers = dict(_numbers(document.data))
     for i, entry in enumerate(free):
         if entry.key not in numbers:
-            wanted = one_of(numbers, entry.key)
+            expected = one_of(numbers, entry.key)
             found = f"'{entry.key}', which is no number above zero of {path.name}"
-            raise block.error((*where, "free", i), found, wanted)
+            raise block.error((*where, "free", i), found, expected)
     return ControllerNumbers(document, tuple(free))
 
 

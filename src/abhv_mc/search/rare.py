@@ -155,6 +155,6 @@ def _find_requirement(campaign: CheckedCampaign, controller: str, metric: str) -
     if not own:
         names = [entry.metric for entry, _ in bound]
         said = f"no requirement on '{metric}' for '{controller}'"
-        wanted = one_of(names, metric) if names else "a requirement with the limit that is meant"
-        raise campaign.document.error(where if names else (), said, wanted)
+        expected = one_of(names, metric) if names else "a requirement with the limit that is meant"
+        raise campaign.document.error(where if names else (), said, expected)
     raise campaign.document.error(where, f"{len(own)} requirements on '{metric}'", "one of them")

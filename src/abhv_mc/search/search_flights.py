@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.asked import known_metrics
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
-from abhv_mc.campaign.file.user_code import check_own_code
+from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.blocks import choose_batch
 from abhv_mc.execution.cluster import connect_cluster
@@ -68,7 +68,7 @@ class SearchRequest:
 def read_searched(path: Path, controller: str | None, seed: int | None) -> tuple[CheckedCampaign, str]:
     """The campaign and the controller that is searched. Raises InputError."""
     campaign = read_campaign(path, None, seed)
-    for source in check_own_code(campaign):
+    for source in check_user_code(campaign):
         trust(source)  # his own file: he flies it
     controllers = campaign.model.controllers
     name = controller or next(iter(controllers))

@@ -158,8 +158,8 @@ def _check_margins(block: Tune, document: Document, where: tuple[str, ...], dura
     """Raise InputError for points outside the mission, or more corners than can be analysed for every candidate."""
     for i, time in enumerate(block.margins_at):
         if time != "trim" and not 0.0 <= time <= duration:
-            wanted = f"trim, or a time of the mission, 0 to {duration:g} s"
-            raise document.error((*where, "margins_at", i), f"{time:g} s", wanted)
+            expected = f"trim, or a time of the mission, 0 to {duration:g} s"
+            raise document.error((*where, "margins_at", i), f"{time:g} s", expected)
     for i, limit in enumerate(block.limits):
         if limit.vehicles == "corners" and dimension > MOST_CORNERED:
             found = f"corners of {dimension} dispersions"
@@ -226,7 +226,9 @@ def _tune(request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None
     if tell is not None:
         tell(result)
     if result.shown:
-        write_whole(request.out, lambda aside: numbers.write(aside, found.place, _comment(result, request, model.seed)))
+        write_whole(
+            request.out, lambda temporary: numbers.write(temporary, found.place, _comment(result, request, model.seed))
+        )
     return result
 
 

@@ -23,7 +23,7 @@ from abhv_mc.execution.plans import declare
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.prepare import own_parts_of
+from abhv_mc.flight.prepare import user_parts_of
 from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.io.documents import InputError
 from abhv_mc.search.controller_numbers import ControllerNumbers
@@ -149,8 +149,8 @@ class Trials:
     def _steady(self, candidate: Candidate) -> FlightPlan | None:
         """The plan of the candidate's steady flight; None where there is none."""
         try:
-            parts = own_parts_of(candidate.plan)
-            return make_steady_plan(*self._vehicle_and_mission, candidate.controller, self.name, own=parts)
+            parts = user_parts_of(candidate.plan)
+            return make_steady_plan(*self._vehicle_and_mission, candidate.controller, self.name, user_code=parts)
         except (InputError, np.linalg.LinAlgError):
             return None
 

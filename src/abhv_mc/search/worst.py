@@ -100,7 +100,7 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
     """Search, then fly as many random flights in the same box. Raises InputError for a request that is wrong."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     metric = find_metric(
-        campaign, settings.metric, lambda found, wanted: InputError("--metric", None, None, found, wanted)
+        campaign, settings.metric, lambda found, expected: InputError("--metric", None, None, found, expected)
     )
     criterion = Criterion(metric.name, settings.bad or metric.bad, band=None if settings.bad else metric.band)
     space = make_space(campaign)

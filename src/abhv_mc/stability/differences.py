@@ -43,9 +43,9 @@ def differentiate(function: Function, points: Floats, steps: Floats) -> Slopes:
     count, width = points.shape
     value, cells = function(points, np.arange(count))
     slope = np.empty((count, value.shape[1], width))
-    wanted = np.ones((count, width), dtype=bool)
+    expected = np.ones((count, width), dtype=bool)
     # Central where all points of the difference are in the cell, otherwise to the side that has more of it.
-    answer, near = _ask(function, points, steps, wanted, np.tile(_CENTRAL[0], (count, width, 1)))
+    answer, near = _ask(function, points, steps, expected, np.tile(_CENTRAL[0], (count, width, 1)))
     inside = (near == cells[:, None, None, :]).all(axis=-1)
     slope[:] = np.einsum("pcov,o->pvc", answer, _CENTRAL[1]) / steps[:, None, :]
     crossed = ~inside.all(axis=-1)
@@ -59,17 +59,17 @@ def differentiate(function: Function, points: Floats, steps: Floats) -> Slopes:
 
 
 def _ask(
-    function: Function, points: Floats, steps: Floats, wanted: NDArray[np.bool_], offsets: Floats
+    function: Function, points: Floats, steps: Floats, expected: NDArray[np.bool_], offsets: Floats
 ) -> tuple[Floats, Ints]:
     """Values [point, coordinate, offset, value] and cells, at ``offsets`` [point, coordinate, offset] in steps."""
-    point, coordinate = np.nonzero(wanted)
+    point, coordinate = np.nonzero(expected)
     number = offsets.shape[-1]
     moved = np.repeat(points[point], number, axis=0)
     rows = np.arange(len(moved))
     each = np.repeat(coordinate, number)
     moved[rows, each] += (offsets[point, coordinate] * steps[point, coordinate, None]).ravel()
     values, cells = function(moved, np.repeat(point, number))
-    shape = (*wanted.shape, number)
+    shape = (*expected.shape, number)
     all_values, all_cells = np.zeros((*shape, values.shape[1])), np.zeros((*shape, cells.shape[1]), dtype=np.int64)
     all_values[point, coordinate] = values.reshape(-1, number, values.shape[1])
     all_cells[point, coordinate] = cells.reshape(-1, number, cells.shape[1])

@@ -98,7 +98,7 @@ def write_model(file: Path, model: dict[str, Any]) -> None:
     In ``.npz`` a part's entry is called ``plant_A``, its names ``plant_states`` and so on.
     """
     check_format(file)
-    with atomic_write(file) as aside, aside.open("wb") as stream:
+    with atomic_write(file) as temporary, temporary.open("wb") as stream:
         _write_to(stream, file.suffix, model)
 
 

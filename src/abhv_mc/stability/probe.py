@@ -183,8 +183,8 @@ def check_linear(plan: FlightPlan) -> None:
     """Raise InputError for what has no linear model at the four inputs."""
     drive_axes(plan.vehicle)
     if plan.source is not None and plan.law == "python" and commands_effectors(plan.source):
-        wanted = "a law that commands aileron, rudder and elevator alone, for margins and linear models"
-        raise InputError(plan.source.file, None, None, "a law that commands effectors", wanted)
+        expected = "a law that commands aileron, rudder and elevator alone, for margins and linear models"
+        raise InputError(plan.source.file, None, None, "a law that commands effectors", expected)
 
 
 def begin(plan: FlightPlan, kept: Kept) -> tuple[Floats, Floats]:
@@ -210,8 +210,8 @@ def ask_plant(
     answer = PlantAnswer(*(np.empty((points, size)) for size in sizes))
     flown = replace(plan, vehicle=drive_axes(plan.vehicle))
     kernel_plan = make_kernel_plan(flown, nominal_parameters(), Recording(0))
-    own = kernel_plan.own._replace(more=int(count > s.N_MEASURED))
-    arguments = kernel_plan._replace(own=own), make_memory(LANES), held
+    user_code = kernel_plan.user_code._replace(more=int(count > s.N_MEASURED))
+    arguments = kernel_plan._replace(user_code=user_code), make_memory(LANES), held
     rows = np.ascontiguousarray(lane[:, : s.LAW])
     numbers = np.asarray(flight, dtype=np.int64), np.ascontiguousarray(states), np.arange(points)
     probe_plant(*arguments, rows, *numbers, tick, answer)
@@ -270,9 +270,9 @@ def _run_law(plan: FlightPlan, tick: int, rows: Ints, before: Floats) -> tuple[F
     if must_fly_elsewhere(plan):
         return in_child(_run_law, plan, tick, rows, before, limit=_LONGEST)
     after, seen = np.empty_like(before), np.empty((len(before), _N_SEEN))
-    with open_law(plan, LANES, memory_in_rows=True) as own:
+    with open_law(plan, LANES, memory_in_rows=True) as user_code:
         arguments = (
-            make_kernel_plan(plan, nominal_parameters(), Recording(0))._replace(own=own),
+            make_kernel_plan(plan, nominal_parameters(), Recording(0))._replace(user_code=user_code),
             make_memory(LANES),
             tick,
         )

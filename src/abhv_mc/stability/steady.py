@@ -14,7 +14,7 @@ from abhv_mc.control.mission import Level, Mission
 from abhv_mc.flight.arguments import Kept
 from abhv_mc.flight.fly import fly_until, nominal_parameters
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.prepare import OwnParts, make_gains, make_plan
+from abhv_mc.flight.prepare import UserParts, make_gains, make_plan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import NEVER, PARAMETER_INDEX
@@ -33,7 +33,7 @@ _BALANCED = 1e-9  # rad/s2 and so on: what a trim may leave of any rate
 _UNKNOWNS = (path.ALPHA, path.BETA, path.BANK, path.P, path.Q, path.R, 10, 11, 12, 13)
 _SURFACES = slice(6, 9)  # among them
 _LARGEST = np.array([0.05, 0.05, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.3])  # a Newton step of the unknowns
-_WANTED = slice(1, 11)  # of what plant_slopes gives: all rates but the altitude's, and the sideslip to the air
+_EXPECTED = slice(1, 11)  # of what plant_slopes gives: all rates but the altitude's, and the sideslip to the air
 _BEYOND = "the trim is beyond the limits of surfaces or engine"
 
 
@@ -43,7 +43,7 @@ def make_steady_plan(
     controller: Controller,
     name: str,
     bank: float = 0.0,
-    own: OwnParts | None = None,
+    user_code: UserParts | None = None,
 ) -> FlightPlan:
     """A plan whose reference is steady flight at the mission's start for all time, with the gains that belong to it.
 
@@ -51,7 +51,7 @@ def make_steady_plan(
     ``own`` is the law of a controller of the user's own. Raises InputError where no steady turn has that bank.
     """
     level = mission.model_copy(update={"manoeuvre": Level(kind="level"), "duration": 2.0 / controller.rate})
-    plan = make_plan(vehicle, level, controller, name, own=own)
+    plan = make_plan(vehicle, level, controller, name, user_code=user_code)
     check_linear(plan)
     trim_tables = make_mission_trim_tables(mission, vehicle)
     row = plan.reference[0].copy()
@@ -62,7 +62,7 @@ def make_steady_plan(
     row[ref.EQUIVALENCE_RATIO], row[ref.ELEVATOR] = nominal.equivalence_ratio[0], nominal.elevator[0]
     reference = np.tile(row, (3, 1))
     reference[:, ref.TIME] = plan.reference[:3, ref.TIME]
-    _, gains = make_gains(controller, own, DesignModel(vehicle, level, reference, trim_tables))
+    _, gains = make_gains(controller, user_code, DesignModel(vehicle, level, reference, trim_tables))
     return replace(plan, reference=reference, gains=gains, trim_tables=trim_tables)
 
 
@@ -94,8 +94,8 @@ def _turn_of_bank(vehicle: Vehicle, plan: FlightPlan, row: Floats, bank: float) 
     guess = float(row[ref.GRAVITY] / row[ref.SPEED] * np.tan(bank))
     ends = sorted((0.2 * guess, 2.0 * guess))
     if off(ends[0]) * off(ends[1]) > 0.0:
-        wanted = "a bank at which this vehicle can turn steadily"
-        raise InputError("--bank", None, None, f"{np.rad2deg(bank):g} deg", wanted)
+        expected = "a bank at which this vehicle can turn steadily"
+        raise InputError("--bank", None, None, f"{np.rad2deg(bank):g} deg", expected)
     return float(brentq(off, *ends, xtol=1e-14))
 
 
@@ -134,11 +134,11 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     holds = np.hstack([np.ones((count, 9), bool), ~stuck[:, :2].any(axis=1, keepdims=True), stuck])
     for _ in range(_ITERATIONS):
         found = plant_slopes(plan, points._replace(path=at[:, :10], controls=at[:, 10:]))
-        left = np.hstack([found.value[:, _WANTED], np.where(stuck, at[:, 10:13] - held, 0.0)])
+        left = np.hstack([found.value[:, _EXPECTED], np.where(stuck, at[:, 10:13] - held, 0.0)])
         left[:, path.CHI - 1] -= row[ref.HEADING_RATE]
         left[~holds] = 0.0
         J = np.zeros((*left.shape, len(_UNKNOWNS)))
-        J[:, :10] = found.slope[:, _WANTED][:, :, list(_UNKNOWNS)]
+        J[:, :10] = found.slope[:, _EXPECTED][:, :, list(_UNKNOWNS)]
         J[:, 10:, _SURFACES] = np.eye(3)
         J[~holds] = 0.0
         moving = np.isfinite(J).all(axis=(1, 2)) & ~(np.abs(left).max(axis=1) < 0.01 * _BALANCED)
@@ -151,8 +151,8 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     beyond = (np.abs(at[:, 10:13]) > limit[:, None]).any(axis=1)
     beyond |= (at[:, 13] > eta_max) | (at[:, 13] < constants.equivalence_ratio_min)
     off = ~(np.abs(left).max(axis=1) < _BALANCED)
-    measured = found.value[:, _WANTED.stop :].copy()
-    frozen = (found.slope[:, _WANTED.stop :] == 0.0).all(axis=2)
+    measured = found.value[:, _EXPECTED.stop :].copy()
+    frozen = (found.slope[:, _EXPECTED.stop :] == 0.0).all(axis=2)
     measured[:, :10][frozen[:, :10]] = at[:, :10][frozen[:, :10]]  # it failed in this steady flight
     points = points._replace(path=at[:, :10], controls=at[:, 10:], measured=measured)
     memory, grows = _memory_at_rest(plan, points)

@@ -34,8 +34,8 @@ def sobol_indices(outputs: Floats, inputs: int, confidence: float = 0.95) -> Sob
     """
     group = inputs + 2
     if outputs.shape[0] % group or outputs.shape[0] < FEWEST_GROUPS * group:
-        wanted = f"at least {FEWEST_GROUPS} whole groups of {group}"
-        raise ValueError(f"{outputs.shape[0]} flights instead of {wanted}")
+        expected = f"at least {FEWEST_GROUPS} whole groups of {group}"
+        raise ValueError(f"{outputs.shape[0]} flights instead of {expected}")
     if not np.isfinite(outputs).all():
         raise ValueError("outputs that are not finite have no variance to share out")
     from SALib.analyze import sobol

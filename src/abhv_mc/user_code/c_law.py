@@ -26,7 +26,7 @@ from abhv_mc.user_code.child import may_run_here
 from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop
 from abhv_mc.user_code.law_interface import NOT_GIVEN
 from abhv_mc.user_code.plain import LAW_FAILED
-from abhv_mc.user_code.source import OwnSource
+from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import BUILT, unpack
 
 _SYSTEM = ("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/System", "/usr/local/lib")
@@ -47,7 +47,7 @@ class CLibrary(NamedTuple):
 
 
 @functools.lru_cache(maxsize=16)
-def load_library(source: OwnSource) -> CLibrary:
+def load_library(source: UserSource) -> CLibrary:
     """Load a law's library into this process. Raises InputError for what is no law, or not this interface's."""
     if not may_run_here():
         raise RuntimeError("native code of a user's is run by workers and the child alone")
@@ -60,7 +60,7 @@ def load_library(source: OwnSource) -> CLibrary:
         handle = ctypes.CDLL(str(path), mode=os.RTLD_NOW | os.RTLD_LOCAL)
     except OSError as error:
         words = str(error).replace(str(path.parent) + os.sep, "")
-        raise InputError(source.file, None, None, f"a library that does not load ({words})", _wanted(words)) from None
+        raise InputError(source.file, None, None, f"a library that does not load ({words})", _expected(words)) from None
     _check_links(source, path.parent, _mapped() - before)
 
     def find(name: str, needed: bool) -> int:
@@ -78,10 +78,10 @@ def load_library(source: OwnSource) -> CLibrary:
         raise InputError(source.file, None, None, found, "both of abhv_law_state_get and _set, or none")
     if address := find("abhv_law_interface", False):
         told = ctypes.string_at(address).decode(errors="replace")
-        wanted = f"{interface()} {describe_layout(recipe['settings'])}"
-        if told != wanted:
+        expected = f"{interface()} {describe_layout(recipe['settings'])}"
+        if told != expected:
             found = f"a library built with other headers ({told})"
-            raise InputError(source.file, None, None, found, f"one built with those of this controller ({wanted})")
+            raise InputError(source.file, None, None, found, f"one built with those of this controller ({expected})")
     return CLibrary(init, step, get, put, int(ctypes.CFUNCTYPE(ctypes.c_size_t)(size)()), handle)
 
 
@@ -94,7 +94,7 @@ def _mapped() -> set[str]:
     return {os.path.realpath(line.split(maxsplit=5)[5]) for line in lines if line.count("/")}
 
 
-def _check_links(source: OwnSource, folder: Path, loaded: set[str]) -> None:
+def _check_links(source: UserSource, folder: Path, loaded: set[str]) -> None:
     """Raise InputError for a library that came with the law's and is neither the system's nor declared."""
     allowed = tuple(f"{os.path.realpath(place)}{os.sep}" for place in (folder, sys.prefix, sys.base_prefix, *_SYSTEM))
     for path in sorted(loaded):
@@ -103,7 +103,7 @@ def _check_links(source: OwnSource, folder: Path, loaded: set[str]) -> None:
             raise InputError(source.file, None, None, found, f"files: [{Path(path).name}] in its controller file")
 
 
-def _wanted(words: str) -> str:
+def _expected(words: str) -> str:
     name = words.partition(":")[0]
     return f"files: [{name}] in its controller file" if "cannot open shared object" in words else "a shared library"
 
@@ -115,7 +115,7 @@ class CFacts(NamedTuple):
     memory: tuple[float, ...] | None  # as it starts; None where the law does not give it
 
 
-def inspect_library(source: OwnSource, settings: Floats, first: Floats) -> CFacts:
+def inspect_library(source: UserSource, settings: Floats, first: Floats) -> CFacts:
     """What a library says of its memory; called in the child. Raises InputError."""
     library = load_library(source)
     if not library.get:
@@ -146,7 +146,7 @@ class CFlights:
         """Nothing: all of it is memory of this process."""
 
 
-def open_c_law(source: OwnSource, gains: int, width: int, places: int, memory: int | None, seen: int) -> CFlights:
+def open_c_law(source: UserSource, gains: int, width: int, places: int, memory: int | None, seen: int) -> CFlights:
     """The law for ``width`` lanes, with room for the states of ``places`` flights.
 
     With ``memory`` numbers the lanes' rows hold them, as those of a compiled law, and the state is made anew of them at

@@ -21,7 +21,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.jit import compiler
 from abhv_mc.numerics.lane_math import COS, HALF_PI, SIN
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured
-from abhv_mc.user_code.source import OwnSource
+from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import BUILT
 
 _HEADER = Path(__file__).with_name("abhv_law.h")
@@ -78,7 +78,7 @@ def describe_layout(layout: Layout) -> str:
     return ", ".join(f"{name}[{length}]" if length else name for name, length in layout) or "none"
 
 
-def read_c_source(controller: CController) -> OwnSource:
+def read_c_source(controller: CController) -> UserSource:
     """A law's files with what they are built by and for; nothing is built. Raises InputError."""
     paths = find_files(controller)
     try:
@@ -97,7 +97,7 @@ def read_c_source(controller: CController) -> OwnSource:
         "settings": controller.layout,
         "design": find_name(paths, controller.design),
     }
-    return OwnSource(json.dumps(recipe), str(next(iter(paths.values()))), files)
+    return UserSource(json.dumps(recipe), str(next(iter(paths.values()))), files)
 
 
 def find_name(paths: Mapping[str, Path], path: Path | None) -> str | None:
@@ -105,7 +105,7 @@ def find_name(paths: Mapping[str, Path], path: Path | None) -> str | None:
     return next((name for name, place in paths.items() if path is not None and place.samefile(path)), None)
 
 
-def with_library(source: OwnSource) -> OwnSource:
+def with_library(source: UserSource) -> UserSource:
     """A law's source with the library built of it, once for each content. Raises InputError with cc's first error."""
     recipe = recipe_of(source)
     if recipe is None or recipe.get("sources") in (None, []):
@@ -113,12 +113,12 @@ def with_library(source: OwnSource) -> OwnSource:
     kept = code_folder(compiler()) / "laws" / f"built_{source.hash[:24]}.so"
     if not kept.is_file():
         content = _build(source, recipe["sources"], recipe["flags"], recipe["settings"])
-        with atomic_write(kept) as aside:
-            aside.write_bytes(content)
+        with atomic_write(kept) as temporary:
+            temporary.write_bytes(content)
     return replace(source, library=kept.read_bytes())
 
 
-def _build(source: OwnSource, sources: Sequence[str], flags: Sequence[str], layout: Layout) -> bytes:
+def _build(source: UserSource, sources: Sequence[str], flags: Sequence[str], layout: Layout) -> bytes:
     headers = {"abhv_law.h": make_header(), "abhv_settings.h": make_settings_header(layout)}
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -138,7 +138,7 @@ def _build(source: OwnSource, sources: Sequence[str], flags: Sequence[str], layo
         return (folder / BUILT).read_bytes()
 
 
-def _explain(source: OwnSource, told: str) -> InputError:
+def _explain(source: UserSource, told: str) -> InputError:
     """The compiler's first error at the user's line."""
     root = Path(source.file.removesuffix(source.files[0][0]))
     match = _ERROR.search(told)
@@ -146,12 +146,12 @@ def _explain(source: OwnSource, told: str) -> InputError:
         words = next((line for line in told.splitlines() if "error" in line or "undefined" in line), told[-200:])
         return InputError(source.file, None, None, f"what cc does not link ({words.strip():.300})", "C that links")
     missing = re.match(r"([\w./-]+): No such file", match["words"])
-    wanted = f"files: [{missing[1]}] in its controller file" if missing else "C that cc compiles"
+    expected = f"files: [{missing[1]}] in its controller file" if missing else "C that cc compiles"
     column = int(match["column"]) if match["column"] else None
-    return InputError(root / match["file"], int(match["line"]), column, f"'{match['words']:.300}'", wanted)
+    return InputError(root / match["file"], int(match["line"]), column, f"'{match['words']:.300}'", expected)
 
 
-def recipe_of(source: OwnSource) -> dict[str, Any] | None:
+def recipe_of(source: UserSource) -> dict[str, Any] | None:
     """What the text of a law in C or an FMU says; None for one in Python."""
     try:
         return dict(json.loads(source.text))
@@ -159,7 +159,7 @@ def recipe_of(source: OwnSource) -> dict[str, Any] | None:
         return None
 
 
-def refuse_platform(source: OwnSource) -> str | None:
+def refuse_platform(source: UserSource) -> str | None:
     """Why a law's library cannot fly here, in words; None where it can."""
     recipe, here = recipe_of(source), describe_platform()
     if recipe is None or recipe["platform"] == here:

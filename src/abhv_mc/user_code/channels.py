@@ -14,7 +14,7 @@ from abhv_mc.user_code.check import check_functions, find_function
 from abhv_mc.user_code.compiled import COMMAND_ROWS, build, compiled_names
 from abhv_mc.user_code.law_interface import Measured, MixedCommand, Reference
 from abhv_mc.user_code.source import CHANNEL as MARK
-from abhv_mc.user_code.source import OwnSource, refuse_in_words, run_module
+from abhv_mc.user_code.source import UserSource, refuse_in_words, run_module
 
 # Rows of the true values, in the order of Measured.
 _ACTUAL = (
@@ -36,7 +36,7 @@ _ARGUMENTS = (*_GIVEN, "time", "dt")
 
 
 @functools.lru_cache(maxsize=16)
-def compile_channels(source: OwnSource, width: int) -> Any:
+def compile_channels(source: UserSource, width: int) -> Any:
     """The compiled loop over ``width`` lanes, with its ``address``. Raises InputError."""
     module = run_module(source)
     with refuse_in_words(source, "channels", "plain functions"):
@@ -50,8 +50,8 @@ def compile_channels(source: OwnSource, width: int) -> Any:
             check_functions(source.file, node, nodes, module.names)
             for argument in inspect.signature(function).parameters:
                 if argument not in _ARGUMENTS:
-                    wanted = one_of(_ARGUMENTS, argument)
-                    raise InputError(source.file, node.lineno, None, f"the argument '{argument}'", wanted)
+                    expected = one_of(_ARGUMENTS, argument)
+                    raise InputError(source.file, node.lineno, None, f"the argument '{argument}'", expected)
         names = compiled_names(module)
         for name in functions:
             names[f"_channel_{name}"] = names[name]
@@ -64,18 +64,18 @@ def _make_loop(signatures: dict[str, tuple[str, ...]], width: int) -> str:
     def tuple_of(kind: str, rows: Any) -> str:
         return f"_{kind}({', '.join(f'Z[{row * width} + lane]' for row in rows)})"
 
-    wanted = {argument for arguments in signatures.values() for argument in arguments}
+    expected = {argument for arguments in signatures.values() for argument in arguments}
     once, inside = [], []
-    if "reference" in wanted:
+    if "reference" in expected:
         once.append(f"r = tick * {len(REFERENCE)}")
         once.append(f"reference = _Reference({', '.join(f'row[r + {i}]' for i in range(len(REFERENCE)))})")
-    if "time" in wanted:
+    if "time" in expected:
         once.append("time = tick * dt")
-    if "actual" in wanted:
+    if "actual" in expected:
         inside.append(f"actual = {tuple_of('Measured', _ACTUAL)}")
-    if "measured" in wanted:
+    if "measured" in expected:
         inside.append(f"measured = {tuple_of('Measured', range(s.MEASURED, s.MEASURED + s.N_MEASURED))}")
-    if "command" in wanted:
+    if "command" in expected:
         inside.append(f"command = {tuple_of('Command', (*COMMAND_ROWS, s.CMD_ETA))}")
     for i, (name, arguments) in enumerate(signatures.items()):
         inside.append(f"Z[{(CHANNEL + i) * width} + lane] = _channel_{name}({', '.join(arguments)})")

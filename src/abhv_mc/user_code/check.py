@@ -69,14 +69,14 @@ def check_law(law: Law) -> None:
     for name, unit in law.mark.units.items():
         known = [*(law.settings._fields if law.settings else ()), *(law.commands._fields if law.commands else ())]
         if name not in known:
-            wanted = one_of(known, name) if known else "a field of Settings"
-            raise InputError(source.file, node.lineno, None, f"a unit of '{name}'", wanted)
+            expected = one_of(known, name) if known else "a field of Settings"
+            raise InputError(source.file, node.lineno, None, f"a unit of '{name}'", expected)
         if not isinstance(unit, str):
             raise InputError(source.file, node.lineno, None, f"the unit {unit!r:.40} of '{name}'", "text such as 'deg'")
         try:
             parse_unit(unit)
         except Refusal as refusal:
-            raise InputError(source.file, node.lineno, None, refusal.found, refusal.wanted) from None
+            raise InputError(source.file, node.lineno, None, refusal.found, refusal.expected) from None
     if not law.mark.compiled:
         return
     if "memory" in law.arguments:
@@ -109,9 +109,9 @@ def _check_arguments(law: Law, node: ast.FunctionDef) -> None:
             argument.arg in ("memory", "settings", "commands") and getattr(law, argument.arg) is None
         )
         if missing:
-            wanted = "design(model, settings) that returns them" if name == "gains" else f"class {name}(NamedTuple)"
+            expected = "design(model, settings) that returns them" if name == "gains" else f"class {name}(NamedTuple)"
             place = argument.lineno, argument.col_offset + 1
-            raise InputError(file, *place, f"'{argument.arg}' in a file without it", wanted)
+            raise InputError(file, *place, f"'{argument.arg}' in a file without it", expected)
 
 
 def check_functions(
@@ -176,12 +176,12 @@ def _check_fields(law: Law, function: ast.FunctionDef) -> None:
 
 def _check_returns(law: Law, function: ast.FunctionDef) -> None:
     """Every way through the law returns a Command, and the memory where there is one."""
-    file, wanted = law.source.file, "return Command(...)"
+    file, expected = law.source.file, "return Command(...)"
     if "memory" in law.arguments:
-        wanted = "return Command(...), Memory(...)"
+        expected = "return Command(...), Memory(...)"
     if not _always_returns(function.body):
         last = function.body[-1]
-        raise InputError(file, last.lineno, last.col_offset + 1, "a way through the law without 'return'", wanted)
+        raise InputError(file, last.lineno, last.col_offset + 1, "a way through the law without 'return'", expected)
     for node in _walk(function):
         if isinstance(node, ast.Return):
             value = node.value
@@ -191,7 +191,7 @@ def _check_returns(law: Law, function: ast.FunctionDef) -> None:
             alone = isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id == "Command"
             if lone or (pair and "memory" not in law.arguments) or (alone and "memory" in law.arguments):
                 text = ast.unparse(node)
-                raise InputError(file, node.lineno, node.col_offset + 1, f"'{text:.60}'", wanted)
+                raise InputError(file, node.lineno, node.col_offset + 1, f"'{text:.60}'", expected)
 
 
 def _always_returns(body: list[ast.stmt]) -> bool:

@@ -18,14 +18,14 @@ from abhv_mc.user_code.child import LostError, in_child
 from abhv_mc.user_code.compiled import own_hash
 from abhv_mc.user_code.design import DesignModel, design_gains
 from abhv_mc.user_code.native import NativeLaw
-from abhv_mc.user_code.source import Law, OwnSource, load_law, run_module
+from abhv_mc.user_code.source import Law, UserSource, load_law, run_module
 from abhv_mc.user_code.unpack import in_its_folder
 from abhv_mc.user_code.watch import watching
 
 _LONGEST = 600.0  # s that a file may run
 
 
-def check_closure(source: OwnSource) -> None:
+def check_closure(source: UserSource) -> None:
     """Run a Python file in the child, once for each content. Raises InputError for what it does or reads wrong."""
     key = hashlib.sha256(f"{source.hash} {source.file} {own_hash()}".encode()).hexdigest()[:24]
     note = code_folder(compiler()) / "laws" / f"closed_{key}"
@@ -37,11 +37,11 @@ def check_closure(source: OwnSource) -> None:
         found = f"a file that does not run: {lost.words}"
         raise InputError(source.file, None, None, found, "a file that runs on its own") from None
     note.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    with atomic_write(note) as aside:
-        aside.write_text("", encoding="utf-8")
+    with atomic_write(note) as temporary:
+        temporary.write_text("", encoding="utf-8")
 
 
-def _run_watched(source: OwnSource) -> None:
+def _run_watched(source: UserSource) -> None:
     run_module.cache_clear()  # a module that ran already opens nothing
     with watching(source):
         run_module(source)
@@ -59,7 +59,7 @@ def watched_design(law: Law | NativeLaw, model: DesignModel, settings: Floats) -
     return in_child(_design, law if isinstance(law, NativeLaw) else law.source, model, settings)
 
 
-def _design(law: NativeLaw | OwnSource, model: DesignModel, settings: Floats) -> tuple[tuple[str, ...], Floats]:
+def _design(law: NativeLaw | UserSource, model: DesignModel, settings: Floats) -> tuple[tuple[str, ...], Floats]:
     source = law.design_source() if isinstance(law, NativeLaw) else law
     with in_its_folder(source), watching(source):
         if isinstance(law, NativeLaw):

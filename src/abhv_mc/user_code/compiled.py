@@ -32,7 +32,7 @@ from abhv_mc.user_code.law_interface import (
     Thrust,
 )
 from abhv_mc.user_code.scattered import Scattered
-from abhv_mc.user_code.source import MODULE, Law, Module, OwnSource, load_law, refuse_in_words
+from abhv_mc.user_code.source import MODULE, Law, Module, UserSource, load_law, refuse_in_words
 from abhv_mc.user_code.table import Table
 from abhv_mc.user_code.unpack import unpack
 
@@ -53,7 +53,7 @@ _NOISE = re.compile(r"(Failed in nopython mode|During: |File \"|- Resolution fai
 
 
 @functools.lru_cache(maxsize=64)
-def compile_law(source: OwnSource, gains: tuple[str, ...], width: int, effectors: tuple[str, ...] = ()) -> Any:
+def compile_law(source: UserSource, gains: tuple[str, ...], width: int, effectors: tuple[str, ...] = ()) -> Any:
     """The compiled loop over ``width`` lanes, with its ``address``. ``gains`` are the names of their columns.
 
     ``effectors``: the vehicle's, for a law that commands some of them.
@@ -113,8 +113,8 @@ def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
     path = code_folder(compiler()) / "laws" / f"law_{key}.py"
     if not path.exists():
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with atomic_write(path) as aside:
-            aside.write_text(text, encoding="utf-8")
+        with atomic_write(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
     home = types.ModuleType(f"abhv_mc_loop_{key}")  # numba finds what it kept under a module's name
     sys.modules[home.__name__] = home
     home.__dict__.update(names, __name__=home.__name__, __file__=str(path))

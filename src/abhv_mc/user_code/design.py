@@ -14,7 +14,7 @@ from abhv_mc.control.mission import Mission
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.compiled import make_gains_class
 from abhv_mc.user_code.law_interface import Reference
-from abhv_mc.user_code.source import OwnSource, refuse_in_words
+from abhv_mc.user_code.source import UserSource, refuse_in_words
 from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth
@@ -127,15 +127,15 @@ def _rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
     return np.concatenate([np.stack([speed * sg, along / mass - gravity * sg, path, turn]), angles, rates])
 
 
-def design_gains(source: OwnSource, design: Any, model: DesignModel, given: Any) -> tuple[tuple[str, ...], Floats]:
+def design_gains(source: UserSource, design: Any, model: DesignModel, given: Any) -> tuple[tuple[str, ...], Floats]:
     """Names and columns [tick, gain] of what a ``design`` returns of the settings ``given``. Raises InputError."""
     ticks, file = len(model.table), source.file
     with refuse_in_words(source, "a design", "a named tuple of arrays [tick]"):
         made = design(model, given)
         line = design.__code__.co_firstlineno
         if not (isinstance(made, tuple) and hasattr(made, "_fields")):
-            wanted = f"a named tuple of numbers or arrays [{ticks}]"
-            raise InputError(file, line, None, f"a design that returns {type(made).__name__}", wanted)
+            expected = f"a named tuple of numbers or arrays [{ticks}]"
+            raise InputError(file, line, None, f"a design that returns {type(made).__name__}", expected)
         columns = np.empty((ticks, len(made)))
         for i, (name, value) in enumerate(zip(made._fields, made, strict=True)):
             try:

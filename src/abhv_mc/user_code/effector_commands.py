@@ -8,13 +8,13 @@ import types
 from typing import Any
 
 from abhv_mc.io.input_error import InputError, one_of
-from abhv_mc.user_code.source import OwnSource
+from abhv_mc.user_code.source import UserSource
 from abhv_mc.vehicle.model import Vehicle, drive_all, name_effectors
 
-_WANTED = 'Command(..., effectors={"name": ...}), the same names in each Command of the law'
+_EXPECTED = 'Command(..., effectors={"name": ...}), the same names in each Command of the law'
 
 
-def find_commanded(source: OwnSource) -> tuple[str, ...]:
+def find_commanded(source: UserSource) -> tuple[str, ...]:
     """The effectors that a law's Commands name, sorted; none for a law that leaves them to their mix."""
     found: set[str] = set()
     for _, given in _commands(ast.parse(source.text)):
@@ -25,12 +25,12 @@ def find_commanded(source: OwnSource) -> tuple[str, ...]:
     return tuple(sorted(found))
 
 
-def commands_effectors(source: OwnSource) -> bool:
+def commands_effectors(source: UserSource) -> bool:
     """Whether any Command of a law is given effectors."""
     return any(given is not None for _, given in _commands(ast.parse(source.text)))
 
 
-def parse_law(source: OwnSource) -> ast.Module:
+def parse_law(source: UserSource) -> ast.Module:
     """The text with tuples for the effectors of its Commands. Raises InputError for what cannot be one."""
     tree = ast.parse(source.text)
     names = find_commanded(source)
@@ -40,7 +40,7 @@ def parse_law(source: OwnSource) -> ast.Module:
     for call, given in calls:
         keys = [key.value if isinstance(key, ast.Constant) else None for key in getattr(given, "keys", ())]
         if not isinstance(given, ast.Dict) or tuple(sorted(map(str, keys))) != names:
-            raise InputError(source.file, call.lineno, call.col_offset + 1, "other effectors in a Command", _WANTED)
+            raise InputError(source.file, call.lineno, call.col_offset + 1, "other effectors in a Command", _EXPECTED)
         values = dict(zip(keys, given.values, strict=True))
         numbers: list[ast.expr] = [
             ast.Call(ast.Name("float", ast.Load()), [values[name]], [])
@@ -52,7 +52,7 @@ def parse_law(source: OwnSource) -> ast.Module:
     return ast.fix_missing_locations(tree)
 
 
-def tuple_codes(source: OwnSource) -> dict[str, types.CodeType]:
+def tuple_codes(source: UserSource) -> dict[str, types.CodeType]:
     """Code of the functions of a law with such tuples, by name; none for a law without."""
     if not find_commanded(source):
         return {}
@@ -60,7 +60,7 @@ def tuple_codes(source: OwnSource) -> dict[str, types.CodeType]:
     return {each.co_name: each for each in code.co_consts if isinstance(each, types.CodeType)}
 
 
-def drive_commanded(vehicle: Vehicle, source: OwnSource) -> Vehicle:
+def drive_commanded(vehicle: Vehicle, source: UserSource) -> Vehicle:
     """The vehicle as a law flies it: one that commands effectors finds an actuator at each of them.
 
     Raises InputError for effectors that the vehicle does not have.

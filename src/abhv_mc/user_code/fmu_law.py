@@ -27,7 +27,7 @@ from abhv_mc.user_code.c_source import recipe_of, refuse_platform
 from abhv_mc.user_code.child import may_run_here
 from abhv_mc.user_code.fmu_loop import FLAGS, Wire, compile_fmu_adapter
 from abhv_mc.user_code.law_interface import find_unit
-from abhv_mc.user_code.source import OwnSource
+from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import unpack
 
 _INSTANTIATE = {2: "Instantiate", 3: "InstantiateCoSimulation"}
@@ -58,7 +58,7 @@ class Fmu(NamedTuple):
 
 
 @functools.lru_cache(maxsize=16)
-def load_fmu(source: OwnSource) -> Fmu:
+def load_fmu(source: UserSource) -> Fmu:
     """Unpack an FMU and load its library into this process. Raises InputError for what cannot fly."""
     if not may_run_here():
         raise RuntimeError("native code of a user's is run by workers and the child alone")
@@ -109,7 +109,7 @@ def load_fmu(source: OwnSource) -> Fmu:
     )
 
 
-def find_states(source: OwnSource) -> dict[str, float] | None:
+def find_states(source: UserSource) -> dict[str, float] | None:
     """The states of an FMU as they start; None where one cannot be set. Called in the child."""
     starts = {name: start for name, (_, start) in load_fmu(source).states.items() if start is not None}
     return starts if len(starts) == len(load_fmu(source).states) <= MAX_MEMORY else None
@@ -132,7 +132,7 @@ def _make_instantiate(version: int, dll: Any, described: Any, folder: Path) -> C
     return lambda: int(make(name, token, where, no, no, no, no, None, ctypes.c_size_t(0), None, log, none) or 0)
 
 
-def _unzip(source: OwnSource, name: str) -> Path:
+def _unzip(source: UserSource, name: str) -> Path:
     import fmpy
 
     laws = code_folder(compiler()) / "laws"
@@ -148,7 +148,7 @@ def _unzip(source: OwnSource, name: str) -> Path:
 
 @dataclass(frozen=True)
 class _Wiring:
-    source: OwnSource
+    source: UserSource
     described: Any
     version: int
 
@@ -165,15 +165,15 @@ class _Wiring:
         factor, offset = self._find_unit(name, unit, find_unit(wired)) if unit else (1.0, 0.0)
         return Wire(wired, int(variable.valueReference), factor, offset)
 
-    def _find_unit(self, name: str, unit: str, wanted: str | None) -> tuple[float, float]:
+    def _find_unit(self, name: str, unit: str, expected: str | None) -> tuple[float, float]:
         base = {each.name: each.baseUnit for each in self.described.unitDefinitions}.get(unit)
         try:
             factor, exponents = parse_unit(unit) if base is None else (base.factor, (base.m, base.kg, base.s, base.rad))
         except Refusal:
             found = f"the unit '{unit}' of '{name}', which the FMU does not define"
             raise InputError(self.source.file, None, None, found, "a unit with its base units") from None
-        if wanted is not None and exponents[:3] != parse_unit(wanted)[1][:3]:  # radians are often left out
-            raise InputError(self.source.file, None, None, f"'{name}' in {unit}", f"a quantity in {wanted}")
+        if expected is not None and exponents[:3] != parse_unit(expected)[1][:3]:  # radians are often left out
+            raise InputError(self.source.file, None, None, f"'{name}' in {unit}", f"a quantity in {expected}")
         return factor, 0.0 if base is None else base.offset
 
 
@@ -196,7 +196,7 @@ class FmuFlights:
 
 
 def open_fmu(
-    source: OwnSource, gains: tuple[str, ...], width: int, places: int, memory_in_rows: bool = False
+    source: UserSource, gains: tuple[str, ...], width: int, places: int, memory_in_rows: bool = False
 ) -> FmuFlights:
     """The law for ``width`` lanes, with instances for ``places`` flights.
 

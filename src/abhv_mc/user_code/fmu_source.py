@@ -8,13 +8,13 @@ from abhv_mc.control.law_file import FmuController, find_files, parse_numbers
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.user_code.c_source import describe_platform, find_name
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured
-from abhv_mc.user_code.source import OwnSource
+from abhv_mc.user_code.source import UserSource
 
 _NEEDED = COMMAND_FIELDS[:4]
 _GROUPS = {"measured": Measured._fields, "reference": REFERENCE}
 
 
-def read_fmu_source(controller: FmuController) -> OwnSource:
+def read_fmu_source(controller: FmuController) -> UserSource:
     """An FMU's file with what its inputs, outputs and parameters are wired to. Raises InputError."""
     _check_names(controller)
     paths = find_files(controller)
@@ -34,7 +34,7 @@ def read_fmu_source(controller: FmuController) -> OwnSource:
         "settings": [],
         "design": find_name(paths, controller.design),
     }
-    return OwnSource(json.dumps(recipe), str(next(iter(paths.values()))), files)
+    return UserSource(json.dumps(recipe), str(next(iter(paths.values()))), files)
 
 
 def _check_names(controller: FmuController) -> None:

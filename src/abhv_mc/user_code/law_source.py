@@ -5,7 +5,7 @@ from pathlib import Path
 from abhv_mc.control.law_file import CController, FmuController, UserController, find_files
 from abhv_mc.user_code.c_source import read_c_source, with_library
 from abhv_mc.user_code.fmu_source import read_fmu_source
-from abhv_mc.user_code.source import OwnSource, read_source
+from abhv_mc.user_code.source import UserSource, read_source
 from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 
 
@@ -16,7 +16,7 @@ def law_place(controller: UserController) -> Path:
     return controller.file
 
 
-def read_law_source(controller: UserController) -> OwnSource:
+def read_law_source(controller: UserController) -> UserSource:
     """A controller's code with the files that it declares. Raises InputError."""
     if isinstance(controller, CController):
         return read_c_source(controller)
@@ -25,7 +25,7 @@ def read_law_source(controller: UserController) -> OwnSource:
     return read_source(law_place(controller), find_files(controller))
 
 
-def read_trusted_law(controller: UserController) -> OwnSource:
+def read_trusted_law(controller: UserController) -> UserSource:
     """A controller's code that is to be run. Raises InputError for a folder's copy that its user has not flown."""
     source = read_law_source(controller)
     if is_in_a_folder(law_place(controller)):

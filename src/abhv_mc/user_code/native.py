@@ -11,7 +11,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.io.number_table import NumberTable, read_number_table
 from abhv_mc.user_code.c_law import CFlights, inspect_library, open_c_law
 from abhv_mc.user_code.fmu_law import FmuFlights, find_states, open_fmu
-from abhv_mc.user_code.source import OwnSource
+from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import unpack
 
 
@@ -19,7 +19,7 @@ from abhv_mc.user_code.unpack import unpack
 class NativeLaw:
     """A law in C or an FMU: its files and what its controller file says of them."""
 
-    source: OwnSource
+    source: UserSource
 
     @property
     def recipe(self) -> dict[str, Any]:
@@ -30,12 +30,12 @@ class NativeLaw:
         """The name of the file of its design: Python, or CSV over time."""
         return self.recipe["design"]
 
-    def design_source(self) -> OwnSource:
+    def design_source(self) -> UserSource:
         """The Python file of its design with all that the law declares."""
         name, files = str(self.design), dict(self.source.files)
         root = self.source.file.removesuffix(self.source.files[0][0])
         text = files.pop(name).decode()
-        return OwnSource(text, f"{root}{name}", ((name, text.encode()), *files.items()))
+        return UserSource(text, f"{root}{name}", ((name, text.encode()), *files.items()))
 
     def make_settings(self, numbers: Floats) -> Any:
         """The settings as a named tuple: lists as tuples."""
@@ -58,7 +58,7 @@ class NativeLaw:
         return names, np.ascontiguousarray(np.array(columns).T)
 
 
-def find_memory(source: OwnSource, settings: Floats, first: Floats) -> dict[str, float] | None:
+def find_memory(source: UserSource, settings: Floats, first: Floats) -> dict[str, float] | None:
     """The numbers of a law's memory as it starts, by name; None where it does not give them. Called in the child."""
     if not _is_c(source):
         return find_states(source)
@@ -67,7 +67,7 @@ def find_memory(source: OwnSource, settings: Floats, first: Floats) -> dict[str,
 
 
 def open_native(
-    source: OwnSource, gains: tuple[str, ...], width: int, places: int, memory: int | None, seen: int
+    source: UserSource, gains: tuple[str, ...], width: int, places: int, memory: int | None, seen: int
 ) -> CFlights | FmuFlights:
     """A law for the flights of one call; see :func:`abhv_mc.user_code.c_law.open_c_law`."""
     if _is_c(source):
@@ -75,5 +75,5 @@ def open_native(
     return open_fmu(source, gains, width, places, memory is not None)
 
 
-def _is_c(source: OwnSource) -> bool:
+def _is_c(source: UserSource) -> bool:
     return NativeLaw(source).recipe["law"] == "c"

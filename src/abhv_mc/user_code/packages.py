@@ -5,19 +5,19 @@ import sys
 from collections.abc import Iterable, Iterator
 from importlib import metadata
 
-from abhv_mc.user_code.source import OwnSource
+from abhv_mc.user_code.source import UserSource
 
 
-def find_package_versions(sources: Iterable[OwnSource]) -> dict[str, str]:
+def find_package_versions(sources: Iterable[UserSource]) -> dict[str, str]:
     """Version of each installed package that the texts import, by its name; read from the texts, which are not run."""
-    wanted = {name for source in sources for name in _imported(source)} - sys.stdlib_module_names - {"abhv_mc"}
-    if not wanted:
+    expected = {name for source in sources for name in _imported(source)} - sys.stdlib_module_names - {"abhv_mc"}
+    if not expected:
         return {}
     distributions = metadata.packages_distributions()
-    return {package: metadata.version(package) for name in sorted(wanted) for package in distributions.get(name, ())}
+    return {package: metadata.version(package) for name in sorted(expected) for package in distributions.get(name, ())}
 
 
-def _imported(source: OwnSource) -> Iterator[str]:
+def _imported(source: UserSource) -> Iterator[str]:
     texts = [content for name, content in source.files if name.endswith(".py")]
     for text in texts or [source.text.encode()]:
         try:

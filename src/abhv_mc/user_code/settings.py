@@ -12,15 +12,15 @@ from abhv_mc.user_code.compiled import COMMANDS
 from abhv_mc.user_code.source import Law
 
 
-def make_own_settings(document: Document, controller: PythonController, law: Law) -> Floats:
+def make_user_settings(document: Document, controller: PythonController, law: Law) -> Floats:
     """The numbers of the class ``Settings`` in its order, SI. Raises InputErrors with line and column."""
     kind = law.settings
     known = kind._fields if kind is not None else ()
     errors: list[InputError] = []
     for name in controller.settings:
         if name not in known:
-            wanted = one_of(known, name) if known else "no settings: the law has no class Settings"
-            errors.append(document.key_error(("settings", name), f"unknown key '{name}'", wanted))
+            expected = one_of(known, name) if known else "no settings: the law has no class Settings"
+            errors.append(document.key_error(("settings", name), f"unknown key '{name}'", expected))
     values = []
     for name in known:
         if name not in controller.settings:
@@ -31,7 +31,7 @@ def make_own_settings(document: Document, controller: PythonController, law: Law
         try:
             values.append(parse_in_unit(controller.settings[name], law.mark.units.get(name, "-")))
         except Refusal as refusal:
-            errors.append(document.error(("settings", name), refusal.found, refusal.wanted))
+            errors.append(document.error(("settings", name), refusal.found, refusal.expected))
     if errors:
         raise InputErrors(errors)
     return np.array(values, dtype=np.float64)
@@ -68,8 +68,8 @@ def make_commands(document: Document, controller: PythonController, law: Law) ->
     errors: list[InputError] = []
     for name in controller.commands:
         if name not in known:
-            wanted = one_of(known, name) if known else "no commands: the law has no class Commands"
-            errors.append(document.key_error(("commands", name), f"the unknown key '{name}'", wanted))
+            expected = one_of(known, name) if known else "no commands: the law has no class Commands"
+            errors.append(document.key_error(("commands", name), f"the unknown key '{name}'", expected))
     times, values = [], []
     for name in known:
         unit, given = law.mark.units.get(name, "-"), controller.commands.get(name)
@@ -84,7 +84,7 @@ def make_commands(document: Document, controller: PythonController, law: Law) ->
             if not np.isfinite(held).all():
                 raise Refusal(f"no value for '{name}'", "one here, or a default in the class")
         except Refusal as refusal:
-            errors.append(document.error(("commands", name), refusal.found, refusal.wanted))
+            errors.append(document.error(("commands", name), refusal.found, refusal.expected))
         times.append(np.array(at, dtype=np.float64))
         values.append(np.array(held, dtype=np.float64))
     if errors:

@@ -25,7 +25,7 @@ CONTROLLER, CHANNEL = "_abhv_mc_controller", "_abhv_mc_channel"  # attributes th
 
 
 @dataclass(frozen=True)
-class OwnSource:
+class UserSource:
     """The text of a user's file, and the files that it declares. It travels with the work; no stored plan holds it."""
 
     text: str
@@ -63,7 +63,7 @@ class ChannelMark:
 class Module:
     """A user's file that was run."""
 
-    source: OwnSource
+    source: UserSource
     names: dict[str, Any]  # its globals
 
     def marked(self, mark: str) -> dict[str, Callable[..., Any]]:
@@ -72,20 +72,20 @@ class Module:
         return {name: function for name, function in functions.items() if mark in function.__dict__}
 
 
-def read_source(path: Path, files: Mapping[str, Path] | None = None) -> OwnSource:
+def read_source(path: Path, files: Mapping[str, Path] | None = None) -> UserSource:
     """Read a user's file as it is, without running it, and the ``files`` that it declares. Raises InputError."""
     try:
         content = read_input(path)
         if len(content) > MAX_BYTES:
             raise InputError(path, None, None, f"more than {MAX_BYTES} bytes", "a Python file")
         declared = tuple((name, read_input(place)) for name, place in (files or {}).items())
-        return OwnSource(content.decode(), str(path), declared if len(declared) > 1 else ())
+        return UserSource(content.decode(), str(path), declared if len(declared) > 1 else ())
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(path, None, None, f"a file that cannot be read ({error})", "a Python file") from None
 
 
 @functools.lru_cache(maxsize=64)
-def run_module(source: OwnSource) -> Module:
+def run_module(source: UserSource) -> Module:
     """Run a user's file. Raises InputError, with the line, for whatever it raises."""
     linecache.cache[source.file] = (len(source.text), None, source.text.splitlines(keepends=True), source.file)
     module = types.ModuleType(f"{MODULE}{source.hash[:16]}")
@@ -96,7 +96,7 @@ def run_module(source: OwnSource) -> Module:
     return Module(source, module.__dict__)
 
 
-def compile_text(source: OwnSource, flags: int = 0) -> Any:
+def compile_text(source: UserSource, flags: int = 0) -> Any:
     """What Python's ``compile`` makes of the text, without running it. Raises InputError."""
     try:
         return compile(source.text, source.file, "exec", flags, dont_inherit=True)
@@ -106,7 +106,7 @@ def compile_text(source: OwnSource, flags: int = 0) -> Any:
 
 
 @contextlib.contextmanager
-def refuse_in_words(source: OwnSource, what: str, wanted: str) -> Iterator[None]:
+def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[None]:
     """Make an InputError, with the line, of whatever a user's code raises where it is run or looked at.
 
     SystemExit among it, which would end the program as if all were done. A full disk or memory, met elsewhere than in
@@ -123,10 +123,10 @@ def refuse_in_words(source: OwnSource, what: str, wanted: str) -> Iterator[None]
             raise InputError(source.file, line, None, found, f"files: [{missed[1]}] in its controller file") from None
         if line is None and isinstance(error, OSError | MemoryError):
             raise
-        raise InputError(source.file, line, None, f"{what} that raises {_describe(error)}", wanted) from None
+        raise InputError(source.file, line, None, f"{what} that raises {_describe(error)}", expected) from None
 
 
-def _undeclared(source: OwnSource, error: BaseException) -> tuple[str, str] | None:
+def _undeclared(source: UserSource, error: BaseException) -> tuple[str, str] | None:
     """What a missing file or module that lies beside the law is to it in words, and the entry of ``files`` for it."""
     beside = Path(source.file).parent
     if isinstance(error, ModuleNotFoundError):
@@ -170,12 +170,12 @@ class Law:
     design: Callable[..., Any] | None
 
     @property
-    def source(self) -> OwnSource:
+    def source(self) -> UserSource:
         return self.module.source
 
 
 @functools.lru_cache(maxsize=64)
-def load_law(source: OwnSource) -> Law:
+def load_law(source: UserSource) -> Law:
     """Run a controller's file and find what it defines; checked in the user's terms. Raises InputError."""
     from abhv_mc.user_code.check import check_law
 

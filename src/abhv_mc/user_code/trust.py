@@ -7,7 +7,7 @@ from pathlib import Path
 
 from abhv_mc.cache import user_folder
 from abhv_mc.io.input_error import InputError
-from abhv_mc.user_code.source import OwnSource
+from abhv_mc.user_code.source import UserSource
 
 _SIGNS = ("manifest.json", "campaign.yaml")  # a campaign's folder holds both
 _trusted_now: set[str] = set()  # hashes of what the user of this process says that he trusts
@@ -18,7 +18,7 @@ def list_file() -> Path:
     return user_folder("XDG_CONFIG_HOME", ".config") / "flown_laws"
 
 
-def is_trusted(source: OwnSource) -> bool:
+def is_trusted(source: UserSource) -> bool:
     """Whether this user has flown exactly this text."""
     try:
         return source.hash in list_file().read_text(encoding="utf-8").split()
@@ -26,7 +26,7 @@ def is_trusted(source: OwnSource) -> bool:
         return False
 
 
-def trust(source: OwnSource) -> None:
+def trust(source: UserSource) -> None:
     """Remember that this user has flown it: for this process alone where his configuration cannot be written."""
     if is_trusted(source):
         return
@@ -39,7 +39,7 @@ def trust(source: OwnSource) -> None:
         _trusted_now.add(source.hash)
 
 
-def check_trusted(source: OwnSource, trusted: bool = False) -> None:
+def check_trusted(source: UserSource, trusted: bool = False) -> None:
     """Raise InputError for code that this user has not flown, unless he says that he trusts it."""
     if trusted:
         _trusted_now.add(source.hash)

@@ -23,7 +23,7 @@ from abhv_mc.plant.state import variable_row
 from abhv_mc.user_code.check import check_functions
 from abhv_mc.user_code.compiled import build, compiled_names
 from abhv_mc.user_code.law_interface import Air, Rates
-from abhv_mc.user_code.source import Module, OwnSource, is_number, refuse_in_words, run_module
+from abhv_mc.user_code.source import Module, UserSource, is_number, refuse_in_words, run_module
 from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.vehicle.arrays import COEFFICIENTS, VARIABLES
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
@@ -76,7 +76,7 @@ def check_vehicle_trusted(path: str | Path, trusted: bool = False) -> None:
     code = read_vehicle_file(path).code
     for function in code.functions() if code else ():
         if is_in_a_folder(Path(function.file)):
-            check_trusted(OwnSource(function.text, function.file), trusted)
+            check_trusted(UserSource(function.text, function.file), trusted)
 
 
 _codes: dict[bytes, VehicleCode] = {}
@@ -123,7 +123,7 @@ def _prepare(
     code: VehicleCode, of: FunctionCode, arguments: tuple[str, ...]
 ) -> tuple[Module, tuple[str, ...], Any, Any]:
     """A function's module, the arguments that it names, its settings and the names that its loops use."""
-    source = OwnSource(of.text, of.file)
+    source = UserSource(of.text, of.file)
     module = run_module(source)
     with refuse_in_words(source, "a function of the vehicle", WANTED):
         function = module.names.get(of.function)
@@ -170,7 +170,7 @@ def _settings(module: Module, of: FunctionCode) -> tuple[float, ...] | None:
         try:
             number = value if name not in given else parse_in_unit(value, units.get(name, "-"))
         except Refusal as refusal:
-            raise InputError(file, None, None, f"{name}: {refusal.found}", refusal.wanted) from None
+            raise InputError(file, None, None, f"{name}: {refusal.found}", refusal.expected) from None
         if not is_number(number):
             raise InputError(file, None, None, f"no number for the setting '{name}'", "one, or a default")
         values.append(float(number))

@@ -21,7 +21,7 @@ from abhv_mc.cache import user_folder
 from abhv_mc.compiler_target import code_folder
 from abhv_mc.io.input_error import InputError
 from abhv_mc.jit import compiler
-from abhv_mc.user_code.source import OwnSource
+from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import unpack
 
 _SYSTEM = ("/dev", "/etc", "/proc", "/sys", "/usr/lib", "/usr/share")  # clocks, locales, what the machine is
@@ -31,7 +31,7 @@ _CREATED = os.O_CREAT | os.O_TRUNC
 class _Watch:
     """One law while it runs: where it may read, what it has written, and what it did first that it may not."""
 
-    def __init__(self, source: OwnSource) -> None:
+    def __init__(self, source: UserSource) -> None:
         self.source = source
         self.folder = str(unpack(source)) if source.files else ""
         self.declared = {os.path.realpath(os.path.join(self.folder, name)) for name, _ in source.files}  # noqa: PTH118
@@ -44,7 +44,7 @@ _installed = threading.Lock()
 
 
 @contextlib.contextmanager
-def watching(source: OwnSource) -> Iterator[None]:
+def watching(source: UserSource) -> Iterator[None]:
     """Refuse what the source's code opens or loads inside beyond its files. Raises InputError, with the line."""
     _install()
     watch = _Watch(source)

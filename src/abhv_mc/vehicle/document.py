@@ -112,7 +112,7 @@ class TableEntry(StrictModel):
         try:
             parse_unit(self.unit)
         except Refusal as refusal:
-            raise Refusal(refusal.found, refusal.wanted, ("unit",)) from None
+            raise Refusal(refusal.found, refusal.expected, ("unit",)) from None
         return self
 
 
@@ -216,12 +216,12 @@ class VehicleDocument(StrictModel):
             if name in FACTORS or not name.isidentifier():
                 raise Refusal(f"an effector '{name}'", "a word that names no other variable", ("effectors", name))
             if effector.driven and self.surfaces is None:
-                wanted = "surfaces, whose limit holds for aileron, rudder and elevator"
-                raise Refusal("an effector with an actuator in a file without surfaces", wanted, ("effectors", name))
+                expected = "surfaces, whose limit holds for aileron, rudder and elevator"
+                raise Refusal("an effector with an actuator in a file without surfaces", expected, ("effectors", name))
             dynamics = effector.rate, effector.bandwidth, effector.damping
             if isinstance(self.surfaces, IdealSurfaces) and any(dynamics) and not all(dynamics):
-                wanted = "rate, bandwidth and damping, as the surfaces have none"
-                raise Refusal("an effector without one of its dynamics", wanted, ("effectors", name))
+                expected = "rate, bandwidth and damping, as the surfaces have none"
+                raise Refusal("an effector without one of its dynamics", expected, ("effectors", name))
         factors = (*FACTORS, *self.effectors)
         for table, quantity, place in self.uses():
             if table not in self.tables:
@@ -239,15 +239,15 @@ class VehicleDocument(StrictModel):
 
     def _check_unit(self, table: str, quantity: str | None) -> None:
         unit = self.tables[table].unit
-        wanted: tuple[Dimension, ...]
+        expected: tuple[Dimension, ...]
         if quantity in _ANGLE_FACTORS or quantity in self.effectors:
-            wanted = (ANGLE,)
+            expected = (ANGLE,)
         elif quantity in REDUCED_RATES:
-            wanted = (ANGLE, FRACTION)  # per radian
+            expected = (ANGLE, FRACTION)  # per radian
         else:
-            wanted = ({"specific_impulse": TIME, "thrust_area": AREA}.get(quantity or "", FRACTION),)
-        sign = -1 if wanted[0] is ANGLE else 1
-        if parse_unit(unit)[1] not in [tuple(sign * e for e in dimension.exponents) for dimension in wanted]:
-            words = "1/deg or 1/rad" if wanted[0] is ANGLE else f"a unit like '{wanted[0].unit}'"
+            expected = ({"specific_impulse": TIME, "thrust_area": AREA}.get(quantity or "", FRACTION),)
+        sign = -1 if expected[0] is ANGLE else 1
+        if parse_unit(unit)[1] not in [tuple(sign * e for e in dimension.exponents) for dimension in expected]:
+            words = "1/deg or 1/rad" if expected[0] is ANGLE else f"a unit like '{expected[0].unit}'"
             use = f"for {quantity}" if quantity else "for a whole part of a coefficient"
             raise Refusal(f"a table in '{unit}' {use}", words, ("tables", table, "unit"))

@@ -51,7 +51,7 @@ def read_vehicle_file(path: str | Path) -> VehicleFile:
             try:
                 roles[column] = parse_role(text, effectors)
             except Refusal as refusal:
-                raise document.error(("tables", name, "columns", column), refusal.found, refusal.wanted) from None
+                raise document.error(("tables", name, "columns", column), refusal.found, refusal.expected) from None
         if entry.file is not None:
             table = read_table(entry.file, roles, effectors)
         else:
@@ -82,7 +82,7 @@ def read_mass_points(path: Path) -> list[MassPoint]:
         try:
             factor, exponents = parse_unit(unit)
         except Refusal as refusal:
-            raise rows.error(None, i, refusal.found, refusal.wanted) from None
+            raise rows.error(None, i, refusal.found, refusal.expected) from None
         if exponents != parse_unit(dimension)[1]:
             raise rows.error(None, i, f"{name} in '{unit}'", f"a unit like '{dimension}'")
         columns[name] = rows.numbers(i) * factor
@@ -98,7 +98,7 @@ def read_mass_points(path: Path) -> list[MassPoint]:
         try:
             check_inertia(point)
         except Refusal as refusal:
-            raise rows.error(row, None, refusal.found, refusal.wanted) from None
+            raise rows.error(row, None, refusal.found, refusal.expected) from None
         points.append(point)
     return points
 
@@ -109,21 +109,21 @@ def _check_meaning(document: Document, content: VehicleDocument, name: str, tabl
         low, high = axis.grid[[0, -1]]
         if VARIABLES[axis.variable] == "mass" and not low <= content.mass.start <= high:
             found = f"a table over masses from {low:g} to {high:g} kg"
-            wanted = f"an axis that holds the mass at the start, {content.mass.start:g} kg: is its unit right?"
-            raise document.error(("tables", name), found, wanted)
+            expected = f"an axis that holds the mass at the start, {content.mass.start:g} kg: is its unit right?"
+            raise document.error(("tables", name), found, expected)
     if any(quantity == "specific_impulse" and used == name for used, quantity, _ in content.uses()):
         low, high = float(table.values.min()), float(table.values.max())
         if low < 0.0 or high > _LARGEST_IMPULSE:
             found = f"a specific impulse from {low:g} to {high:g} s"
-            wanted = f"0 to {_LARGEST_IMPULSE:g} s: is its unit right?"
-            raise document.error(("tables", name), found, wanted)
+            expected = f"0 to {_LARGEST_IMPULSE:g} s: is its unit right?"
+            raise document.error(("tables", name), found, expected)
 
 
 def _check_mass(document: Document, content: VehicleDocument, points: Sequence[MassPoint]) -> None:
     if len(points) > 1 and not points[0].mass <= content.mass.start <= points[-1].mass:
         found = f"{content.mass.start:g} kg at the start"
-        wanted = f"{points[0].mass:g} to {points[-1].mass:g} kg, where the mass properties are given"
-        raise document.error(("mass", "start"), found, wanted)
+        expected = f"{points[0].mass:g} to {points[-1].mass:g} kg, where the mass properties are given"
+        raise document.error(("mass", "start"), found, expected)
 
 
 def read_vehicle(path: str | Path, factor_index: Mapping[str, int]) -> Vehicle:

@@ -132,8 +132,8 @@ def drive_axes(vehicle: Vehicle) -> Vehicle:
     if not driven.all() or used & {"aileron", "rudder", "elevator"}:
         kinds.append([c.surface_bandwidth, c.surface_damping, c.ideal_surfaces])
     if any(kind != kinds[0] for kind in kinds):
-        wanted = "one bandwidth and damping of all surfaces, for a linear model"
-        raise InputError("vehicle", None, None, "effectors whose actuators differ", wanted)
+        expected = "one bandwidth and damping of all surfaces, for a linear model"
+        raise InputError("vehicle", None, None, "effectors whose actuators differ", expected)
     bandwidth, damping, ideal = kinds[0]
     constants = c._replace(surface_bandwidth=bandwidth, surface_damping=damping, ideal_surfaces=ideal)
     return follow_axes(vehicle)._replace(constants=constants)

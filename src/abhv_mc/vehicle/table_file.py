@@ -65,11 +65,11 @@ class Rows:
     cells: list[list[str]]  # [row][column]
     lines: list[int]  # [row] from 1
 
-    def error(self, row: int | None, column: int | None, found: str, wanted: str) -> InputError:
+    def error(self, row: int | None, column: int | None, found: str, expected: str) -> InputError:
         """What to raise about a cell; ``row`` None is the header, ``column`` None the whole line."""
         line, texts = (self.header_line, self.header) if row is None else (self.lines[row], self.cells[row])
         place = None if column is None else 1 + sum(len(text) + 1 for text in texts[:column])
-        return InputError(self.path, line, place, found, wanted)
+        return InputError(self.path, line, place, found, expected)
 
     def numbers(self, column: int) -> Floats:
         """One column as finite numbers ``[row]``. Raises :class:`InputError`."""
@@ -144,18 +144,18 @@ def _unit_factor(rows: Rows, column: int, role: Role, header_unit: str | None) -
         found = f"'{rows.header[column]}', while the vehicle file says {role.name} in {role.unit}"
         raise rows.error(None, column, found, "one unit")
     unit = role.unit or header_unit
-    wanted = f"{role.name} " + (f"in units of {dimension.name}, such as {dimension.unit}" if dimension else "alone")
+    expected = f"{role.name} " + (f"in units of {dimension.name}, such as {dimension.unit}" if dimension else "alone")
     if (unit is None) != (dimension is None):
         found = f"'{rows.header[column]}' " + ("without a unit" if unit is None else f"in '{unit}'")
-        raise rows.error(None, column, found, wanted)
+        raise rows.error(None, column, found, expected)
     if unit is None or dimension is None:
         return 1.0
     try:
         factor, exponents = parse_unit(unit)
     except Refusal as refusal:
-        raise rows.error(None, column, refusal.found, wanted) from None
+        raise rows.error(None, column, refusal.found, expected) from None
     if exponents != dimension.exponents:
-        raise rows.error(None, column, f"'{rows.header[column]}' in '{unit}'", wanted)
+        raise rows.error(None, column, f"'{rows.header[column]}' in '{unit}'", expected)
     return factor
 
 
@@ -165,16 +165,18 @@ def _check_plausible(rows: Rows, column: int, role: Role, numbers: Floats, facto
     if outside.size:
         row = int(outside[0])
         text = rows.cells[row][column].strip()
-        wanted = f"{low / factor:.6g} to {high / factor:.6g}: is it in another unit than '{rows.header[column]}' says?"
-        raise rows.error(row, column, f"{role.name} {text}", wanted)
+        expected = (
+            f"{low / factor:.6g} to {high / factor:.6g}: is it in another unit than '{rows.header[column]}' says?"
+        )
+        raise rows.error(row, column, f"{role.name} {text}", expected)
     if factor == math.radians(1.0) and not said and np.ptp(numbers) < _NARROWEST_ANGLE_DEG:
         found = f"{role.name} in degrees over {np.ptp(numbers):g} degrees only"
-        wanted = f"degrees (if they are, say '{rows.header[column]}: {role.name} deg' under columns)"
-        raise rows.error(0, column, found, wanted)
+        expected = f"degrees (if they are, say '{rows.header[column]}: {role.name} deg' under columns)"
+        raise rows.error(0, column, found, expected)
     if role.name == "altitude" and factor == 1.0 and not said and np.ptp(numbers) < _NARROWEST_ALTITUDE_M:
         found = f"altitude in metres over {np.ptp(numbers):g} m only"
-        wanted = f"metres (if they are, say '{rows.header[column]}: altitude m' under columns)"
-        raise rows.error(0, column, found, wanted)
+        expected = f"metres (if they are, say '{rows.header[column]}: altitude m' under columns)"
+        raise rows.error(0, column, found, expected)
 
 
 def _grid(rows: Rows, columns: Sequence[int], points: Floats) -> list[Floats]:
@@ -215,8 +217,8 @@ def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str]
         own = _role_of_header(name, effectors)
         role = columns.get(name) or own
         if role is None:
-            wanted = "mach, alpha_deg, value, ... (or say what it is under columns in the vehicle file)"
-            raise rows.error(None, i, f"the column '{name}'", wanted)
+            expected = "mach, alpha_deg, value, ... (or say what it is under columns in the vehicle file)"
+            raise rows.error(None, i, f"the column '{name}'", expected)
         if role.name == IGNORE:
             continue
         if role.name in roles:

@@ -52,8 +52,8 @@ def find_files(folder: Path) -> dict[tuple[str, str], Path]:
             key = match[1], match[2]
             found[key if key not in found else (key[0], f"{key[1]} {path.relative_to(folder)}")] = path
     if not found:
-        wanted = "Atmos_NN_Name/Atmos_NN_sim_MM.csv of one of the cases 01 to 16"
-        raise InputError(folder, None, None, "no check-case", wanted)
+        expected = "Atmos_NN_Name/Atmos_NN_sim_MM.csv of one of the cases 01 to 16"
+        raise InputError(folder, None, None, "no check-case", expected)
     return dict(sorted(found.items()))
 
 
@@ -87,8 +87,8 @@ def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
         duration = max(float(columns["time"][-1]) for columns in given.values())
         if name in read_aircraft_cases():
             if len(given) < 2:
-                wanted = "a second simulator's file: what two differ by is the tolerance"
-                raise InputError(files[name, next(iter(given))], None, None, f"one simulator of case {name}", wanted)
+                expected = "a second simulator's file: what two differ by is the tolerance"
+                raise InputError(files[name, next(iter(given))], None, None, f"one simulator of case {name}", expected)
             step, allowed, states = 1.0 / RATE, allowed_difference(list(given.values())), fly_aircraft(name, duration)
         else:
             step, allowed, states = STEP, _tolerances_of(tolerances(int(name))), fly_case(CASES[int(name)], duration)

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import brentq, root
 
-from abhv_mc.control.design.design_model import Surroundings, guidance_rates
+from abhv_mc.control.design.design_model import Environment, guidance_rates
 from abhv_mc.control.design.guidance_trim import (
     NO_ANGLE_OF_ATTACK,
     NO_BANK,
@@ -21,7 +21,7 @@ from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import WGS84
 
 Floats = NDArray[np.float64]
-AROUND = Surroundings(20e3, 0.08891, 295.07, 9.757, 6.376e6, 0.511)
+AROUND = Environment(20e3, 0.08891, 295.07, 9.757, 6.376e6, 0.511)
 MASS = 1372.0
 SPEED = 1400.0
 

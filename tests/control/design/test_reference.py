@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from abhv_mc.control.columns import REFERENCE
-from abhv_mc.control.design.design_model import Surroundings, guidance_rates
+from abhv_mc.control.design.design_model import Environment, guidance_rates
 from abhv_mc.control.design.guidance_trim import trim_faults
 from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, solve_reference
 from abhv_mc.control.mission import Mission, read_mission
@@ -77,7 +77,7 @@ def test_nominal_controls_fly_the_reference(mission: Mission, vehicle: Vehicle, 
         def at(name: str) -> float:
             return float(np.interp(time, t, value[name]))
 
-        around = Surroundings(
+        around = Environment(
             at("altitude"), at("density"), at("sound_speed"), at("gravity"), at("radius"), at("latitude")
         )
         controls = np.array([[at(name)] for name in ("angle_of_attack", "bank", "equivalence_ratio")])

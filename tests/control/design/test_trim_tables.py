@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from abhv_mc.control.design.design_model import Surroundings
+from abhv_mc.control.design.design_model import Environment
 from abhv_mc.control.design.design_tables import table_rows, variables_at
 from abhv_mc.control.design.trim_tables import TRIM_ROWS, make_trim_tables, trim_elevator
 from abhv_mc.plant.trim import FlightPoint, trim
@@ -30,7 +30,7 @@ def test_interpolation_errs_by_little(name: str) -> None:
     speed = generator.uniform(1300.0, 1500.0, 500)
     alpha = generator.uniform(np.deg2rad(-1.0), np.deg2rad(12.0), 500)
     eta = generator.uniform(0.25, constants.equivalence_ratio_max, 500)
-    around = Surroundings(ALTITUDE, density, sound_speed, 9.75, 6.37e6, 0.0)
+    around = Environment(ALTITUDE, density, sound_speed, 9.75, 6.37e6, 0.0)
     exact, trimmed = trim_elevator(vehicle, around, speed, alpha, eta)
     # The vehicle's own tables at the interpolated and at the exact elevator differ by the moment of the difference.
     inside = variables_at(vehicle, mach=speed / sound_speed, angle_of_attack=alpha, equivalence_ratio=eta)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from abhv_mc.array_types import Floats, Ints
-from abhv_mc.control.design.design_model import Surroundings, Wrench, wrench_at
+from abhv_mc.control.design.design_model import Environment, Wrench, wrench_at
 from abhv_mc.control.design.design_tables import slope
 from abhv_mc.control.laws.allocation import moment_slope, nominal_moment, side_force_slope
 from abhv_mc.control.laws.tlc import N_ROWS, SLOPES, nominal_vehicle
-from abhv_mc.flight.arguments import OwnLaw
+from abhv_mc.flight.arguments import UserCode
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
 from abhv_mc.plant.aerodynamics import TableCells, make_cells
@@ -29,7 +29,7 @@ class Plan(NamedTuple):
     vehicle: Vehicle
     effectiveness: Effectiveness
     unit_factors: Ints
-    own: OwnLaw
+    own: UserCode
 
 
 class Memory(NamedTuple):
@@ -43,9 +43,9 @@ class Memory(NamedTuple):
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "vehicle"
 N = 24
-AIR = Surroundings(22e3, 0.0646, 296.4, 9.74, 6.4e6, 0.0)
+AIR = Environment(22e3, 0.0646, 296.4, 9.74, 6.4e6, 0.0)
 _CAPACITY = N
-_NO_FUNCTIONS = OwnLaw(0, 0, 0, 0)
+_NO_FUNCTIONS = UserCode(0, 0, 0, 0)
 _Z_ROWS = s.LAW + N_ROWS
 _SIDE_BY_SIDESLIP = SLOPES + INPUTS.index("sideslip") + 2 * N_INPUTS  # side force is the third coefficient
 

@@ -20,7 +20,7 @@ from abhv_mc.campaign.file.requirements import (
 )
 from abhv_mc.campaign.file.user_metrics import (
     declare_metrics,
-    find_own_channels,
+    find_user_channels,
     read_metrics_file,
 )
 from abhv_mc.campaign.sampling.correlation import Copula, make_copula, normal_correlation
@@ -56,7 +56,7 @@ class CheckedCampaign:
     sample_file: SampleFile | None
     limits: tuple[float, ...]  # of the requirements, in their metrics' units
     declared: tuple[Metric, ...] = ()  # metrics that it declares
-    own_sources: tuple[tuple[str, str], ...] = ()  # name and unit of the channels of its own file
+    user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of the channels of its own file
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -127,8 +127,8 @@ def check_campaign(document: Document) -> CheckedCampaign:
     sample_file = read_sample_file(model.sampling.path, DISPERSIBLE) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)
     copula = _make_copula(document, model, names, errors)
-    own = find_own_channels(model.channels) if model.channels else ()
-    declared, written = _declare_metrics(document, model, own, errors)
+    user_channels = find_user_channels(model.channels) if model.channels else ()
+    declared, written = _declare_metrics(document, model, user_channels, errors)
     metrics = {metric.name: metric for metric in (*METRICS, *declared)}
     measured = metrics | {metric.name: metric for metric in MARGINS}
     limits = tuple(check_requirements(document, model, measured, written, errors))
@@ -148,7 +148,7 @@ def check_campaign(document: Document) -> CheckedCampaign:
     check_margins(document, model, number, errors)
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
-    return CheckedCampaign(document, model, number, marginals, copula, sample_file, limits, declared, own)
+    return CheckedCampaign(document, model, number, marginals, copula, sample_file, limits, declared, user_channels)
 
 
 def name_effectors(document: Document) -> Document:
@@ -223,7 +223,7 @@ def _make_marginals(document: Document, model: Campaign, errors: list[InputError
         try:
             marginals[name] = distribution.make_marginal(PARAMETERS[PARAMETER_INDEX[name]])
         except Refusal as refusal:
-            errors.append(document.error((*where, *refusal.keys), refusal.found, refusal.wanted))
+            errors.append(document.error((*where, *refusal.keys), refusal.found, refusal.expected))
     if model.sampling.design == "file" and model.dispersions:
         found = "dispersions beside samples from a file"
         errors.append(document.key_error(("dispersions",), found, "one of them: the file's columns say it all"))
@@ -261,7 +261,7 @@ def _make_copula(document: Document, model: Campaign, names: Sequence[str], erro
 
 
 def _declare_metrics(
-    document: Document, model: Campaign, own: Sequence[tuple[str, str]], errors: list[InputError]
+    document: Document, model: Campaign, user_channels: Sequence[tuple[str, str]], errors: list[InputError]
 ) -> tuple[tuple[Metric, ...], frozenset[str]]:
     """The records of the campaign's own metrics, and which of them say what is bad; no file of channels is run."""
     place: tuple[str, ...] = ("metrics",)
@@ -270,7 +270,7 @@ def _declare_metrics(
         of, entries = read_metrics_file(entries)
         place = ()
     written = frozenset(name for name, entry in entries.items() if entry.bad is not None)
-    return declare_metrics(entries, own, of, place, errors), written
+    return declare_metrics(entries, user_channels, of, place, errors), written
 
 
 def _check_runs(
@@ -289,8 +289,8 @@ def _check_runs(
     if number is None:
         group = saltelli_group(len(names))
         if design == SALTELLI and model.runs is not None and model.runs % group:
-            wanted = f"a multiple of {group} (parameters + 2), at best times a power of two, such as {512 * group}"
-            errors.append(document.error(("runs",), f"{model.runs}", wanted))
+            expected = f"a multiple of {group} (parameters + 2), at best times a power of two, such as {512 * group}"
+            errors.append(document.error(("runs",), f"{model.runs}", expected))
         if model.runs is None:
             errors.append(
                 document.error((), "no key 'runs'", f"'runs' here, as the design '{design}' takes any number")
@@ -300,6 +300,6 @@ def _check_runs(
         errors.append(document.error(("sampling",), f"a design of {number:.3g} flights", "at most 1e9"))
     fits = model.runs is None or (model.runs <= number if sample_file else model.runs == number)
     if not fits:
-        wanted = f"{'at most ' if sample_file else ''}{number}, what the design '{design}' has (or no 'runs')"
-        errors.append(document.error(("runs",), f"{model.runs}", wanted))
+        expected = f"{'at most ' if sample_file else ''}{number}, what the design '{design}' has (or no 'runs')"
+        errors.append(document.error(("runs",), f"{model.runs}", expected))
     return model.runs or number

@@ -34,7 +34,7 @@ def find_impossible(campaign: CheckedCampaign, vehicle: Vehicle | None = None) -
 
 def asked_in_vain(campaign: CheckedCampaign) -> list[str]:
     """The same in sentences (without their full stops), where it is no reason to refuse the campaign."""
-    return [f"the campaign asks for {error.found}; it takes {error.wanted}" for error in find_impossible(campaign)]
+    return [f"the campaign asks for {error.found}; it takes {error.expected}" for error in find_impossible(campaign)]
 
 
 def _requirements(campaign: CheckedCampaign) -> Iterator[InputError]:

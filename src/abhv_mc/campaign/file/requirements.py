@@ -52,8 +52,8 @@ def check_requirements(
                 found = f"controller '{name}'"
                 errors.append(document.error((*where, "controllers", j), found, one_of(model.controllers, name)))
         if entry.metric not in metrics:
-            wanted = one_of([name for name in metrics if model.margins or name not in _MARGIN_METRICS], entry.metric)
-            errors.append(document.error((*where, "metric"), f"unknown metric '{entry.metric}'", wanted))
+            expected = one_of([name for name in metrics if model.margins or name not in _MARGIN_METRICS], entry.metric)
+            errors.append(document.error((*where, "metric"), f"unknown metric '{entry.metric}'", expected))
             continue
         key, bad = ("below", "high") if entry.below is not None else ("above", "low")
         said = metrics[entry.metric].bad
@@ -64,7 +64,7 @@ def check_requirements(
         try:
             yield _limit(entry, metrics[entry.metric].unit)
         except Refusal as refusal:
-            errors.append(document.error((*where, key), refusal.found, refusal.wanted))
+            errors.append(document.error((*where, key), refusal.found, refusal.expected))
 
 
 def _limit(entry: Requirement, unit: str) -> float:
@@ -94,14 +94,14 @@ def check_margins(document: Document, model: Campaign, runs: int, errors: list[I
     if model.margins is None:
         for i in needed:
             found = f"'{model.requirements[i].metric}' without 'margins'"
-            wanted = "'margins: {at: [trim], flights: all}' in the campaign, which finds them"
-            errors.append(document.error(("requirements", i, "metric"), found, wanted))
+            expected = "'margins: {at: [trim], flights: all}' in the campaign, which finds them"
+            errors.append(document.error(("requirements", i, "metric"), found, expected))
         return
     if needed and model.margins.of(runs) < runs:
         metric = model.requirements[needed[0]].metric
         found = f"margins of {model.margins.of(runs)} of {runs} flights, and a requirement on {metric}"
-        wanted = "'flights: all': a verdict needs the metric of every flight"
-        errors.append(document.error(("margins", "flights"), found, wanted))
+        expected = "'flights: all': a verdict needs the metric of every flight"
+        errors.append(document.error(("margins", "flights"), found, expected))
     duration = read_mission(model.mission).duration
     for i, time in enumerate(model.margins.at):
         if time != "trim" and not 0.0 <= time <= duration:

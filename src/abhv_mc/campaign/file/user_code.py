@@ -7,12 +7,12 @@ from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.control.law_file import USER_LAWS, UserController
 from abhv_mc.io.documents import read_document
 from abhv_mc.user_code.law_source import law_place, read_law_source
-from abhv_mc.user_code.source import OwnSource, read_source
+from abhv_mc.user_code.source import UserSource, read_source
 from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.vehicle.file import read_vehicle_file
 
 
-def check_own_code(campaign: CheckedCampaign, trusted: bool = False) -> list[OwnSource]:
+def check_user_code(campaign: CheckedCampaign, trusted: bool = False) -> list[UserSource]:
     """The campaign's own code, where this user may run them: his own, and those of a folder that he has flown.
 
     Not run here. Raises InputError for others, unless he says that he trusts them.
@@ -27,7 +27,7 @@ def check_own_code(campaign: CheckedCampaign, trusted: bool = False) -> list[Own
                 code.append((law_place(controller), read_law_source(controller)))
     vehicle = read_vehicle_file(model.vehicle).code
     if vehicle is not None:
-        code += [(Path(one.file), OwnSource(one.text, one.file)) for one in vehicle.functions()]
+        code += [(Path(one.file), UserSource(one.text, one.file)) for one in vehicle.functions()]
     own = []
     for file, source in code:
         if foreign or is_in_a_folder(file):
@@ -37,7 +37,7 @@ def check_own_code(campaign: CheckedCampaign, trusted: bool = False) -> list[Own
     return own
 
 
-def check_own_law(controller: Controller, trusted: bool = False) -> None:
+def check_user_law(controller: Controller, trusted: bool = False) -> None:
     """Raise InputError for a controller whose code is a folder's copy that this user has not flown, nor trusts."""
     if isinstance(controller, UserController) and is_in_a_folder(law_place(controller)):
         check_trusted(read_law_source(controller), trusted)

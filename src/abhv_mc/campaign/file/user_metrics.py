@@ -93,14 +93,14 @@ def read_metrics_file(path: Path) -> tuple[Document, dict[str, MetricEntry]]:
 
 def declare_metrics(
     entries: dict[str, MetricEntry],
-    own: Sequence[tuple[str, str]],
+    user_channels: Sequence[tuple[str, str]],
     document: Document,
     where: tuple[str, ...],
     errors: list[InputError],
 ) -> tuple[Metric, ...]:
     """The records of a campaign's metrics, ``own`` being name and unit of its own channels; what is wrong is added to
     ``errors``."""
-    known = known_sources(pack_sources(own))
+    known = known_sources(pack_sources(user_channels))
     if len(entries) > MAX_PROGRAMS:
         errors.append(document.key_error(where, f"{len(entries)} metrics", f"at most {MAX_PROGRAMS}"))
     records = []
@@ -111,15 +111,15 @@ def declare_metrics(
         try:
             nonnegative = compile_expression(entry.of, known).nonnegative
         except Refusal as refusal:
-            errors.append(document.error((*where, name, "of"), refusal.found, refusal.wanted))
+            errors.append(document.error((*where, name, "of"), refusal.found, refusal.expected))
             nonnegative = False
         records.append(_record(name, entry, known, nonnegative))
     return tuple(records)
 
 
-def pack_sources(own: Sequence[tuple[str, str]]) -> NDArray[np.str_]:
+def pack_sources(user_channels: Sequence[tuple[str, str]]) -> NDArray[np.str_]:
     """Names and units of the user's own channels as plans carry them."""
-    return np.array(own, dtype=np.str_).reshape(-1, 2)
+    return np.array(user_channels, dtype=np.str_).reshape(-1, 2)
 
 
 def _record(name: str, entry: MetricEntry, known: Mapping[str, Known], nonnegative: bool) -> Metric:
@@ -158,7 +158,7 @@ def _unit(name: str, entry: MetricEntry, known: Mapping[str, Known]) -> str:
     return {"W/m2": "J/m2", "-": "s", "m/s": "m", "deg/s": "deg"}.get(source.unit, f"{source.unit} s")
 
 
-def find_own_channels(path: Path) -> tuple[tuple[str, str], ...]:
+def find_user_channels(path: Path) -> tuple[tuple[str, str], ...]:
     """Name and unit of each ``@channel`` of a file, found in its text: the file is not run. Raises InputError."""
     tree = compile_text(read_source(path), ast.PyCF_ONLY_AST)
     found: list[tuple[str, str]] = []

@@ -225,7 +225,7 @@ def _parse(value: Value, unit: str, *keys: str | int) -> float:
     try:
         return parse_in_unit(value, unit)
     except Refusal as refusal:
-        raise Refusal(refusal.found, refusal.wanted, tuple(keys)) from None
+        raise Refusal(refusal.found, refusal.expected, tuple(keys)) from None
 
 
 def _or(value: float | None, parameter: Parameter) -> float:

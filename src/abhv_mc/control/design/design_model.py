@@ -22,7 +22,7 @@ from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 
 
-class Surroundings(NamedTuple):
+class Environment(NamedTuple):
     """Air and Earth at a nominal, with their slopes over altitude."""
 
     altitude: float  # m
@@ -45,7 +45,7 @@ class Wrench(NamedTuple):
 
 
 def guidance_rates(
-    vehicle: Vehicle, trim_tables: Tables, around: Surroundings, mass: float, state: Any, controls: Any
+    vehicle: Vehicle, trim_tables: Tables, around: Environment, mass: float, state: Any, controls: Any
 ) -> Numbers:
     """(1): rates of (altitude, gamma, chi, V) for (alpha, bank, eta), with the data at trim."""
     altitude, gamma, chi, speed = state
@@ -69,7 +69,7 @@ def guidance_rates(
 
 def wrench_at(
     vehicle: Vehicle,
-    around: Surroundings,
+    around: Environment,
     mass: Any,
     speed: Any,
     alpha: Any,

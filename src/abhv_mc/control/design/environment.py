@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.design.design_model import Surroundings
+from abhv_mc.control.design.design_model import Environment
 from abhv_mc.world.atmosphere import atmosphere
 from abhv_mc.world.earth import Earth, gravity_ned, radii
 
@@ -38,7 +38,7 @@ def make_places(earth: Earth, altitude: Floats, latitude: Floats, air: Floats | 
     return Places(*result)
 
 
-def make_surroundings(earth: Earth, altitude: float, latitude: float, air: Floats | None = None) -> Surroundings:
+def make_environment(earth: Earth, altitude: float, latitude: float, air: Floats | None = None) -> Environment:
     """Air and Earth at one place with their slopes over altitude."""
     low, here, high = (
         make_places(earth, np.array([altitude + rise]), np.array([latitude]), air) for rise in (-_RISE, 0.0, _RISE)
@@ -47,7 +47,7 @@ def make_surroundings(earth: Earth, altitude: float, latitude: float, air: Float
     def slope(name: str) -> float:
         return float((getattr(high, name)[0] - getattr(low, name)[0]) / (2.0 * _RISE))
 
-    return Surroundings(
+    return Environment(
         altitude,
         float(here.density[0]),
         float(here.sound_speed[0]),

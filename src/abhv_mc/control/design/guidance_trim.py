@@ -147,30 +147,32 @@ def _sin_bank_of(normal, lateral):
 
 
 @routine
-def _normal_force(alpha, cut, wanted):
+def _normal_force(alpha, cut, expected):
     """N = L + T sin(alpha + e), N."""
     j, t = _place(cut.alpha, alpha)
     lift = (1.0 - t) * cut.line[j, LIFT] + t * cut.line[j + 1, LIFT]
     thrust = (1.0 - t) * cut.line[j, THRUST] + t * cut.line[j + 1, THRUST]
-    return wanted.q_area * (lift + thrust * (np.sin(alpha) * wanted.thrust_cos + np.cos(alpha) * wanted.thrust_sin))
+    return expected.q_area * (
+        lift + thrust * (np.sin(alpha) * expected.thrust_cos + np.cos(alpha) * expected.thrust_sin)
+    )
 
 
 @routine
-def _alpha_residual(alpha, cut, wanted):
-    normal = _normal_force(alpha, cut, wanted)
-    sine = _sin_bank_of(normal, wanted.lateral)
-    return normal * np.sqrt(1.0 - sine * sine) - wanted.vertical
+def _alpha_residual(alpha, cut, expected):
+    normal = _normal_force(alpha, cut, expected)
+    sine = _sin_bank_of(normal, expected.lateral)
+    return normal * np.sqrt(1.0 - sine * sine) - expected.vertical
 
 
 @routine
-def _alpha_of(eta, cut, wanted, bounds):
+def _alpha_of(eta, cut, expected, bounds):
     """Second equation with the third inside it: (angle of attack, status); leaves the cut at ``eta``."""
     _cut_at_eta(eta, cut)
     near, margin = bounds.alpha_near, bounds.alpha_margin
     low, high = max(bounds.alpha_low, near - margin), min(bounds.alpha_high, near + margin)
     root, status = near, NO_SIGN_CHANGE
     for _ in range(bounds.searches):
-        root, _, status = _brent_alpha(_alpha_residual, (cut, wanted), low, high, X_TOLERANCE, MAX_ITERATIONS)
+        root, _, status = _brent_alpha(_alpha_residual, (cut, expected), low, high, X_TOLERANCE, MAX_ITERATIONS)
         if status != NO_SIGN_CHANGE:
             break
         low, high = bounds.alpha_low, bounds.alpha_high
@@ -178,20 +180,20 @@ def _alpha_of(eta, cut, wanted, bounds):
 
 
 @routine
-def _eta_residual(eta, cut, wanted, bounds):
-    alpha, _ = _alpha_of(eta, cut, wanted, bounds)
-    cos_thrust = np.cos(alpha) * wanted.thrust_cos - np.sin(alpha) * wanted.thrust_sin
-    return wanted.q_area * (_look_up(alpha, THRUST, cut) * cos_thrust - _look_up(alpha, DRAG, cut)) - wanted.axial
+def _eta_residual(eta, cut, expected, bounds):
+    alpha, _ = _alpha_of(eta, cut, expected, bounds)
+    cos_thrust = np.cos(alpha) * expected.thrust_cos - np.sin(alpha) * expected.thrust_sin
+    return expected.q_area * (_look_up(alpha, THRUST, cut) * cos_thrust - _look_up(alpha, DRAG, cut)) - expected.axial
 
 
 @routine
-def _eta_of(near, margin, cut, wanted, bounds):
+def _eta_of(near, margin, cut, expected, bounds):
     """First equation with the others inside it: (equivalence ratio, iterations, status)."""
     low, high = max(bounds.eta_low, near - margin), min(bounds.eta_high, near + margin)
     root, iterations, status = near, 0, NO_SIGN_CHANGE
     for _ in range(bounds.searches):
         root, iterations, status = _brent_eta(
-            _eta_residual, (cut, wanted, bounds), low, high, X_TOLERANCE, MAX_ITERATIONS
+            _eta_residual, (cut, expected, bounds), low, high, X_TOLERANCE, MAX_ITERATIONS
         )
         if status != NO_SIGN_CHANGE:
             break
@@ -209,7 +211,7 @@ def _trim_along(tables, constants, points, mass, tick, held_eta, warm, bounds, c
         gravity, radius = points.gravity[k], points.radius[k]
         cos_gamma = np.cos(gamma)
         turn = speed * speed * cos_gamma * np.sin(chi) * np.tan(points.latitude[k]) / radius
-        wanted = _Wanted(
+        expected = _Wanted(
             speed / points.sound_speed[k],
             0.5 * points.density[k] * speed * speed * constants.area,
             mass * (points.axial[k] + gravity * np.sin(gamma)),
@@ -218,19 +220,19 @@ def _trim_along(tables, constants, points, mass, tick, held_eta, warm, bounds, c
             constants.thrust_cos,
             constants.thrust_sin,
         )
-        _cut_at_mach(tables, wanted.mach, cut)
+        _cut_at_mach(tables, expected.mach, cut)
         status = 0
         iterations = 0
         if held_eta >= 0.0:
             eta = held_eta
         else:
-            eta, iterations, found = _eta_of(near_eta, eta_margin, cut, wanted, bounds)
+            eta, iterations, found = _eta_of(near_eta, eta_margin, cut, expected, bounds)
             status += NO_EQUIVALENCE_RATIO if found != 0 else 0
-        alpha, found = _alpha_of(eta, cut, wanted, bounds)
+        alpha, found = _alpha_of(eta, cut, expected, bounds)
         status += NO_ANGLE_OF_ATTACK if found != 0 else 0
-        normal = _normal_force(alpha, cut, wanted)
-        sine = _sin_bank_of(normal, wanted.lateral)
-        status += NO_BANK if abs(normal * sine - wanted.lateral) > 1e-9 * abs(normal) else 0
+        normal = _normal_force(alpha, cut, expected)
+        sine = _sin_bank_of(normal, expected.lateral)
+        status += NO_BANK if abs(normal * sine - expected.lateral) > 1e-9 * abs(normal) else 0
         status += NO_ELEVATOR if _look_up(alpha, UNTRIMMED, cut) > 0.0 else 0
         solution[k, 0] = alpha
         solution[k, 1] = np.arcsin(sine)
@@ -251,7 +253,7 @@ def _trim_along(tables, constants, points, mass, tick, held_eta, warm, bounds, c
                 bounds.searches,
             )
         if tick > 0.0:
-            thrust = wanted.q_area * _look_up(alpha, THRUST, cut)
+            thrust = expected.q_area * _look_up(alpha, THRUST, cut)
             impulse = _look_up(alpha, IMPULSE, cut)  # zero where an engine does not run
             burns = impulse > 0.0 and constants.burns_fuel > 0.0
             burnt = thrust / (constants.standard_gravity * impulse) * tick if burns else 0.0

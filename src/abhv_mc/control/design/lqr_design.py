@@ -18,14 +18,14 @@ from abhv_mc.control.controller_file import (
     LqrController,
 )
 from abhv_mc.control.design.design_model import (
-    Surroundings,
+    Environment,
     attitude_rates,
     body_rate_rates,
     guidance_rates,
     wrench_at,
 )
 from abhv_mc.control.design.design_tables import Numbers, slope
-from abhv_mc.control.design.environment import make_surroundings
+from abhv_mc.control.design.environment import make_environment
 from abhv_mc.control.design.profile import step_times
 from abhv_mc.control.mission import Mission
 from abhv_mc.vehicle.arrays import Tables
@@ -37,7 +37,7 @@ _DEGREE = np.pi / 180.0
 class Nominal(NamedTuple):
     """One point of the reference, SI and radians."""
 
-    around: Surroundings
+    around: Environment
     mass: float
     speed: float
     flight_path_angle: float
@@ -119,7 +119,7 @@ def make_nominal(mission: Mission, row: Floats) -> Nominal:
     value = dict(zip(REFERENCE, row.tolist(), strict=True))
     still = mission.make_earth()._replace(rotation_rate=0.0)
     return Nominal(
-        make_surroundings(still, value["altitude"], value["latitude"], mission.make_air()),
+        make_environment(still, value["altitude"], value["latitude"], mission.make_air()),
         *(value[name] for name in Nominal._fields[1:]),
     )
 

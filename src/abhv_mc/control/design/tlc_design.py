@@ -128,12 +128,12 @@ def velocity_gains(A: Floats, B: Floats, spectra: list[tuple[Floats, Floats]]) -
     """
     if np.linalg.cond(B).max() > _LARGEST_CONDITION:
         raise np.linalg.LinAlgError("Singular matrix B")
-    wanted = np.zeros((len(A), 3, 6))
-    wanted[:, :, 1::2] = A
+    expected = np.zeros((len(A), 3, 6))
+    expected[:, :, 1::2] = A
     for i, (a1, a2) in enumerate(spectra):
-        wanted[:, i, 2 * i] += a1
-        wanted[:, i, 2 * i + 1] += a2
-    return np.asarray(np.linalg.solve(B, wanted), dtype=np.float64)
+        expected[:, i, 2 * i] += a1
+        expected[:, i, 2 * i + 1] += a2
+    return np.asarray(np.linalg.solve(B, expected), dtype=np.float64)
 
 
 def _coefficients(vehicle: Vehicle, trim_tables: Tables, mach: Any, alpha: Any, eta: Any) -> Numbers:

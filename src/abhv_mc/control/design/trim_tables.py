@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.design.design_model import Surroundings, wrench_at
+from abhv_mc.control.design.design_model import Environment, wrench_at
 from abhv_mc.control.design.design_tables import (
     coefficients_at,
     engine_at,
@@ -63,7 +63,7 @@ def make_trim_tables(
         ),
     )
     mach, alpha, eta = (x.ravel() for x in np.meshgrid(*(axis.grid for axis in axes), indexing="ij"))
-    around = Surroundings(altitude, density, sound_speed, 0.0, 0.0, 0.0)
+    around = Environment(altitude, density, sound_speed, 0.0, 0.0, 0.0)
     elevator, trimmed = trim_elevator(vehicle, around, mach * sound_speed, alpha, eta)
 
     variables = variables_at(
@@ -116,7 +116,7 @@ def _pack(axes: tuple[Axis, ...], values: list[Floats]) -> Tables:
 
 
 def trim_elevator(
-    vehicle: Vehicle, around: Surroundings, speed: Floats, alpha: Floats, eta: Floats
+    vehicle: Vehicle, around: Environment, speed: Floats, alpha: Floats, eta: Floats
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Elevator (rad) of zero pitching moment at each point, and whether there is one within the limits.
 

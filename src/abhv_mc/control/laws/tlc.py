@@ -274,10 +274,10 @@ def nominal_forces(plan, memory, width):
     """Coefficients, fixed quantities and an engine function's thrust of the nominal vehicle at its variables."""
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
     look_up(Z, T, width, vehicle.tables, memory.cells)
-    if plan.own.propulsion != 0:
-        nominal_thrust(Z, width, vehicle, plan.own, RHO_NOM, s.M_SPEED)
-    if plan.own.aerodynamics != 0:
-        nominal_coefficients(Z, width, vehicle, plan.own, RHO_NOM, s.M_SPEED)
+    if plan.user_code.propulsion != 0:
+        nominal_thrust(Z, width, vehicle, plan.user_code, RHO_NOM, s.M_SPEED)
+    if plan.user_code.aerodynamics != 0:
+        nominal_coefficients(Z, width, vehicle, plan.user_code, RHO_NOM, s.M_SPEED)
     else:
         build_up(Z, T, width, vehicle.build_up, plan.unit_factors)
 
@@ -287,8 +287,8 @@ def nominal_vehicle(plan, memory, width):
     """:func:`nominal_forces` and the coefficients' slopes (rows from ``SLOPES``)."""
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
     nominal_forces(plan, memory, width)
-    if plan.own.aerodynamics != 0:
-        nominal_slopes(Z, width, vehicle, plan.own, SLOPES)
+    if plan.user_code.aerodynamics != 0:
+        nominal_slopes(Z, width, vehicle, plan.user_code, SLOPES)
     else:
         table_slopes(T, width, vehicle.tables, plan.effectiveness, memory.cells, memory.high)
         slopes_of_coefficients(Z, T, width, plan.effectiveness, SLOPES)

@@ -40,16 +40,16 @@ _STEP = 1e-6  # rad, and of the equivalence ratio: tables are linear in a cell, 
 @lanes
 def own_tick(plan, memory, width, tick):
     """Commands from the measurement at a control tick."""
-    Z, own = memory.Z, plan.own
+    Z, user_code = memory.Z, plan.user_code
     dt = plan.timing.step * plan.timing.steps_per_tick
-    if own.onboard > 0:
+    if user_code.onboard > 0:
         nominal_onboard(plan, memory, width, tick)
     effectors = plan.vehicle.effectors.shape[0]
     for i in range(effectors):
         for lane in range(width):
             Z[s.EFFECTOR_COMMAND + i, lane] = math.inf
-    if own.address != 0:
-        call_address(own.address, own.context, Z, plan.reference, plan.gains, plan.settings, tick, dt)
+    if user_code.address != 0:
+        call_address(user_code.address, user_code.context, Z, plan.reference, plan.gains, plan.settings, tick, dt)
     finish_commands(Z, width, plan.vehicle.constants, effectors, plan.reference, tick)
 
 

@@ -19,31 +19,31 @@ _HELD = 32 * 2**20  # bytes of a table that stay in memory; a larger one goes to
 _CHUNK = 16_384  # rows written at once
 
 
-def missing_file(path: Path, wanted: str) -> InputError:
+def missing_file(path: Path, expected: str) -> InputError:
     """The error for a file that is not there."""
-    return InputError(path, None, None, "no such file", wanted)
+    return InputError(path, None, None, "no such file", expected)
 
 
 @contextmanager
-def _open(path: Path, wanted: str) -> Iterator[pq.ParquetFile]:
+def _open(path: Path, expected: str) -> Iterator[pq.ParquetFile]:
     if not path.is_file():
-        raise missing_file(path, wanted)
+        raise missing_file(path, expected)
     try:
         with pq.ParquetFile(path) as file:
             yield file
     except (pa.ArrowInvalid, OSError) as error:
-        raise InputError(path, None, None, str(error).splitlines()[0], wanted) from None
+        raise InputError(path, None, None, str(error).splitlines()[0], expected) from None
 
 
-def read_table(path: Path, wanted: str, columns: Sequence[str] | None = None) -> pa.Table:
+def read_table(path: Path, expected: str, columns: Sequence[str] | None = None) -> pa.Table:
     """All columns of a Parquet file, or some. Raises InputError where it is missing or unreadable."""
-    with _open(path, wanted) as file:
+    with _open(path, expected) as file:
         return file.read(columns=columns, use_threads=file.num_row_groups > 1)
 
 
-def read_pieces(path: Path, wanted: str, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+def read_pieces(path: Path, expected: str, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
     """The same, a row group at a time."""
-    with _open(path, wanted) as file:
+    with _open(path, expected) as file:
         for group in range(file.num_row_groups):
             yield file.read_row_group(group, columns=columns, use_threads=False)
 
@@ -67,16 +67,16 @@ class _Columns(Mapping[str, Floats]):
 class FileColumns(_Columns):
     """Columns [row] of a Parquet file, each read when it is asked for, and not kept."""
 
-    def __init__(self, path: Path, wanted: str, without: str) -> None:
+    def __init__(self, path: Path, expected: str, without: str) -> None:
         """All columns but `without`. Raises InputError where the file is missing or unreadable."""
-        self._path, self._wanted = path, wanted
-        with _open(path, wanted) as file:
+        self._path, self._expected = path, expected
+        with _open(path, expected) as file:
             super().__init__(name for name in file.schema_arrow.names if name != without)
 
     def __getitem__(self, name: str) -> Floats:
         if name not in self._places:
             raise KeyError(name)
-        return np.asarray(read_table(self._path, self._wanted, [name])[name].to_numpy(), dtype=np.float64)
+        return np.asarray(read_table(self._path, self._expected, [name])[name].to_numpy(), dtype=np.float64)
 
 
 class SpooledColumns(_Columns):

@@ -26,13 +26,13 @@ def require_same_samples(mine: Mapping[str, Floats], theirs: Mapping[str, Floats
 
     Samples are parameter -> [flight]; where one has more flights, those that both have are looked at.
     """
-    wanted = f"the samples of {folder}"
+    expected = f"the samples of {folder}"
     for name in mine:
         if name not in theirs:
-            raise InputError(path, None, None, f"no column '{name}'", wanted)
+            raise InputError(path, None, None, f"no column '{name}'", expected)
     for name in theirs:
         if name not in mine:
-            raise InputError(path, None, None, f"a column '{name}'", f"{wanted}, which have none")
+            raise InputError(path, None, None, f"a column '{name}'", f"{expected}, which have none")
     for name, values in mine.items():
         others = theirs[name]
         both = min(values.size, others.size)
@@ -51,8 +51,8 @@ def check_baseline(campaign: CheckedCampaign, baseline: Path) -> None:
     columns = {name: drawn[:, i] for i, name in enumerate(source.names)}
     require_same_samples(held.samples, columns, baseline, campaign.document.path)
     if not set(campaign.model.controllers) & set(held.flights):
-        wanted = f"one of {', '.join(held.controllers)}, as in {baseline}"
-        raise campaign.document.error(("controllers",), "no controller of the baseline", wanted)
+        expected = f"one of {', '.join(held.controllers)}, as in {baseline}"
+        raise campaign.document.error(("controllers",), "no controller of the baseline", expected)
 
 
 def parse_margins(texts: Sequence[str]) -> dict[str, float]:
@@ -162,8 +162,8 @@ def _pairs(a: Results, b: Results, controllers: Sequence[str]) -> Iterator[tuple
             raise InputError("--controllers", None, None, found, "two: the first folder's and the second's")
         for name, results in zip(controllers, (a, b), strict=True):
             if name not in results.flights:
-                wanted = " or ".join(results.controllers)
-                raise InputError(results.folder, None, None, f"no flights of '{name}'", wanted)
+                expected = " or ".join(results.controllers)
+                raise InputError(results.folder, None, None, f"no flights of '{name}'", expected)
         yield controllers[0], controllers[1]
         return
     common = [name for name in a.controllers if name in b.flights]

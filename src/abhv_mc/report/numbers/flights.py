@@ -18,7 +18,7 @@ from abhv_mc.folder.flights import END_TIME
 from abhv_mc.report.numbers.columns import SpooledColumns, missing_file, read_pieces
 from abhv_mc.statistics.estimates import severity
 
-_WANTED = "a block of flights"
+_EXPECTED = "a block of flights"
 _CODES = {outcome.code: int(outcome) for outcome in Outcome}
 
 
@@ -117,10 +117,10 @@ def read_flights(
     files = [path for path in sorted(folder.glob("*.parquet")) if known is None or path in known]
     if not files:
         raise missing_file(folder, "at least one flown block (*.parquet)")
-    metrics = _find_metrics(next(read_pieces(files[0], _WANTED)).schema)
+    metrics = _find_metrics(next(read_pieces(files[0], _EXPECTED)).schema)
     collected: dict[str, _Collected] = {}
-    wanted = ["flight", "controller", "outcome", *metrics]
-    for table in chain.from_iterable(read_pieces(path, _WANTED, wanted) for path in files):
+    expected = ["flight", "controller", "outcome", *metrics]
+    for table in chain.from_iterable(read_pieces(path, _EXPECTED, expected) for path in files):
         flight = table["flight"].to_numpy().astype(np.int64)
         names, owner = _distinct(table, "controller")
         codes, which = _distinct(table, "outcome")

@@ -66,8 +66,8 @@ def _refuse_too_little(root: Path, effective: float, unseen: Unseen, flights: Co
         raise InputError(root, None, None, found, f"at most {100.0 * MOST_UNSEEN:g} %: fly a fresh campaign")
     if effective < FEWEST_EFFECTIVE:
         found = f"flights worth {effective:.0f}, of {total} flown"
-        wanted = f"an effective number of at least {FEWEST_EFFECTIVE:g}: a smaller change, more flights, or a fresh"
-        raise InputError(root, None, None, found, f"{wanted} campaign")
+        expected = f"an effective number of at least {FEWEST_EFFECTIVE:g}: a smaller change, more flights, or a fresh"
+        raise InputError(root, None, None, found, f"{expected} campaign")
 
 
 def _requirements(results: Results, flights: ControllerFlights, weights: Floats, unseen: float) -> list[dict[str, Any]]:

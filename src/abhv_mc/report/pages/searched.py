@@ -12,8 +12,8 @@ SIDES: dict[str | None, tuple[str, ...]] = {"high": ("--above",), "low": ("--bel
 def refuse_search(root: Path, manifest: dict[str, Any]) -> None:
     """Raise InputError for a search's folder, naming the command that makes its page again."""
     if "search" in manifest:
-        wanted = f"the search's own command, which makes its page again from them: {search_command(root, manifest)}"
-        raise InputError(root, None, None, "the flights of a search, of which there is no campaign's report", wanted)
+        expected = f"the search's own command, which makes its page again from them: {search_command(root, manifest)}"
+        raise InputError(root, None, None, "the flights of a search, of which there is no campaign's report", expected)
 
 
 def search_command(root: Path, manifest: dict[str, Any]) -> str:

@@ -61,10 +61,10 @@ def _climb_corners(record: Record, star: Floats, batch: int, fill: Callable[[Flo
     # Batches come in pairs: neighbours, and what they suggest.
     share = record.used + max(_CLIMB_LEAST, int(_CLIMB_SHARE * record.limit))
 
-    def call(wanted: list[Floats]) -> tuple[list[Floats], Floats]:
+    def call(expected: list[Floats]) -> tuple[list[Floats], Floats]:
         """Those of the corners that were not tried, as many as fit, and their values; the best of all moves along."""
         nonlocal corner, best
-        candidates = [c for c in wanted if c.tobytes() not in tried][:batch]
+        candidates = [c for c in expected if c.tobytes() not in tried][:batch]
         if not candidates:
             return [], np.empty(0)
         tried.update(c.tobytes() for c in candidates)

@@ -17,7 +17,7 @@ MOST_DIMENSIONS = 20  # beyond, the weights of a fitted covariance degenerate
 _INFLATION = 1.3  # of the fitted covariances: a proposal with thinner tails than the failures has no finite variance
 _MOST_POINTS = 1000  # that a mixture is fitted to
 _SETTLED = 1e-3  # gain of the mean logarithm of the likelihood that ends a fit
-_WANTED = 100.0  # effective failures for an estimate worth comparing with
+_EXPECTED = 100.0  # effective failures for an estimate worth comparing with
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class ImportanceEstimate:
     @property
     def usable(self) -> bool:
         """Whether the estimate may contradict another one."""
-        return self.effective >= _WANTED
+        return self.effective >= _EXPECTED
 
 
 def fit_mixture(points: Floats, components: int, generator: np.random.Generator, steps: int = 30) -> Mixture:

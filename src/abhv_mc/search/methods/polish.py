@@ -25,16 +25,16 @@ def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> 
             np.concatenate([place + step * np.eye(dimension), place - step * np.eye(dimension)]), -1.0, 1.0
         )
         tops = _tops(record, place, step)
-        wanted = np.array([*compass, *tops, *suggested])
-        filled = round_up(len(wanted), batch)
+        expected = np.array([*compass, *tops, *suggested])
+        filled = round_up(len(expected), batch)
         if record.left - reserve < filled:
             return
         generator = make_generator(seed, 1, iteration)
-        around = step * generator.standard_normal((filled - len(wanted), dimension)) / np.sqrt(dimension)
+        around = step * generator.standard_normal((filled - len(expected), dimension)) / np.sqrt(dimension)
         if tops:  # half of them: shorter and longer variants of the step to a top, dimension by dimension
             half = len(around) // 2
             around[:half] = generator.uniform(0.0, 1.5, (half, dimension)) * (tops[0] - place)
-        values = record.call(np.clip(np.concatenate([wanted, place + around]), -1.0, 1.0), "polish")
+        values = record.call(np.clip(np.concatenate([expected, place + around]), -1.0, 1.0), "polish")
         suggested = _suggest(place, best, compass, values[: 2 * dimension], step)
         moved = np.abs(record.place - place).max()
         step = 1.5 * step if moved > step else step if moved > _FAR_ENOUGH * step else step / 3.0

@@ -127,10 +127,10 @@ def _count_more(repetitions: list[Repetition], left: int, target_cov: float) -> 
         return 0
     wide = stats.norm.ppf(0.5 + CONFIDENCE / 2.0) * target_cov
     fitting = left // max(one.flights for one in repetitions)
-    wanted, number = 0, len(repetitions)
-    while wanted < fitting and _half_width(repetitions, number + wanted) > wide:
-        wanted += 1
-    return wanted
+    expected, number = 0, len(repetitions)
+    while expected < fitting and _half_width(repetitions, number + expected) > wide:
+        expected += 1
+    return expected
 
 
 def _interval(repetitions: list[Repetition]) -> tuple[float, float, float, float]:

@@ -113,16 +113,16 @@ def estimate_switched(
         start = strata.used
         failures, number = strata.plainly(place, 0, _PILOT, lambda n, on=on: strata.rows(on, n)), _PILOT  # type: ignore[misc]
         total = sum(part.weight * part.probability for part in found)
-        wanted = _plain_flights(failures, number, weight, total, target_cov)
+        expected = _plain_flights(failures, number, weight, total, target_cov)
         allowed = strata.left - _PILOT * (len(chosen) - place)
-        if number < wanted <= min(_MOST_PLAIN, allowed):
-            more = round_up(wanted - number)
+        if number < expected <= min(_MOST_PLAIN, allowed):
+            more = round_up(expected - number)
             failures += strata.plainly(place, 1, more, lambda n, on=on: strata.rows(on, n))  # type: ignore[misc]
             number += more
         low, high = clopper_pearson(failures, number, CONFIDENCE)
         part = Stratum(on, weight, failures / number, low, high, strata.used - start)
         budget = int(_MAIN_SHARE * flights) if main is None and len(chosen) > 1 else allowed
-        if wanted > number and failures < _FEWEST_FAILURES and min(budget, allowed) >= FEWEST * plan.size:
+        if expected > number and failures < _FEWEST_FAILURES and min(budget, allowed) >= FEWEST * plan.size:
             one = strata.subset(place, on, min(budget, allowed), target_cov)
             main = main or one
             part, reason = _of_subset(part, one)
