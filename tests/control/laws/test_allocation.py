@@ -29,7 +29,7 @@ class Plan(NamedTuple):
     vehicle: Vehicle
     effectiveness: Effectiveness
     unit_factors: Ints
-    own: UserCode
+    user_code: UserCode
 
 
 class Memory(NamedTuple):
