@@ -1,5 +1,6 @@
 """A vehicle given as functions: what the same vehicle of tables gives, trims, flights and dispersions alike."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -159,3 +160,15 @@ def test_a_function_that_does_not_fit_is_said_with_its_line(tmp_path: Path) -> N
     own.write_text(text.replace("def coefficients", "def others"), encoding="utf-8")
     with pytest.raises(InputError, match="no function 'coefficients'"):
         load_vehicle(path)
+
+
+def test_margins_are_those_of_the_tables(tmp_path: Path, abhv_mc, monkeypatch) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    tables, functions = tmp_path / "tables.json", tmp_path / "functions.json"
+    for vehicle, file in (("ghame_x", tables), (write_ghame_x(tmp_path), functions)):
+        abhv_mc("margins", "s_manoeuvre", "--vehicle", vehicle, "--controller", "lqr_retuned", "--json", file)
+    rows, others = (json.loads(file.read_text(encoding="utf-8"))["rows"] for file in (tables, functions))
+    assert len(rows) == len(others) > 3
+    for row, other in zip(rows, others, strict=True):
+        for key, value in row.items():
+            assert other[key] == (pytest.approx(value, rel=1e-5) if isinstance(value, float) else value), key

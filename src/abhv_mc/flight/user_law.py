@@ -29,6 +29,14 @@ NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 
 
 @contextlib.contextmanager
+def open_vehicle(plan: FlightPlan, width: int) -> Iterator[UserCode]:
+    """The functions of a plan's vehicle for ``width`` lanes, without its law; nothing for a vehicle of tables."""
+    functions = _open_vehicle(plan, width)  # held while it flies
+    aerodynamics, propulsion = (0 if one is None else int(one.address) for one in functions)
+    yield UserCode(0, 0, 0, 0, aerodynamics=aerodynamics, propulsion=propulsion)
+
+
+@contextlib.contextmanager
 def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights: int = TOGETHER) -> Iterator[UserCode]:
     """The law and the channels of a plan for ``width`` lanes; nothing for a plan without its own.
 
@@ -56,18 +64,11 @@ def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights
         address, context = made.address, made.context
     if plan.channels_hash:
         channels = int(compile_channels(_checked(plan.channels_source, plan.channels_hash), width).address)
-    functions = _open_vehicle(plan, width)
-    user_code = tuple(0 if one is None else int(one.address) for one in functions)
     try:
-        yield UserCode(
-            address,
-            onboard,
-            channels,
-            int(asks_for_more(plan)),
-            context,
-            aerodynamics=user_code[0],
-            propulsion=user_code[1],
-        )
+        with open_vehicle(plan, width) as vehicle:
+            yield vehicle._replace(
+                address=address, onboard=onboard, channels=channels, more=int(asks_for_more(plan)), context=context
+            )
     finally:
         if plan.law in NATIVE:
             made.close()

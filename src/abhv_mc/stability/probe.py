@@ -20,7 +20,7 @@ from abhv_mc.flight.memory import Z_ROWS, has_width, make_memory
 from abhv_mc.flight.native_check import check_states
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.plan import LANES, FlightPlan, Recording
-from abhv_mc.flight.user_law import law_memory, measured_count, must_fly_elsewhere, open_law
+from abhv_mc.flight.user_law import law_memory, measured_count, must_fly_elsewhere, open_law, open_vehicle
 from abhv_mc.io.input_error import InputError
 from abhv_mc.jit import kernel, lanes
 from abhv_mc.plant import state as s
@@ -192,8 +192,10 @@ def begin(plan: FlightPlan, kept: Kept) -> tuple[Floats, Floats]:
     before = np.ascontiguousarray(kept.rows[:, :Z_ROWS])
     sensed, acting = np.empty_like(before), np.empty_like(before)
     flown = replace(plan, vehicle=drive_axes(plan.vehicle))
-    arguments = make_kernel_plan(flown, nominal_parameters(), Recording(0)), make_memory(LANES)
-    probe_begin(*arguments, before, np.arange(len(before)), kept.tick, sensed, acting)
+    kernel_plan = make_kernel_plan(flown, nominal_parameters(), Recording(0))
+    with open_vehicle(flown, LANES) as vehicle:
+        arguments = kernel_plan._replace(user_code=vehicle), make_memory(LANES)
+        probe_begin(*arguments, before, np.arange(len(before)), kept.tick, sensed, acting)
     return sensed, acting
 
 
@@ -210,11 +212,12 @@ def ask_plant(
     answer = PlantAnswer(*(np.empty((points, size)) for size in sizes))
     flown = replace(plan, vehicle=drive_axes(plan.vehicle))
     kernel_plan = make_kernel_plan(flown, nominal_parameters(), Recording(0))
-    user_code = kernel_plan.user_code._replace(more=int(count > s.N_MEASURED))
-    arguments = kernel_plan._replace(user_code=user_code), make_memory(LANES), held
     rows = np.ascontiguousarray(lane[:, : s.LAW])
     numbers = np.asarray(flight, dtype=np.int64), np.ascontiguousarray(states), np.arange(points)
-    probe_plant(*arguments, rows, *numbers, tick, answer)
+    with open_vehicle(flown, LANES) as vehicle:
+        user_code = vehicle._replace(more=int(count > s.N_MEASURED))
+        arguments = kernel_plan._replace(user_code=user_code), make_memory(LANES), held
+        probe_plant(*arguments, rows, *numbers, tick, answer)
     return answer
 
 
