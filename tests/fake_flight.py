@@ -60,7 +60,7 @@ def make_plan(name: str, gain: float = 1.0, vehicle: Vehicle | None = None) -> F
         "gain_names": np.empty(0, dtype=np.str_),
         "profile": no_profile(),
         "declared": NO_METRICS,
-        "own_sources": NO_SOURCES,
+        "user_sources": NO_SOURCES,
         **{"source_hash": "", "channels_hash": "", "source": None, "channels_source": None},
     }
     return FlightPlan(**parts)
