@@ -138,6 +138,9 @@ POINTS = """(() => {
     x: box.left + xaxis._offset + xaxis.l2p(x), y: box.top + yaxis._offset + yaxis.l2p(trace.y[i]) })));
 })()"""
 
+FOUND = """(() => { window.found = new Promise((done) => {
+  document.getElementById("scatter").once("plotly_hover", () => done(true)); }); })()"""
+
 
 def test_a_click_on_a_point_draws_its_flight(page, report_folder):
     page.show(report_folder / "report.html")
@@ -147,6 +150,10 @@ def test_a_click_on_a_point_draws_its_flight(page, report_folder):
         page.ask("document.getElementById('scatter').scrollIntoView({ block: 'center' })")
         points = page.ask(POINTS)
         point = points[k]
+        page.move(1, 1)  # a click is that of the point which the plot last found below the mouse
+        page.ask(FOUND)
+        page.move(point["x"], point["y"])
+        page.ask("window.found", wait=True)
         page.click(point["x"], point["y"])
         title = page.ask(SHOWN)["title"]
         near = {p["name"] for p in points if abs(p["x"] - point["x"]) < 12 and abs(p["y"] - point["y"]) < 12}
