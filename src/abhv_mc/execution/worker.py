@@ -9,12 +9,12 @@ from multiprocessing.connection import Connection, wait
 
 from abhv_mc.execution.attest import sign
 from abhv_mc.execution.blocks import Fly, at_once, fly_recorded
-from abhv_mc.execution.retry import time_limit
+from abhv_mc.execution.retry import PIECE, time_limit
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.user_code.child import allow_here
 
-_LEAST, _TIMES = 30.0, 20.0  # s for 16 flights, and times the nominal flight's processor time
+_LEAST, _TIMES = 30.0, 20.0  # s for 16 flights, and times the processor time of 16 flights like the nominal one
 
 
 def serve(connection: Connection, fly: Fly) -> None:
@@ -42,7 +42,7 @@ def serve(connection: Connection, fly: Fly) -> None:
             if limit is None and key not in usual:
                 start = time.process_time()
                 fly(plans[key], nominal_parameters(), None)
-                usual[key] = max(_LEAST, _TIMES * (time.process_time() - start))
+                usual[key] = max(_LEAST, _TIMES * PIECE * (time.process_time() - start))
             allowed = time_limit(at_once(parameters, recorded), usual[key] if limit is None else limit)
 
             def begin(allowed: float = allowed) -> None:

@@ -188,7 +188,7 @@ class Execution(StrictModel):
     flight_time_limit: Annotated[Time, Field(gt=0.0)] | None = Field(
         None,
         description="processor time for every 16 flights of a block, after which they count as hanging (on a cluster "
-        "wall time); left out: 20 times what the nominal flight takes, margins included, and 30 s at least",
+        "wall time); left out: 20 times what 16 nominal flights take one by one, margins included, and 30 s at least",
     )
 
 
