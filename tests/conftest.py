@@ -2,7 +2,10 @@
 
 import multiprocessing
 import os
+import shutil
 import sys
+from dataclasses import replace
+from functools import cache
 from multiprocessing import forkserver
 from pathlib import Path
 
@@ -60,6 +63,24 @@ settings.load_profile("repeatable")
 def repository() -> Path:
     """The checkout's root."""
     return Path(__file__).parents[1]
+
+
+@pytest.fixture
+def source(tmp_path):
+    """A copy of the package's source."""
+    import abhv_mc
+
+    skip = shutil.ignore_patterns("__pycache__", "shipped_files")
+    return shutil.copytree(Path(abhv_mc.__file__).parent, tmp_path / "source" / "abhv_mc", ignore=skip)
+
+
+@pytest.fixture(scope="session")
+def engine():
+    """The compiled flight; the plans of shipped inputs are made once."""
+    from abhv_mc.execution.engine import make_engine
+
+    compiled = make_engine()
+    return replace(compiled, prepare=cache(compiled.prepare))
 
 
 @pytest.fixture(scope="session")

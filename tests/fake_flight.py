@@ -136,6 +136,18 @@ ENGINE = Engine(prepare, fly, "fake")
 SLOW_ENGINE = Engine(prepare, fly_slowly, "fake")
 
 
+def interrupted_after(calls: int, engine: Engine = ENGINE) -> Engine:
+    """The engine as it is when somebody presses Ctrl-C after so many blocks, of which the first are trials."""
+    left = iter(range(calls))
+
+    def fly_until(plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int | None = None) -> FlightBlock:
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        return engine.fly(plan, parameters, record_every)
+
+    return replace(engine, fly=fly_until)
+
+
 def write_campaign(folder: Path, **entries: str) -> Path:
     """A campaign file with its inputs; ``entries`` replace or add top-level entries, as YAML text."""
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,6 @@
 """Which code flies: the source that a process has imported, not what lies on the disk by now."""
 
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -22,13 +21,6 @@ for line in sys.stdin:
     __import__(line.strip())
     print(code_hash(), flush=True)
 """
-
-
-@pytest.fixture
-def source(tmp_path):
-    """A copy of the package's source."""
-    skip = shutil.ignore_patterns("__pycache__", "shipped_files")
-    return shutil.copytree(PACKAGE, tmp_path / "source" / "abhv_mc", ignore=skip)
 
 
 @pytest.fixture

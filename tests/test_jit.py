@@ -22,13 +22,6 @@ from abhv_mc.jit import kernel, lanes, routine, scalar
 PACKAGE = Path(abhv_mc.__file__).parent
 
 
-@pytest.fixture
-def source(tmp_path):
-    """A copy of the package's source."""
-    skip = shutil.ignore_patterns("__pycache__", "shipped_files")
-    return shutil.copytree(PACKAGE, tmp_path / "source" / "abhv_mc", ignore=skip)
-
-
 def run(code, source, cache, environment=os.environ):
     environment = {**environment, "PYTHONPATH": str(source.parent), "XDG_CACHE_HOME": str(cache)}
     done = subprocess.run(
@@ -37,6 +30,7 @@ def run(code, source, cache, environment=os.environ):
     return done.stdout.split()
 
 
+ADD_ONE = "from abhv_mc.jit import kernel\n@kernel\ndef call(x):\n    return x + 1.0\n"
 CALLER = """
 from abhv_mc.jit import on_first_compile
 from abhv_mc.world.caller import call
@@ -64,9 +58,7 @@ def test_a_change_in_another_file_reaches_cached_code(source, tmp_path):
 @pytest.mark.parametrize(("suffix", "place"), [("nbi", 0), ("nbc", 0.7), ("sha256", -1)])
 def test_a_flipped_bit_in_the_cache_is_not_executed(source, tmp_path, suffix, place):
     """It gave other numbers, killed the process or ended in a traceback, at each start until somebody deleted it."""
-    (source / "world" / "caller.py").write_text(
-        "from abhv_mc.jit import kernel\n@kernel\ndef call(x):\n    return x + 1.0\n"
-    )
+    (source / "world" / "caller.py").write_text(ADD_ONE)
     assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"]
     (file,) = (tmp_path / "cache").rglob(f"*call*.{suffix}")
     content = bytearray(file.read_bytes())
@@ -78,9 +70,7 @@ def test_a_flipped_bit_in_the_cache_is_not_executed(source, tmp_path, suffix, pl
 
 @pytest.mark.skipif(jit.compiler() == "public", reason="numba's own cache")
 def test_a_kernel_for_another_kind_of_array_joins_the_first(source, tmp_path):
-    (source / "world" / "caller.py").write_text(
-        "from abhv_mc.jit import kernel\n@kernel\ndef call(x):\n    return x + 1.0\n"
-    )
+    (source / "world" / "caller.py").write_text(ADD_ONE)
     other = CALLER.replace("call(1.0), call(2.0)", "call(1.0), call(1)")
     assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"]
     assert run(other, source, tmp_path / "cache") == ["compiling", "2.0", "2.0"]
@@ -99,9 +89,7 @@ print(call(1.0))
 
 
 def test_code_of_a_source_edited_meanwhile_is_not_kept(source, tmp_path):
-    (source / "world" / "caller.py").write_text(
-        "from abhv_mc.jit import kernel\n@kernel\ndef call(x):\n    return x + 1.0\n"
-    )
+    (source / "world" / "caller.py").write_text(ADD_ONE)
     assert run(EDITED, source, tmp_path / "cache") == ["2.0"]
     assert not list((tmp_path / "cache").rglob("caller*.nbi"))
 

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import typer
-from fake_flight import DENSITY, ENGINE, fly, write_campaign
+from fake_flight import DENSITY, ENGINE, fly, interrupted_after, write_campaign
 
 from abhv_mc.cli.run import finish
 from abhv_mc.execution.runner import RunResult
@@ -56,16 +56,9 @@ def test_a_failed_requirement_is_exit_code_1(abhv_mc, tmp_path):
 
 
 def test_an_interrupt_is_exit_code_3_and_the_same_command_resumes(abhv_mc, tmp_path, monkeypatch):
-    count = iter(range(100))
-
-    def some(plan, parameters, every=None):
-        if next(count) > 4:
-            raise KeyboardInterrupt
-        return fly(plan, parameters, every)
-
-    campaign = write_campaign(tmp_path / "files")
+    stopped, campaign = interrupted_after(5), write_campaign(tmp_path / "files")
     with monkeypatch.context() as patched:
-        patched.setattr("abhv_mc.execution.runner.make_engine", lambda: type(ENGINE)(ENGINE.prepare, some, "fake"))
+        patched.setattr("abhv_mc.execution.runner.make_engine", lambda: stopped)
         code, out, err = abhv_mc("run", campaign)
     assert code == 3 and "interrupted" in out and "same command" in err
     assert not (tmp_path / "reports/fake/report.html").exists()
@@ -120,7 +113,7 @@ def test_replay_names_what_differs(abhv_mc, flown, monkeypatch):
         block.metrics[:, 3] = np.nextafter(block.metrics[:, 3], 1e9)
         return block
 
-    monkeypatch.setattr("abhv_mc.execution.engine.make_engine", lambda: type(ENGINE)(ENGINE.prepare, other, "fake"))
+    monkeypatch.setattr("abhv_mc.execution.engine.make_engine", lambda: replace(ENGINE, fly=other))
     code, out, _ = abhv_mc("replay", flown, "--flight", 17, "--controller", "two")
     assert code == 1 and "speed_error_max_mps" in out and "differ" in out
 

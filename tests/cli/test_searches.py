@@ -3,10 +3,10 @@
 import json
 import re
 import shlex
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from fake_flight import interrupted_after
 from search.line_flight import LINE, METRIC, fly_line, write_line
 from search.tuned_flight import ENGINE, write_tuned
 
@@ -54,20 +54,7 @@ def test_worst_writes_its_numbers_a_page_and_flights_that_replay(abhv_mc, campai
 
 
 def test_rare_gives_an_estimate_or_refuses_with_exit_code_1(abhv_mc, campaign):
-    words = (
-        "rare",
-        campaign,
-        "--requirement",
-        METRIC,
-        "--flights",
-        5000,
-        "--target-cov",
-        "20 %",
-        "-o",
-        "out",
-        "--json",
-        "rare.json",
-    )
+    words = ("rare", campaign, "--requirement", METRIC, "--flights", 5000, "--target-cov", "20 %", "-o", "out")
     code, out, _ = abhv_mc(*words, "--json", "rare.json")
     numbers = read_json("rare.json")
     assert code == 0 and "95 % interval" in out
@@ -165,14 +152,8 @@ def test_the_order_of_the_dispersions_is_part_of_a_search(abhv_mc, tmp_path, mon
     file = write_line(tmp_path / "files", dispersions=f"{{{first}, {second}}}")
     words = ("worst", file, "--metric", METRIC, "--flights", "160", "-o", "out")
     if not complete:
-        calls = iter(range(10_000))
-
-        def fly_until(plan, parameters, record_every=None):
-            if next(calls) > 6:
-                raise KeyboardInterrupt
-            return fly_line(plan, parameters, record_every)
-
-        monkeypatch.setattr("abhv_mc.search.worst.make_engine", lambda: replace(LINE, fly=fly_until))
+        stopped = interrupted_after(7, LINE)
+        monkeypatch.setattr("abhv_mc.search.worst.make_engine", lambda: stopped)
     assert abhv_mc(*words)[0] == (0 if complete else 3)
     before = {path: path.read_bytes() for path in Path("out").rglob("*.parquet")}
     write_line(tmp_path / "files", dispersions=f"{{{second}, {first}}}")

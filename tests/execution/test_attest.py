@@ -17,11 +17,6 @@ CHECKED = replace(ENGINE, source=code_hash(), checked=True)
 ROWS = nominal_parameters(3)
 
 
-@pytest.fixture(autouse=True)
-def quiet(capfd):
-    """Progress goes to standard error."""
-
-
 def flown(**changes):
     return replace(sign(fly(make_plan("one"), ROWS)), flown_by=(this_flyer()._replace(**changes),))
 

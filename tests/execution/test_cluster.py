@@ -41,8 +41,9 @@ def fly_slowly(plan, parameters, every=None):
     return fly(plan, parameters, every)
 
 
-def fly_compiled_slowly(plan, parameters, every=None):
-    time.sleep(0.3)
+def fly_compiled_when_let(plan, parameters, every=None):
+    time.sleep(0.1)
+    wait_until_let()
     return fly_with_margins(plan, parameters, every)
 
 
@@ -54,9 +55,13 @@ def fly_hanging(plan, parameters, every=None):
 
 
 def fly_when_let(plan, parameters, every=None):
+    wait_until_let()
+    return fly(plan, parameters, every)
+
+
+def wait_until_let():
     while Path(os.environ["HELD"]).exists():
         time.sleep(0.02)
-    return fly(plan, parameters, every)
 
 
 class Dask:
@@ -69,7 +74,8 @@ class Dask:
         failures = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
         self._environment = os.environ | failures | {"HELD": str(self.held)}
         self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
-        while not self._file.exists():
+        # There before its content is: a test that asks at once for the address found an empty file now and then.
+        while not (self._file.exists() and self._file.read_text().endswith("}")):
             time.sleep(0.05)
 
     def start(self, *words):
@@ -100,11 +106,6 @@ def dask(tmp_path):
     cluster = Dask(tmp_path)
     yield cluster
     cluster.close()
-
-
-@pytest.fixture(autouse=True)
-def quiet(capfd):
-    """Progress goes to standard error."""
 
 
 def wait_for_flights(out, number):
@@ -179,14 +180,16 @@ def test_compiled_flights_stand_a_killed_worker_and_a_late_one(local, dask, tmp_
 
     def meddle():
         wait_for_flights(tmp_path / "out", 3)
+        dask.held.touch()
         dask.kill(first[0])
         dask.start_worker()
         seen.append(sum(1 for _ in (tmp_path / "out/flights").glob("*.parquet")))
+        dask.held.unlink()
 
     meddler = threading.Thread(target=meddle, daemon=True)
     meddler.start()
     request = Request(with_blocks(tmp_path, 16), tmp_path / "out", RUNS, controllers=("tlc",), scheduler=dask.address)
-    flown = run_campaign(request, replace(make_engine(), fly=fly_compiled_slowly)).manifest
+    flown = run_campaign(request, replace(make_engine(), fly=fly_compiled_when_let)).manifest
     meddler.join()
     assert 3 <= seen[0] < RUNS // 16
     assert (flown["state"], flown["runs_failed"], flown["digest"]) == ("complete", 0, local)

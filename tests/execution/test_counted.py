@@ -1,7 +1,6 @@
 """Blocks that come back counted: the same envelopes as of samples, whoever flies them and whatever gets lost."""
 
 import numpy as np
-import pytest
 from fake_flight import fly, make_plan
 
 from abhv_mc.campaign.sampling.samples import full_rows
@@ -19,11 +18,6 @@ RECORDING = Recording(4, (3, 11, 0), extremes=True)
 WHOLE = fly(PLAN, ROWS, RECORDING)
 BINS = make_bins(WHOLE.history[:128].reshape(128, -1))
 COUNTING = Counting(RECORDING, *BINS, batch=64)
-
-
-@pytest.fixture(autouse=True)
-def quiet(capfd):
-    """Progress goes to standard error."""
 
 
 def assert_counted(block, missing=0):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import ENGINE, fly, write_campaign
+from fake_flight import ENGINE, fly, interrupted_after, write_campaign
 
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
@@ -24,20 +24,14 @@ def flip_a_bit(path):
     path.write_bytes(content[:place] + bytes([content[place] ^ 16]) + content[place + 1 :])
 
 
-def interrupted_after(number):
-    count = iter(range(10_000))
-
-    def some(plan, parameters, every=None):
-        if next(count) >= number:
-            raise KeyboardInterrupt
-        return fly(plan, parameters, every)
-
-    return replace(ENGINE, fly=some)
-
-
 @pytest.mark.parametrize("damage", [flip_a_bit, lambda path: path.unlink()], ids=["a flipped bit", "gone"])
 @pytest.mark.parametrize(
-    ("exact", "complete"), [(4096, False), (0, False), (4096, True)], ids=["exact", "histograms", "complete"]
+    ("exact", "complete"),
+    [
+        pytest.param(4096, False, id="exact"),
+        pytest.param(0, False, id="histograms", marks=pytest.mark.thorough),
+        pytest.param(4096, True, id="complete", marks=pytest.mark.thorough),
+    ],
 )
 def test_flights_are_flown_again_and_other_damage_is_named(tmp_path, exact, complete, damage, monkeypatch, capfd):
     monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)

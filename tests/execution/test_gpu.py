@@ -1,12 +1,10 @@
 """Campaigns on a GPU: refused without one, marked where flown on one, and never mixed with the processor's."""
 
-import sys
 from dataclasses import replace
 
 import pytest
 from fake_flight import ENGINE, fly, prepare, write_campaign
 
-from abhv_mc.cli.app import main
 from abhv_mc.execution.gpu import make_gpu_engine
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
@@ -39,13 +37,10 @@ def test_a_folder_says_what_flew_and_mixes_no_devices(gpu, tmp_path):
 
 @pytest.mark.skipif(cuda.is_available(), reason="this machine has a GPU")
 @pytest.mark.parametrize("more", [(), ("--scheduler", "tcp://127.0.0.1:1")])
-def test_no_gpu_is_said_before_anything_is_written(more, tmp_path, monkeypatch, capsys):
+def test_no_gpu_is_said_before_anything_is_written(more, abhv_mc, tmp_path):
     campaign, folder = write_campaign(tmp_path / "files"), tmp_path / "out"
-    monkeypatch.setattr(sys, "argv", ["abhv-mc", "run", str(campaign), "-o", str(folder), "--device", "gpu", *more])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    assert caught.value.code == 2
-    message = capsys.readouterr().err
+    code, _, message = abhv_mc("run", campaign, "-o", folder, "--device", "gpu", *more)
+    assert code == 2
     assert ("--scheduler" if more else "--device cpu") in message
     assert "Traceback" not in message
     assert not folder.exists()

@@ -1,16 +1,15 @@
 """Margins of a campaign's flights: columns that depend on nothing but the flight, and what is refused."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from fake_flight import interrupted_after
 
 from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution.engine import make_engine
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.metrics import MARGIN_NAMES
@@ -18,7 +17,6 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.stability.metrics import fly_with_margins
 
 CAMPAIGN = """\
 name: margins
@@ -37,12 +35,6 @@ execution: {{batch: {batch}, isolation: threads}}
 REQUIRED = "[{metric: gain_margin_min_db, above: 0.1, probability: 0.5, consumer_risk: 0.10}]"
 
 
-@pytest.fixture(scope="module")
-def engine():
-    compiled = make_engine()
-    return replace(compiled, prepare=cache(compiled.prepare))
-
-
 def _write(path, margins, requirements="[]", batch="auto"):
     text = CAMPAIGN.format(configs=shipped_configs(), margins=margins, requirements=requirements, batch=batch)
     path.write_text(text, encoding="utf-8")
@@ -59,37 +51,31 @@ def _table(folder, controller):
 
 def test_the_first_flights_have_them_whatever_flies_the_blocks(engine, tmp_path):
     """TLC is unstable above 1.10 times the rudder, LQR everywhere; no bit depends on blocks or on what was resumed."""
-    margins = "{at: [trim, 30 s], flights: 24}"
+    margins = "{at: [trim, 30 s], flights: 12}"
     first = run_campaign(Request(_write(tmp_path / "a.yaml", margins), tmp_path / "a", workers=2), engine)
-    count = iter(range(100))
-
-    def stop(plan, parameters, every=None):
-        if next(count) > 3:
-            raise KeyboardInterrupt
-        return fly_with_margins(plan, parameters, every)
-
     other = _write(tmp_path / "b.yaml", margins, batch="7")
-    cut = run_campaign(Request(other, tmp_path / "b", workers=1), replace(engine, fly=stop))
+    cut = run_campaign(Request(other, tmp_path / "b", workers=1), interrupted_after(4, engine))
     assert not cut.complete
     second = run_campaign(Request(other, tmp_path / "b", workers=1), engine)
     assert second.manifest["digest"] == first.manifest["digest"]
     tlc, lqr = _table(first.folder, "tlc"), _table(first.folder, "lqr")
-    assert np.isnan(tlc["gain_margin_min_db"][24:]).all() and np.isfinite(tlc["disk_margin_min"][:24]).all()
-    rudder = tlc["control.rudder_effectiveness"][:24]
-    unstable = tlc["margin_points_unstable"][:24] > 0
-    assert (unstable == (rudder > 1.098)).all() and 0 < unstable.sum() < 24
-    assert (tlc["gain_margin_min_db"][:24][unstable] == 0.0).all()
+    assert np.isnan(tlc["gain_margin_min_db"][12:]).all() and np.isfinite(tlc["disk_margin_min"][:12]).all()
+    rudder = tlc["control.rudder_effectiveness"][:12]
+    unstable = tlc["margin_points_unstable"][:12] > 0
+    assert (unstable == (rudder > 1.098)).all() and 0 < unstable.sum() < 12
+    assert (tlc["gain_margin_min_db"][:12][unstable] == 0.0).all()
     weak = (rudder > 1.0) & ~unstable
-    assert np.allclose(tlc["gain_margin_min_db"][:24][weak], 20 * np.log10(1.0984 / rudder[weak]), atol=0.1)
-    assert (lqr["margin_points_unstable"][:24] == 2).all() and (lqr["phase_margin_min_deg"][:24] == 0.0).all()
+    assert np.allclose(tlc["gain_margin_min_db"][:12][weak], 20 * np.log10(1.0984 / rudder[weak]), atol=0.1)
+    assert (lqr["margin_points_unstable"][:12] == 2).all() and (lqr["phase_margin_min_deg"][:12] == 0.0).all()
     replay = replay_flight(first.folder, "tlc", 3, engine.fly)
     assert replay.differences == ()
 
 
 def test_flights_that_are_tried_again_have_their_margins(engine, tmp_path):
     """The campaign could never go on: it ended in an error of numpy's."""
-    path = _write(tmp_path / "a.yaml", "{at: [trim], flights: 20}", batch="8")
-    whole = run_campaign(Request(path, tmp_path / "a", workers=1), engine)
+    path = _write(tmp_path / "a.yaml", "{at: [trim], flights: 12}", batch="8")
+    request = Request(path, tmp_path / "b", workers=1, controllers=("tlc",))
+    whole = run_campaign(replace(request, out=tmp_path / "a"), engine)
 
     def fail(plan, parameters, every=None):
         block = engine.fly(plan, parameters, every)
@@ -97,19 +83,25 @@ def test_flights_that_are_tried_again_have_their_margins(engine, tmp_path):
             block.outcome[2] = Outcome.FAILED_TO_RUN
         return block
 
-    run_campaign(Request(path, tmp_path / "b", workers=1), replace(engine, fly=fail))
+    run_campaign(request, replace(engine, fly=fail))
     lost = read_manifest(tmp_path / "b/manifest.json")["controllers"]["tlc"]["failed_to_run"]
-    assert min(lost) < 20 < max(lost), "with margins and without"
-    again = run_campaign(Request(path, tmp_path / "b", workers=1), engine)
+    assert min(lost) < 12 < max(lost), "with margins and without"
+    again = run_campaign(request, engine)
     assert again.manifest["digest"] == whole.manifest["digest"]
 
 
-def test_they_can_be_required_of_all_flights(engine, tmp_path):
-    path = _write(tmp_path / "c.yaml", "{at: [trim], flights: all}", REQUIRED)
-    flown = run_campaign(Request(path, tmp_path / "c", runs=16, workers=1), engine)
-    (judged,) = flown.manifest["requirements"]
-    values = _table(flown.folder, "tlc")["gain_margin_min_db"]
-    assert judged["failures"] == int((values <= 0.1).sum()) and judged["flights"] == 16
+@pytest.fixture(scope="module")
+def required(engine, tmp_path_factory):
+    """A campaign that requires margins of all flights."""
+    folder = tmp_path_factory.mktemp("required")
+    path = _write(folder / "c.yaml", "{at: [trim], flights: all}", REQUIRED)
+    return run_campaign(Request(path, folder / "c", runs=12, workers=1), engine)
+
+
+def test_they_can_be_required_of_all_flights(required):
+    (judged,) = required.manifest["requirements"]
+    values = _table(required.folder, "tlc")["gain_margin_min_db"]
+    assert judged["failures"] == int((values <= 0.1).sum()) and judged["flights"] == 12
 
 
 @pytest.mark.parametrize(
@@ -134,15 +126,13 @@ def test_what_cannot_be_is_refused(margins, requirements, words, tmp_path):
     assert all(each in str(refused.value) for each in words), str(refused.value)
 
 
-def test_a_missed_margin_is_explained(engine, tmp_path):
-    path = _write(tmp_path / "d.yaml", "{at: [trim], flights: all}", REQUIRED)
-    flown = run_campaign(Request(path, tmp_path / "d", runs=12, workers=1), engine)
-    missed = _table(flown.folder, "tlc")["gain_margin_min_db"] <= 0.1
+def test_a_missed_margin_is_explained(engine, required):
+    missed = _table(required.folder, "tlc")["gain_margin_min_db"] <= 0.1
     assert missed.any() and not missed.all()
-    found = explain_flight(flown.folder, "tlc", int(np.flatnonzero(missed)[0]), engine.fly, "gain_margin_min_db")
+    found = explain_flight(required.folder, "tlc", int(np.flatnonzero(missed)[0]), engine.fly, "gain_margin_min_db")
     assert found.causes == ("control.rudder_effectiveness",) and "gain_margin_min_db" in found.failure.words
     with pytest.raises(InputError, match="kept gain_margin_min_db"):
-        explain_flight(flown.folder, "tlc", int(np.flatnonzero(~missed)[0]), engine.fly, "gain_margin_min_db")
+        explain_flight(required.folder, "tlc", int(np.flatnonzero(~missed)[0]), engine.fly, "gain_margin_min_db")
 
 
 def test_delays_that_no_flight_remembers_are_refused(engine, tmp_path):

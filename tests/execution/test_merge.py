@@ -24,11 +24,6 @@ from abhv_mc.io.input_error import InputError
 FILES = ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet", "histories/two-000000.parquet")
 
 
-@pytest.fixture(autouse=True)
-def quiet(capfd):
-    """Progress goes to standard error."""
-
-
 def fly_shards(tmp_path, number=3, **entries):
     campaign = write_campaign(tmp_path / "f", **entries)
     parts = [tmp_path / f"part{i}" for i in range(1, number + 1)]

@@ -1,7 +1,6 @@
 """Campaigns of one question with other seeds are more flights of one campaign, not another try."""
 
 import json
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from fake_flight import ENGINE, write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.cli.app import main
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.pooled import judge_together
 from abhv_mc.execution.runner import run_campaign
@@ -22,11 +20,6 @@ from abhv_mc.report.numbers.results import read_results
 
 # About 4 % of the fake flights end early.
 ASKED = "[{metric: altitude_error_max_m, below: 50, probability: 0.93}]"
-
-
-@pytest.fixture(autouse=True)
-def quiet(capfd):
-    """Progress goes to standard error."""
 
 
 def fly(tmp_path, seeds, **entries):
@@ -101,18 +94,14 @@ def test_siblings_are_counted_once(tmp_path):
         ["seed2", "seed3"], ["seed3", "seed2"])  # fmt: skip
 
 
-def test_run_ends_with_the_words_and_the_code_of_all_together(tmp_path, monkeypatch, capfd):
+def test_run_ends_with_the_words_and_the_code_of_all_together(abhv_mc, tmp_path, monkeypatch):
     """Ten new seeds, each judged alone, give 63 % false PASS."""
     monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
     campaign = write_campaign(tmp_path / "f", requirements=ASKED.replace("0.93", "0.99"), runs="400")
     codes = []
     for seed in (1, 2):
-        words = ["abhv-mc", "run", str(campaign), "-o", str(tmp_path / f"s{seed}"), "--seed", str(seed), "--no-report"]
-        monkeypatch.setattr(sys, "argv", words)
-        with pytest.raises(SystemExit) as ended:
-            main()
-        codes.append(ended.value.code)
-    out = capfd.readouterr().out
+        code, out, _ = abhv_mc("run", campaign, "-o", tmp_path / f"s{seed}", "--seed", seed, "--no-report")
+        codes.append(code)
     counts = [json.loads((tmp_path / f"s{s}/manifest.json").read_text())["requirements"][0]["failures"] for s in (1, 2)]
     assert codes[1] == 1 and "s1 (400 flights). All together:" in out
     assert f"{sum(counts)} failures in 800 flights" in out.splitlines()[-2] + out.splitlines()[-1]

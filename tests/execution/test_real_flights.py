@@ -1,15 +1,14 @@
 """The compiled flight under the campaign engine: the promises that fake flights cannot keep for it."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from fake_flight import interrupted_after
 
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.engine import make_engine
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.channels import CHANNEL_INDEX
@@ -25,31 +24,17 @@ RUNS = 40
 
 
 @pytest.fixture(scope="module")
-def engine():
-    compiled = make_engine()
-    return replace(compiled, prepare=cache(compiled.prepare))
-
-
-@pytest.fixture(scope="module")
 def flown(engine, tmp_path_factory):
     """The default campaign, shortened."""
     return run_campaign(Request(CAMPAIGN, tmp_path_factory.mktemp("real") / "a", RUNS, workers=2), engine)
 
 
 def test_the_digest_is_the_same_however_it_is_flown(flown, engine, tmp_path):
-    count = iter(range(100))
-
-    def stop(plan, parameters, every=None):
-        if next(count) > 4:
-            raise KeyboardInterrupt
-        return engine.fly(plan, parameters, every)
-
     text = CAMPAIGN.read_text(encoding="utf-8").replace("batch: auto", "batch: 7")
     other = tmp_path / "other.yaml"
     other.write_text(text.replace("../configs", str(CAMPAIGN.parents[1] / "configs")), encoding="utf-8")
-    first = run_campaign(
-        Request(other, tmp_path / "b", RUNS, workers=1), replace(engine, fly=stop, isolation="threads")
-    )
+    stopped = interrupted_after(5, replace(engine, isolation="threads"))
+    first = run_campaign(Request(other, tmp_path / "b", RUNS, workers=1), stopped)
     assert not first.complete
     second = run_campaign(Request(other, tmp_path / "b", RUNS, workers=1), engine)
     assert second.manifest["digest"] == flown.manifest["digest"]

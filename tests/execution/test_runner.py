@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import ENGINE, fly, write_campaign
+from fake_flight import ENGINE, fly, interrupted_after, write_campaign
 
 from abhv_mc.execution import runner
 from abhv_mc.execution.runner import run_campaign
@@ -28,11 +28,6 @@ from abhv_mc.io.input_error import InputError
 GRID = "{design: grid, levels: 3}"
 
 
-@pytest.fixture(autouse=True)
-def quiet(capfd):
-    """Progress goes to standard error."""
-
-
 @pytest.fixture
 def campaign(tmp_path):
     return write_campaign(tmp_path / "files")
@@ -45,18 +40,6 @@ def run(campaign, out, engine=ENGINE, **options):
 def flights(folder):
     table = pq.read_table(folder / "flights")
     return table.sort_by([("controller", "ascending"), ("flight", "ascending")])
-
-
-def interrupted_after(blocks, error=KeyboardInterrupt):
-    """An engine that flies its trials and so many blocks, then raises."""
-    count = iter(range(10_000))
-
-    def some(plan, parameters, every=None):
-        if next(count) >= blocks + 2:  # the trials of two controllers
-            raise error
-        return fly(plan, parameters, every)
-
-    return replace(ENGINE, fly=some)
 
 
 def test_what_a_folder_holds(campaign, tmp_path):
@@ -106,7 +89,7 @@ def test_interrupt_keeps_what_landed_and_resume_completes_it(campaign, tmp_path,
     monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
     whole = run(campaign, tmp_path / "a")
     pilots = 0 if exact else 2
-    first = run(campaign, tmp_path / "b", interrupted_after(4 + pilots), workers=1)
+    first = run(campaign, tmp_path / "b", interrupted_after(6 + pilots), workers=1)
     assert first.manifest["state"] == "interrupted"
     kept = sum(facts["flights_done"] for facts in first.manifest["controllers"].values())
     assert 128 <= kept < 600
@@ -228,7 +211,7 @@ def test_a_changed_input_file_does_not_resume(campaign, tmp_path):
 
 
 def test_other_code_does_not_continue(campaign, tmp_path):
-    run(campaign, tmp_path / "out", interrupted_after(3))
+    run(campaign, tmp_path / "out", interrupted_after(5))
     with pytest.raises(InputError, match="another version of the program"):
         run(campaign, tmp_path / "out", replace(ENGINE, source="other"))
 
@@ -243,7 +226,7 @@ def test_the_resolved_campaign_flies_the_same(campaign, tmp_path):
 
 
 def test_two_processes_do_not_share_a_folder(campaign, tmp_path):
-    run(campaign, tmp_path / "out", interrupted_after(3))
+    run(campaign, tmp_path / "out", interrupted_after(5))
     with hold_lock(tmp_path / "out/.lock"), pytest.raises(InputError, match=f"process {os.getpid()}"):
         run(campaign, tmp_path / "out")
 

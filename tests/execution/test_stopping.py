@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import DENSITY, ENGINE, fly, write_campaign
+from fake_flight import DENSITY, ENGINE, fly, interrupted_after, write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.runner import run_campaign
@@ -21,11 +21,6 @@ PROVEN = "[{metric: altitude_error_max_m, below: 50, probability: 0.9}]"
 BOTH = "[{metric: altitude_error_max_m, below: 50, probability: 0.9}, \
 {metric: speed_error_max_mps, below: 50, probability: 0.99, controllers: [two]}]"
 FILES = ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet", "histories/two-000000.parquet")
-
-
-@pytest.fixture(autouse=True)
-def quiet(capfd):
-    """Progress goes to standard error."""
 
 
 def make(folder, **entries):
@@ -78,16 +73,9 @@ def test_what_lies_beyond_the_look_at_which_it_stops_is_tried_again_too(tmp_path
 
 @pytest.mark.parametrize("blocks", [1, 3, 6])
 def test_nor_on_interruptions(tmp_path, blocks):
-    count = iter(range(10_000))
-
-    def some(plan, parameters, every=None):
-        if next(count) >= blocks + 2:
-            raise KeyboardInterrupt
-        return fly(plan, parameters, every)
-
     campaign = make(tmp_path / "f", execution="{workers: 2, batch: 16}")
     whole = run(campaign, tmp_path / "a").manifest
-    assert not run(campaign, tmp_path / "b", replace(ENGINE, fly=some)).complete
+    assert not run(campaign, tmp_path / "b", interrupted_after(blocks + 2)).complete
     second = run(campaign, tmp_path / "b").manifest
     assert second["digest"] == whole["digest"] and second["requirements"] == whole["requirements"]
 

@@ -380,7 +380,6 @@ def law():
 """
 PLAIN_LAW = LAW.format("")
 MODULES = {
-    "import sys; sys.exit(0)": "SystemExit",
     "raise KeyError('x')": "KeyError",
     "from abhv_mc.extend import controller\nlaw = controller(lambda actual: 1)": "",
     "from abhv_mc.extend import controller\nif True:\n    @controller\n    def law(actual):\n        return 1": "",

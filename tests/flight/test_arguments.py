@@ -5,23 +5,19 @@ import re
 
 import numpy as np
 import pytest
+from short_flights import short_plan
 
 from abhv_mc.flight.arguments import check_written, make_kernel_plan, make_results
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.memory import make_memory
 from abhv_mc.flight.plan import Recording
-from abhv_mc.flight.prepare import prepare
 
 WIDTH = 4
 
 
 @pytest.fixture(scope="module")
-def plan(repository):
-    configs = repository / "configs"
-    made = prepare(
-        configs / "vehicle/ghame_x.yaml", configs / "mission/level.yaml", configs / "control/tlc.yaml", "tlc"
-    )
-    return dataclasses.replace(made, timing=made.timing._replace(ticks=5))
+def plan():
+    return short_plan(5, mission="level")
 
 
 def misaligned(array):

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from short_flights import short_plan
 
 from abhv_mc.campaign.file.user_metrics import MetricEntry, declare_metrics
 from abhv_mc.flight.channels import CHANNEL_INDEX, SURFACES
@@ -11,7 +12,6 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX, METRICS, pack_metrics, unpack_metrics
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import LANES
-from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import Document
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 
@@ -28,12 +28,9 @@ def declare(plan, **entries):
 
 
 @pytest.fixture(scope="module")
-def plan(repository):
+def plan():
     """The first 8 s of the S: the bank steps at once, so that 5 s are not settled."""
-    configs = repository / "configs"
-    files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
-    made = prepare(*files, configs / "control" / "lqr_retuned.yaml", "lqr")
-    return dataclasses.replace(made, timing=made.timing._replace(ticks=TICKS))
+    return short_plan(TICKS, "lqr_retuned")
 
 
 @pytest.fixture(scope="module")
@@ -173,10 +170,7 @@ def test_thrust_and_heat_flux_channels(repository, tmp_path):
     text = (configs / "vehicle" / "ghame_x.yaml").read_text().replace("ghame/", f"{configs}/vehicle/ghame/")
     text = text.replace("reference:\n", "reference:\n  nose_radius: 0.5 m\n", 1)
     (tmp_path / "vehicle.yaml").write_text(text)
-    plan = prepare(
-        tmp_path / "vehicle.yaml", configs / "mission" / "level.yaml", configs / "control" / "lqr.yaml", "lqr"
-    )
-    block = fly(dataclasses.replace(plan, timing=plan.timing._replace(ticks=10)), nominal_parameters(), 1)
+    block = fly(short_plan(10, "lqr", "level", tmp_path / "vehicle.yaml"), nominal_parameters(), 1)
     get = lambda name: float(block.history[0, 0, CHANNEL_INDEX[name]])  # noqa: E731
     density = atmosphere(get("altitude_m"))[0]
     assert np.isclose(

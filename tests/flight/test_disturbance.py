@@ -1,38 +1,23 @@
 """Gust, turbulence, density profile and sensors in flight: each acts as declared, none when it is not."""
 
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
+from short_flights import cut, rows_of, short_plan
 
 from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.fly import fly
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.prepare import prepare
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
-from abhv_mc.shipped import shipped_configs
+from abhv_mc.plant.parameters import PARAMETERS
 
 
 @pytest.fixture(scope="module")
 def plan() -> FlightPlan:
-    configs = Path(shipped_configs())
-    whole = prepare(
-        configs / "vehicle" / "ghame_x.yaml",
-        configs / "mission" / "level.yaml",
-        configs / "control" / "tlc.yaml",
-        "tlc",
-    )
-    return replace(whole, timing=whole.timing._replace(ticks=600))
+    return short_plan(600, mission="level")
 
 
 def _fly(plan: FlightPlan, *cases: dict[str, float], every: int | None = None):
-    parameters = nominal_parameters(len(cases))
-    for row, case in zip(parameters, cases, strict=True):
-        for name, value in case.items():
-            row[PARAMETER_INDEX[name]] = value
-    return fly(plan, parameters, every)
+    return fly(plan, rows_of(*cases), every)
 
 
 def test_every_noise_and_gust_parameter_bites(plan: FlightPlan) -> None:
@@ -69,7 +54,7 @@ def test_neighbours_do_not_matter(plan: FlightPlan) -> None:
 def test_turbulence_has_its_rms_from_the_start(plan: FlightPlan) -> None:
     """At the first tick sideslip and angle of attack to the air are the gust over the speed."""
     cases = [{"wind.turbulence": 2.0, "wind.turbulence_seed": (k + 0.5) / 800} for k in range(800)]
-    instant = replace(plan, timing=plan.timing._replace(ticks=1))
+    instant = cut(plan, 1)
     block = _fly(instant, {}, *cases, every=1)
     lateral = np.deg2rad(block.history[1:, 0, CHANNEL_INDEX["sideslip_deg"]]) * 1400.0
     alpha = block.history[:, 0, CHANNEL_INDEX["angle_of_attack_deg"]]
@@ -82,7 +67,7 @@ def test_turbulence_has_its_rms_from_the_start(plan: FlightPlan) -> None:
 def test_gust_pushes_the_way_it_blows(plan: FlightPlan) -> None:
     """Flying east with body y to the south: air that moves north makes the sideslip positive."""
     gust = {"wind.gust_north": 20.0, "wind.gust_start": 0.02, "wind.gust_length": 1.0}
-    instant = replace(plan, timing=plan.timing._replace(ticks=4))
+    instant = cut(plan, 4)
     block = _fly(instant, {}, gust, every=1)
     beta = block.history[1, :, CHANNEL_INDEX["sideslip_deg"]] - block.history[0, :, CHANNEL_INDEX["sideslip_deg"]]
     assert (beta[:3] == 0.0).all()

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from short_flights import cut, rows_of
 
 from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
@@ -77,7 +78,7 @@ def make_plan(folder, given: str | None = None, how: str = ""):
     (folder / "own.yaml").write_text("law: python\nfile: own.py\nrate: 100 Hz\n", encoding="utf-8")
     vehicle = write_vehicle(folder, sixteen())
     plan = prepare(vehicle, CONFIGS / "mission" / "level.yaml", folder / "own.yaml", "own")
-    return replace(plan, timing=plan.timing._replace(ticks=60))
+    return cut(plan, 60)
 
 
 def positions(plan, ticks, parameters=None):
@@ -136,10 +137,7 @@ def test_sixteen_effectors_move_by_their_own_limits_rates_and_lags(flown) -> Non
 
 def test_an_effector_sticks_is_slow_and_loses_effectiveness(flown) -> None:
     cases = ({}, {"stuck_time": 0.1}, {"slow_time": 0.0, "rate_limit": 0.1}, {"loss_time": 0.0, "effectiveness": 0.4})
-    parameters = nominal_parameters(len(cases))
-    for row, case in zip(parameters, cases, strict=True):
-        for name, value in case.items():
-            row[PARAMETER_INDEX[f"failure.effector_14.{name}"]] = value
+    parameters = rows_of(*({f"failure.effector_14.{name}": x for name, x in case.items()} for case in cases))
     at = positions(flown, [10, 11, 20, 60], parameters)[:, :, 14]
     assert np.ptp(at[:, 1]) < 1e-12 < np.ptp(at[:, 0])
     assert at[2, 2] - at[0, 2] == pytest.approx(0.1 * np.radians(RATES[14]) * 0.1, rel=1e-3)
@@ -152,11 +150,10 @@ def test_a_law_in_plain_python_commands_the_same(tmp_path, flown) -> None:
 
 
 def test_lanes_and_groups_do_not_matter(flown) -> None:
-    longer = replace(flown, timing=flown.timing._replace(ticks=60))
     parameters = nominal_parameters(40)
     parameters[:, PARAMETER_INDEX["actuator.bandwidth"]] = np.linspace(0.7, 1.3, 40)
-    together = fly(longer, parameters, keep_states=True, record_every=10)
-    alone = fly(longer, parameters[[3, 37]], keep_states=True, record_every=10, lanes=1)
+    together = fly(flown, parameters, keep_states=True, record_every=10)
+    alone = fly(flown, parameters[[3, 37]], keep_states=True, record_every=10, lanes=1)
     assert np.array_equal(together.states[[3, 37]], alone.states)
     assert np.array_equal(together.metrics[[3, 37]], alone.metrics)
 

@@ -1,16 +1,13 @@
 """Several engines: a failure of each by itself yaws and pitches the vehicle."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from short_flights import rows_of, short_plan
 
 from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.prepare import prepare
+from abhv_mc.flight.fly import fly
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant import state as s
-from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_fixed, make_variables
@@ -35,16 +32,11 @@ def write_vehicle(folder, engines: str):
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):
     vehicle = write_vehicle(tmp_path_factory.mktemp("engines"), PAIR)
-    made = prepare(vehicle, CONFIGS / "mission" / "level.yaml", CONFIGS / "control" / "tlc.yaml", "tlc")
-    return replace(made, timing=made.timing._replace(ticks=100))
+    return short_plan(100, mission="level", vehicle=vehicle)
 
 
 def fly_cases(plan, *cases):
-    parameters = nominal_parameters(len(cases))
-    for row, case in zip(parameters, cases, strict=True):
-        for name, value in case.items():
-            row[PARAMETER_INDEX[name]] = value
-    return fly(plan, parameters, 1, keep_states=True)
+    return fly(plan, rows_of(*cases), 1, keep_states=True)
 
 
 def test_an_engine_out_takes_its_share_and_turns_the_vehicle(plan) -> None:

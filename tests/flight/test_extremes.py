@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from fake_flight import around
+from short_flights import short_plan
 
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.extremes import join_bins
@@ -12,7 +13,6 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.kernel import COMPACTION
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import LANES, Recording
-from abhv_mc.flight.prepare import prepare
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 
 TICKS = COMPACTION + 111  # lanes are compacted once, in the middle of a bin of some widths
@@ -20,14 +20,9 @@ FLIGHTS = 2 * LANES + 5
 
 
 @pytest.fixture(scope="module")
-def plans(repository):
-    configs = repository / "configs"
-    vehicle, mission = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
-    made = {name: prepare(vehicle, mission, configs / "control" / f"{name}.yaml", name) for name in ("tlc", "lqr")}
-    return {
-        name: dataclasses.replace(plan, timing=plan.timing._replace(ticks=TICKS), limits=tight(plan.limits))
-        for name, plan in made.items()
-    }
+def plans():
+    made = {name: short_plan(TICKS, name) for name in ("tlc", "lqr")}
+    return {name: dataclasses.replace(plan, limits=tight(plan.limits)) for name, plan in made.items()}
 
 
 def tight(limits):

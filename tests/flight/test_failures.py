@@ -1,45 +1,32 @@
 """Failures in flight, each against what it must equal or an independent expectation."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from short_flights import rows_of, short_plan
 
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.failure_case import failure_cases, failure_times
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.prepare import prepare
 from abhv_mc.plant import failures
 from abhv_mc.plant import state as s
-from abhv_mc.plant.parameters import FAILURE_TIMES, NEVER, PARAMETER_INDEX
-from abhv_mc.shipped import shipped_configs
+from abhv_mc.plant.parameters import FAILURE_TIMES, NEVER
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
 from abhv_mc.vehicle.model import Inlet
 from abhv_mc.world.atmosphere import atmosphere
 
 
-def _plan(mission: str, controller: str = "tlc", vehicle: str = "ghame_x", ticks: int = 1500) -> FlightPlan:
-    configs = Path(shipped_configs())
-    files = (configs / "vehicle" / f"{vehicle}.yaml", configs / "mission" / f"{mission}.yaml")
-    whole = prepare(*files, configs / "control" / f"{controller}.yaml", controller)
-    return replace(whole, timing=whole.timing._replace(ticks=ticks))
-
-
 @pytest.fixture(scope="module")
 def plan() -> FlightPlan:
-    return _plan("s_manoeuvre")
+    return short_plan(1500)
 
 
 def _fly(plan: FlightPlan, *cases: dict[str, float], every: int = 1):
-    parameters = nominal_parameters(len(cases))
-    for row, case in zip(parameters, cases, strict=True):
-        for name, value in case.items():
-            row[PARAMETER_INDEX[name]] = value
-    return fly(plan, parameters, every, keep_states=True)
+    return fly(plan, rows_of(*cases), every, keep_states=True)
 
 
 def _channel(block, flight: int, name: str):
@@ -145,7 +132,7 @@ def _moment(plan: FlightPlan, states, alpha: float, thrust_share: float = 1.0) -
 
 
 def test_the_angle_of_attack_settles_at_a_stuck_elevators_trim() -> None:
-    level = _plan("level", ticks=2500)
+    level = short_plan(2500, mission="level")
     block = _fly(level, {"failure.elevator.stuck_time": 0.0, "failure.elevator.stuck_at": np.deg2rad(-0.5)})
     alpha = np.deg2rad(_channel(block, 0, "angle_of_attack_deg"))[1500:]
     states = block.states[0, 1500:]
@@ -156,7 +143,7 @@ def test_the_angle_of_attack_settles_at_a_stuck_elevators_trim() -> None:
 
 
 def test_the_glide_after_a_flame_out_is_that_of_an_independent_integration() -> None:
-    level = _plan("level", ticks=2000)
+    level = short_plan(2000, mission="level")
     block = _fly(level, {"failure.engine.time": 2.0})
     states = block.states[0]
     gamma = np.deg2rad(_channel(block, 0, "flight_path_angle_deg"))
@@ -229,7 +216,7 @@ def test_an_inlet_starts_again_after_its_delay_inside() -> None:
 
 
 def test_the_vehicles_own_effectors_fail_as_the_axes_that_they_are_mixed_from() -> None:
-    cone = _plan("level_mach15", vehicle="winged_cone", ticks=300)
+    cone = short_plan(300, mission="level_mach15", vehicle="winged_cone")
     lost, slow = {}, {}
     for i in range(2):  # both elevons, which make aileron and elevator
         lost |= {f"failure.effector_{i}.loss_time": 0.0, f"failure.effector_{i}.effectiveness": 0.6}

@@ -11,33 +11,30 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from short_flights import rows_of, short_plan
 
-from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.fly import fly
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.prepare import prepare
-from abhv_mc.plant.parameters import PARAMETER_INDEX
 
 TICKS = 7
 HERE = Path(__file__).parent
 
 
 @pytest.fixture(scope="module")
-def plans(repository):
-    configs = repository / "configs"
-    vehicle, mission = configs / "vehicle" / "ghame_x_coupled.yaml", configs / "mission" / "s_manoeuvre.yaml"
-    made = {name: prepare(vehicle, mission, configs / "control" / f"{name}.yaml", name) for name in ("tlc", "lqr")}
-    return {name: dataclasses.replace(plan, timing=plan.timing._replace(ticks=TICKS)) for name, plan in made.items()}
+def plans():
+    return {name: short_plan(TICKS, name, vehicle="ghame_x_coupled") for name in ("tlc", "lqr")}
 
 
 @pytest.fixture(scope="module")
 def dispersed():
     """Five flights: dispersed ones, and in the middle one that breaks at once."""
-    parameters = nominal_parameters(5)
-    parameters[1, PARAMETER_INDEX["atmosphere.density"]] = 1.2
-    parameters[2, PARAMETER_INDEX["mass.total"]] = np.nan
-    parameters[3, PARAMETER_INDEX["initial.angle_of_attack"]] = 0.01
-    parameters[4, PARAMETER_INDEX["wind.east"]] = 30.0
-    return parameters
+    return rows_of(
+        {},
+        {"atmosphere.density": 1.2},
+        {"mass.total": np.nan},
+        {"initial.angle_of_attack": 0.01},
+        {"wind.east": 30.0},
+    )
 
 
 def run(script, folder, *arguments, **variables):

@@ -1,6 +1,5 @@
 """A flight does not depend on how it is flown: alone, abreast, in which order, beside what, compiled or not."""
 
-import dataclasses
 import os
 import pickle
 import subprocess
@@ -8,13 +7,13 @@ import sys
 
 import numpy as np
 import pytest
+from short_flights import cut, short_plan
 
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.kernel import COMPACTION
 from abhv_mc.flight.memory import TOGETHER
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import LANES
-from abhv_mc.flight.prepare import prepare
 from abhv_mc.plant.parameters import FAILURE_TIMES, PARAMETER_INDEX, PARAMETERS
 
 FLIGHTS = LANES
@@ -24,16 +23,9 @@ NEVER_NEGATIVE = ("_noise", "turbulence", "delay", "gust_start")
 
 
 @pytest.fixture(scope="module")
-def plans(repository):
+def plans():
     """Plans of two controllers over the first 3 s of the S manoeuvre: the bank steps at once."""
-    configs = repository / "configs"
-    vehicle, mission = configs / "vehicle" / "ghame_x_coupled.yaml", configs / "mission" / "s_manoeuvre.yaml"
-    made = {name: prepare(vehicle, mission, configs / "control" / f"{name}.yaml", name) for name in ("tlc", "lqr")}
-    return {name: shorten(plan, 300) for name, plan in made.items()}
-
-
-def shorten(plan, ticks):
-    return dataclasses.replace(plan, timing=plan.timing._replace(ticks=ticks))
+    return {name: short_plan(300, name, vehicle="ghame_x_coupled") for name in ("tlc", "lqr")}
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +121,7 @@ for law, plan in plans.items():
 
 def test_plain_python_flies_the_same(plans, dispersed, tmp_path):
     ticks = 6
-    short = {law: shorten(plan, ticks) for law, plan in plans.items()}
+    short = {law: cut(plan, ticks) for law, plan in plans.items()}
     (tmp_path / "plans.pickle").write_bytes(pickle.dumps((short, dispersed)))
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
     subprocess.run([sys.executable, "-c", PLAIN, str(tmp_path / "plans.pickle")], env=environment, check=True)
@@ -141,11 +133,9 @@ def test_plain_python_flies_the_same(plans, dispersed, tmp_path):
         assert np.array_equal(plain["outcome"], compiled.outcome)
 
 
-def test_flights_that_take_the_lanes_of_ended_ones_stay_the_same(repository):
+def test_flights_that_take_the_lanes_of_ended_ones_stay_the_same():
     # Centres of gravity far enough aft end flights at many moments; more flights than close ranks together.
-    configs = repository / "configs"
-    vehicle, mission = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
-    plan = shorten(prepare(vehicle, mission, configs / "control" / "lqr.yaml", "lqr"), 3 * COMPACTION + 7)
+    plan = short_plan(3 * COMPACTION + 7, "lqr")
     parameters = nominal_parameters(TOGETHER + 45)
     errors = np.random.default_rng(3).uniform(-0.4, 0.4, len(parameters))
     parameters[:, PARAMETER_INDEX["mass.center_of_gravity_x"]] += errors

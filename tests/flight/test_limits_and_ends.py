@@ -13,24 +13,19 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import EndBounds, Outcome
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.prepare import make_plan, prepare
+from abhv_mc.flight.prepare import make_plan
+from abhv_mc.flying import make_flight_plan
 from abhv_mc.io.documents import InputError, read_document, validate
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.shipped import find_input, shipped_configs
+from abhv_mc.shipped import find_input
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.document import FlightLimits
 from abhv_mc.vehicle.limits import LoadBounds, tighter
 
 
-def _prepare(controller: str, mission: str = "s_manoeuvre") -> FlightPlan:
-    configs = Path(shipped_configs())
-    files = (configs / "vehicle" / "ghame_x.yaml", configs / "mission" / f"{mission}.yaml")
-    return prepare(*files, configs / "control" / f"{controller}.yaml", controller)
-
-
 @pytest.fixture(scope="module")
 def plan() -> FlightPlan:
-    return _prepare("tlc")
+    return make_flight_plan("s_manoeuvre")
 
 
 def _limited(plan: FlightPlan, **bounds: float) -> FlightPlan:
@@ -81,7 +76,7 @@ def test_the_heat_flux_is_sutton_and_graves(plan: FlightPlan) -> None:
 
 
 def test_an_oscillation_ends_it_where_the_ripple_exceeds_the_limit() -> None:
-    lqr = _prepare("lqr")  # cycles by more than 10 deg of angle of attack
+    lqr = make_flight_plan("s_manoeuvre", controller="lqr")  # cycles by more than 10 deg of angle of attack
     block, ended, last = _ended(_limited(lqr, angle_of_attack_ripple=math.radians(4.0)))
     assert ended is Outcome.OSCILLATION_LIMIT
     assert 4.0 < block.metrics[0, METRIC_INDEX["angle_of_attack_ripple_deg"]] < 12.0

@@ -2,7 +2,6 @@
 
 import itertools
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,10 +11,9 @@ from abhv_mc.control import columns as ref
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
-from abhv_mc.flight.prepare import prepare
 from abhv_mc.flight.ripple import FREQUENCY, N_RIPPLE_ROWS, QUICK, SLOW, WIGGLE, end_swing, watch_swings
+from abhv_mc.flying import make_flight_plan
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.shipped import shipped_configs
 
 
 def turning_points(stretch, wiggle, remembered) -> list[int]:
@@ -129,10 +127,7 @@ def test_flights_that_cycle_and_flights_that_do_not(case: str) -> None:
 
 @pytest.mark.parametrize("name", ["tlc", "lqr"])
 def test_the_metrics_are_those_of_the_recorded_flight(name: str) -> None:
-    configs = Path(shipped_configs())
-    plan = prepare(
-        configs / "vehicle/ghame_x.yaml", configs / "mission/s_manoeuvre.yaml", configs / f"control/{name}.yaml", name
-    )
+    plan = make_flight_plan("s_manoeuvre", controller=name)
     parameters = nominal_parameters(3)
     parameters[:, PARAMETER_INDEX["atmosphere.density"]] = 1.0, 0.92, 1.07
     parameters[:, PARAMETER_INDEX["initial.sideslip"]] = 0.0, 0.01, -0.01

@@ -1,16 +1,13 @@
 """A campaign on a local S3 server: flown, interrupted, resumed, reported and queried as in a folder."""
 
 import json
-import sys
 import threading
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from fake_flight import ENGINE, fly, write_campaign
+from fake_flight import ENGINE, interrupted_after, write_campaign
 from pyarrow import fs
 
-from abhv_mc.cli.app import main
 from abhv_mc.folder import lease, remote
 from abhv_mc.folder.layout import StorageFullError
 from abhv_mc.folder.remote import fetched, local_path, mirrored
@@ -41,22 +38,12 @@ def bucket(monkeypatch):
     running.stop()
 
 
-@pytest.fixture
-def abhv_mc(monkeypatch, capfd, tmp_path):
-    """Run the program; gives exit code, standard output and standard error."""
-    engines = [ENGINE]
-    monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: engines[-1])
+@pytest.fixture(autouse=True)
+def fake_engine(monkeypatch, tmp_path):
+    """Cheap flights, in a folder of their own."""
+    for place in ("runner", "merge"):
+        monkeypatch.setattr(f"abhv_mc.execution.{place}.make_engine", lambda: ENGINE)
     monkeypatch.chdir(tmp_path)
-
-    def call(*words, engine=ENGINE):
-        engines.append(engine)
-        monkeypatch.setattr(sys, "argv", ["abhv-mc", *map(str, words)])
-        with pytest.raises(SystemExit) as caught:
-            main()
-        out, err = capfd.readouterr()
-        return caught.value.code or 0, out, err
-
-    return call
 
 
 def names(store, base):
@@ -69,18 +56,14 @@ def manifest_of(store, base):
         return json.loads(stream.read())
 
 
-def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path):
+def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path, monkeypatch):
     store, address, base = bucket
     campaign = write_campaign(tmp_path / "f")
     assert abhv_mc("run", campaign, "-o", tmp_path / "whole", "--no-report")[0] == 0
-    count = iter(range(1000))
-
-    def some(plan, parameters, every=None):
-        if next(count) > 5:
-            raise KeyboardInterrupt
-        return fly(plan, parameters, every)
-
-    assert abhv_mc("run", campaign, "-o", address, engine=replace(ENGINE, fly=some))[0] == 3
+    with monkeypatch.context() as patched:
+        stopped = interrupted_after(6)
+        patched.setattr("abhv_mc.execution.runner.make_engine", lambda: stopped)
+        assert abhv_mc("run", campaign, "-o", address)[0] == 3
     kept = {name for name in names(store, base) if name.startswith("flights/")}
     assert kept and manifest_of(store, base)["state"] == "interrupted"
     code, out, _ = abhv_mc("run", campaign, "-o", address)
@@ -105,9 +88,8 @@ def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path):
     assert code == 0 and (tmp_path / "here/report.html").is_file() and list((tmp_path / "here/figures").iterdir())
 
 
-def test_shards_at_addresses_merge(bucket, abhv_mc, tmp_path, monkeypatch):
+def test_shards_at_addresses_merge(bucket, abhv_mc, tmp_path):
     _, address, _ = bucket
-    monkeypatch.setattr("abhv_mc.execution.merge.make_engine", lambda: ENGINE)
     campaign, (before, _, after) = write_campaign(tmp_path / "f"), address.partition("first")
     parts = [f"{before}part{i}{after}" for i in (1, 2)]
     for i, part in enumerate(parts, 1):
@@ -251,14 +233,3 @@ def test_the_hosts_clocks_do_not_matter(bucket, tmp_path, monkeypatch, wrong_by)
         monkeypatch.setattr(lease.time, "time", lambda: clock() + wrong_by)
         with pytest.raises(InputError, match="is flying"), mirrored(Path(address)):
             pass
-
-
-def test_an_abandoned_address_is_taken_over_by_the_stores_clock(bucket, monkeypatch):
-    store, address, base = bucket
-    with store.open_output_stream(f"{base}/.lock") as stream:
-        stream.write(json.dumps({"pid": 1, "host": "gone", "token": "other"}).encode())
-    with pytest.raises(InputError, match="process 1 on gone"), mirrored(Path(address)):
-        pass
-    monkeypatch.setattr(lease, "LEASE", -60.0)
-    with mirrored(Path(address)):
-        pass

@@ -4,10 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from short_flights import short_plan
 
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.prepare import prepare
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 
@@ -16,12 +16,9 @@ FINE = 2000  # steps of a tick
 
 
 @pytest.fixture(scope="module")
-def plan(repository):
+def plan():
     """The first 0.4 s of the S manoeuvre, whose step of bank drives aileron and rudder to rate limit and stop."""
-    configs = repository / "configs"
-    files = ("vehicle/ghame_x.yaml", "mission/s_manoeuvre.yaml", "control/tlc.yaml")
-    made = prepare(*(configs / file for file in files), "tlc")
-    return dataclasses.replace(made, timing=made.timing._replace(ticks=TICKS))
+    return short_plan(TICKS)
 
 
 @pytest.fixture(scope="module")

@@ -3,15 +3,12 @@
 import html
 import json
 import re
-from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution.engine import make_engine
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.report.numbers.results import read_results
@@ -32,12 +29,6 @@ ENDS = {
 RANGE = r"(\N{MINUS SIGN}?[\d.\u202f]+) to (\N{MINUS SIGN}?[\d.\u202f]+)"
 FILES = sorted(shipped_campaigns().glob("*.yaml"))
 SHORTENED = {"wide": 60, "sobol": 16 * 9, "wind_and_sensors": 40}
-
-
-@pytest.fixture(scope="module")
-def engine():
-    compiled = make_engine()
-    return replace(compiled, prepare=cache(compiled.prepare))
 
 
 @pytest.mark.parametrize("path", FILES, ids=[path.stem for path in FILES])

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from fake_flight import ENGINE, LIFT, LOST_BELOW, prepare, write_campaign
+from fake_flight import ENGINE, LIFT, LOST_BELOW, interrupted_after, prepare, write_campaign
 from scipy import stats
 from search.line_flight import LIMIT, LINE, METRIC, fly_line, write_line
 
@@ -31,18 +31,9 @@ def test_rare_is_right(tmp_path, line):
 )
 def test_an_interrupted_search_goes_on_to_the_same_for_any_number_of_workers(tmp_path, line, find, settings, last):
     whole = find(SearchRequest(line, tmp_path / "whole", workers=1), settings, LINE)
-    calls = 0
-
-    def fly_until(plan, parameters, record_every=None):
-        nonlocal calls
-        calls += 1
-        if calls == last:
-            raise KeyboardInterrupt
-        return fly_line(plan, parameters, record_every)
-
     cut = tmp_path / "cut"
     with pytest.raises(KeyboardInterrupt):
-        find(SearchRequest(line, cut, workers=1), settings, Engine(prepare, fly_until, "line"))
+        find(SearchRequest(line, cut, workers=1), settings, interrupted_after(last - 1, LINE))
     assert read_manifest(cut / "manifest.json")["state"] == "interrupted"
     stored = sorted(path.name for path in (cut / "flights").glob("*.parquet"))
     assert stored

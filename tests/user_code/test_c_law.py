@@ -1,13 +1,13 @@
 """A law in C flies as the program's own laws do, and what it may not do costs a flight or is refused by name."""
 
 import ctypes
-import dataclasses
 import shutil
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from short_flights import assert_same, disperse, short_plan
 
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.flight.fly import fly, nominal_parameters
@@ -86,9 +86,8 @@ def law(measured, reference, memory, dt):
 
 
 @pytest.fixture
-def make(repository, tmp_path):
+def make(tmp_path):
     """A plan of a law's C text, flown for some seconds of level flight."""
-    configs = repository / "configs"
 
     def make_plan(text, seconds=1.0, more=""):
         if text.startswith("from"):
@@ -98,28 +97,9 @@ def make(repository, tmp_path):
             (tmp_path / "law.c").write_text(text)
             settings = "settings: {path: [0.5, 90 %], limit: 60 deg}"
             (tmp_path / "law.yaml").write_text(f"law: c\nsources: [law.c]\n{settings}\n{more}\n")
-        files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "level.yaml", tmp_path / "law.yaml"
-        plan = prepare(*files, "mine")
-        ticks = round(seconds * 100)
-        rows = {name: getattr(plan, name)[: ticks + 1] for name in ("reference", "gains")}
-        return dataclasses.replace(plan, timing=plan.timing._replace(ticks=ticks), **rows)
+        return short_plan(round(seconds * 100), tmp_path / "law.yaml", "level")
 
     return make_plan
-
-
-def disperse(flights):
-    parameters = nominal_parameters(flights)
-    generator = np.random.default_rng(7)
-    for name, width in (("atmosphere.density", 0.1), ("aero.lift", 0.1), ("aero.pitching_moment", 0.1)):
-        parameters[:, PARAMETER_INDEX[name]] += generator.uniform(-width, width, flights)
-    parameters[::3, PARAMETER_INDEX["initial.angle_of_attack"]] = 0.5  # beyond its limit: lanes to give away
-    parameters[:, PARAMETER_INDEX["initial.bank"]] += generator.uniform(-0.2, 0.2, flights)
-    return parameters
-
-
-def assert_same(one, other):
-    for part in ("outcome", "end_time", "metrics", "history"):
-        assert np.array_equal(getattr(one, part), getattr(other, part), equal_nan=part != "outcome"), part
 
 
 def test_lqr_in_c_is_the_built_in_lqr_to_the_bit_and_has_its_margins(repository):
@@ -248,26 +228,23 @@ def build(folder: Path, text: str, layout, name: str, *flags: str) -> None:
     subprocess.run(command, cwd=folder, check=True)
 
 
-def test_a_library_flies_and_what_it_links_to_is_declared(make, repository, tmp_path):
+def test_a_library_flies_and_what_it_links_to_is_declared(make, tmp_path):
     layout = [("path", 2), ("limit", 0)]
     (tmp_path / "lib").mkdir()
     build(tmp_path / "lib", "double helped(void) { return 0.26; }\n", layout, "libhelp")
     text = "double helped(void);\n" + PLAIN.replace("-0.26", "-helped()")
     shutil.copy(tmp_path / "lib" / "libhelp.so", tmp_path / "libhelp.so")
     build(tmp_path, text, layout, "libmine", "-L.", "-lhelp", "-Wl,-rpath,$ORIGIN")
-    configs = repository / "configs"
-    files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "level.yaml", tmp_path / "own.yaml"
     head = "law: c\nlibrary: libmine.so\nsettings: {path: [0.5, 90 %], limit: 60 deg}\n"
     (tmp_path / "own.yaml").write_text(head)
     with pytest.raises(InputError, match=r"libhelp.so.*files: \[libhelp.so\]"):
-        prepare(*files, "mine")
+        short_plan(100, tmp_path / "own.yaml", "level")
     (tmp_path / "own.yaml").write_text(head + "files: [libhelp.so]\n")
-    plan = prepare(*files, "mine")
-    short = dataclasses.replace(plan, timing=plan.timing._replace(ticks=100))
+    short = short_plan(100, tmp_path / "own.yaml", "level")
     assert np.array_equal(fly(short, disperse(2)).metrics, fly(make(PLAIN), disperse(2)).metrics, equal_nan=True)
     (tmp_path / "own.yaml").write_text(head.replace("limit", "bank_limit") + "files: [libhelp.so]\n")
     with pytest.raises(InputError, match="built with other headers"):
-        prepare(*files, "mine")
+        short_plan(100, tmp_path / "own.yaml", "level")
 
 
 def test_the_headers_functions_have_the_kernels_bits(tmp_path):
@@ -340,13 +317,11 @@ int abhv_law_step(const abhv_measured *m, const abhv_reference *r, const double 
 """
 
 
-def test_code_in_the_style_of_simulinks_coder_flies(repository, make, tmp_path):
+def test_code_in_the_style_of_simulinks_coder_flies(make, tmp_path):
     """Reentrant, its model data one struct with pointers into itself, which must not move."""
     for name, text in (("model.h", MODEL_H), ("model.c", MODEL_C), ("ert.c", ERT)):
         (tmp_path / name).write_text(text)
     (tmp_path / "ert.yaml").write_text('law: c\nsources: [ert.c, model.c]\nfiles: ["*.h"]\n')
-    configs = repository / "configs"
-    plan = prepare(configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "level.yaml", tmp_path / "ert.yaml", "e")
-    short = dataclasses.replace(plan, timing=plan.timing._replace(ticks=600))
+    short = short_plan(600, tmp_path / "ert.yaml", "level")
     parameters = disperse(70)
     assert np.array_equal(fly(short, parameters).metrics, fly(make(PYTHON, 6.0), parameters).metrics, equal_nan=True)

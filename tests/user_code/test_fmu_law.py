@@ -1,10 +1,10 @@
 """A law as an FMU of FMI 2.0 and 3.0 flies as the program's own law, resets between flights and leaks nothing."""
 
-import dataclasses
 import shutil
 
 import numpy as np
 import pytest
+from short_flights import assert_same, disperse, short_plan
 
 pytest.importorskip("fmpy")
 if shutil.which("cc") is None:
@@ -14,7 +14,6 @@ from user_code.make_fmu import make_fmu, measure_leak, write_controller
 
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.stability.linearize import linearize
@@ -32,38 +31,16 @@ def make(repository, tmp_path):
             text = (tmp_path / "mine.yaml").read_text()
             assert change[0] in text
             (tmp_path / "mine.yaml").write_text(text.replace(*change))
-        return shorten(read(repository, tmp_path / "mine.yaml"), seconds)
+        return short_plan(round(seconds * 100), tmp_path / "mine.yaml")
 
     return make_plan
 
 
-def read(repository, controller):
-    configs = repository / "configs"
-    return prepare(configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml", controller, "mine")
-
-
-def shorten(plan, seconds):
-    ticks = round(seconds * 100)
-    rows = {name: getattr(plan, name)[: ticks + 1] for name in ("reference", "gains")}
-    return dataclasses.replace(plan, timing=plan.timing._replace(ticks=ticks), **rows)
-
-
-def disperse(flights):
-    parameters = nominal_parameters(flights)
-    generator = np.random.default_rng(7)
-    parameters[:, PARAMETER_INDEX["atmosphere.density"]] += generator.uniform(-0.1, 0.1, flights)
-    parameters[::5, PARAMETER_INDEX["initial.angle_of_attack"]] = 0.5  # beyond its limit: lanes to give away
-    return parameters
-
-
 @pytest.mark.parametrize("version", [2, 3])
-def test_lqr_as_an_fmu_is_the_built_in_lqr_to_the_bit(make, repository, version):
-    mine = make(version, 6.0)
-    built_in = shorten(read(repository, repository / "configs" / "control" / "lqr.yaml"), 6.0)
+def test_lqr_as_an_fmu_is_the_built_in_lqr_to_the_bit(make, version):
     parameters = disperse(300)  # more than share a compaction: instances are reset and flown again
-    one, other = fly(mine, parameters, 50), fly(built_in, parameters, 50)
-    for part in ("outcome", "end_time", "metrics", "history"):
-        assert np.array_equal(getattr(one, part), getattr(other, part), equal_nan=part != "outcome"), part
+    one = fly(make(version, 6.0), parameters, 50)
+    assert_same(one, fly(short_plan(600, "lqr"), parameters, 50))
     assert (one.outcome != Outcome.OK).any()
 
 
@@ -102,10 +79,10 @@ def test_an_error_of_a_step_ends_the_flight(make):
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_slopes_are_those_of_the_built_in_lqr_and_of_the_states_that_it_names(make, repository, version):
+def test_slopes_are_those_of_the_built_in_lqr_and_of_the_states_that_it_names(make, version):
     """Commanded is less throttle for the integral of the speed error, which a step has moved on already."""
     parameters, at = disperse(2)[1:], 0.5
-    built_in = shorten(read(repository, repository / "configs" / "control" / "lqr.yaml"), 1.0)
+    built_in = short_plan(100, "lqr")
     theirs = linearize(built_in, flown_points(built_in, parameters, at).points)
     plain, remembering = make(version), make(version, memory="named")
     ours = linearize(plain, flown_points(plain, parameters, at).points)

@@ -1,11 +1,11 @@
 """A law of one's own flies as the program's own laws do: same bits, any lanes, compiled or in plain Python."""
 
-import dataclasses
 import pickle
 from pathlib import Path
 
 import numpy as np
 import pytest
+from short_flights import assert_same, disperse, short_plan
 
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.kernel import COMPACTION
@@ -52,35 +52,15 @@ def law(measured, reference, memory, settings, time, dt):
 
 
 @pytest.fixture
-def make(repository, tmp_path):
+def make(tmp_path):
     """A plan of a law's text and the text of its controller file."""
 
-    def make_plan(text, settings="{}", vehicle="ghame_x", mission="level", seconds=3.0):
+    def make_plan(text, settings="{}", seconds=3.0):
         (tmp_path / "law.py").write_text(text)
         (tmp_path / "law.yaml").write_text(f"law: python\nfile: law.py\nrate: 100 Hz\nsettings: {settings}\n")
-        configs = repository / "configs"
-        files = configs / "vehicle" / f"{vehicle}.yaml", configs / "mission" / f"{mission}.yaml"
-        plan = prepare(*files, tmp_path / "law.yaml", "own")
-        ticks = round(seconds * 100)
-        rows = {name: getattr(plan, name)[: ticks + 1] for name in ("reference", "gains")}
-        return dataclasses.replace(plan, timing=plan.timing._replace(ticks=ticks), **rows)
+        return short_plan(round(seconds * 100), tmp_path / "law.yaml", "level")
 
     return make_plan
-
-
-def disperse(flights):
-    parameters = nominal_parameters(flights)
-    generator = np.random.default_rng(7)
-    for name, width in (("atmosphere.density", 0.1), ("aero.lift", 0.1), ("aero.pitching_moment", 0.1)):
-        parameters[:, PARAMETER_INDEX[name]] += generator.uniform(-width, width, flights)
-    parameters[::3, PARAMETER_INDEX["initial.angle_of_attack"]] = 0.5  # beyond its limit: lanes to give away
-    parameters[:, PARAMETER_INDEX["initial.bank"]] += generator.uniform(-0.2, 0.2, flights)
-    return parameters
-
-
-def assert_same(one, other):
-    for part in ("outcome", "end_time", "metrics", "history"):
-        assert np.array_equal(getattr(one, part), getattr(other, part), equal_nan=part != "outcome"), part
 
 
 def test_lqr_as_a_file_is_the_built_in_lqr_to_the_bit(repository):
@@ -325,7 +305,6 @@ def test_design_gives_gains_and_the_linear_plant(make):
 
 
 DESIGNS = {
-    "raise SystemExit(0)": "raises SystemExit",
     "return 3": "returns int",
     "return Gains('x')": "the gain 'class'",
 }

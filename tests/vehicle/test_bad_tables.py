@@ -1,11 +1,8 @@
 """A user's own table set that is wrong: validate and run name file and line, exit with 2 and write nothing."""
 
 import shutil
-import sys
 
 import pytest
-
-from abhv_mc.cli.app import main
 
 # File, what stands there (once), what is put there, line and column that must be named, words.
 MISTAKES = [
@@ -24,15 +21,8 @@ def campaign(repository, tmp_path):
     return tmp_path / "files/campaigns/winged_cone.yaml"
 
 
-def call(monkeypatch, capsys, *words):
-    monkeypatch.setattr(sys, "argv", ["abhv-mc", *map(str, words)])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    return caught.value.code, capsys.readouterr().err
-
-
 @pytest.mark.parametrize(("name", "old", "new", "line", "column", "words"), MISTAKES)
-def test_validate_and_run_refuse_it(campaign, monkeypatch, capsys, name, old, new, line, column, words):
+def test_validate_and_run_refuse_it(campaign, abhv_mc, monkeypatch, name, old, new, line, column, words):
     root = campaign.parents[1]
     path = root / "configs/vehicle" / name
     text = path.read_text()
@@ -42,7 +32,7 @@ def test_validate_and_run_refuse_it(campaign, monkeypatch, capsys, name, old, ne
     before = sorted(root.rglob("*"))
     monkeypatch.chdir(root)
     for command in (["validate", root / "configs/vehicle/winged_cone.yaml"], ["validate", campaign], ["run", campaign]):
-        code, said = call(monkeypatch, capsys, *command)
+        code, _, said = abhv_mc(*command)
         assert code == 2
         assert place in said
         assert words in said

@@ -109,14 +109,13 @@ def compile_text(source: UserSource, flags: int = 0) -> Any:
 def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[None]:
     """Make an InputError, with the line, of whatever a user's code raises where it is run or looked at.
 
-    SystemExit among it, which would end the program as if all were done. A full disk or memory, met elsewhere than in
-    his code, is none of that.
+    A full disk or memory, met elsewhere than in his code, is none of that.
     """
     try:
         yield
-    except (InputError, KeyboardInterrupt):
+    except InputError:
         raise
-    except BaseException as error:
+    except Exception as error:
         line = _line_in(error, source.file)
         if (missed := _undeclared(source, error)) is not None:
             found = f"{what} that {missed[0]}, which it does not declare"
@@ -126,7 +125,7 @@ def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[No
         raise InputError(source.file, line, None, f"{what} that raises {_describe(error)}", expected) from None
 
 
-def _undeclared(source: UserSource, error: BaseException) -> tuple[str, str] | None:
+def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
     """What a missing file or module that lies beside the law is to it in words, and the entry of ``files`` for it."""
     beside = Path(source.file).parent
     if isinstance(error, ModuleNotFoundError):
@@ -141,16 +140,16 @@ def _undeclared(source: UserSource, error: BaseException) -> tuple[str, str] | N
     return None
 
 
-def _describe(error: BaseException) -> str:
+def _describe(error: Exception) -> str:
     """What it is and says, as far as it can say it: its words are the user's code, too."""
     name = type(error).__name__
     try:
         return f"{name}: {error!s:.300}"
-    except BaseException:
+    except Exception:
         return name
 
 
-def _line_in(error: BaseException, file: str) -> int | None:
+def _line_in(error: Exception, file: str) -> int | None:
     """The last line of ``file`` in a traceback."""
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
     return lines[-1] if lines else None

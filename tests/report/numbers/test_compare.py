@@ -1,9 +1,6 @@
-import sys
-
 import pytest
 from report.synthetic import write_campaign
 
-from abhv_mc.cli.app import main
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.compare import compare_folders, parse_margins
 
@@ -65,10 +62,7 @@ def test_a_metric_with_two_margins_is_refused():
 
 
 @pytest.mark.parametrize(("margin", "code"), [("500%", 0), ("5%", 1)])
-def test_the_gate_is_the_exit_code(failing_folder, monkeypatch, margin, code):
+def test_the_gate_is_the_exit_code(failing_folder, abhv_mc, margin, code):
     """There was no such gate: continuous integration could not ask whether a change made a metric worse."""
     crossed = ["--controllers", "lqr_retuned,lqr", "--fail-if-worse", f"bank_error_rms_deg={margin}"]
-    monkeypatch.setattr(sys, "argv", ["abhv-mc", "compare", str(failing_folder), str(failing_folder), *crossed])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert (ended.value.code or 0) == code
+    assert abhv_mc("compare", failing_folder, failing_folder, *crossed)[0] == code

@@ -1,14 +1,12 @@
 """What a campaign can show, before it flies."""
 
 import json
-import sys
 
 import pytest
 from fake_flight import write_campaign
 from scipy.stats import binom
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.cli.app import main
 from abhv_mc.report.pages.planned import plan_numbers
 
 TWO = "[{metric: altitude_error_max_m, below: 50, probability: 0.9973}, \
@@ -40,14 +38,9 @@ def test_a_family_needs_more_flights(tmp_path):
     assert numbers["requirements"][0]["flights_for_failures"]["0"] > 981 and numbers["family_risk"] == 0.1
 
 
-def test_the_command_writes_numbers_and_a_figure(tmp_path, monkeypatch, capsys):
+def test_the_command_writes_numbers_and_a_figure(abhv_mc, tmp_path):
     path = write_campaign(tmp_path / "f", requirements=TWO, runs="400")
-    words = ["abhv-mc", "plan", str(path), "--json", str(tmp_path / "p.json"), "-o", str(tmp_path / "out")]
-    monkeypatch.setattr(sys, "argv", words)
-    with pytest.raises(SystemExit) as ended:
-        main()
-    found = capsys.readouterr()
-    assert not ended.value.code and "981" in found.out and "no outcome of 400 flights" in found.err
-    assert "at some flight (and at that number itself)" in found.out
+    code, out, err = abhv_mc("plan", path, "--json", tmp_path / "p.json", "-o", tmp_path / "out")
+    assert code == 0 and "981" in out and "no outcome of 400 flights" in err
     assert json.loads((tmp_path / "p.json").read_text())["requirements"][0]["most_failures_at_runs"] == -1
     assert (tmp_path / "out/plan.png").read_bytes()[:4] == b"\x89PNG"

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -118,11 +117,6 @@ def check_campaign(document: Document) -> CheckedCampaign:
     except InputErrors as refused:
         raise find_more(document, refused, check_campaign) from None
     errors: list[InputError] = []
-    for name, other in combinations(model.controllers, 2):
-        if name.casefold() == other.casefold():
-            found = f"the controllers '{name}' and '{other}'"
-            wish = "names that differ in more than case: file systems may take their files for one"
-            errors.append(document.key_error(("controllers", other), found, wish))
     marginals = _make_marginals(document, model, errors)
     sample_file = read_sample_file(model.sampling.path, DISPERSIBLE) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)

@@ -1,0 +1,48 @@
+"""Plans of shipped files cut short, rows of parameters by name, and when two blocks of flights are the same."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flying import make_flight_plan
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+
+
+def short_plan(
+    ticks: int, controller: str | Path = "tlc", mission: str | Path = "s_manoeuvre", vehicle: str | Path = "ghame_x"
+) -> FlightPlan:
+    """The first control ticks of a mission; inputs by shipped name or path."""
+    return cut(make_flight_plan(str(mission), str(vehicle), str(controller)), ticks)
+
+
+def cut(plan: FlightPlan, ticks: int) -> FlightPlan:
+    rows = {name: getattr(plan, name)[: ticks + 1] for name in ("reference", "gains")}
+    return replace(plan, timing=plan.timing._replace(ticks=ticks), **rows)
+
+
+def rows_of(*cases: dict[str, float]) -> np.ndarray:
+    """Parameters ``[flight, parameter]``: nominal but for what each flight's case names."""
+    rows = nominal_parameters(len(cases))
+    for row, case in zip(rows, cases, strict=True):
+        for name, value in case.items():
+            row[PARAMETER_INDEX[name]] = value
+    return rows
+
+
+def disperse(flights: int) -> np.ndarray:
+    """Rows of which every third flight ends at once, so that its lane is given away."""
+    rows = nominal_parameters(flights)
+    generator = np.random.default_rng(7)
+    for name, width in (("atmosphere.density", 0.1), ("aero.lift", 0.1), ("aero.pitching_moment", 0.1)):
+        rows[:, PARAMETER_INDEX[name]] += generator.uniform(-width, width, flights)
+    rows[::3, PARAMETER_INDEX["initial.angle_of_attack"]] = 0.5  # rad, beyond its limit
+    rows[:, PARAMETER_INDEX["initial.bank"]] += generator.uniform(-0.2, 0.2, flights)
+    return rows
+
+
+def assert_same(one: FlightBlock, other: FlightBlock) -> None:
+    for part in ("outcome", "end_time", "metrics", "history"):
+        assert np.array_equal(getattr(one, part), getattr(other, part), equal_nan=part != "outcome"), part
