@@ -18,6 +18,8 @@ SELF_CHECKS := tests/verification tests/world tests/control/design/test_retuned.
 
 .PHONY: run test test-all test-thorough docs example verify bench bench-peers newest-numba lock dist clean
 .DELETE_ON_ERROR:
+# Containers often set it: every start would compile all packages again, for seconds.
+unexport PYTHONDONTWRITEBYTECODE
 
 run: $(INSTALLED)
 	$(BIN)/abhv-mc run $(CAMPAIGN)

@@ -19,8 +19,7 @@ Asked = Counting | Recorded
 Fly = Callable[[FlightPlan, Floats, Recorded], FlightBlock]  # in one call
 FlyBlocks = Callable[[FlightPlan, Floats, Asked], FlightBlock]  # by whoever flies blocks
 
-_SMALL, _LARGE = 128, 256  # flights of a block: enough for every lane, few enough to lose
-_MANY = 100_000
+_BLOCK = 256  # flights of one: enough for every lane, few enough to lose
 _COUNTED = 8192  # flights of a block that comes back counted, some ten seconds of work: what a kill costs a worker
 
 
@@ -41,9 +40,8 @@ class Block:
 
 def choose_batch(flights: int, workers: int) -> int:
     """Flights of a block: at least a few blocks for every worker, a whole number of lanes."""
-    size = _LARGE if flights > _MANY else _SMALL
     share = -(-flights // (2 * workers))
-    return max(LANES, min(size, -(-share // LANES) * LANES))
+    return max(LANES, min(_BLOCK, -(-share // LANES) * LANES))
 
 
 def choose_counted(flights: int, workers: int, batch: int) -> int:

@@ -86,8 +86,12 @@ class FlightCounts:
         ends = rows.values[early, rows.columns.index(END_TIME.name)].tolist()
         self.early = sorted([*self.early, *zip(ends, rows.flights[early].tolist(), strict=True)])[:kept]
         for criterion in self.criteria:
-            excess = criterion.excess(rows.values[whole, rows.columns.index(criterion.metric)])
-            found = zip((-excess).tolist(), rows.flights[whole].tolist(), strict=True)
+            place = -criterion.excess(rows.values[whole, rows.columns.index(criterion.metric)])
+            flights = rows.flights[whole]
+            if len(place) > kept:
+                first = place <= np.partition(place, kept - 1)[kept - 1]
+                place, flights = place[first], flights[first]
+            found = zip(place.tolist(), flights.tolist(), strict=True)
             self.beyond[criterion] = sorted([*self.beyond.get(criterion, ()), *found])[:kept]
 
     @property

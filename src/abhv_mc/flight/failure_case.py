@@ -30,17 +30,17 @@ def failure_cases(names: Sequence[str], samples: Floats, end_time: Floats, engin
     of ``samples`` [flight, parameter]. end_time: the mission's end, s, [flight]. engine_failed: time with a failed
     engine, s, [flight]; without a drawn failure of the engine it was an unstart by the vehicle's own condition.
     """
-    cases: list[list[str]] = [[] for _ in end_time]
+    cases: dict[int, list[str]] = {}
     timed = np.zeros(len(end_time), dtype=np.bool_)
     for i, name in enumerate(names):
         if name in FAILURE_TIMES:
             came = samples[:, i] < end_time
             timed |= came if name.startswith(_ENGINE) else False
-            for flight in np.flatnonzero(came):
-                cases[flight].append(failure_words(name))
-    for flight in np.flatnonzero((engine_failed > 0.0) & ~timed):
-        cases[flight].append(UNSTART)
-    return [" + ".join(case) or NO_FAILURE for case in cases]
+            for flight in np.flatnonzero(came).tolist():
+                cases.setdefault(flight, []).append(failure_words(name))
+    for flight in np.flatnonzero((engine_failed > 0.0) & ~timed).tolist():
+        cases.setdefault(flight, []).append(UNSTART)
+    return [" + ".join(cases[flight]) if flight in cases else NO_FAILURE for flight in range(len(end_time))]
 
 
 def failure_times(names: Sequence[str], samples: Floats) -> Floats:

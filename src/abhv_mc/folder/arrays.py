@@ -8,27 +8,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.folder.layout import write_bytes
+from abhv_mc.folder.layout import explain_os_error
+from abhv_mc.io.atomic_write import atomic_write
 
 
-def write_array(path: Path, values: NDArray[Any]) -> None:
-    """Write an array whole. Raises StorageFullError or InputError where the folder takes nothing."""
-    file = io.BytesIO()  # numpy's own writing to a file does not say that a disk is full
-    np.save(file, values, allow_pickle=False)
-    write_bytes(path, file.getvalue() + _checksum(file.getvalue()))
+def write_array(path: Path, *parts: NDArray[Any]) -> None:
+    """Write an array whole that comes in parts [row, ...]. Raises StorageFullError or InputError where it cannot."""
+    header = io.BytesIO()
+    shape = (sum(map(len, parts)), *parts[0].shape[1:])
+    np.lib.format.write_array_header_1_0(header, {"descr": parts[0].dtype.str, "fortran_order": False, "shape": shape})
+    pieces = [header.getbuffer(), *(np.ascontiguousarray(part).data.cast("B") for part in parts if part.size)]
+    checksum = 0
+    with explain_os_error(path, writing=True), atomic_write(path) as temporary, temporary.open("wb") as file:
+        for piece in pieces:
+            checksum = zlib.crc32(piece, checksum)
+            file.write(piece)
+        file.write(checksum.to_bytes(4, "little"))
 
 
 def read_array(path: Path) -> NDArray[Any] | None:
     """The array, mapped from its file; None where the file is missing, or not as it was written."""
     try:
-        content = path.read_bytes()
-        if _checksum(content[:-4]) != content[-4:]:
+        content = memoryview(path.read_bytes())
+        if zlib.crc32(content[:-4]).to_bytes(4, "little") != content[-4:]:
             return None
         values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
         return values
     except (OSError, ValueError, EOFError):
         return None
-
-
-def _checksum(content: bytes) -> bytes:
-    return zlib.crc32(content).to_bytes(4, "little")

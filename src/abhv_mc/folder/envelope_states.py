@@ -23,6 +23,7 @@ from abhv_mc.folder.envelopes import QUANTILES, EnvelopeTable
 from abhv_mc.folder.flights import DamagedFileError, parse_block_name
 from abhv_mc.folder.histogram import BINS, KEPT, Histograms, make_bins
 from abhv_mc.folder.layout import write_whole
+from abhv_mc.folder.order_statistics import select_ranks
 from abhv_mc.io.input_error import InputError
 
 EXACT_FLIGHTS = 4096
@@ -125,7 +126,7 @@ class ExactCollector:
     def add(self, first: int, block: FlightBlock) -> None:
         history = self._cells.flatten(block.history)
         path = self._folder / f"{self._controller}-{first:09d}-{first + len(history):09d}.npy"
-        write_array(path, np.concatenate([history, self._cells.extremes(block)]))
+        write_array(path, history, self._cells.extremes(block))
         self._blocks[path] = first, first + len(history)
         self.covered[first : first + len(history)] = True
 
@@ -146,23 +147,15 @@ class ExactCollector:
             fresh = ~taken[first:stop] & _computed(values)  # blocks of two sizes may overlap after a resume
             taken[first:stop] |= fresh
             blocks.append((values, fresh))
-        cells = self._cells.count
+        cells, total = self._cells.count, int(taken.sum())
         count, quantiles = np.zeros(cells, np.int64), np.full((len(QUANTILES), cells), np.nan)
-        width = max(1, _SLAB // max(1, int(taken.sum())))
+        width = max(1, _SLAB // max(1, total))
         for start in range(0, cells, width):
             slab = slice(start, min(start + width, cells))
-            values = np.concatenate([block[fresh, slab] for block, fresh in blocks])
-            values = np.sort(np.ascontiguousarray(values.T), axis=1)  # not-a-number goes last
+            values = np.empty((slab.stop - start, total), np.float32)
+            np.concatenate([block[fresh, slab].T for block, fresh in blocks], axis=1, out=values)
             count[slab] = n = np.sum(~np.isnan(values), axis=1)
-            row = np.flatnonzero(n)
-            last = n[row] - 1
-            place = np.arange(slab.start, slab.stop)[row]
-            for q, probability in enumerate(QUANTILES):
-                rank = probability * last
-                floor = np.floor(rank).astype(np.int64)
-                lower = values[row, floor].astype(np.float64)
-                upper = values[row, np.minimum(floor + 1, last)]
-                quantiles[q, place] = lower + (upper - lower) * (rank - floor)
+            quantiles[:, slab] = _quantiles(values, n)
         shape = self._cells.shape
         return EnvelopeTable(
             count.reshape(shape),
@@ -226,6 +219,17 @@ class HistogramCollector:
     def finish(self) -> None:
         """The state stays: extending or merging campaigns goes on from it."""
         self.save()
+
+
+def _quantiles(values: Singles, count: NDArray[np.int64]) -> Floats:
+    """``[quantile, cell]`` of ``values[cell, flight]``, of which ``count[cell]`` are numbers; nan where none is."""
+    ranks = np.array(QUANTILES)[:, None] * np.maximum(count - 1, 0)
+    floor = np.floor(ranks).astype(np.int64)
+    pairs = np.stack([floor, np.minimum(floor + 1, np.maximum(count - 1, 0))], axis=1)
+    found = np.full((len(count), 2 * len(QUANTILES)), np.nan, np.float32)
+    select_ranks(values, np.ascontiguousarray(pairs.reshape(-1, len(count)).T), found)
+    lower, upper = found[:, ::2].T.astype(np.float64), found[:, 1::2].T
+    return np.asarray(lower + (upper - lower) * (ranks - floor))
 
 
 def _nothing_seen(cells: int) -> Singles:
