@@ -84,6 +84,21 @@ def engine():
 
 
 @pytest.fixture(scope="session")
+def failing_folder(tmp_path_factory):
+    """A made-up campaign: 100 flights of three controllers; 12 of each but the first ended early."""
+    from report.synthetic import write_campaign
+
+    return write_campaign(tmp_path_factory.mktemp("failing") / "campaign", runs=100, failing=12)
+
+
+@pytest.fixture(scope="session")
+def failing(failing_folder):
+    from abhv_mc.report.numbers.results import read_results
+
+    return read_results(failing_folder)
+
+
+@pytest.fixture(scope="session")
 def fork_server():
     """One server for all engines: the first would know its own alone, and each worker of another import for seconds."""
     modules = [

@@ -55,16 +55,16 @@ def test_a_change_in_another_file_reaches_cached_code(source, tmp_path):
 
 
 @pytest.mark.skipif(jit.compiler() == "public", reason="numba's own cache")
-@pytest.mark.parametrize(("suffix", "place"), [("nbi", 0), ("nbc", 0.7), ("sha256", -1)])
-def test_a_flipped_bit_in_the_cache_is_not_executed(source, tmp_path, suffix, place):
+def test_a_flipped_bit_in_the_cache_is_not_executed(source, tmp_path):
     """It gave other numbers, killed the process or ended in a traceback, at each start until somebody deleted it."""
     (source / "world" / "caller.py").write_text(ADD_ONE)
     assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"]
-    (file,) = (tmp_path / "cache").rglob(f"*call*.{suffix}")
-    content = bytearray(file.read_bytes())
-    content[place if place in (0, -1) else int(place * len(content))] ^= 0x10
-    file.write_bytes(content)
-    assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"]
+    for suffix, place in (("nbi", 0), ("nbc", 0.7), ("sha256", -1)):
+        (file,) = (tmp_path / "cache").rglob(f"*call*.{suffix}")
+        content = bytearray(file.read_bytes())
+        content[place if place in (0, -1) else int(place * len(content))] ^= 0x10
+        file.write_bytes(content)
+        assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"], suffix
     assert run(CALLER, source, tmp_path / "cache") == ["2.0", "3.0"]
 
 

@@ -81,7 +81,7 @@ def test_what_does_not_fit_is_refused(tmp_path, change, words):
     assert not (tmp_path / "merged").exists()
 
 
-@pytest.mark.parametrize("exact", [4096, 0])
+@pytest.mark.parametrize("exact", [4096, pytest.param(0, marks=pytest.mark.thorough)])
 def test_a_flipped_bit_in_a_part_is_told_or_its_flights_flown_again(tmp_path, exact, monkeypatch):
     """Margins of the campaign among the files: the parts have none, the merged campaign has its own."""
     monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)

@@ -2,27 +2,14 @@
 
 import numpy as np
 import pytest
-from report.synthetic import write_campaign
 
 from abhv_mc.explore import counts
 from abhv_mc.explore.counts import Asked, count_flights, find_nearest, open_flights, parse_asked
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.numbers.worst import rank_worst
 from benchmarks.explore import draw_asked, grow
 
 X, Y, BRUSHED = "aero.lift", "speed_error_max_mps", "atmosphere.density"
-
-
-@pytest.fixture(scope="module")
-def failing_folder(tmp_path_factory):
-    """100 flights of three controllers; 12 of each but the first ended early."""
-    return write_campaign(tmp_path_factory.mktemp("explore") / "campaign", runs=100, failing=12)
-
-
-@pytest.fixture(scope="module")
-def failing(failing_folder):
-    return read_results(failing_folder)
 
 
 @pytest.fixture(scope="module")

@@ -6,19 +6,7 @@ import pytest
 from report.synthetic import write_campaign
 
 from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.pages.build import build_report
-
-
-@pytest.fixture(scope="session")
-def failing_folder(tmp_path_factory):
-    """100 flights of three controllers; 12 of each but the first ended early."""
-    return write_campaign(tmp_path_factory.mktemp("failing") / "campaign", runs=100, failing=12)
-
-
-@pytest.fixture(scope="session")
-def failing(failing_folder):
-    return read_results(failing_folder)
 
 
 @pytest.fixture(scope="session")
