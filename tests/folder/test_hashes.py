@@ -34,7 +34,7 @@ def request_(tmp_path):
 RUNS = {"another campaign": {"seed": 99, "fresh": True}, "more flights": {"runs": 90}}
 
 
-@pytest.fixture(params=RUNS)
+@pytest.fixture(params=["another campaign", pytest.param("more flights", marks=pytest.mark.thorough)])
 def fly_meanwhile(request_, request):
     """Runs that take the place of what a reader has begun to read."""
     return lambda *_: run_campaign(replace(request_, **RUNS[request.param]), ENGINE)

@@ -8,7 +8,7 @@ from abhv_mc.report.pages import gallery
 from abhv_mc.report.pages.build import Format, build_report
 
 
-def build_with(folder: Path, *figures: str, page: Format = "html") -> Path:
+def build_with(folder: Path, *figures: str, page: Format = "html", baseline: Path | None = None) -> Path:
     """Build a campaign's report with these of its figures only."""
     make_figures = gallery.make_figures
 
@@ -23,4 +23,4 @@ def build_with(folder: Path, *figures: str, page: Format = "html") -> Path:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gallery, "make_figures", make_few)
-        return build_report(folder, page)
+        return build_report(folder, page, baseline=baseline)

@@ -4,6 +4,7 @@ import json
 
 import pyarrow.parquet as pq
 import pytest
+from report.few_figures import build_with
 
 from abhv_mc.campaign.file.asked import known_metrics, ranking_criteria
 from abhv_mc.campaign.file.check import read_campaign
@@ -13,7 +14,6 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.compare import compare_folders
-from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.search.rare import RareSettings, find_rare
 from abhv_mc.search.search_flights import SearchRequest
@@ -48,7 +48,7 @@ def write(folder, repository, requirements=ABOVE, more=""):
 def flown(repository, tmp_path_factory):
     folder = tmp_path_factory.mktemp("asked")
     out = run_campaign(Request(write(folder, repository), folder / "out"), make_engine()).folder
-    return out, build_report(out).read_text(encoding="utf-8"), json.loads((out / "report.json").read_text("utf-8"))
+    return out, build_with(out).read_text(encoding="utf-8"), json.loads((out / "report.json").read_text("utf-8"))
 
 
 def test_it_heads_the_answer_and_its_smallest_value_is_the_worst(flown):

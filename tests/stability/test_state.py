@@ -24,9 +24,11 @@ CASES = {
     "crosswind": {"wind__north": 1.0, "wind__shear_north": 2e-5},
     "delayed and frozen": {"sensor__delay": 0.03, "failure__sensor__sideslip__time": 1.9},
 }
+QUICK = ("aileron loss", "elevator stuck", "pitch rate frozen", "delayed and frozen")
+SLOW = [pytest.param(name, marks=pytest.mark.thorough) for name in CASES if name not in QUICK]
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [*QUICK, *SLOW])
 def test_the_maps_of_the_ticks_predict_the_flight_after_a_failure(case):
     plan = flight_plan("tlc", 4.0)
     assert_predicted(plan, parameters(**CALM, **CASES[case]), 200, 100)

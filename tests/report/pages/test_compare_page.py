@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from report.few_figures import build_with
 from report.synthetic import write_campaign
 from typer.testing import CliRunner
 
@@ -15,7 +16,7 @@ from abhv_mc.report.figures.paired import DifferencePanel, plot_differences
 from abhv_mc.report.numbers.compare import check_baseline
 from abhv_mc.report.numbers.paired import metric_differences
 from abhv_mc.report.numbers.results import read_results
-from abhv_mc.report.pages.build import build_report, is_up_to_date
+from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.shipped import find_input
 
@@ -86,7 +87,7 @@ def test_the_figure_spans_the_flights_and_the_line_of_no_difference():
 
 @pytest.fixture(scope="module")
 def with_baseline(before, after):
-    build_report(after, baseline=before)
+    build_with(after, baseline=before)
     return after
 
 

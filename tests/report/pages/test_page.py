@@ -114,15 +114,16 @@ def test_what_a_campaign_says_is_text_only(tmp_path):
     assert "&lt;img src=x onerror=alert(1)&gt;" in page
 
 
-def read_packed(page):
+@pytest.fixture(scope="module")
+def packed(report_page):
     """The page's data, and its arrays as its script reads them."""
-    data = json.loads(re.search(r'<script type="application/json" id="page-data">(.*?)</script>', page).group(1))
-    packed = re.search(r'id="arrays-packed">([A-Za-z0-9+/=]+)</script>', page).group(1)
+    data = json.loads(re.search(r'<script type="application/json" id="page-data">(.*?)</script>', report_page).group(1))
+    packed = re.search(r'id="arrays-packed">([A-Za-z0-9+/=]+)</script>', report_page).group(1)
     return data, {name: unpack(data["places"], packed, name) for name in data["places"]}
 
 
-def test_the_embedded_data_are_the_envelopes(report_page, report_folder):
-    data, arrays = read_packed(report_page)
+def test_the_embedded_data_are_the_envelopes(packed, report_folder):
+    data, arrays = packed
     bank = next(c for c in data["envelopes"]["channels"] if c["name"] == "bank_deg")
     assert bank["command"] == "bank_command_deg"
     assert bank["reference"] == "bank_reference_deg"
@@ -132,9 +133,9 @@ def test_the_embedded_data_are_the_envelopes(report_page, report_folder):
     assert drawn == pytest.approx(envelope.bands["q5"][::2], abs=2e-3)
 
 
-def test_the_interactive_band_of_all_flights_holds_the_samples_that_it_leaves_out(report_page, report_folder):
+def test_the_interactive_band_of_all_flights_holds_the_samples_that_it_leaves_out(packed, report_folder):
     """It was drawn from every other sample, and flights left it in between."""
-    data, arrays = read_packed(report_page)
+    data, arrays = packed
     for controller in data["envelopes"]["controllers"]:
         for channel in ("bank_deg", "aileron_deg", "sideslip_deg"):
             envelope = read_results(report_folder).envelopes[controller["name"], channel]
@@ -146,8 +147,8 @@ def test_the_interactive_band_of_all_flights_holds_the_samples_that_it_leaves_ou
             assert np.all(drawn["max"] >= envelope.bands["max"] - 1e-3 * step)
 
 
-def test_every_flight_is_a_point_and_the_worst_that_are_listed_have_their_histories(report_page, report_folder):
-    data, arrays = read_packed(report_page)
+def test_every_flight_is_a_point_and_the_worst_that_are_listed_have_their_histories(packed, report_folder):
+    data, arrays = packed
     results = read_results(report_folder)
     rows = data["flights"]["rows"]
     assert len(rows["flight"]) == sum(results.flights[name].flight.size for name in results.controllers)

@@ -21,8 +21,8 @@ def slope(dimension):
     return lambda x: x @ weights + 0.05 * np.sin(np.pi * (x**2 - 0.5)).sum(axis=1), np.sign(weights)
 
 
-@pytest.mark.parametrize("dimension", [3, 12, 24])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("dimension", [3, 12, pytest.param(24, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("sharpness, gap", [(2.0, 1e-4), (1.5, 5e-3), (3.0, 1e-4)])
 def test_finds_a_top_inside(dimension, seed, sharpness, gap):
     value, top = bowl(dimension, sharpness)
@@ -33,8 +33,8 @@ def test_finds_a_top_inside(dimension, seed, sharpness, gap):
     assert not found.at_bounds.any()
 
 
-@pytest.mark.parametrize("dimension", [1, 3, 12, 24])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("dimension", [1, 3, 12, pytest.param(24, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.thorough)])
 def test_finds_a_corner(dimension, seed):
     value, corner = slope(dimension)
     found = search_worst(value, dimension, seed=seed)
@@ -42,7 +42,7 @@ def test_finds_a_corner(dimension, seed):
     assert found.at_bounds.all()
 
 
-@pytest.mark.parametrize("dimension", [12, 24])
+@pytest.mark.parametrize("dimension", [12, pytest.param(24, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("seed", [1, 3, 6])
 def test_finds_a_corner_behind_a_broad_hill(dimension, seed):
     """From most of the box uphill leads to the hill inside; the corner is higher."""
@@ -56,7 +56,7 @@ def test_finds_a_corner_behind_a_broad_hill(dimension, seed):
     np.testing.assert_array_equal(found.place, corner)
 
 
-@pytest.mark.parametrize("dimension", [3, 12])
+@pytest.mark.parametrize("dimension", [3, pytest.param(12, marks=pytest.mark.thorough)])
 def test_never_below_as_many_random_points(dimension):
     for seed in range(20):
         draw = np.random.default_rng(seed)
