@@ -11,6 +11,7 @@ from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import COMPLETE
 from abhv_mc.io.documents import InputError, describe, one_of
+from abhv_mc.numerics.bounds import Bounds
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -290,8 +291,7 @@ class CampaignResults:
             for name, part in facts["controllers"].items()
         ]
         for entry in facts["requirements"]:
-            side = "below" if "below" in entry else "above"
-            asked = f"{entry['metric']} {side} {entry[side]:g} in {100 * entry['probability']:g} %"
+            asked = f"{entry['metric']} {Bounds.of(entry)} in {100 * entry['probability']:g} %"
             rows.append((entry["controller"], asked, entry["verdict"]))
         return as_html(head, rows)
 

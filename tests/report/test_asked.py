@@ -13,6 +13,7 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.io.input_error import InputError
+from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.report.numbers.compare import compare_folders
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.search.rare import RareSettings, find_rare
@@ -35,6 +36,7 @@ metrics:
 requirements:
 """
 ABOVE = "  - {metric: altitude_low_m, above: 19990 m, probability: 0.9}\n"
+BOTH = "  - {metric: altitude_low_m, above: 19990 m, below: 20100 m, probability: 0.9}\n"
 BELOW = "  - {metric: altitude_low_m, below: 20100 m, probability: 0.9}\n"
 
 
@@ -98,7 +100,8 @@ def test_a_requirement_rules_the_side_and_a_written_one_that_contradicts_is_refu
 def test_of_a_corridor_the_distance_outside_counts(repository, tmp_path):
     (criterion,) = ranking_criteria(read_campaign(write(tmp_path, repository, ABOVE + BELOW)))
     values = [19980.0, 19995.0, 20120.0]
-    assert criterion.band == (19990.0, 20100.0)
+    assert criterion.limits == Bounds(19990.0, 20100.0)
+    assert ranking_criteria(read_campaign(write(tmp_path, repository, BOTH))) == (criterion,)
     assert [float(criterion.excess(value)) for value in map(float, values)] == [10.0, -5.0, 20.0]
 
 

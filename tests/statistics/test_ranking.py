@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.statistics.ranking import Criterion, choose_worst, order_of, spread
 
 
@@ -15,10 +16,10 @@ def test_early_ends_come_first_and_requirements_take_turns():
 
 def test_a_criterion_says_how_far_a_flight_is_beyond_its_limit():
     values = np.array([1.0, -4.0, np.nan])
-    assert Criterion("m", "high", 3.0).excess(values).tolist() == [-2.0, -7.0, np.inf]
-    assert Criterion("m", "low", 3.0).excess(values).tolist() == [2.0, 7.0, np.inf]
+    assert Criterion("m", "high", Bounds(high=3.0)).excess(values).tolist() == [-2.0, -7.0, np.inf]
+    assert Criterion("m", "low", Bounds(low=3.0)).excess(values).tolist() == [2.0, 7.0, np.inf]
     assert Criterion("m", "size").excess(values).tolist() == [1.0, 4.0, np.inf]
-    assert Criterion("m", "high", band=(0.0, 2.0)).excess(values).tolist() == [-1.0, 4.0, np.inf]
+    assert Criterion("m", "high", Bounds(0.0, 2.0)).excess(values).tolist() == [-1.0, 4.0, np.inf]
 
 
 def test_of_equals_the_lower_number_is_worse():

@@ -25,8 +25,8 @@ from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.plans import read_trusted_plan
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
-from abhv_mc.statistics.requirement import requirement_failures
 
 _MOST_SAMPLES = 10_000  # flights that tell how unusual a value is
 
@@ -36,15 +36,14 @@ class Failure:
     """What counts as failing: ending early, or missing one requirement."""
 
     requirement: Requirement | None
-    limit: float
+    limits: Bounds
     column: int = 0  # of its metric
 
     @property
     def words(self) -> str:
         if self.requirement is None:
             return "ended early"
-        side = "below" if self.requirement.below is not None else "above"
-        return f"missed {self.requirement.metric} {side} {self.limit:g}"
+        return f"missed {self.requirement.metric} {self.limits}"
 
     def severity(self, outcome: NDArray[np.int64], end_time: Floats, metrics: Floats) -> Floats:
         """How badly flights fail, larger being worse; -inf where they do not. ``metrics`` is [flight, metric]."""
@@ -52,10 +51,8 @@ class Failure:
         if self.requirement is None:
             return np.where(early, -end_time, -np.inf)
         value = metrics[:, self.column]
-        below = self.requirement.below is not None
-        worse = value if below else -value
-        failed = requirement_failures(value, early, self.limit, below, self.requirement.early_is_failure)
-        return np.where(failed, np.nan_to_num(worse, nan=np.inf), -np.inf)
+        failed = self.limits.failures(value, early & self.requirement.early_is_failure)
+        return np.where(failed, np.nan_to_num(self.limits.worse(value), nan=np.inf), -np.inf)
 
 
 @dataclass(frozen=True)
@@ -153,14 +150,14 @@ def find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked: 
     columns = [row.columns[i] for i in places]
     state = np.array([int(outcome)]), row.end_time, row.values[:, places]
     failures = [
-        Failure(entry, limit, columns.index(entry.metric))
-        for entry, limit in zip(campaign.model.requirements, campaign.limits, strict=True)
+        Failure(entry, limits, columns.index(entry.metric))
+        for entry, limits in zip(campaign.model.requirements, campaign.limits, strict=True)
     ]
     metrics = [failure.requirement.metric for failure in failures if failure.requirement]
     if asked is not None and asked not in metrics:
         found = f"no requirement on '{asked}'"
         raise InputError("--requirement", None, None, found, one_of(metrics, asked) if metrics else "no requirement")
-    candidates = [Failure(None, 0.0), *failures] if asked is None else failures
+    candidates = [Failure(None, Bounds()), *failures] if asked is None else failures
     for failure in candidates:
         named = asked is None or (failure.requirement is not None and failure.requirement.metric == asked)
         if named and failure.severity(*state)[0] > -np.inf:

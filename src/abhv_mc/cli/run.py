@@ -204,12 +204,13 @@ def describe_outcomes(facts: dict[str, Any]) -> str:
 
 def print_requirements(entries: list[dict[str, Any]], told: TextIO | None = None) -> None:
     """A table of the requirements: what each asks of whom, what was counted, the verdict and what it rests on."""
+    from abhv_mc.numerics.bounds import Bounds
+
     if not entries:
         return
     table = new_table(("controller", "requirement", "in", "verdict", ""), (), padding=(0, 1, 0, 0))
     for entry in entries:
-        side = "below" if "below" in entry else "above"
-        asked = f"{entry['metric']} {side} {entry[side]:g}"
+        asked = f"{entry['metric']} {Bounds.of(entry)}"
         verdict, _, words = entry.get("words", entry["verdict"]).partition(": ")
         table.add_row(entry["controller"], asked, f"{100 * entry['probability']:g} %", verdict, words)
     print_table(table, file=told)

@@ -276,7 +276,7 @@ class ControllerFile(RootModel[Annotated[Controller, Field(discriminator="law")]
 
 
 def read_controller_document(path: str | Path) -> tuple[Document, Controller]:
-    """Read and check a controller file; a law of one's own is not run. Raises InputError."""
+    """Read and check a controller file; a user law is not run. Raises InputError."""
     document = read_document(path)
     law = document.data.get("law") if isinstance(document.data, dict) else None
     if not isinstance(law, str) or law not in CONTROLLERS:

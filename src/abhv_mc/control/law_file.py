@@ -18,7 +18,7 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 class PythonController(StrictModel):
-    """A law of one's own, in a Python file."""
+    """A user law in a Python file."""
 
     law: Literal["python"] = Field(description="the control law")
     file: File = Field(description="the law, see abhv_mc.extend")
@@ -40,7 +40,7 @@ class PythonController(StrictModel):
 
 
 class CController(StrictModel):
-    """A law of one's own in C, by the interface of abhv_law.h."""
+    """A user law in C, by the interface of abhv_law.h."""
 
     law: Literal["c"] = Field(description="the control law")
     library: File | None = Field(None, description="the law as a shared library")
@@ -80,7 +80,7 @@ class CController(StrictModel):
 
 
 class FmuController(StrictModel):
-    """A law of one's own as a Functional Mock-up Unit for co-simulation."""
+    """A user law as a Functional Mock-up Unit for co-simulation."""
 
     law: Literal["fmu"] = Field(description="the control law")
     file: File = Field(description="the FMU, of FMI 2.0 or 3.0")

@@ -18,9 +18,9 @@ from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.flights import END_TIME, FlightRows
+from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.statistics.judgement import Pair, judge_pairs
 from abhv_mc.statistics.ranking import Criterion, choose_worst
-from abhv_mc.statistics.requirement import measured_failures, requirement_failures
 from abhv_mc.statistics.verdict_words import verdict_words
 from abhv_mc.statistics.verdicts import Verdict
 
@@ -32,7 +32,7 @@ class RequirementCount:
     """One requirement on one controller; flights that could not be computed are not in these counts."""
 
     requirement: Requirement
-    limit: float
+    limits: Bounds
     binds: bool  # whether it applies to this controller, or is only shown
     missed: Mask  # [flight]
     flights: int = 0
@@ -41,9 +41,8 @@ class RequirementCount:
 
     def add(self, values: np.ndarray, early: np.ndarray, flights: np.ndarray) -> None:
         """Count flights by their metric; not-a-number fails."""
-        side = self.limit, self.requirement.below is not None
-        measured = measured_failures(values, *side)
-        failed = requirement_failures(values, early, *side, self.requirement.early_is_failure)
+        measured = self.limits.failures(values)
+        failed = measured | (early & self.requirement.early_is_failure)
         self.failures_measured += int(measured.sum())
         self.failures_ended_early += int((failed & ~measured).sum())
         self.missed[flights] = failed
@@ -115,8 +114,8 @@ def make_flight_counts(campaign: CheckedCampaign) -> dict[str, FlightCounts]:
     all_counts = {}
     for name in model.controllers:
         counts = [
-            RequirementCount(entry, limit, name in (entry.controllers or (first,)), np.zeros(campaign.runs, bool))
-            for entry, limit in zip(model.requirements, campaign.limits, strict=True)
+            RequirementCount(entry, limits, name in (entry.controllers or (first,)), np.zeros(campaign.runs, bool))
+            for entry, limits in zip(model.requirements, campaign.limits, strict=True)
         ]
         all_counts[name] = FlightCounts(name, number, criteria, counts, np.zeros(campaign.runs, bool))
     return all_counts
@@ -171,7 +170,7 @@ def judge_requirements(all_counts: Mapping[str, FlightCounts], campaign: Checked
         {
             **{key: text for key in TRACED if (text := getattr(count.requirement, key)) is not None},
             "metric": count.requirement.metric,
-            "below" if count.requirement.below is not None else "above": count.limit,
+            **count.limits.as_entry(),
             "probability": count.requirement.probability,
             "consumer_risk": count.requirement.consumer_risk,
             "producer_risk": verdict.producer_risk,

@@ -50,7 +50,7 @@ class FlightTable:
     view: dict[str, Any]
 
     def cursor(self) -> "DuckDBPyConnection":
-        """A connection of one's own to the same tables: each request has a thread."""
+        """Another connection to the same tables: each request has a thread."""
         return self.connection.cursor()
 
 

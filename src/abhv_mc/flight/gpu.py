@@ -130,7 +130,7 @@ def fly_on_gpu(
     find_device()
     if plan.law in USER_LAWS or plan.channels_hash:
         what = "a law" if plan.law in USER_LAWS else "channels"
-        found = f"'{plan.controller}' with {what} of one's own, which is compiled for the processor only"
+        found = f"'{plan.controller}' with {what} of the user, compiled for the processor only"
         raise Refusal(found, "--device cpu, or the laws and channels of the program")
     recording = recording_of(record_every)._replace(extremes=False)
     host_plan = make_kernel_plan(plan, check_parameters(parameters), recording)

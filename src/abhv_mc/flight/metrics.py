@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.flight.channels import SURFACES, Signal
+from abhv_mc.numerics.bounds import Bounds
 
 Bad = Literal["high", "low", "size"]  # large values, small values, large absolute values
 Group = Literal["tracking", "usage", "loads", "stability", "user"]
@@ -66,9 +67,10 @@ class Metric(Signal):
     empty: float = math.nan  # value where no tick of the window was flown
     never_negative: bool = False
     leads: bool = False  # whether it stands first in a report where the campaign requires nothing
+    customary: float = 0.0  # least that is customary of a margin
     plateaus: tuple[float, ...] = ()  # values that many flights share
     finding: Literal["", "saturates", "cycles", "leaves_tables"] = ""  # what a report says of flights with much of it
-    band: tuple[float, float] | None = None  # where a campaign requires it on both sides: in between is good
+    band: Bounds | None = None  # where a campaign requires it on both sides
 
     @property
     def label_with_unit(self) -> str:
@@ -278,9 +280,10 @@ METRICS: tuple[Metric, ...] = (
 )  # fmt: skip
 
 
-def _margin(name: str, unit: str, doc: str, label: str, plateaus: tuple[float, ...]) -> Metric:
+def _margin(name: str, unit: str, doc: str, label: str, plateaus: tuple[float, ...], customary: float = 0.0) -> Metric:
     return Metric(
-        name, unit, doc, label, "low", "stability", "", Statistic.MIN, never_negative=True, plateaus=plateaus
+        name, unit, doc, label, "low", "stability", "", Statistic.MIN, never_negative=True, plateaus=plateaus,
+        customary=customary,
     )  # fmt: skip
 
 
@@ -288,10 +291,11 @@ def _margin(name: str, unit: str, doc: str, label: str, plateaus: tuple[float, .
 MARGINS: tuple[Metric, ...] = (
     _margin(
         "gain_margin_min_db", "dB", "least gain margin, the smaller of both sides, over loops and points",
-        "Gain margin, min", (0.0, 60.0),
+        "Gain margin, min", (0.0, 60.0), customary=6.0,
     ),
     _margin(
-        "phase_margin_min_deg", "deg", "least phase margin over loops and points", "Phase margin, min", (0.0, 180.0)
+        "phase_margin_min_deg", "deg", "least phase margin over loops and points", "Phase margin, min", (0.0, 180.0),
+        customary=30.0,
     ),
     _margin(
         "delay_margin_min_ms", "ms", "least delay margin over loops and points", "Delay margin, min", (0.0, 1000.0)
@@ -300,6 +304,7 @@ MARGINS: tuple[Metric, ...] = (
         "disk_margin_min", "-", "least disk margin of all loops at once over the points", "Disk margin, min", (0.0,)
     ),
 )  # fmt: skip
+GAIN_MARGIN, PHASE_MARGIN = MARGINS[:2]
 # Why there is none, which counts as a margin of zero.
 MARGIN_FAULTS: tuple[Signal, ...] = (
     Signal("margin_points_unstable", "-", "points at which the closed loop is unstable"),
@@ -311,8 +316,13 @@ MARGIN_NAMES = tuple(metric.name for metric in MARGINS)
 METRIC_INDEX: dict[str, int] = {metric.name: i for i, metric in enumerate(METRICS)}
 BUILT_IN: dict[str, Metric] = {metric.name: metric for metric in (*METRICS, *MARGINS)}
 SURFACE_USAGE = tuple(m.name for m in METRICS if m.group == "usage" and m.statistic == Statistic.RMS)
+ENGINE_FAILED, ELEVATOR_TRAVEL = (
+    next(m.name for m in METRICS if m.of == source) for source in ("engine_failed", "elevator_moved_deg")
+)
 
-_TEXT = tuple(field.name for field in fields(Metric) if field.name not in ("plateaus", "leads", "band", "finding"))
+_TEXT = tuple(
+    field.name for field in fields(Metric) if field.name not in ("customary", "plateaus", "leads", "band", "finding")
+)
 NO_METRICS: NDArray[np.str_] = np.empty((0, len(_TEXT)), dtype=np.str_)
 
 

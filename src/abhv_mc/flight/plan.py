@@ -78,11 +78,11 @@ class FlightPlan:
     settings: Floats  # the law's constants (differentiator bandwidths, command limits)
     profile: Floats = field(default_factory=no_profile)  # [knot, column] nominal air, see abhv_mc.plant.air_profile
     warnings: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # sentences for the user
-    gain_names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # of a law of one's own
+    gain_names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # of a user law
     declared: NDArray[np.str_] = field(default_factory=NO_METRICS.copy)  # metrics of a campaign, as pack_metrics gives
     user_sources: NDArray[np.str_] = field(default_factory=NO_SOURCES.copy)  # [channel, 2] name and unit
     source_hash: str = ""  # of its text, "" for the laws of the program
-    channels_hash: str = ""  # of the text of channels of one's own
+    channels_hash: str = ""  # of the text of user channels
     source: UserSource | None = field(default=None, metadata={"stored": False})  # its text: travels, is not stored
     channels_source: UserSource | None = field(default=None, metadata={"stored": False})
     vehicle_code: VehicleCode | None = field(default=None, metadata={"stored": False})  # of vehicle.foreign's digest

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.failure_case import failure_cases
-from abhv_mc.flight.metrics import METRICS, Metric
+from abhv_mc.flight.metrics import ENGINE_FAILED, METRICS, Metric
 from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.folder.columns import column_values
 from abhv_mc.folder.digest import Digest, digest_rows
@@ -65,7 +65,7 @@ class FlightRows:
     def cases(self) -> list[str]:
         """What failed in each flight; see :mod:`abhv_mc.flight.failure_case`."""
         ends = np.full(len(self.outcome), self.duration)
-        return failure_cases(self.names, self.samples, ends, self.column("engine_failed_s"))
+        return failure_cases(self.names, self.samples, ends, self.column(ENGINE_FAILED))
 
     def digest(self) -> Digest:
         columns = {name: self.samples[:, i] for i, name in enumerate(self.names)}

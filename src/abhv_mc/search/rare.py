@@ -12,6 +12,7 @@ from abhv_mc.execution.engine import Engine, make_engine
 from abhv_mc.flight.metrics import BUILT_IN, Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains
 from abhv_mc.search.methods.strata import Stratum, Switched, estimate_switched
 from abhv_mc.search.methods.subset import SubsetPlan
@@ -38,7 +39,7 @@ class RareFound:
     controller: str
     requirement: Requirement
     metric: Metric
-    limit: float  # of the requirement, in its metric's unit
+    limits: Bounds  # of the requirement, in its metric's unit
     estimate: RareEstimate
     strata: tuple[Stratum, ...]  # combinations of what comes with a probability; empty where nothing does
     space: Space
@@ -64,7 +65,7 @@ class RareFound:
         check = found.check
         return {
             "requirement": self.settings.requirement,
-            "below" if self.requirement.below is not None else "above": self.limit,
+            **self.limits.as_entry(),
             "controller": self.controller,
             "probability": None if refused else found.probability,
             "low": None if refused else found.low,
@@ -100,13 +101,13 @@ class RareFound:
 def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | None = None) -> RareFound:
     """Estimate P(failure) of one requirement. Raises InputError for a request that is wrong."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
-    requirement, limit = _find_requirement(campaign, controller, settings.requirement)
+    requirement, limits = _find_requirement(campaign, controller, settings.requirement)
     space = make_space(campaign)
     chains = choose_chains(settings.flights)
     least = FEWEST * SubsetPlan(1, 0.0, 0, chains).size
     if settings.flights < least:
         raise InputError("--flights", None, None, f"{settings.flights}", f"at least {least}")
-    criterion = Criterion(settings.requirement, "high" if requirement.below is not None else "low", limit, True)
+    criterion = Criterion(settings.requirement, "high", limits)
     early = requirement.ended_early == "failure"
     with open_search(request, {"kind": "rare", **vars(settings)}, settings.flights, engine or make_engine()) as search:
         severity = Severity(criterion, search.plan.timing.duration, early)
@@ -126,7 +127,7 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
             controller,
             requirement,
             campaign.metrics[requirement.metric],
-            limit,
+            limits,
             estimate,
             strata,
             space,
@@ -139,8 +140,8 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
     return found
 
 
-def _find_requirement(campaign: CheckedCampaign, controller: str, metric: str) -> tuple[Requirement, float]:
-    """The campaign's requirement on this metric, and its limit. Raises InputError where there is none, or several."""
+def _find_requirement(campaign: CheckedCampaign, controller: str, metric: str) -> tuple[Requirement, Bounds]:
+    """The campaign's requirement on this metric, and its limits. Raises InputError where there is none, or several."""
     pairs = zip(campaign.model.requirements, campaign.limits, strict=True)
     bound = [entry for entry in pairs if controller in (entry[0].controllers or (controller,))]
     own = [entry for entry in bound if entry[0].metric == metric]

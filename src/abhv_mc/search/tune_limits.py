@@ -13,14 +13,15 @@ from abhv_mc.statistics.estimates import severity, sorted_quantile
 
 
 def severities_of(trial: Trial, metric: Metric) -> Floats:
-    """A metric [flight], larger being worse, with those of lost flights infinite."""
-    return severity(trial.column(metric.name), metric.bad)
+    """A metric [flight], larger being worse, with those of lost flights infinite; the distance outside two limits."""
+    values = trial.column(metric.name)
+    return severity(metric.band.worse(values), "high") if metric.band else severity(values, metric.bad)
 
 
 def value_of(trial: Trial, metric: Metric, quantile: float) -> float:
     """A quantile of a metric over the flights, from its good side, in its unit; lost flights are the worst."""
     found = sorted_quantile(np.sort(severities_of(trial, metric)), quantile)
-    return -found if metric.bad == "low" else found
+    return -found if metric.bad == "low" and not metric.band else found
 
 
 def limited_value(trial: Trial, limit: Limit) -> float:

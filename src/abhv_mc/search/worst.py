@@ -62,12 +62,12 @@ class WorstFound:
     @property
     def sign(self) -> float:
         """What turns a severity into a value that is drawn."""
-        return -1.0 if self.criterion.bad == "low" and self.criterion.band is None else 1.0
+        return -1.0 if self.criterion.bad == "low" and self.criterion.limits is None else 1.0
 
     @property
     def side(self) -> str:
         """'largest', 'smallest': what is searched for."""
-        if self.criterion.band is not None:
+        if self.criterion.limits is not None:
             return "farthest out"
         return {"high": "largest", "low": "smallest", "size": "largest absolute"}[self.criterion.bad]
 
@@ -102,7 +102,7 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
     metric = find_metric(
         campaign, settings.metric, lambda found, expected: InputError("--metric", None, None, found, expected)
     )
-    criterion = Criterion(metric.name, settings.bad or metric.bad, band=None if settings.bad else metric.band)
+    criterion = Criterion(metric.name, settings.bad or metric.bad, None if settings.bad else metric.band)
     space = make_space(campaign)
     bounds = space.bounds(settings.box)
     space.refuse_small(bounds, settings.box)

@@ -67,7 +67,7 @@ class LawTick(NamedTuple):
     """What a law makes of a measurement."""
 
     memory: Floats  # [point, memory] after the tick
-    command: Floats  # [point, 4] aileron, rudder, elevator, equivalence ratio; nan where a law of one's own fails
+    command: Floats  # [point, 4] aileron, rudder, elevator, equivalence ratio; nan where a user law fails
     variables: Floats  # [point, variable] at which it looked its tables up
     guidance: Floats  # [point, 3] commanded flight path angle, angle of attack, bank
 

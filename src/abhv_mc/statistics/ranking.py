@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.statistics.estimates import Sense
+from abhv_mc.numerics.bounds import Bounds
+from abhv_mc.statistics.estimates import Sense, severity
 
 _SPREAD = (5.0, 95.0)  # percentiles of all flights
 
@@ -21,17 +22,14 @@ class Criterion(NamedTuple):
 
     metric: str
     bad: Sense
-    limit: float = 0.0
-    required: bool = False  # whether the limit is a requirement's
-    band: tuple[float, float] | None = None  # required on both sides: the distance outside
+    limits: Bounds | None = None  # of its requirement
 
     def excess(self, values: Floats) -> Floats:
-        """Signed distance [flight] beyond the limit, in the metric's unit; not-a-number is beyond every one."""
-        size = np.abs(values) if self.bad == "size" else values
-        beyond = self.limit - size if self.bad == "low" else size - self.limit
-        if self.band is not None:
-            beyond = np.maximum(self.band[0] - values, values - self.band[1])
-        return np.where(np.isnan(beyond), np.inf, beyond)
+        """Signed distance [flight] beyond the limits (without any: the value itself, turned so that larger is worse),
+        in the metric's unit; not-a-number is beyond every one."""
+        if self.limits is None:
+            return severity(values, self.bad)
+        return severity(self.limits.worse(values) - self.limits.limit, "high")
 
 
 def spread(values: Floats) -> float:

@@ -1,4 +1,4 @@
-"""What a law of one's own is given and what it gives back: named tuples of floats, SI and radians."""
+"""What a user law is given and what it gives back: named tuples of floats, SI and radians."""
 
 from typing import Any, NamedTuple
 

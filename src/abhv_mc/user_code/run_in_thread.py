@@ -1,4 +1,4 @@
-"""Flights of a law of one's own, which may never return: flown in a thread that can be left behind."""
+"""Flights of a user law, which may never return: flown in a thread that can be left behind."""
 
 import threading
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The settings and commands of a law of one's own, as its controller file gives them."""
+"""The settings and commands of a user law, as its controller file gives them."""
 
 from typing import NamedTuple
 

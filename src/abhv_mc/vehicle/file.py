@@ -192,7 +192,7 @@ def _variable(times: str | None, effectors: tuple[str, ...]) -> str:
 
 
 def _make_nodes(nodes: Mapping[Any, tuple[float, ...]]) -> Table:
-    """A table of zeros: that a function of one's own has kinks at its nodes is for trim tables to know."""
+    """A table of zeros: that a user function has kinks at its nodes is for trim tables to know."""
     axes = tuple(Axis(VARIABLES.index(name), np.array(grid)) for name, grid in nodes.items())
     return Table(axes, np.zeros([axis.grid.size for axis in axes]))
 

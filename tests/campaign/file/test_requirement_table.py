@@ -7,6 +7,7 @@ from fake_flight import write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.io.input_error import InputError
+from abhv_mc.numerics.bounds import Bounds
 
 TABLE = """\
 id,text,source,metric,below,above,probability,consumer_risk,controllers
@@ -25,10 +26,17 @@ def test_a_table_reads_as_a_list(tmp_path):
     checked = read_campaign(campaign(tmp_path, TABLE))
     first, second = checked.model.requirements
     assert (first.id, first.text, first.source) == ("GNC-12", "The altitude is held, always", "SRD 3.2")
-    assert checked.limits == (50.0, 0.1) and first.probability == pytest.approx(0.9973)
+    assert checked.limits == (Bounds(high=50.0), Bounds(low=0.1)) and first.probability == pytest.approx(0.9973)
     assert (first.consumer_risk, second.consumer_risk) == (0.05, 0.10)
     assert second.controllers == ("one", "two") and second.above == 0.1 and second.text is None
     assert read_campaign(tmp_path / "campaign.yaml", controllers=["two"]).model.requirements[1].controllers == ("two",)
+
+
+def test_a_row_with_both_limits_is_one_requirement(tmp_path):
+    table = TABLE.replace("equivalence_ratio_min,,0.1", "equivalence_ratio_min,0.5,0.1")
+    assert read_campaign(campaign(tmp_path, table)).limits[1] == Bounds(0.1, 0.5)
+    with pytest.raises(InputError, match="below 0"):
+        read_campaign(campaign(tmp_path, table.replace("0.5,0.1", "0.1,0.5")))
 
 
 @pytest.mark.parametrize(

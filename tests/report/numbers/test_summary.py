@@ -82,8 +82,8 @@ def test_of_rivals_that_stand_alike_the_one_that_fails_less_comes_first(report_j
 def test_saturation_and_cycles_are_told(report_json):
     """Of 1000 TLC flights all saturate their surfaces, and no sentence said so."""
     numbers = copy.deepcopy(report_json)
-    numbers["noteworthy"]["tlc"] |= {"saturated": 80}
-    numbers["noteworthy"]["lqr"] |= {"cycling": {"angle_of_attack": 7, "bank": 0}}
+    numbers["findings"]["tlc"] |= {"saturated": 80}
+    numbers["findings"]["lqr"] |= {"cycling": {"angle_of_attack": 7, "bank": 0}}
     text = " ".join(summary_sentences(numbers))
     assert "TLC: surfaces reach a limit of deflection or rate in 80 of 80 flights." in text
     assert "LQR: cycles, by swings of more than 5 deg about a steady command, in angle of attack in 7 of 80 fl" in text

@@ -1,11 +1,13 @@
 """What a campaign asks of its metrics: which stand first, on which side they are bad, and which flights are worst."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.config import Requirement
 from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
 from abhv_mc.flight.metrics import MARGINS, Metric
+from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.statistics.ranking import Criterion
 
 
@@ -16,15 +18,19 @@ def known_metrics(campaign: CheckedCampaign) -> dict[str, Metric]:
     if campaign.model.margins is not None:
         metrics |= {metric.name: metric for metric in MARGINS}
     for name in {entry.metric for entry in campaign.model.requirements}:
-        pairs = zip(campaign.model.requirements, campaign.limits, strict=True)
-        own = [(entry.below is not None, limit) for entry, limit in pairs if entry.metric == name]
-        above = [limit for below, limit in own if not below]
-        below = [limit for below, limit in own if below]
-        if above and below:
-            metrics[name] = replace(metrics[name], band=(max(above), min(below)))
+        own = [limits for entry, limits in required(campaign) if entry.metric == name]
+        low = max((limits.low for limits in own if limits.low is not None), default=None)
+        high = min((limits.high for limits in own if limits.high is not None), default=None)
+        if low is not None and high is not None:
+            metrics[name] = replace(metrics[name], band=Bounds(low, high))
         else:
-            metrics[name] = replace(metrics[name], bad="high" if below else "low")
+            metrics[name] = replace(metrics[name], bad="low" if high is None else "high")
     return metrics
+
+
+def required(campaign: CheckedCampaign) -> Iterator[tuple[Requirement, Bounds]]:
+    """Its requirements, each with its limits in its metric's unit."""
+    return zip(campaign.model.requirements, campaign.limits, strict=True)
 
 
 def asked_metrics(campaign: CheckedCampaign, held: Collection[str] | None = None) -> tuple[str, ...]:
@@ -38,17 +44,14 @@ def ranking_criteria(campaign: CheckedCampaign) -> tuple[Criterion, ...]:
     """By what its flights are ranked: ``keep.histories.by``, a metric or all requirements (or what leads without)."""
     by, metrics = campaign.model.keep.histories.by, known_metrics(campaign)
     if by == BY_REQUIREMENTS and campaign.model.requirements:
-        pairs = zip(campaign.model.requirements, campaign.limits, strict=True)
-        found = [_criterion(metrics[entry.metric], entry.below is not None, limit) for entry, limit in pairs]
+        found = [_criterion(metrics[entry.metric], limits) for entry, limits in required(campaign)]
         return tuple(dict.fromkeys(found))
     names = asked_metrics(campaign) if by == BY_REQUIREMENTS else (by,)
-    return tuple(Criterion(name, metrics[name].bad, band=metrics[name].band) for name in names)
+    return tuple(_criterion(metrics[name], None) for name in names)
 
 
-def _criterion(metric: Metric, below: bool, limit: float) -> Criterion:
-    if metric.band is not None:
-        return Criterion(metric.name, metric.bad, required=True, band=metric.band)
-    return Criterion(metric.name, "high" if below else "low", limit, required=True)
+def _criterion(metric: Metric, limits: Bounds | None) -> Criterion:
+    return Criterion(metric.name, metric.bad, metric.band or limits)
 
 
 def worst_asked(campaign: CheckedCampaign) -> int:

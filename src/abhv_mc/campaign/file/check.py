@@ -38,6 +38,7 @@ from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, Pooled
 from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
 from abhv_mc.flight.metrics import MARGINS, METRICS, Metric
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
+from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.plant.parameters import EFFECTORS, ENGINES, PARAMETER_INDEX, PARAMETERS
 
 DISPERSIBLE = tuple(parameter.name for parameter in PARAMETERS[1:])
@@ -53,7 +54,7 @@ class CheckedCampaign:
     marginals: dict[str, Marginal]  # by parameter, in the file's order; empty where the samples come from a file
     copula: Copula
     sample_file: SampleFile | None
-    limits: tuple[float, ...]  # of the requirements, in their metrics' units
+    limits: tuple[Bounds, ...]  # of the requirements, in their metrics' units
     declared: tuple[Metric, ...] = ()  # metrics that it declares
     user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of the channels of its own file
 

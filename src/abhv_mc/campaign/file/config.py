@@ -91,11 +91,11 @@ class Correlation(StrictModel):
 
 
 class Requirement(StrictModel):
-    """Probability with which a metric must be below (or above) a limit."""
+    """Probability with which a metric must be below a limit, above one, or between two."""
 
     metric: str = Field(description="the metric that is limited")
-    below: Value | None = Field(None, description="what it must be below, in its unit; either this or 'above'")
-    above: Value | None = Field(None, description="what it must be above, in its unit")
+    below: Value | None = Field(None, description="what it must be below, in its unit")
+    above: Value | None = Field(None, description="what it must be above, in its unit; with both it must lie between")
     probability: Annotated[Fraction, Field(gt=0.0, lt=1.0)] = Field(
         description="share of flights that must meet it, such as 99.73 %"
     )
@@ -122,9 +122,9 @@ class Requirement(StrictModel):
         return self.ended_early == "failure"
 
     @model_validator(mode="after")
-    def _one_limit(self) -> "Requirement":
-        if (self.below is None) == (self.above is None):
-            raise Refusal("both" if self.below is not None else "neither", "either 'below' or 'above'")
+    def _some_limit(self) -> "Requirement":
+        if self.below is None and self.above is None:
+            raise Refusal("neither", "'below', 'above' or both")
         return self
 
 

@@ -39,17 +39,16 @@ def asked_in_vain(campaign: CheckedCampaign) -> list[str]:
 
 def _requirements(campaign: CheckedCampaign) -> Iterator[InputError]:
     document, entries = campaign.document, campaign.model.requirements
-    for i, (entry, limit) in enumerate(zip(entries, campaign.limits, strict=True)):
-        side = "below" if entry.below is not None else "above"
+    for i, (entry, (low, high)) in enumerate(zip(entries, campaign.limits, strict=True)):
         known = campaign.metrics | BUILT_IN
         if not known[entry.metric].never_negative:
             continue
-        if side == "below" and limit <= 0.0:
-            found = f"'{entry.metric}' below {limit:g}, which no flight meets: it is never negative"
-            yield document.error(("requirements", i, side), found, "a limit above zero")
-        elif side == "above" and limit < 0.0:
-            found = f"'{entry.metric}' above {limit:g}, which every flight meets: it is never negative"
-            yield document.error(("requirements", i, side), found, "a limit from zero on")
+        if high is not None and high <= 0.0:
+            found = f"'{entry.metric}' below {high:g}, which no flight meets: it is never negative"
+            yield document.error(("requirements", i, "below"), found, "a limit above zero")
+        elif low is not None and low < 0.0:
+            found = f"'{entry.metric}' above {low:g}, which every flight meets: it is never negative"
+            yield document.error(("requirements", i, "above"), found, "a limit from zero on")
     if campaign.model.sampling.design != INDEPENDENT:
         return
     family = campaign.model.family

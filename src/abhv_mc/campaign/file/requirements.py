@@ -4,12 +4,13 @@ import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from abhv_mc.campaign.file.config import Campaign, Requirement
+from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.io.documents import Document, InputError, Refusal, one_of
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
+from abhv_mc.numerics.bounds import Bounds
 
 _MARGIN_METRICS = tuple(signal.name for signal in MARGINS)
 
@@ -40,8 +41,8 @@ def check_requirements(
     metrics: Mapping[str, Metric],
     written: Collection[str],
     errors: list[InputError],
-) -> Iterator[float]:
-    """The limit of each requirement, in its metric's unit; ``written``: the metrics that say what is bad."""
+) -> Iterator[Bounds]:
+    """The limits of each requirement, in its metric's unit; ``written``: the metrics that say what is bad."""
     ids = [entry.id for entry in model.requirements]
     for i, entry in enumerate(model.requirements):
         where = ("requirements", i)
@@ -55,26 +56,32 @@ def check_requirements(
             expected = one_of([name for name in metrics if model.margins or name not in _MARGIN_METRICS], entry.metric)
             errors.append(document.error((*where, "metric"), f"unknown metric '{entry.metric}'", expected))
             continue
-        key, bad = ("below", "high") if entry.below is not None else ("above", "low")
-        said = metrics[entry.metric].bad
-        alone = len({other.below is None for other in model.requirements if other.metric == entry.metric}) == 1
-        if entry.metric in written and alone and said not in (bad, "size"):
-            found = f"'{key}' of '{entry.metric}', which says 'bad: {said}'"
-            errors.append(document.key_error((*where, key), found, f"'bad: {bad}' there, or a limit on the other side"))
+        same = [other for other in model.requirements if other.metric == entry.metric]
+        sides = [key for key in ("above", "below") if any(getattr(other, key) is not None for other in same)]
+        said, bad = metrics[entry.metric].bad, "high" if sides == ["below"] else "low"
+        if entry.metric in written and len(sides) == 1 and said not in (bad, "size"):
+            found = f"'{sides[0]}' of '{entry.metric}', which says 'bad: {said}'"
+            expected = f"'bad: {bad}' there, or a limit on the other side"
+            errors.append(document.key_error((*where, sides[0]), found, expected))
+        key = "above"
         try:
-            yield _limit(entry, metrics[entry.metric].unit)
+            low = _limit(entry.above, metrics[entry.metric].unit)
+            key = "below"
+            high = _limit(entry.below, metrics[entry.metric].unit)
+            if low is not None and high is not None and low >= high:
+                raise Refusal(f"below {high:g} and above {low:g}", "a limit below that is the larger one")
+            yield Bounds(low, high)
         except Refusal as refusal:
             errors.append(document.error((*where, key), refusal.found, refusal.expected))
 
 
-def _limit(entry: Requirement, unit: str) -> float:
-    """The limit in the metric's unit; a plain number is in it already."""
-    value = entry.below if entry.below is not None else entry.above
-    if isinstance(value, float):
+def _limit(value: float | str | None, unit: str) -> float | None:
+    """A limit in the metric's unit; a plain number is in it already."""
+    if value is None or isinstance(value, float):
         return value
     if unit in ("g", "dB"):
         raise Refusal(f"'{value}'", f"a plain number, in {unit}")
-    return parse_quantity(value or "", dimension_of(unit), bare_unit=unit) / parse_unit(unit)[0]
+    return parse_quantity(value, dimension_of(unit), bare_unit=unit) / parse_unit(unit)[0]
 
 
 def check_stop(document: Document, model: Campaign, errors: list[InputError]) -> None:

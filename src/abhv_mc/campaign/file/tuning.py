@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from abhv_mc.flight.metrics import MARGIN_NAMES
+from abhv_mc.flight.metrics import ELEVATOR_TRAVEL, MARGIN_NAMES
 from abhv_mc.io.documents import Refusal, StrictModel
 from abhv_mc.io.units import TIME, Fraction, parse_quantity
 
@@ -88,9 +88,7 @@ class Tune(StrictModel):
     margins_at: Annotated[
         tuple[Literal["trim"] | float, ...], BeforeValidator(_points, json_schema_input_type=str | list[str])
     ] = Field(("trim",), description="where stability margins are found: trim, or times of the flight such as 30 s")
-    usage: Aim = Field(
-        Aim(metric="elevator_travel_deg", quantile=0.5), description="what the front trades the error against"
-    )
+    usage: Aim = Field(Aim(metric=ELEVATOR_TRAVEL, quantile=0.5), description="what the front trades the error against")
     flights: Annotated[int, Field(ge=32, le=100_000)] = Field(
         64, description="flights of each candidate, the same for all"
     )

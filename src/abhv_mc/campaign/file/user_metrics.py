@@ -55,6 +55,7 @@ class MetricEntry(StrictModel):
     from_: Time = Field(0.0, alias="from", description="the window's start")
     to: Time | None = Field(None, description="the window's end; by default the flight's")
     settled: bool = Field(False, description="leave out 5 s after each step of the reference")
+    empty: float | None = Field(None, description="value where no tick of the window was flown; left out: none, a miss")
     bad: Bad | None = Field(
         None,
         description="which values are bad: high, low, or those of the largest size; left out: low for min, else high",
@@ -137,6 +138,7 @@ def _record(name: str, entry: MetricEntry, known: Mapping[str, Known], nonnegati
         start=entry.from_,
         end=np.inf if entry.to is None else entry.to,
         settled=entry.settled,
+        empty=np.nan if entry.empty is None else entry.empty,
         never_negative=is_never_negative(statistic, nonnegative),
     )
     return record if record.doc else replace(record, doc=record.counted)

@@ -80,7 +80,7 @@ class ChannelFigure:
         return FigureText(name, title, caption, self.paper.shows, channel, self.unit, True)
 
     def rows(self, of_paper: bool) -> Iterator[Curve]:
-        """Its curves; in the paper's set an angle at one's own command also in its first seconds, as there."""
+        """Its curves; in the paper's set an angle at its own command also in its first seconds, as there."""
         for curve in self.curves:
             yield curve
             if of_paper and curve.begins:

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.flight.metrics import Metric
+from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.report.numbers.flights import ControllerFlights
 from abhv_mc.report.numbers.results import Requirement, Results
 from abhv_mc.statistics.judgement import Pair, judge_pairs
-from abhv_mc.statistics.requirement import requirement_failures as failures
 from abhv_mc.statistics.verdicts import Verdict, tolerance_limit
 
 EARLY = "ended early"
@@ -21,7 +21,7 @@ def requirement_failures(flights: ControllerFlights, requirement: Requirement) -
     A flight that ended early misses it, unless the requirement takes such flights as measured.
     """
     values, early = flights.metrics[requirement.metric], flights.failed
-    return failures(values, early, requirement.limit, requirement.below, requirement.early_is_failure)
+    return requirement.limits.failures(values, early & requirement.early_is_failure)
 
 
 def failed_anyhow(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -> NDArray[np.bool_]:
@@ -52,25 +52,26 @@ def find_tolerance(flights: ControllerFlights, requirement: Requirement) -> dict
     """What the required share of flights stays within, by the rule of the verdict, and the room to the limit.
 
     Both are None where the flights are too few, or too many were lost (`beyond_lost`); `room` is a share of the limit.
+    Of two limits the first is the distance outside them, negative inside, and `room` a share of half their distance.
     """
-    sign = 1.0 if requirement.below else -1.0
-    worse = sign * flights.metrics[requirement.metric]
+    limits = requirement.limits
+    worse = limits.worse(flights.metrics[requirement.metric])
     worse[np.isnan(worse) | (flights.failed & requirement.early_is_failure)] = np.inf
     found = tolerance_limit(worse, flights.not_computed, requirement.probability, requirement.consumer_risk)
     if found is None or not np.isfinite(found):
         return {"tolerance_limit": None, "room": None, "beyond_lost": found is not None}
-    room = (sign * requirement.limit - found) / abs(requirement.limit) if requirement.limit else None
-    return {"tolerance_limit": sign * found, "room": room, "beyond_lost": False}
+    room = (limits.limit - found) / limits.size if limits.size else None
+    return {"tolerance_limit": limits.sign * found, "room": room, "beyond_lost": False}
 
 
 def requirement_words(requirement: Requirement, records: Mapping[str, Metric]) -> str:
     """'Altitude error, max < 50 m'."""
-    return limit_words(records[requirement.metric], requirement.limit, requirement.below)
+    return limit_words(records[requirement.metric], requirement.limits)
 
 
-def limit_words(metric: Metric, limit: float, below: bool) -> str:
-    """The same of a metric and its limit."""
-    return f"{metric.label} {'<' if below else '>'} {metric.with_unit(f'{limit:g}')}"
+def limit_words(metric: Metric, limits: Bounds) -> str:
+    """The same of a metric and its limits."""
+    return f"{metric.label} {metric.with_unit(limits.symbols)}"
 
 
 def failure_kinds(results: Results, controller: str) -> list[tuple[str, NDArray[np.bool_]]]:

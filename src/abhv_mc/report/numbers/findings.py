@@ -56,7 +56,7 @@ def finding_sentences(numbers: Mapping[str, Any]) -> Iterator[str]:
     yield from (f"{words[:1].upper()}{words[1:]}." for words in numbers["warnings"] if words.startswith(IN_WIND))
     for name, count in numbers["left_out"].items():
         yield f"{name}: the machine could compute none of {count} flights, so it is not in this report; it met nothing."
-    for name, part in numbers["noteworthy"].items():
+    for name, part in numbers["findings"].items():
         absent = numbers["flights"][name]["not_computed"]
         known = (
             _in("the machine could not compute", absent, part["flown"] + absent),

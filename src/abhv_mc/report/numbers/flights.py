@@ -67,7 +67,7 @@ def distances(flights: ControllerFlights, metric: str, rows: Any = slice(None)) 
     if band is None:
         return severities(flights, metric, rows)
     values = flights.metrics[metric][rows]
-    return severity(np.maximum(band[0] - values, values - band[1]), "high", flights.failed[rows])
+    return severity(band.worse(values), "high", flights.failed[rows])
 
 
 def common_rows(a: ControllerFlights, b: ControllerFlights) -> tuple[Any, Any]:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.report.numbers.failures import requirement_words
+from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.report.numbers.plain import plain
 from abhv_mc.report.numbers.results import Results
 from abhv_mc.report.numbers.words import count_of, significant
@@ -24,16 +24,16 @@ def glance_numbers(results: Results, requirements: list[dict[str, Any]]) -> list
         cells = {}
         for name, verdict in entry["controllers"].items():
             cells[name] = {
-                **_quantiles(results, name, item.metric, item.below),
+                **_quantiles(results, name, item.metric, item.limits),
                 "tolerance": verdict.get("tolerance_limit"),
                 "status": verdict["status"],
                 "failures": count_of(verdict["failures"], verdict["flights"]),
             }
-        words, _, limit = requirement_words(item, records).rpartition(" < " if item.below else " > ")
+        record, limits = records[item.metric], item.limits
         rows.append(
             {
-                "metric": item.metric, "label": words, "unit": records[item.metric].unit, "limit": item.limit,
-                "below": item.below, "text": f"{'<' if item.below else '>'} {limit}", "cells": cells,
+                "metric": item.metric, "label": record.label, "text": record.with_unit(limits.symbols), "cells": cells,
+                "unit": f"{record.unit} outside the limits" if limits.both else record.unit, **_scale(limits),
             }
         )  # fmt: skip
     return rows or [_unlimited(results, metric) for metric in results.asked]
@@ -42,22 +42,27 @@ def glance_numbers(results: Results, requirements: list[dict[str, Any]]) -> list
 def _unlimited(results: Results, metric: str) -> dict[str, Any]:
     """A metric without a requirement: the first controller's median stands where a limit would."""
     record = results.campaign.metrics[metric]
-    below = record.bad != "low"
+    side = Bounds(low=0.0) if record.bad == "low" else Bounds(high=0.0)
     none = {"tolerance": None, "status": "", "failures": ""}
-    cells = {name: {**_quantiles(results, name, metric, below), **none} for name in results.controllers}
+    cells = {name: {**_quantiles(results, name, metric, side), **none} for name in results.controllers}
     middle = next((cell["median"] for cell in cells.values() if cell["median"] is not None), 0.0)
     text = f"{significant(middle, 3)} {'' if record.unit == '-' else record.unit} at 1".replace("  ", " ")
     return {
-        "metric": metric, "label": record.label, "unit": record.unit, "limit": middle, "below": below, "text": text,
-        "cells": cells,
+        "metric": metric, "label": record.label, "unit": record.unit, "text": text, "cells": cells,
+        **_scale(side), "limit": middle, "size": abs(middle),
     }  # fmt: skip
 
 
-def _quantiles(results: Results, name: str, metric: str, below: bool) -> dict[str, Any]:
+def _scale(limits: Bounds) -> dict[str, Any]:
+    """What the chart needs of limits: where the line is, on which side of it values are good, and its unit."""
+    return {"limit": limits.sign * limits.limit, "below": limits.sign > 0.0, "size": limits.size}
+
+
+def _quantiles(results: Results, name: str, metric: str, limits: Bounds) -> dict[str, Any]:
+    """Of the metric; of two limits, of the distance outside them, negative inside."""
     flights = results.flights[name]
-    values: Floats = flights.metrics[metric]
-    worst = np.inf if below else -np.inf
-    values = np.where(flights.failed | np.isnan(values), worst, values)
+    worse = limits.worse(flights.metrics[metric])
+    values: Floats = limits.sign * np.where(flights.failed | np.isnan(worse), np.inf, worse)
     with np.errstate(invalid="ignore"):
         ends = np.percentile(values, list(_SHARES.values()), method="nearest")
     return dict(zip(_SHARES, plain(ends), strict=True))

@@ -56,7 +56,8 @@ def _requirements(results: Results, judged: list[dict[str, Verdict]]) -> list[di
     return [
         {
             **item.traced,
-            **{key: getattr(item, key) for key in ("metric", "below", "limit", "probability", "consumer_risk")},
+            **{key: getattr(item, key) for key in ("metric", "probability", "consumer_risk")},
+            **item.limits.as_entry(),
             "words": requirement_words(item, results.campaign.metrics),
             "unit": results.campaign.metrics[item.metric].unit.removeprefix("-"),
             "binds": list(item.controllers),
@@ -184,7 +185,7 @@ def make_numbers(results: Results, baseline: Path | None = None) -> dict[str, An
         "compared": list(results.compared),
         "metrics": _metric_table(results),
         "paired": paired_numbers(results),
-        "noteworthy": finding_numbers(results),
+        "findings": finding_numbers(results),
         "left_out": left_out(results),
         "worst": worst_numbers(results),
         "failure_map": failure_map_numbers(results),

@@ -23,6 +23,7 @@ from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.io.input_error import InputError
+from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.report.numbers.columns import FileColumns, read_table
 from abhv_mc.report.numbers.flights import ControllerFlights, read_flights
 from abhv_mc.statistics.ranking import Criterion
@@ -33,11 +34,10 @@ INDEPENDENT_DESIGNS = ("random",)
 
 @dataclass(frozen=True)
 class Requirement:
-    """A metric that must stay below (or above) a limit in a share of the flights."""
+    """A metric that must stay within limits in a share of the flights."""
 
     metric: str
-    limit: float
-    below: bool
+    limits: Bounds
     probability: float
     consumer_risk: float
     controllers: tuple[str, ...]
@@ -68,6 +68,11 @@ class CampaignFacts:
     stops_when_proven: bool = False
     pooled_seeds: tuple[int, ...] = ()  # of the flights that a merge joined
     family_risk: float | None = None  # of any false PASS among all verdicts, where the campaign holds it
+
+    def limits_of(self, metric: str) -> list[float]:
+        """The limits of all requirements on a metric."""
+        own = [limit for item in self.requirements if item.metric == metric for limit in item.limits]
+        return [limit for limit in own if limit is not None]
 
     @property
     def independent(self) -> bool:
@@ -173,8 +178,7 @@ def read_facts(path: Path) -> CampaignFacts:
         requirements=tuple(
             Requirement(
                 metric=item.metric,
-                limit=limit,
-                below=item.below is not None,
+                limits=limits,
                 probability=item.probability,
                 consumer_risk=item.consumer_risk,
                 controllers=item.controllers or controllers[:1],
@@ -182,7 +186,7 @@ def read_facts(path: Path) -> CampaignFacts:
                 producer_risk=item.producer_risk,
                 traced={key: text for key in TRACED if (text := getattr(item, key)) is not None},
             )
-            for item, limit in zip(model.requirements, campaign.limits, strict=True)
+            for item, limits in zip(model.requirements, campaign.limits, strict=True)
         ),
     )
 

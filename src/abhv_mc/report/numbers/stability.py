@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
+from abhv_mc.flight.metrics import GAIN_MARGIN, MARGIN_FAULTS, MARGIN_NAMES, PHASE_MARGIN
 from abhv_mc.report.numbers.failures import failed_anyhow
 from abhv_mc.report.numbers.flights import ControllerFlights
 from abhv_mc.report.numbers.labels import controller_label
@@ -15,7 +15,6 @@ from abhv_mc.report.numbers.results import Results
 from abhv_mc.report.numbers.words import count_of, fixed, percent
 
 LISTED = 5  # flights of least margin
-LOW = {"gain_margin_min_db": 6.0, "phase_margin_min_deg": 30.0}  # what is customary at least
 _LOOPS = {"equivalence_ratio": "throttle", "all": "all at once"}
 _NONE = "none"
 
@@ -62,7 +61,7 @@ def _flight_numbers(results: Results, flights: ControllerFlights) -> dict[str, A
         ],
     }
     if results.campaign.requirements and rows.size:
-        low = values[MARGIN_NAMES[0]] < LOW[MARGIN_NAMES[0]]
+        low = values[MARGIN_NAMES[0]] < GAIN_MARGIN.customary
         entry["failed_below"] = [int((lost & low).sum()), int(low.sum())]
         entry["failed_above"] = [int((lost & ~low).sum()), int((~low).sum())]
     return entry
@@ -77,6 +76,11 @@ class LeastMargins:
     gain_loop: str = ""
     phase: float = np.inf  # deg
     phase_loop: str = ""
+
+    @property
+    def little(self) -> bool:
+        """Whether a margin is less than is customary."""
+        return self.gain < GAIN_MARGIN.customary or self.phase < PHASE_MARGIN.customary
 
 
 def least_margins(numbers: Mapping[str, Any], name: str) -> LeastMargins | None:
@@ -106,11 +110,10 @@ def stability_words(numbers: Mapping[str, Any], name: str) -> str:
         poles = ", ".join(_pole(*pole) for pole in together["poles"] if pole[0] > 0.0)
         return f"unstable in steady, level flight (poles at {poles} per second)"
     least = least_margins(numbers, name) or LeastMargins(stable=True)
-    little = least.gain < LOW["gain_margin_min_db"] or least.phase < LOW["phase_margin_min_deg"]
     margins = f"{fixed(least.gain, 1)} dB ({least.gain_loop})" if np.isfinite(least.gain) else "no limit on the gain"
     margins += f" and {fixed(least.phase, 0)} deg ({least.phase_loop})" if np.isfinite(least.phase) else ""
     words = f"least margins in steady, level flight {margins}"
-    if little:
+    if least.little:
         words = f"little margin in steady, level flight: {margins}, where 6 dB and 30 to 45 deg are customary"
     if entry["corners_unstable"]:
         tried = "corners" if steady.get("all_corners") else "corners, drawn at random,"

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from abhv_mc.campaign.file.config import TRACED
+from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.report.numbers.drivers import otherwise_words
 from abhv_mc.report.numbers.labels import controller_label
 from abhv_mc.report.numbers.parameters import parameter_doc, shown_value, spoken_name
@@ -81,12 +82,14 @@ def _tolerance(found: Mapping[str, Any], entry: Mapping[str, Any]) -> tuple[str,
     if found["tolerance_limit"] is None:
         return ("too many flights lost" if found["beyond_lost"] else "too few flights"), "\N{EM DASH}"
     unit, room = entry["unit"], found["room"]
-    limit = (
-        f"{'<' if entry['below'] else '>'} {significant(found['tolerance_limit'], 4)}\N{NO-BREAK SPACE}{unit}".rstrip()
-    )
+    asked, value = Bounds.of(entry), found["tolerance_limit"]
+    sign = "" if asked.both else "> " if asked.high is None else "< "
+    limit = f"{sign}{significant(abs(value) if asked.both else value, 4)}\N{NO-BREAK SPACE}{unit}".rstrip()
+    if asked.both:
+        limit += " outside" if value > 0.0 else " inside"
     if room is None:
         return limit, "\N{EM DASH}"
-    missed = "too much" if entry["below"] else "too little"
+    missed = "too little" if asked.high is None else "too much"
     return limit, f"{percent(abs(room), 2)} {'to spare' if room > 0.0 else missed}"
 
 

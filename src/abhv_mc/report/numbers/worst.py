@@ -60,7 +60,7 @@ def distance_beyond(flights: ControllerFlights, criteria: Sequence[Criterion]) -
         values = flights.metrics[criterion.metric]
         excess = criterion.excess(values)
         finite = excess[np.isfinite(excess) & ~flights.failed]
-        middle = 0.0 if criterion.required or not finite.size else float(np.median(finite))
+        middle = 0.0 if criterion.limits or not finite.size else float(np.median(finite))
         table[i] = (excess - middle) / spread(values[~flights.failed])
     which = np.argmax(table, axis=0)
     return np.where(flights.failed, np.inf, table.max(axis=0)), which

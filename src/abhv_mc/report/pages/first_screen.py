@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from abhv_mc.report.numbers.stability import LOW, least_margins
+from abhv_mc.flight.metrics import GAIN_MARGIN, SURFACE_USAGE
+from abhv_mc.report.numbers.stability import least_margins
 from abhv_mc.report.numbers.words import count_of, fixed, joined, percent, significant
 
 _ROWS, _SENTENCES = 8, 2  # shown; then 'and n more'
@@ -18,7 +19,6 @@ SHAPES = {
     "triangle-down": "M0 4.6L4.4-3.6H-4.4z",
     "pentagon": "M0-4.8L4.6-1.4L2.8 4H-2.8L-4.6-1.4z",
 }
-_SURFACES = ("aileron_rms_deg", "rudder_rms_deg", "elevator_rms_deg")
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,12 @@ class Card:
     usage: str
 
 
-def place(value: float | None, limit: float, below: bool, span: float) -> float | None:
+def place(value: float | None, entry: Mapping[str, Any], span: float) -> float | None:
     """Where a value stands: its room to the limit in units of the limit's size (0: of the flights' span), bad to the
     right, the limit at 1. In percent of the chart's width; None for what is missing."""
     if value is None or not math.isfinite(value):
         return None
-    size = abs(limit) or span or 1.0
-    at = 1.0 + (value - limit) / size * (1.0 if below else -1.0)
+    at = 1.0 + (value - entry["limit"]) / (entry["size"] or span or 1.0) * (1.0 if entry["below"] else -1.0)
     return 100.0 * (min(max(at, _LEFT), _RIGHT) - _LEFT) / (_RIGHT - _LEFT)
 
 
@@ -88,8 +87,8 @@ def chart_rows(numbers: Mapping[str, Any], colors: Mapping[str, str], marks: Map
         bars = []
         for name, cell in entry["cells"].items():
             span = abs((cell["high"] or 0.0) - (cell["low"] or 0.0))
-            at = {key: place(cell[key], entry["limit"], entry["below"], span) for key in ("low", "median", "high")}
-            tolerance = place(cell["tolerance"], entry["limit"], entry["below"], span)
+            at = {key: place(cell[key], entry, span) for key in ("low", "median", "high")}
+            tolerance = place(cell["tolerance"], entry, span)
             ends = sorted(value for value in (at["low"], at["high"]) if value is not None)
             bars.append(
                 Bar(
@@ -106,10 +105,7 @@ def chart_rows(numbers: Mapping[str, Any], colors: Mapping[str, str], marks: Map
 
 def _nearest(entry: Mapping[str, Any]) -> float:
     """How near the worst controller comes to the limit; infinite where something is lost."""
-    places = [
-        place(cell["high"] if entry["below"] else cell["low"], entry["limit"], entry["below"], 1.0)
-        for cell in entry["cells"].values()
-    ]
+    places = [place(cell["high"] if entry["below"] else cell["low"], entry, 1.0) for cell in entry["cells"].values()]
     return max((math.inf if at is None else at for at in places), default=0.0)
 
 
@@ -127,7 +123,7 @@ def cards(numbers: Mapping[str, Any], colors: Mapping[str, str]) -> list[Card]:
 
 
 def _card(numbers: Mapping[str, Any], name: str, color: str) -> Card:
-    found, counts = numbers["noteworthy"][name], numbers["flights"][name]
+    found, counts = numbers["findings"][name], numbers["flights"][name]
     margin, poor = _margin(numbers, name)
     cycling = max((count or 0 for count in found["cycling"].values()), default=0)
     notes = [
@@ -137,13 +133,13 @@ def _card(numbers: Mapping[str, Any], name: str, color: str) -> Card:
     ]
     used = [
         significant(numbers["metrics"][metric]["controllers"][name]["q50"]["value"], 2)
-        for metric in _SURFACES
+        for metric in SURFACE_USAGE
         if metric in numbers["metrics"]
     ]
     return Card(
         name, numbers["campaign"]["labels"][name], color, met_words(numbers, name),
         f"{fixed(counts['failed'], 0)} of {fixed(counts['flown'], 0)} lost", margin, poor,
-        tuple(filter(None, notes)), f"{' / '.join(used)} deg" if len(used) == len(_SURFACES) else "",
+        tuple(filter(None, notes)), f"{' / '.join(used)} deg" if len(used) == len(SURFACE_USAGE) else "",
     )  # fmt: skip
 
 
@@ -169,7 +165,7 @@ def _margin(numbers: Mapping[str, Any], name: str) -> tuple[str, bool]:
         return "unstable", True
     parts = [f"{fixed(found.gain, 1)} dB ({found.gain_loop})"] if math.isfinite(found.gain) else ["any gain"]
     parts += [f"{fixed(found.phase, 0)} deg ({found.phase_loop})"] if math.isfinite(found.phase) else []
-    return ", ".join(parts), found.gain < LOW["gain_margin_min_db"] or found.phase < LOW["phase_margin_min_deg"]
+    return ", ".join(parts), found.little
 
 
 def sentences(numbers: Mapping[str, Any]) -> list[str]:
@@ -200,7 +196,7 @@ def _sentence(numbers: Mapping[str, Any], name: str) -> str:
     if margin is not None and not margin.stable:
         parts.append("is unstable in steady flight")
     text = f"{label} {joined(parts or ['loses no flight'])}"
-    if margin is not None and margin.stable and margin.gain < LOW["gain_margin_min_db"]:
+    if margin is not None and margin.stable and margin.gain < GAIN_MARGIN.customary:
         text += f", with {fixed(margin.gain, 1)} dB of {margin.gain_loop} margin"
     return f"{text}."
 

@@ -41,9 +41,7 @@ def make_flights_view(results: Results, labels: Mapping[str, str], colors: Mappi
         for name in results.metrics
     ]
     headed = results.asked[:_HEADED]
-    limits: dict[str, list[float]] = {}
-    for item in results.campaign.requirements:
-        limits.setdefault(item.metric, []).append(item.limit)
+    limits = {item.metric: results.campaign.limits_of(item.metric) for item in results.campaign.requirements}
     most = MOST_FLIGHTS // len(names)
     ranking = {name: _rank(results, name, most) for name in names}
     kept = {name: _kept(results.flights[name].flight.size, ranking[name], most) for name in names}

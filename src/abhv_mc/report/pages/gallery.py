@@ -26,7 +26,7 @@ def _spread(results: Results, metric: str) -> Spread:
     record = results.campaign.metrics[metric]
     lost = -np.inf if record.bad == "low" else np.inf
     values = {name: np.where(flights.failed, lost, flights.metrics[metric]) for name, flights in flown.items()}
-    limits = [item.limit for item in results.campaign.requirements if item.metric == metric]
+    limits = results.campaign.limits_of(metric)
     return Spread(record.label_with_unit, values, limits)
 
 

@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 from abhv_mc.campaign.file.config import TRACED
+from abhv_mc.numerics.bounds import Bounds
 
 _COLUMNS = (
-    *TRACED, "metric", "side", "limit", "unit", "probability", "controller", "binding", "verdict", "failures",
+    *TRACED, "metric", "above", "below", "unit", "probability", "controller", "binding", "verdict", "failures",
     "flights", "tolerance_limit", "consumer_risk", "words",
 )  # fmt: skip
 
@@ -23,7 +24,6 @@ def make_matrix(numbers: Mapping[str, Any]) -> str:
         for name, verdict in entry["controllers"].items():
             row = {
                 **entry,
-                "side": "below" if entry["below"] else "above",
                 "controller": name,
                 "binding": "yes" if name in entry["binds"] else "no",
                 "verdict": verdict["status"],
@@ -48,8 +48,7 @@ def verdict_cases(entries: Iterable[Mapping[str, Any]]) -> list[Case]:
     """The binding requirements, as a campaign's manifest has them."""
     cases = []
     for entry in entries:
-        side = "below" if "below" in entry else "above"
-        asked = f"{entry['metric']} {side} {entry[side]:g} in {100.0 * entry['probability']:g} %"
+        asked = f"{entry['metric']} {Bounds.of(entry)} in {100.0 * entry['probability']:g} %"
         name = " ".join(filter(None, (entry.get("id"), asked, f"({entry['controller']})")))
         cases.append(Case(name, entry["verdict"], entry["words"]))
     return cases

@@ -30,7 +30,7 @@ def plan_numbers(campaign: CheckedCampaign) -> dict[str, Any]:
     model, runs, known = campaign.model, campaign.runs, known_metrics(campaign)
     verdicts = len(model.requirements) * len(model.controllers)
     requirements: list[dict[str, Any]] = []
-    for item, limit in zip(model.requirements, campaign.limits, strict=True):
+    for item, limits in zip(model.requirements, campaign.limits, strict=True):
         # Where a family is held, each verdict is planned with its share of the risk: Holm's first step.
         risk = min(item.consumer_risk, model.family.risk / verdicts) if model.family else item.consumer_risk
         asked = item.probability, risk
@@ -38,7 +38,7 @@ def plan_numbers(campaign: CheckedCampaign) -> dict[str, Any]:
         requirements.append(
             {
                 "metric": item.metric,
-                "words": limit_words(known[item.metric], limit, item.below is not None),
+                "words": limit_words(known[item.metric], limits),
                 "probability": item.probability,
                 "consumer_risk": item.consumer_risk,
                 "risk_used": risk,

@@ -6,7 +6,7 @@ import numpy as np
 
 from abhv_mc.report.figures.searches import plot_failures, plot_levels, plot_mixing
 from abhv_mc.report.numbers.labels import controller_label
-from abhv_mc.report.pages.searched_flights import drawn_figure, flights_table, with_unit
+from abhv_mc.report.pages.searched_flights import drawn_figure, flights_table
 from abhv_mc.report.pages.summary_page import LONG, SHORT, Shown, Table, write_answer_page
 from abhv_mc.search.methods import second_look
 from abhv_mc.search.methods.subset import ACCEPTANCE
@@ -17,7 +17,7 @@ from abhv_mc.search.severity import ENDED_EARLY
 def write_rare_page(found: RareFound, path: Path) -> Path:
     """Write the page of an estimate of a rare failure and its figures beside it."""
     metric, failures = found.metric, found.estimate.failures
-    asked = f"{metric.phrase} {_side(found)} {with_unit(found.limit, metric)}"
+    asked = f"{metric.phrase} {metric.with_unit(str(found.limits))}"
     shown = [_levels(found), _mixing(found)] if found.estimate.repetitions else []
     if len(failures):
         caption = (
@@ -37,10 +37,6 @@ def write_rare_page(found: RareFound, path: Path) -> Path:
         shown,
         [*([_combinations(found)] if found.strata else []), flights],
     )
-
-
-def _side(found: RareFound) -> str:
-    return "below" if found.requirement.below is not None else "above"
 
 
 def _answers(found: RareFound, asked: str) -> list[str]:
@@ -92,11 +88,10 @@ def _combinations(found: RareFound) -> Table:
 
 
 def _levels(found: RareFound) -> Shown:
-    sign = 1.0 if found.requirement.below is not None else -1.0
-    ways = []
+    asked, ways = found.limits, []
     for one in found.estimate.repetitions:
         limits = np.array([level.threshold for level in one.levels])
-        limits = np.where(limits < ENDED_EARLY, found.limit + sign * limits, np.nan)
+        limits = np.where(limits < ENDED_EARLY, asked.sign * (asked.limit + limits), np.nan)
         ways.append((limits, np.cumprod([level.probability for level in one.levels], dtype=np.float64)))
     caption = (
         "Each repetition's thresholds, and the estimated probability of a flight beyond them. Lines that lie apart are "
@@ -104,8 +99,8 @@ def _levels(found: RareFound) -> Shown:
     )
     if any(np.isnan(limits).any() for limits, _ in ways):
         caption += " A line ends where the next threshold is an early end, which has no value of the metric."
-    label = found.metric.label_with_unit
-    return Shown("levels", "Levels", caption, plot_levels(label, found.limit, ways))
+    label = f"{'distance outside the limits of ' if asked.both else ''}{found.metric.label_with_unit}"
+    return Shown("levels", "Levels", caption, plot_levels(label, asked.sign * asked.limit, ways))
 
 
 def _mixing(found: RareFound) -> Shown:
