@@ -11,7 +11,10 @@ from abhv_mc.daveml.model import read_model
 from abhv_mc.daveml.shots import make_function, run_shots
 from abhv_mc.daveml.vehicle import import_daveml
 from abhv_mc.daveml.writer import python_names
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.input_error import InputError, InputErrors
+from abhv_mc.plant.trim import FlightPoint, trim
+from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.verification.nesc_cases import ELLIPSOID
 
 FILES = sorted((Path(__file__).parents[1] / "reference" / "daveml").glob("*.dml"))
 SHOTS = {"F16_aero.dml": 16, "F16_prop.dml": 9}
@@ -180,3 +183,40 @@ def test_ungridded_extrapolated_and_own_points(tmp_path: Path) -> None:
     assert function(0.5, 0.5) == pytest.approx((1 + 0.5 + 1.0, 1.0, 2.0, 0.5 ** (1 / 3)))  # f = 1 + x + 2 y
     assert function(5.0, 0.0)[1:] == pytest.approx((6.0, 3.0, 5.0 ** (1 / 3)))
     assert function(-5.0, 0.0)[1:] == pytest.approx((1.0, 1.0, 0.5 ** (1 / 3)))
+
+
+ODD = """<DAVEfunc xmlns="http://daveml.org/2010/DAVEML" xmlns:m="http://www.w3.org/1998/Math/MathML">
+<fileHeader name="odd"><provenance provID="p"><author name="a" org="b"/></provenance></fileHeader>
+<variableDef name="angleOfAttack" varID="class" units="DEG"/>
+<variableDef name="scale" varID="1k" units="nd" initialValue="2.5"><provenanceRef provID="p"/><uncertainty
+ effect="additive"><normalPDF numSigmas="3"><bounds>0.1</bounds></normalPDF></uncertainty></variableDef>
+<variableDef name="between" varID="between" units="nd"><calculation><m:math><m:apply><m:times/><m:ci>1k</m:ci>
+ <m:cn type="e-notation">4<m:sep/>-1</m:cn></m:apply></m:math></calculation></variableDef>
+<variableDef name="angle" varID="angle" units="rad"><calculation><m:math><m:apply>
+ <m:csymbol definitionURL="http://daveml.org/function_spaces.html#atan2"/><m:ci>class</m:ci>
+ <m:apply><m:minus/><m:ci>between</m:ci></m:apply></m:apply></m:math></calculation><isOutput/></variableDef>
+<checkData><staticShot name="one"><checkInputs><signal><signalName>angleOfAttack</signalName>
+ <signalUnits>rad</signalUnits><signalValue>0.017453292519943295</signalValue></signal></checkInputs><internalValues><signal><varID>between</varID>
+ <signalValue>1.0</signalValue><tol>1e-9</tol></signal></internalValues><checkOutputs><signal><varID>angle</varID>
+ <signalValue>2.356194490192345</signalValue><tol>1e-9</tol></signal></checkOutputs></staticShot></checkData></DAVEfunc>"""
+
+
+def test_units_in_capitals_numbers_with_exponents_and_internal_values(tmp_path: Path) -> None:
+    path = tmp_path / "odd.dml"
+    path.write_text(ODD, encoding="utf-8")
+    run_shots(read_model(path))
+    path.write_text(ODD.replace("<signalValue>1.0<", "<signalValue>1.1<"), encoding="utf-8")
+    with pytest.raises(InputErrors, match="'between' in the check shot 'one'"):
+        run_shots(read_model(path))
+
+
+def test_limits_are_where_the_tables_end_and_without_them_the_trim_is_near_zero(tmp_path: Path) -> None:
+    import_daveml([of("F16_aero.dml"), of("F16_prop.dml"), of("F16_inertia.dml")], tmp_path)
+    path = tmp_path / "vehicle.yaml"
+    limited = load_vehicle(path).constants
+    assert np.degrees([limited.angle_of_attack_min, limited.angle_of_attack_max]).tolist() == [-10.0, 45.0]
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text[: text.index("\nlimits:")], encoding="utf-8")
+    found = trim(load_vehicle(path), ELLIPSOID, FlightPoint(3051.96, 172.42))
+    assert not found.fault
+    assert 1.0 < np.degrees(found.angle_of_attack) < 4.0

@@ -190,5 +190,5 @@ def test_elevons_with_actuators_alike_fly_as_the_axes_do(tmp_path) -> None:
     assert np.array_equal(*(actuator_matrices(plan, lane)[0] for plan in plans))
     uneven = load_vehicle(driven)
     uneven.effectors[0, 3] = 20.0
-    with pytest.raises(InputError, match="differ"):
+    with pytest.raises(InputError, match=r"right_elevon .20 rad/s.*left_elevon .50 rad/s"):
         actuator_matrices(replace(plans[1], vehicle=uneven), lane)

@@ -80,7 +80,9 @@ def read_formula(node: Node, path: Path) -> Expression:
         head, *rest = at.children
         if head.name == "piecewise" and not rest:
             return piecewise(head)
-        name = head.text.strip() if head.name == "csymbol" else head.name
+        name = head.name
+        if name == "csymbol":
+            name = head.text.strip() or head.attributes.get("definitionURL", "").rpartition("#")[2]
         if name not in OPERATORS or name == "piecewise":
             raise refuse(head, f"the operator '{name}'", one_of(OPERATORS, name))
         qualifiers = {child.name: child for child in rest if child.name in ("degree", "logbase")}

@@ -194,8 +194,8 @@ def _read_shot(shot: Node, path: Path, variables: dict[str, Variable]) -> CheckS
         for signal in (node for part in shot.all(group) for node in part.all("signal")):
             name, identified = signal.words("signalName"), signal.words("varID") or signal.words("signalID")
             given = name or identified
-            identifier = by_name.get(name) or next((key for key in (identified, name) if key in variables), None)
-            if identifier is None:
+            identifier = identified if identified in variables else by_name.get(name, name)
+            if identifier not in variables:
                 known = one_of((*by_name, *variables), given)
                 raise InputError(path, signal.line, signal.column, f"the signal '{given}'", known)
             factor = _conversion(signal, variables[identifier], path)

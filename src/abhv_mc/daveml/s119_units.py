@@ -12,13 +12,15 @@ _SYMBOLS = (
     "kt", "kn", "Pa", "hr", "lb", "Hz", "N", "W", "m", "s", "h", "r", "d",
 )  # fmt: skip  # longest first
 _TOKEN = re.compile(f"({'|'.join(_SYMBOLS)})([0-9]?)")
+_ANY_CASE = re.compile(_TOKEN.pattern, re.IGNORECASE)  # FT, Deg, LBF: where the exact spelling is none
+_EXACT = {symbol.lower(): symbol for symbol in reversed(_SYMBOLS)}
 _NUMBERS = {"nd": 1.0, "frac": 1.0, "pct": 0.01, "": 1.0}
 
 
 def parse_s119_unit(text: str) -> tuple[float, Exponents]:
     """Factor to SI and exponents. Raises :class:`Refusal` for a unit that is not known."""
-    if text in _NUMBERS:
-        return _NUMBERS[text], (0, 0, 0, 0)
+    if text.lower() in _NUMBERS:
+        return _NUMBERS[text.lower()], (0, 0, 0, 0)
     above, _, below = text.partition("_")
     words = [_words(above, text), *(f"/{word}" for word in _words(below, text).split())]
     return parse_unit("1" + "".join(words[1:]) if not above else " ".join(words))
@@ -28,10 +30,11 @@ def _words(part: str, whole: str) -> str:
     """Symbols with their powers, separated, as :func:`abhv_mc.io.units.parse_unit` reads them."""
     found, place = [], 0
     while place < len(part):
-        match = _TOKEN.match(part, place)
+        match = _TOKEN.match(part, place) or _ANY_CASE.match(part, place)
         if match is None:
             raise Refusal(f"unknown unit '{whole}'", "a unit of S-119 such as ft_s, slugft2, _deg, pct or nd")
-        found.append(_SPELLINGS.get(match[1], match[1]) + match[2])
+        symbol = match[1] if match[1] in _SYMBOLS else _EXACT[match[1].lower()]
+        found.append(_SPELLINGS.get(symbol, symbol) + match[2])
         place = match.end()
     return " ".join(found)
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 from abhv_mc.daveml.model import Model
@@ -19,16 +20,20 @@ def make_function(model: Model) -> Callable[..., Any]:
 
 
 def run_shots(model: Model) -> None:
-    """Run every check shot. Raises InputErrors with each output that is off by more than the file allows."""
-    function, names = make_function(model), python_names(model)
-    errors = list(_differences(model, function, names))
+    """Run every check shot. Raises InputErrors with each value that is off by more than the file allows.
+
+    Internal values count where the file gives them a tolerance.
+    """
+    checked = {signal.identifier for shot in model.shots for signal in (*shot.internals, *shot.outputs)}
+    seen = {key: replace(v, is_output=v.is_output or key in checked) for key, v in model.variables.items()}
+    model = replace(model, variables=seen)
+    errors = list(_differences(model, make_function(model), python_names(model))) if model.shots else []
     if errors:
         raise InputErrors(errors)
 
 
 def _differences(model: Model, function: Callable[..., Any], names: dict[str, str]) -> Iterator[InputError]:
     known = {variable.identifier for variable in model.inputs}
-    given_by_itself = {variable.identifier for variable in model.outputs}
     for shot in model.shots:
         given = {names[signal.identifier]: signal.value for signal in shot.inputs if signal.identifier in known}
         missing = [v.name for v in model.inputs if v.initial is None and names[v.identifier] not in given]
@@ -36,13 +41,10 @@ def _differences(model: Model, function: Callable[..., Any], names: dict[str, st
             line = shot.inputs[0].line if shot.inputs else None
             yield InputError(model.path, line, None, f"the check shot '{shot.name}' without {', '.join(missing)}", "it")
             continue
-        outputs = function(**given)
-        for signal in shot.outputs:
-            if signal.identifier not in given_by_itself:
-                found = f"'{signal.identifier}' of the check shot '{shot.name}', which is no output"
-                yield InputError(model.path, signal.line, None, found, "isOutput in its variable")
-                continue
-            value = float(getattr(outputs, names[signal.identifier]))
+        found_values = function(**given)
+        internals = [signal for signal in shot.internals if signal.tolerance is not None]
+        for signal in (*internals, *shot.outputs):
+            value = float(getattr(found_values, names[signal.identifier]))
             allowed = _WITHOUT_TOLERANCE * max(1.0, abs(signal.value)) if signal.tolerance is None else signal.tolerance
             if not math.isfinite(value) or abs(value - signal.value) > allowed:
                 found = f"{value!r} for '{signal.identifier}' in the check shot '{shot.name}'"

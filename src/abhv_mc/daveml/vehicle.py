@@ -1,5 +1,6 @@
 """``abhv-mc import daveml``: from DAVE-ML files to a folder with Python functions and a vehicle file."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from abhv_mc.daveml.adapters import (
 )
 from abhv_mc.daveml.model import Model, Variable, read_model
 from abhv_mc.daveml.shots import make_function, run_shots
-from abhv_mc.daveml.signals import find_signals, kinds_of
+from abhv_mc.daveml.signals import find_signals, kinds_of, quantity_of
 from abhv_mc.daveml.writer import python_names, write_module
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.documents import read_document
@@ -165,7 +166,31 @@ def _vehicle(models: Sequence[Model], values: Mapping[str, float], sections: Map
     ]
     for name, section in sections.items():
         lines += ["", f"{name}:", section]
+    lines += _limits(models)
     return "\n".join(lines) + "\n"
+
+
+def _limits(models: Sequence[Model]) -> list[str]:
+    """Limits where the last of the tables over the angle of attack and the sideslip ends."""
+    ends: dict[str, list[float]] = {"angle_of_attack": [], "sideslip": []}
+    for model in models:
+        for look_up in (variable.look_up for variable in model.variables.values() if variable.look_up):
+            for axis, argument in enumerate(look_up.arguments):
+                given = model.variables[argument.variable]
+                quantity = quantity_of(given)
+                if given.computed or quantity not in ends:
+                    continue
+                degree = math.degrees(factor_to_si(model, given, quantity))
+                points = (
+                    look_up.table.grids[axis].points if look_up.table.points is None else look_up.table.points[:, axis]
+                )
+                ends[quantity] += [degree * float(points.min()), degree * float(points.max())]
+    lines = []
+    if ends["angle_of_attack"]:
+        lines.append(f"  angle_of_attack: [{min(ends['angle_of_attack']):g} deg, {max(ends['angle_of_attack']):g} deg]")
+    if min(ends["sideslip"], default=0.0) < 0.0:
+        lines.append(f"  sideslip: {max(map(abs, ends['sideslip'])):g} deg")
+    return ["", "limits: # the tables end there", *lines] if lines else []
 
 
 def _controller(model: Model, module: str) -> str:

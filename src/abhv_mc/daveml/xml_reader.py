@@ -87,6 +87,7 @@ class _Reader:
         node = Node(plain, bare, self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1)
         if self._open:
             self._open[-1].children.append(node)
+            self._open[-1].text += " "  # 1<sep/>3 is two numbers
         else:
             self._root = node
         self._open.append(node)

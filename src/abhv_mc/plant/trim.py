@@ -20,6 +20,7 @@ from abhv_mc.world.earth import Earth, gravity_ned, radii
 GRAVITY = 9.80665  # m/s2, of load factors
 _TOLERANCE = 1e-8  # of the weight, and of the weight times the chord
 _STEEPEST = -1.2  # rad, of a glide
+_USUAL = math.pi / 4.0  # rad: an angle of attack within it is preferred
 _STEP = 1e-13  # rad and equivalence ratio: the roots are found to it
 
 
@@ -107,7 +108,10 @@ def _balance(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float) ->
         elevator = elevator_of(alpha)
         return unbalance(alpha, elevator, eta_of(alpha, elevator))[1]
 
-    alpha = _root(lift_of, constants.angle_of_attack_min, constants.angle_of_attack_max)
+    low, high = constants.angle_of_attack_min, constants.angle_of_attack_max
+    alpha = _root(lift_of, max(low, -_USUAL), min(high, _USUAL))
+    if (low < -_USUAL or high > _USUAL) and abs(lift_of(alpha)) > _TOLERANCE:
+        alpha = _root(lift_of, low, high)
     elevator = elevator_of(alpha)
     eta = eta_of(alpha, elevator)
     left = unbalance(alpha, elevator, eta)

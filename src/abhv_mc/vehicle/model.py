@@ -128,15 +128,23 @@ def drive_axes(vehicle: Vehicle) -> Vehicle:
     if not driven.any():
         return vehicle
     kinds = vehicle.effectors[driven][:, BANDWIDTH : IDEAL + 1].tolist()
+    names = [name for name, own in zip(name_effectors(vehicle), driven, strict=True) if own]
     used = {VARIABLES[i] for i in (*vehicle.build_up.variable, *vehicle.tables.axis_variable)}
     if not driven.all() or used & {"aileron", "rudder", "elevator"}:
         kinds.append([c.surface_bandwidth, c.surface_damping, c.ideal_surfaces])
-    if any(kind != kinds[0] for kind in kinds):
-        expected = "one bandwidth and damping of all surfaces, for a linear model"
-        raise InputError("vehicle", None, None, "effectors whose actuators differ", expected)
+        names.append("surfaces")
+    other = next((i for i, kind in enumerate(kinds) if kind != kinds[0]), None)
+    if other is not None:
+        found = f"actuators that differ: {names[0]} ({_lag(kinds[0])}), {names[other]} ({_lag(kinds[other])})"
+        raise InputError("vehicle", None, None, found, "one bandwidth and damping of all surfaces, for a linear model")
     bandwidth, damping, ideal = kinds[0]
     constants = c._replace(surface_bandwidth=bandwidth, surface_damping=damping, ideal_surfaces=ideal)
     return follow_axes(vehicle)._replace(constants=constants)
+
+
+def _lag(kind: list[float]) -> str:
+    bandwidth, damping, ideal = kind
+    return "ideal" if ideal else f"{bandwidth:g} rad/s, damping {damping:g}"
 
 
 def deflection_range(vehicle: Vehicle, axis: int) -> tuple[float, float]:

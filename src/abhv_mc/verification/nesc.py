@@ -109,10 +109,10 @@ def allowed_difference(given: list[dict[str, Floats]]) -> tuple[float, ...]:
     """
     largest = np.zeros(len(_QUANTITIES))
     for one, other in itertools.combinations(given, 2):
-        common = np.flatnonzero(np.isclose(one["time"][:, None], other["time"][None, :], atol=1e-6).any(axis=1))
-        near = np.searchsorted(other["time"], one["time"][common] - 1e-6)
+        place = np.minimum(np.searchsorted(other["time"], one["time"] - 1e-6), other["time"].size - 1)
+        common = np.abs(other["time"][place] - one["time"]) < 2e-6
         first = {name: column[common] for name, column in one.items()}
-        second = {name: column[near] for name, column in other.items()}
+        second = {name: column[place[common]] for name, column in other.items()}
         apart = _differences(_published(first), _published(second))
         largest = np.maximum(largest, [np.abs(difference).max() for difference in apart])
     return tuple(_NEEDED * largest + _tolerances_of(tolerances(_LIKE)))

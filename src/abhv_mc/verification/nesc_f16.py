@@ -129,8 +129,8 @@ def solve_start(vehicle: Vehicle, case: AircraftCase) -> Floats:
 def make_steps(law: Law, case: AircraftCase, start: Floats) -> CommandSteps:
     """What the law is commanded: course and airspeed of the start, the case's steps, and solved stick and throttle.
 
-    With the law engaged they take up that the law's own design point is not quite this trim: it does not move the
-    elevator at the start of the published cases 13, and moves it by a degree at that of the cases 15 and 16.
+    They are solved with the law off, as its notes ask. In the cases 13 they also take up that the law's own design
+    point is not quite this trim: in the published flights it does not move the elevator at the start.
     """
     speed = math.hypot(*case.velocity)
     equivalent = speed * math.sqrt(atmosphere(case.altitude)[0] / atmosphere(0.0)[0])

@@ -105,6 +105,8 @@ def at_times(tick: float, states: Floats, times: Floats) -> Floats:
     """States ``[time, state]`` at any times within the flight, by a cubic spline through the ticks."""
     from scipy.interpolate import CubicSpline
 
+    states = states.copy()
+    states[:, s.LONGITUDE] = np.unwrap(states[:, s.LONGITUDE])  # across the date line
     spline = CubicSpline(tick * np.arange(len(states)), states, axis=0)
     return np.asarray(spline(times), dtype=np.float64)
 
