@@ -158,9 +158,9 @@ CHANNEL_FIGURES: tuple[ChannelFigure, ...] = (
     ),
     ChannelFigure(
         "equivalence_ratio",
-        "Fuel equivalence ratio command",
-        "Commanded fuel equivalence ratio.",
-        (Curve("equivalence_ratio_command", "equivalence ratio (–)", "equivalence_ratio_reference"),),
+        "Throttle command (fuel equivalence ratio)",
+        "Commanded throttle; of an air-breathing engine its fuel equivalence ratio.",
+        (Curve("equivalence_ratio_command", "throttle (–)", "equivalence_ratio_reference"),),
         "",
         InPaper(11, "0.8 to 1.25"),
     ),
