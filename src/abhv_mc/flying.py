@@ -27,9 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from abhv_mc.flight.plan import FlightPlan
-    from abhv_mc.plant.trim import FlightPoint
     from abhv_mc.vehicle.model import Vehicle
-    from abhv_mc.world.earth import Earth
 
 Input = str | Path | Mapping[str, Any] | Callable[..., Any]
 Quantity = float | str  # a number in SI (angles in rad), or text with a unit
@@ -211,43 +209,47 @@ def trim(
     """
     import pandas as pd
 
-    from abhv_mc.plant.trim import FlightPoint
     from abhv_mc.user_code.vehicle_functions import load_vehicle
-    from abhv_mc.world.earth import WGS84
 
     document: Any = make_document("vehicle", vehicle)
     banks = [bank] if isinstance(bank, str | int | float | Real) else list(bank)
     if not banks:
         raise InputError("bank", None, None, "no angle", "one or more")
 
-    def limited(name: str, value: Quantity) -> float:
-        dimension, low, high = TRIM_LIMITS[name]
-        number = to_si(value, dimension, name)
-        if not low <= number <= high:
-            wish = f"{format_quantity(low, dimension)} to {format_quantity(high, dimension)}"
-            raise InputError(name, None, None, describe(value), wish)
-        return number
-
-    climb = limited("flight_path_angle", flight_path_angle)
-    where = limited("latitude", latitude), limited("heading", heading), climb
-    point = FlightPoint(limited("altitude", altitude), limited("speed", speed), 0.0, *where)
-    earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
-    angles = [limited("bank", angle) for angle in banks]
-    kilograms = None if mass is None else limited("mass", mass)
-    rows = list(trim_rows(load_vehicle(document), earth, point, angles, kilograms))
+    given = {"altitude": altitude, "speed": speed, "flight_path_angle": flight_path_angle, "latitude": latitude}
+    point = {name: trim_quantity(name, value, name) for name, value in (given | {"heading": heading}).items()}
+    angles = [trim_quantity("bank", angle, "bank") for angle in banks]
+    kilograms = None if mass is None else trim_quantity("mass", mass, "mass")
+    rows = list(trim_rows(load_vehicle(document), point, angles, kilograms, rotating))
     table = pd.DataFrame(rows).set_index("bank_deg")
     table.attrs = {"units": dict(TRIM_UNITS)}
     return table
 
 
-def trim_rows(
-    vehicle: "Vehicle", earth: "Earth", point: "FlightPoint", banks: Sequence[float], mass: float | None
-) -> Iterator[dict[str, Any]]:
-    """The trim at each bank angle (rad) by the names of TRIM_UNITS, whether there is one, and why not."""
-    from abhv_mc.plant.trim import trim as balance
+def trim_quantity(name: str, value: Quantity, called: str, bare_unit: str | None = None) -> float:
+    """One of TRIM_LIMITS in SI; a number without a unit is SI, or in ``bare_unit``. Raises InputError."""
+    dimension, low, high = TRIM_LIMITS[name]
+    number = to_si(value, dimension, called, bare_unit)
+    if not low <= number <= high:
+        wish = f"{format_quantity(low, dimension)} to {format_quantity(high, dimension)}"
+        raise InputError(called, None, None, describe(value), wish)
+    return number
 
+
+def trim_rows(
+    vehicle: "Vehicle", point: Mapping[str, float], banks: Sequence[float], mass: float | None, rotating: bool
+) -> Iterator[dict[str, Any]]:
+    """The trim at each bank angle (rad) by the names of TRIM_UNITS, whether there is one, and why not.
+
+    ``point``: the other fields of a :class:`abhv_mc.plant.trim.FlightPoint`; the Earth is at rest unless ``rotating``.
+    """
+    from abhv_mc.plant.trim import FlightPoint
+    from abhv_mc.plant.trim import trim as balance
+    from abhv_mc.world.earth import WGS84
+
+    earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
     for angle in banks:
-        found = balance(vehicle, earth, point._replace(bank=angle), mass)
+        found = balance(vehicle, earth, FlightPoint(bank=angle, **point), mass)
         yield {
             "bank_deg": math.degrees(angle),
             "flight_path_angle_deg": math.degrees(found.flight_path_angle),
@@ -284,9 +286,9 @@ def check_mapping(value: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return value
 
 
-def to_si(value: Quantity, dimension: Dimension, name: str) -> float:
-    """A number in SI as it is, text by its unit. Raises InputError, which calls it ``name``."""
+def to_si(value: Quantity, dimension: Dimension, name: str, bare_unit: str | None = None) -> float:
+    """A number in SI (or in ``bare_unit``) as it is, text by its unit. Raises InputError, which calls it ``name``."""
     try:
-        return parse_quantity(value, dimension, dimension.unit)
+        return parse_quantity(value, dimension, bare_unit or dimension.unit)
     except Refusal as refusal:
         raise InputError(name, None, None, refusal.found, refusal.expected) from None

@@ -16,13 +16,13 @@ from abhv_mc.folder.database import open_database
 from abhv_mc.folder.export import export_csv
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.io.input_error import InputError
-from abhv_mc.report.numbers.compare import compare_folders
 from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.numbers.whatif import make_whatif
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.search.search_flights import SearchRequest
 from abhv_mc.search.worst import WorstSettings, find_worst
+from abhv_mc.searching import compare
 
 KEEP = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: [altitude_m, bank_deg]}}"
 READERS = {
@@ -30,7 +30,7 @@ READERS = {
     "query": lambda folder: open_database(folder).__enter__(),
     "notebook": open_results,
     "export": lambda folder: list(export_csv(folder, folder / "csv")),
-    "compare": lambda folder: compare_folders(folder, folder),
+    "compare": lambda folder: compare(folder, folder),
     "whatif": lambda folder: make_whatif(folder, {}),
 }
 SEED = 2026

@@ -14,10 +14,10 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.folder.database import open_database
 from abhv_mc.folder.export import export_csv
 from abhv_mc.io.input_error import InputError
-from abhv_mc.report.numbers.compare import compare_folders
 from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.pages import gallery
 from abhv_mc.report.pages.build import is_up_to_date
+from abhv_mc.searching import compare
 
 CHANGED = "a run has written here meanwhile"
 
@@ -104,7 +104,7 @@ def test_a_comparison(request_, fly_meanwhile, tmp_path, monkeypatch):
 
     monkeypatch.setattr("abhv_mc.report.numbers.compare.read_results", read)
     with pytest.raises(InputError, match=f"{CHANGED}|atmosphere.density = "):  # of another campaign
-        compare_folders(request_.out, tmp_path / "other")
+        compare(request_.out, tmp_path / "other")
 
 
 def test_a_run_that_finds_nothing_to_do_disturbs_nobody(request_):

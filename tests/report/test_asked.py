@@ -14,10 +14,11 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.io.input_error import InputError
 from abhv_mc.numerics.bounds import Bounds
-from abhv_mc.report.numbers.compare import compare_folders
+from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.search.rare import RareSettings, find_rare
 from abhv_mc.search.search_flights import SearchRequest
+from abhv_mc.searching import compare
 
 LOW = "altitude_low_m"
 CAMPAIGN = """\
@@ -83,9 +84,9 @@ def test_the_folder_says_what_is_bad_and_follows_from_itself(flown):
 
 
 def test_a_gate_takes_it_on_its_bad_side(flown):
-    (pair,) = compare_folders(flown[0], flown[0], ("lqr", "tlc"), {LOW: 1e-6})["paired"]
+    (pair,) = compare(flown[0], flown[0], ("lqr", "tlc"), {LOW: 1e-6})["paired"]
     assert not pair["not_worse"][LOW]["shown"]
-    (pair,) = compare_folders(flown[0], flown[0], ("tlc", "lqr"), {LOW: 1e-6})["paired"]
+    (pair,) = compare(flown[0], flown[0], ("tlc", "lqr"), {LOW: 1e-6})["paired"]
     assert pair["not_worse"][LOW]["shown"]
 
 

@@ -1,11 +1,9 @@
 """A map of a campaign's failures: the smallest sets of dispersions with which its failed flights still fail."""
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +16,10 @@ from abhv_mc.analysis.shrink import Shrunk, shrink_together
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.blocks import choose_batch
 from abhv_mc.execution.engine import Engine
-from abhv_mc.execution.executor import Executor, open_executor
+from abhv_mc.execution.executor import open_executor
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder, write_bytes
@@ -100,24 +97,16 @@ def map_failures(
         for name, flights in failed.items():
             read_checked(folder, [folder.plan(name)])
             plan = read_trusted_plan(folder, campaign, name, trust_code)
-            found[name] = _map_controller(folder, campaign, name, flights, partial(_fly, executor, plan))
+            found[name] = _map_controller(folder, campaign, name, flights, partial(executor.fly_side_by_side, plan))
     return FailureMap(str(read_manifest(folder.manifest).get("digest")), found)
 
 
-def _fly(executor: Executor, plan: FlightPlan, parameters: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
-    """Outcomes, ends and metrics of flights; those that cannot be computed count as not failed."""
-    share = choose_batch(len(parameters), executor.workers)
-    pieces = [parameters[start : start + share] for start in range(0, len(parameters), share)]
-    with ThreadPoolExecutor(executor.workers + 1) as threads:
-        blocks = list(threads.map(lambda piece: executor.fly(plan, piece, None), pieces))
-    outcome, end, metrics = (
-        np.concatenate([getattr(block, name) for block in blocks]) for name in ("outcome", "end_time", "metrics")
-    )
-    return outcome, end, metrics
-
-
 def _map_controller(
-    folder: CampaignFolder, campaign: CheckedCampaign, controller: str, failed: Sequence[int], fly: Callable[..., Any]
+    folder: CampaignFolder,
+    campaign: CheckedCampaign,
+    controller: str,
+    failed: Sequence[int],
+    fly: Callable[[Floats], FlightBlock],
 ) -> ControllerFailures:
     flights = [int(flight) for flight in failed[:MOST_FLIGHTS]]
     rows = find_rows(folder, controller, flights)
@@ -130,8 +119,7 @@ def _map_controller(
 
     def severity(owners: NDArray[np.intp], keep: Mask) -> Floats:
         dispersed = np.where(keep, values[owners], nominal)
-        flown = fly(full_rows(rows[0].names, np.column_stack([dispersed, seeds[owners]])))
-        return _severity(failures, owners, *flown)
+        return _severity(failures, owners, fly(full_rows(rows[0].names, np.column_stack([dispersed, seeds[owners]]))))
 
     reader = SampleReader(folder.samples)
     found = shrink_together(len(names), severity, [mildest_first(reader, each) for each in values], _BUDGET)
@@ -141,15 +129,13 @@ def _map_controller(
     return ControllerFailures(len(failed), groups, bare, rest, sum(each.tried for each in found if each))
 
 
-def _severity(
-    failures: Sequence[Failure], owners: NDArray[np.intp], outcome: NDArray[np.int64], end: Floats, metrics: Floats
-) -> Floats:
+def _severity(failures: Sequence[Failure], owners: NDArray[np.intp], flown: FlightBlock) -> Floats:
     """How badly each candidate [candidate] fails as its owner did; -inf where it does not, or was not computed."""
     severity = np.full(owners.size, -np.inf)
     for who in np.unique(owners).tolist():
         rows = owners == who
-        severity[rows] = failures[who].severity(outcome[rows], end[rows], metrics[rows])
-    return np.where(outcome == Outcome.FAILED_TO_RUN, -np.inf, severity)
+        severity[rows] = failures[who].severity(flown.outcome[rows], flown.end_time[rows], flown.metrics[rows])
+    return np.where(flown.outcome == Outcome.FAILED_TO_RUN, -np.inf, severity)
 
 
 def _group(

@@ -8,8 +8,8 @@ import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import Json, parse_names
-from abhv_mc.cli.outputs import output_folder
-from abhv_mc.cli.printing import say, show
+from abhv_mc.cli.outputs import output, output_folder
+from abhv_mc.cli.printing import new_table, print_table, say, show
 
 
 def command(
@@ -17,21 +17,13 @@ def command(
     folder_b: Annotated[Path, typer.Argument(metavar="DIR_B", help="Folder of a campaign on the same samples.")],
     controllers: Annotated[
         str | None,
-        typer.Option(
-            "--controllers",
-            "--controller",
-            metavar="A,B",
-            help="Compare A of DIR_A with B of DIR_B.",
-        ),
+        typer.Option("--controllers", "--controller", metavar="A,B", help="Compare A of DIR_A with B of DIR_B."),
     ] = None,
     fail_if_worse: Annotated[
         list[str] | None,
         typer.Option(metavar="METRIC=5%", help="Exit 1 where B is not shown to be at most so much worse; repeatable."),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", callback=output_folder, metavar="DIR", help="Write a page there."),
-    ] = None,
+    out: Annotated[Path | None, output(output_folder, "DIR", "Write a page there.")] = None,
     json: Json = None,
 ) -> None:
     """Pair two campaigns flight by flight: differences with intervals, and failures of only one.
@@ -62,7 +54,6 @@ def command(
 
 
 def _print(found: dict[str, Any]) -> None:
-    from abhv_mc.cli.printing import new_table, print_table
     from abhv_mc.report.numbers.compare import gate_words
     from abhv_mc.report.numbers.words import p_value, significant
 
@@ -110,7 +101,6 @@ def _listed(failed: dict[str, Any]) -> str:
 
 def _print_usage(usage: dict[str, Any], words: dict[str, Any]) -> None:
     """Tracking error against control usage: the ratios, and in how many flights less error was bought with more use."""
-    from abhv_mc.cli.printing import new_table, print_table
 
     headings = "error ratio", "usage ratio", "less error, no more use", "less error, more use"
     table = new_table(("metric",), headings, "A to B: error against surface usage")

@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.options import Controller, Folder, Json, TrustCode
-from abhv_mc.cli.outputs import output_file
-from abhv_mc.cli.printing import say, show
+from abhv_mc.cli.outputs import output, output_file
+from abhv_mc.cli.printing import new_table, print_table, say, show
 from abhv_mc.io.input_error import InputError
 
 
@@ -20,17 +20,7 @@ def command(
         str | None,
         typer.Option(metavar="METRIC", help="Explain why it missed this requirement.", show_default="what it failed"),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            callback=output_file,
-            metavar="FILE.png",
-            help="Where the figure goes.",
-            show_default="in DIR",
-        ),
-    ] = None,
+    out: Annotated[Path | None, output(output_file, "FILE.png", "Where the figure goes.", default="in DIR")] = None,
     json: Json = None,
     trust_code: TrustCode = False,
 ) -> None:
@@ -74,7 +64,6 @@ def _explain_one(
 
 def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code: bool) -> None:
     from abhv_mc.analysis.failure_map import map_failures, write_map
-    from abhv_mc.cli.printing import new_table, print_table
     from abhv_mc.execution.engine import make_engine
     from abhv_mc.io.documents import one_of
     from abhv_mc.report.numbers.failure_map import failure_map_tables, map_numbers

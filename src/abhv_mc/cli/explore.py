@@ -6,6 +6,7 @@ import typer
 
 from abhv_mc.cli.options import Folder, TrustCode
 from abhv_mc.cli.printing import say
+from abhv_mc.io.input_error import InputError
 
 
 def command(
@@ -26,7 +27,6 @@ def command(
     from abhv_mc.execution.engine import make_engine
     from abhv_mc.explore.counts import open_flights
     from abhv_mc.explore.server import ExploreServer
-    from abhv_mc.io.input_error import InputError
 
     with open_flights(folder) as table:
         announce_compiling()

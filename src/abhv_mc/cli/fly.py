@@ -4,11 +4,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from abhv_mc.cli.options import ControllerFiles, Json, MissionFile, Vehicle, find_controllers
-from abhv_mc.cli.outputs import output_folder
-from abhv_mc.cli.printing import say, show
+from abhv_mc.cli.outputs import output, output_folder
+from abhv_mc.cli.printing import new_table, print_table, say, show
+from abhv_mc.io.input_error import InputError
 
 if TYPE_CHECKING:
     from abhv_mc.flight.plan import FlightBlock
@@ -18,17 +17,13 @@ def command(
     mission: MissionFile,
     vehicle: Vehicle = None,
     controllers: ControllerFiles = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", callback=output_folder, metavar="DIR", help="Write history and figures here."),
-    ] = None,
+    out: Annotated[Path | None, output(output_folder, "DIR", "Write history and figures here.")] = None,
     json: Json = None,
 ) -> None:
     """Fly a mission once with each controller, nothing dispersed, and print how it went."""
     from functools import partial
 
     from abhv_mc.cli.announce import announce_compiling, announce_warnings
-    from abhv_mc.io.input_error import InputError
     from abhv_mc.shipped import find_input
 
     files = find_controllers(controllers)
@@ -69,7 +64,6 @@ def _make_figures(blocks: "dict[str, FlightBlock]") -> dict[str, Any]:
 
 
 def _print_table(title: str, blocks: "dict[str, FlightBlock]") -> None:
-    from abhv_mc.cli.printing import new_table, print_table
     from abhv_mc.flight.metrics import METRICS
     from abhv_mc.flight.outcome import SENTENCES, Outcome
 

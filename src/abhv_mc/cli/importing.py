@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from abhv_mc.cli.outputs import output_folder
+from abhv_mc.cli.outputs import output, output_folder
 from abhv_mc.cli.printing import say
 
 app = typer.Typer(help="Make files of your own from other people's models.", no_args_is_help=True)
@@ -19,10 +19,7 @@ def _family() -> None:
 @app.command("daveml")
 def daveml(
     files: Annotated[list[Path], typer.Argument(metavar="FILE.dml...", help="DAVE-ML files of one vehicle.")],
-    out: Annotated[
-        Path,
-        typer.Option("--output", "-o", callback=output_folder, metavar="DIR", help="Folder for the vehicle."),
-    ],
+    out: Annotated[Path, output(output_folder, "DIR", "Folder for the vehicle.")],
 ) -> None:
     """Write DAVE-ML files (ANSI/AIAA S-119) as readable Python functions; their check shots must pass.
 

@@ -6,15 +6,13 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.options import MissionOrCampaign, TrustCode, Vehicle
-from abhv_mc.cli.outputs import output_file
+from abhv_mc.cli.outputs import output, output_file
 from abhv_mc.cli.printing import say
 
 
 def command(
     mission: MissionOrCampaign,
-    out: Annotated[
-        Path, typer.Option("--output", "-o", callback=output_file, metavar="FILE", help="Ends in .npz, .mat or .json.")
-    ],
+    out: Annotated[Path, output(output_file, "FILE", "Ends in .npz, .mat or .json.")],
     vehicle: Vehicle = None,
     controller: Annotated[
         str, typer.Option("--controller", "--controllers", metavar="C", help="Controller file or shipped name.")

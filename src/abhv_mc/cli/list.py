@@ -83,18 +83,8 @@ def metrics(
     if json is not None:
         show([record.as_entry() for record in records], json, lambda: None)
         return
-    shown = [
-        {
-            "name": record.name,
-            "unit": record.unit,
-            "bad": record.bad,
-            "group": record.group,
-            "counted": record.counted,
-            "doc": record.doc,
-        }
-        for record in records
-    ]
-    _show_records(shown, None)
+    columns = ("name", "unit", "bad", "group", "counted", "doc")
+    _show_records([{key: getattr(record, key) for key in columns} for record in records], None)
 
 
 @app.command()

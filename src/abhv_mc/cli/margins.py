@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from abhv_mc.cli.options import ControllerFiles, Json, MissionOrCampaign, TrustCode, Vehicle, find_controllers
-from abhv_mc.cli.outputs import output_folder
-from abhv_mc.cli.printing import say, show
+from abhv_mc.cli.outputs import output, output_folder
+from abhv_mc.cli.printing import new_table, print_table, say, show
+from abhv_mc.io.input_error import InputError, one_of
 
 if TYPE_CHECKING:
     from abhv_mc.linearizing import Place, Setup
@@ -34,12 +35,7 @@ def command(
     ] = "trim",
     bank: Annotated[str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")] = "0",
     json: Json = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", callback=output_folder, metavar="DIR", help="Write Bode and Nichols figures here."
-        ),
-    ] = None,
+    out: Annotated[Path | None, output(output_folder, "DIR", "Write Bode and Nichols figures here.")] = None,
     trust_code: TrustCode = False,
 ) -> None:
     """Print gain, phase and delay margins of each loop (broken at its actuator, the others closed) and of all at once.
@@ -83,7 +79,6 @@ def command(
 def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], float]":
     """Times (s, or the trim) and the bank (rad) of the options. Raises InputError."""
     from abhv_mc.cli.options import parse_option
-    from abhv_mc.io.input_error import InputError
     from abhv_mc.io.units import ANGLE, TIME
     from abhv_mc.linearizing import check_bank
 
@@ -104,7 +99,6 @@ def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], flo
 
 def _read_range(ends: "list[float]") -> "list[Time]":
     """Times (s) from the first to the last, both among them, the third apart. Raises InputError."""
-    from abhv_mc.io.input_error import InputError
 
     first, last, step = ends
     if step <= 0.0 or last < first or last - first > _MOST_TIMES * step:
@@ -120,7 +114,6 @@ def read_setups(
     from abhv_mc.campaign.file.user_code import check_user_law
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.control.controller_file import read_controller
-    from abhv_mc.io.input_error import InputError
     from abhv_mc.linearizing import read_setup
 
     paths, files = _find_files(vehicle, mission, controllers, trust_code)
@@ -139,7 +132,6 @@ def _find_files(
     """Files of the vehicle and the mission, and those of the controllers by name."""
     from abhv_mc.campaign.file.inputs import find_kind
     from abhv_mc.cli.options import parse_names
-    from abhv_mc.io.input_error import InputError, one_of
     from abhv_mc.shipped import find_input
 
     if find_kind(mission) == "campaign":
@@ -170,7 +162,6 @@ def take_point(setup: "Setup", name: str, time: "Time", bank: float) -> "Place":
 
 
 def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") -> None:
-    from abhv_mc.cli.printing import new_table, print_table
     from abhv_mc.stability.analysis import NO_SLOPES
 
     if not stability.poles[0].size:

@@ -7,17 +7,12 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.options import Json, NoReport, TrustCode
-from abhv_mc.cli.outputs import campaign_folder
+from abhv_mc.cli.outputs import campaign_folder, output
 
 
 def command(
     parts: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of all shards, or of campaigns.")],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", callback=campaign_folder, metavar="DIR", help="New folder.", show_default="reports/NAME"
-        ),
-    ] = None,
+    out: Annotated[Path | None, output(campaign_folder, "DIR", "New folder.", default="reports/NAME")] = None,
     no_report: NoReport = False,
     json: Json = None,
     trust_code: TrustCode = False,

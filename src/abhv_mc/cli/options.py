@@ -3,6 +3,7 @@
 A campaign, mission, vehicle or controller is a path or the name of a shipped one.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,45 +11,28 @@ import typer
 
 from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.cli.outputs import json_file, output_file
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.input_error import InputError, Refusal
 from abhv_mc.shipped import find_input
 
 
-def _campaign(name: str) -> Path:
-    return find_input(name, "campaign")
+def _find(*kinds: str) -> Callable[[str], Path]:
+    return lambda name: find_input(name, *kinds)
 
 
-def _mission(name: str) -> Path:
-    return find_input(name, "mission")
+def _input(metavar: str, *kinds: str) -> Any:
+    """An argument that names a file of these kinds."""
+    words = f"{' or '.join(kinds).capitalize()} file, or the name of a shipped one."
+    return typer.Argument(parser=_find(*kinds), metavar=metavar, help=words)
 
 
-def _mission_or_campaign(name: str) -> Path:
-    return find_input(name, "mission", "campaign")
-
-
-def _vehicle(name: str) -> Path:
-    return find_input(name, "vehicle")
-
-
-CampaignFile = Annotated[
-    Path, typer.Argument(parser=_campaign, metavar="CAMPAIGN", help="Campaign file, or the name of a shipped one.")
-]
-MissionFile = Annotated[
-    Path, typer.Argument(parser=_mission, metavar="MISSION", help="Mission file, or the name of a shipped one.")
-]
-MissionOrCampaign = Annotated[
-    Path,
-    typer.Argument(
-        parser=_mission_or_campaign, metavar="MISSION", help="Mission or campaign file, or the name of a shipped one."
-    ),
-]
-VehicleFile = Annotated[
-    Path, typer.Argument(parser=_vehicle, metavar="VEHICLE", help="Vehicle file, or the name of a shipped one.")
-]
+CampaignFile = Annotated[Path, _input("CAMPAIGN", "campaign")]
+MissionFile = Annotated[Path, _input("MISSION", "mission")]
+MissionOrCampaign = Annotated[Path, _input("MISSION", "mission", "campaign")]
+VehicleFile = Annotated[Path, _input("VEHICLE", "vehicle")]
 Vehicle = Annotated[
     Path | None,
     typer.Option(
-        parser=_vehicle,
+        parser=_find("vehicle"),
         metavar="V",
         help="Vehicle file, or the name of a shipped one.",
         show_default="ghame_x, or the campaign's",
@@ -120,7 +104,6 @@ def find_controllers(text: str | None) -> dict[str, Path]:
 
 def parse_option(option: str, text: str, dimension: Any, bare_unit: str | None = None) -> float:
     """A quantity of an option in SI; without a unit it is in ``bare_unit``. Raises InputError."""
-    from abhv_mc.io.input_error import Refusal
     from abhv_mc.io.units import parse_quantity
 
     try:

@@ -1,11 +1,20 @@
 """Where a command may write, judged before it does anything else: callbacks of the options that name an output."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+import typer
 
 from abhv_mc.io.input_error import InputError
 
 _INPUTS = (".yaml", ".yml", ".py", ".csv", ".parquet")
+
+
+def output(judge: Callable[[Path | None], Path | None], metavar: str, words: str, default: str | bool = True) -> Any:
+    """The option ``--output`` of a command; ``default``: where it writes without, in words."""
+    return typer.Option("--output", "-o", callback=judge, metavar=metavar, help=words, show_default=default)
 
 
 def output_file(path: Path | None) -> Path | None:
@@ -14,8 +23,6 @@ def output_file(path: Path | None) -> Path | None:
         return None
     if path.is_dir():
         raise InputError(path, None, None, "a folder", "the name of a file")
-    if path.exists() and not path.is_file():  # /dev/null would be renamed over
-        raise InputError(path, None, None, "a pipe or a device", "the name of a file")
     return _check(path, path.absolute().parent)
 
 

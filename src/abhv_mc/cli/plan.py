@@ -4,19 +4,14 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from abhv_mc.cli.options import CampaignFile, Json, Runs
-from abhv_mc.cli.outputs import output_folder
-from abhv_mc.cli.printing import say, show
+from abhv_mc.cli.outputs import output, output_folder
+from abhv_mc.cli.printing import new_table, print_table, say, show
 
 
 def command(
     campaign: CampaignFile,
-    out: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", callback=output_folder, metavar="DIR", help="Write the figure plan.png there."),
-    ] = None,
+    out: Annotated[Path | None, output(output_folder, "DIR", "Write the figure plan.png there.")] = None,
     runs: Runs = None,
     json: Json = None,
 ) -> None:
@@ -37,7 +32,6 @@ def command(
 
 
 def _print(numbers: dict[str, Any]) -> None:
-    from abhv_mc.cli.printing import new_table, print_table
     from abhv_mc.report.numbers.words import percent
 
     share = 0.2

@@ -8,16 +8,15 @@ import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import CampaignFile, Controller, Fresh, Json, Scheduler, Seed, Workers, parse_option
-from abhv_mc.cli.outputs import campaign_folder
+from abhv_mc.cli.outputs import campaign_folder, output
 from abhv_mc.cli.printing import say, show
+from abhv_mc.io.input_error import InputError
 
 
 def command(
     campaign: CampaignFile,
     requirement: Annotated[str, typer.Option(help="Metric of the requirement.")],
-    out: Annotated[
-        Path, typer.Option("--output", "-o", callback=campaign_folder, metavar="DIR", help="For flights and page.")
-    ],
+    out: Annotated[Path, output(campaign_folder, "DIR", "For flights and page.")],
     controller: Controller = None,
     target_cov: Annotated[
         str, typer.Option(metavar="COV", help="Coefficient of variation to reach, as 0.2 or 20 %.")
@@ -35,7 +34,6 @@ def command(
     contradict each other, so that there is no trustworthy estimate. Ctrl-C keeps what was flown.
     """
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.io.input_error import InputError
     from abhv_mc.io.units import FRACTION
 
     cov = parse_option("--target-cov", target_cov, FRACTION)

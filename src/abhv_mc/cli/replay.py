@@ -7,20 +7,16 @@ import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import Folder, Json, TrustCode
-from abhv_mc.cli.outputs import output_file
+from abhv_mc.cli.outputs import output, output_file
 from abhv_mc.cli.printing import say, show
+from abhv_mc.io.input_error import InputError
 
 
 def command(
     folder: Folder,
     flight: Annotated[int, typer.Option(min=0, help="Number of the flight.")],
     controller: Annotated[str, typer.Option("--controller", "--controllers", metavar="NAME", help="Controller.")],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", callback=output_file, metavar="FILE.parquet", help="Write its history at full rate."
-        ),
-    ] = None,
+    out: Annotated[Path | None, output(output_file, "FILE.parquet", "Write its history at full rate.")] = None,
     json: Json = None,
     trust_code: TrustCode = False,
 ) -> None:
@@ -33,7 +29,6 @@ def command(
     from abhv_mc.execution.engine import make_engine
     from abhv_mc.flight.channels import CHANNEL_INDEX
     from abhv_mc.folder.histories import write_histories
-    from abhv_mc.io.input_error import InputError
     from abhv_mc.user_code.run_in_thread import run_in_thread
 
     if out is not None and out.suffix != ".parquet":  # the only kind it writes, whatever the name promises

@@ -6,24 +6,14 @@ from typing import Annotated, Literal
 import typer
 
 from abhv_mc.cli.options import Baseline
-from abhv_mc.cli.outputs import output_folder
+from abhv_mc.cli.outputs import output, output_folder
 from abhv_mc.cli.printing import say
 
 
 def command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a campaign, or its address.")],
     format: Annotated[Literal["html", "md"], typer.Option(help="One HTML file, or Markdown.")] = "html",  # noqa: A002
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            callback=output_folder,
-            metavar="DIR",
-            help="Where to.",
-            show_default="DIR; reports/NAME for an address",
-        ),
-    ] = None,
+    out: Annotated[Path | None, output(output_folder, "DIR", "Where to.", "DIR; reports/NAME for an address")] = None,
     baseline: Baseline = None,
 ) -> None:
     """Make the page, the figures and report.json from a campaign's Parquet alone."""

@@ -2,9 +2,8 @@
 
 import sys
 from contextlib import nullcontext
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
 import typer
 
@@ -24,7 +23,7 @@ from abhv_mc.cli.options import (
     Workers,
     parse_names,
 )
-from abhv_mc.cli.outputs import campaign_folder_or_address, output_folder
+from abhv_mc.cli.outputs import campaign_folder_or_address, output, output_folder
 from abhv_mc.cli.printing import new_table, print_table, say, show
 from abhv_mc.io.input_error import InputError, Refusal
 
@@ -32,24 +31,15 @@ if TYPE_CHECKING:
     from abhv_mc.execution.runner import RunResult
 
 
-class Device(StrEnum):
-    """What flies."""
-
-    CPU = "cpu"
-    GPU = "gpu"
-
-
 def command(
     campaign: CampaignFile,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            callback=campaign_folder_or_address,
-            metavar="DIR",
-            help="Folder, or an address such as s3://bucket/folder.",
-            show_default="reports/NAME",
+        output(
+            campaign_folder_or_address,
+            "DIR",
+            "Folder, or an address such as s3://bucket/folder.",
+            default="reports/NAME",
         ),
     ] = None,
     runs: Runs = None,
@@ -57,7 +47,7 @@ def command(
     controllers: Controllers = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    device: Annotated[Device, typer.Option(help="Fly on the processor or on an NVIDIA GPU.")] = Device.CPU,
+    device: Annotated[Literal["cpu", "gpu"], typer.Option(help="Fly on the processor or on an NVIDIA GPU.")] = "cpu",
     shard: Annotated[str | None, typer.Option(metavar="I/N", help="Only part I of N; merge joins them.")] = None,
     plans: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Fly the plans of this campaign's folder.", show_default="new")
@@ -101,7 +91,7 @@ def command(
             raise Refusal("--baseline without a report", "--baseline, or --no-report or --shard")
         check_baseline(read_campaign(campaign, runs, seed, names), baseline)
     engine = None
-    if device is Device.GPU:
+    if device == "gpu":
         from abhv_mc.execution.gpu import make_gpu_engine
 
         if scheduler is not None:
@@ -148,7 +138,7 @@ def finish(
     if not no_report and any(set(ended) - {"failed_to_run"} for ended in outcomes):
         from abhv_mc.report.pages.build import build_report, is_up_to_date
 
-        made = is_up_to_date(result.folder, baseline=baseline)
+        made = is_up_to_date(result.folder, baseline)
         page = "report.html, up to date" if made else build_report(result.folder, baseline=baseline).name
         say(f"report    {named}/{page}", file=told)
     if lost := sum(ended.get("failed_to_run", 0) for ended in outcomes):

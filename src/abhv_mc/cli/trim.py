@@ -5,8 +5,9 @@ from typing import Annotated, Any
 
 import typer
 
-from abhv_mc.cli.options import Json, VehicleFile, parse_option
-from abhv_mc.cli.printing import say, show
+from abhv_mc.cli.options import Json, VehicleFile
+from abhv_mc.cli.printing import new_table, print_table, say, show
+from abhv_mc.io.input_error import InputError
 
 # Columns of the table: key of the JSON, heading, unit, divisor, digits.
 _COLUMNS = (
@@ -40,49 +41,34 @@ def command(
     No sideslip, aileron or rudder; Earth at rest unless told. Exit code 1 where a bank angle has no trim.
     """
     from abhv_mc.flying import trim_rows
-    from abhv_mc.io.documents import InputError
-    from abhv_mc.plant.trim import FlightPoint
     from abhv_mc.user_code.vehicle_functions import load_vehicle
-    from abhv_mc.world.earth import WGS84
 
-    height = _quantity("altitude", altitude)
-    velocity = _quantity("speed", speed)
+    given = {"altitude": altitude, "speed": speed, "flight_path_angle": flight_path_angle, "latitude": latitude}
+    point = {name: _quantity(name, text) for name, text in (given | {"heading": heading}).items()}
     banks = [_quantity("bank", text) for text in bank.split(",")]
-    climb = _quantity("flight_path_angle", flight_path_angle)
-    north = _quantity("latitude", latitude)
-    course = _quantity("heading", heading)
     kilograms = None if mass is None else _quantity("mass", mass)
 
     packed = load_vehicle(vehicle)
     if packed.constants.surface_limit == 0.0:
         raise InputError(vehicle, None, None, "a vehicle without surfaces", "one with them, to trim it")
-    earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
-    point = FlightPoint(height, velocity, 0.0, north, course, climb)
-    points = list(trim_rows(packed, earth, point, banks, kilograms))
-    head = {"vehicle": str(vehicle), "altitude_m": height, "speed_mps": velocity}
+    points = list(trim_rows(packed, point, banks, kilograms, rotating))
+    head = {"vehicle": str(vehicle), "altitude_m": point["altitude"], "speed_mps": point["speed"]}
     head |= {"mass_kg": packed.constants.mass_start if kilograms is None else kilograms}
-    show(head | {"points": points}, json, lambda: _print_table(vehicle, height, velocity, points))
+    show(head | {"points": points}, json, lambda: _print_table(vehicle, point["altitude"], point["speed"], points))
     if not all(point["trimmed"] for point in points):
         raise typer.Exit(1)
 
 
 def _quantity(name: str, text: str) -> float:
     """A quantity of an option in SI; without a unit it is in m, m/s, kg or deg."""
-    from abhv_mc.flying import TRIM_LIMITS
-    from abhv_mc.io.input_error import InputError
-    from abhv_mc.io.units import ANGLE, format_quantity
+    from abhv_mc.flying import TRIM_LIMITS, trim_quantity
+    from abhv_mc.io.units import ANGLE
 
-    option, (dimension, low, high) = f"--{name.replace('_', '-')}", TRIM_LIMITS[name]
-    bare = "deg" if dimension is ANGLE else dimension.unit
-    value = parse_option(option, text, dimension, bare)
-    if not low <= value <= high:
-        expected = f"{format_quantity(low, dimension)} to {format_quantity(high, dimension)}"
-        raise InputError(option, None, None, f"'{text}'", expected)
-    return value
+    bare_unit = "deg" if TRIM_LIMITS[name][0] is ANGLE else None
+    return trim_quantity(name, text.strip(), f"--{name.replace('_', '-')}", bare_unit)
 
 
 def _print_table(vehicle: Path, altitude: float, speed: float, points: list[dict[str, Any]]) -> None:
-    from abhv_mc.cli.printing import new_table, print_table
 
     mach, pressure = points[0]["mach"], points[0]["dynamic_pressure_pa"]
     title = f"{vehicle.stem}: {altitude / 1e3:g} km, {speed:g} m/s, Mach {mach:.3f}, {pressure / 1e3:.2f} kPa"

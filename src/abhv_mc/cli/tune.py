@@ -8,7 +8,7 @@ import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import CampaignFile, Controller, Json, Scheduler, Seed, Workers
-from abhv_mc.cli.outputs import output_file
+from abhv_mc.cli.outputs import output, output_file
 from abhv_mc.cli.printing import say, show
 
 if TYPE_CHECKING:
@@ -17,9 +17,7 @@ if TYPE_CHECKING:
 
 def command(
     campaign: CampaignFile,
-    out: Annotated[
-        Path, typer.Option("--output", "-o", callback=output_file, metavar="NEW.yaml", help="Controller file to write.")
-    ],
+    out: Annotated[Path, output(output_file, "NEW.yaml", "Controller file to write.")],
     controller: Controller = None,
     block: Annotated[
         Path | None, typer.Option("--tune", metavar="FILE", help="File with the block 'tune'.", show_default="CAMPAIGN")

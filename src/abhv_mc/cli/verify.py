@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from abhv_mc.cli.options import Folder, Json, Junit
-from abhv_mc.cli.printing import say, show
+from abhv_mc.cli.printing import new_table, print_table, say, show
+from abhv_mc.io.input_error import InputError
 
 if TYPE_CHECKING:
     from abhv_mc.verification.rows import Row
@@ -105,7 +106,6 @@ def _prepare(scale: float) -> float:
     import math
 
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.io.input_error import InputError
 
     if not (math.isfinite(scale) and scale > 0.0):
         raise InputError("--tolerance-scale", None, None, f"{scale:g}", "a positive number")
@@ -135,7 +135,6 @@ def _show(rows: "list[Row]", json: Path | None, junit: Path | None) -> None:
 
 
 def _print_rows(rows: "list[Row]") -> None:
-    from abhv_mc.cli.printing import new_table, print_table
 
     table = new_table(("case", "compared with", "quantity"), ("difference", "tolerance"))
     table.add_column("unit")

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from abhv_mc.cli.options import Json
-from abhv_mc.cli.printing import say, show
+from abhv_mc.cli.printing import new_table, print_table, say, show
 
 
 def command(
@@ -29,7 +29,6 @@ def command(
 
 
 def _print(found: dict[str, Any]) -> None:
-    from abhv_mc.cli.printing import new_table, print_table
     from abhv_mc.report.numbers.labels import controller_label
     from abhv_mc.report.numbers.words import bounds, estimate, percent, significant
 

@@ -7,7 +7,7 @@ import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import CampaignFile, Controller, Fresh, Json, Scheduler, Seed, Workers
-from abhv_mc.cli.outputs import campaign_folder
+from abhv_mc.cli.outputs import campaign_folder, output
 from abhv_mc.cli.printing import say, show
 from abhv_mc.io.input_error import InputError
 
@@ -15,9 +15,7 @@ from abhv_mc.io.input_error import InputError
 def command(
     campaign: CampaignFile,
     metric: Annotated[str, typer.Option(help="Metric to search.")],
-    out: Annotated[
-        Path, typer.Option("--output", "-o", callback=campaign_folder, metavar="DIR", help="For flights and page.")
-    ],
+    out: Annotated[Path, output(campaign_folder, "DIR", "For flights and page.")],
     controller: Controller = None,
     above: Annotated[bool, typer.Option("--above", help="Large values are bad.")] = False,
     below: Annotated[bool, typer.Option("--below", help="Small values are bad; by default as the campaign.")] = False,

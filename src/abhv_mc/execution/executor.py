@@ -6,17 +6,18 @@ only flights that raise an exception.
 
 import contextlib
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES, Execution
 from abhv_mc.execution.attest import Attestation, sign
-from abhv_mc.execution.blocks import Asked, FlyBlocks, fly_recorded
+from abhv_mc.execution.blocks import Asked, FlyBlocks, choose_batch, fly_recorded
 from abhv_mc.execution.cluster import Cluster
 from abhv_mc.execution.engine import Engine
 from abhv_mc.execution.pool import WorkerPool
 from abhv_mc.execution.retry import FlightLostError, fly_with_retries
-from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
 from abhv_mc.folder.provenance import count_cores
 
 
@@ -26,6 +27,13 @@ class Executor:
 
     fly: FlyBlocks  # threads may call it side by side; gives ``failed_to_run`` for what cannot be computed
     workers: int  # calls to have under way
+
+    def fly_side_by_side(self, plan: FlightPlan, parameters: Floats) -> FlightBlock:
+        """Flights ``[flight, parameter]`` without histories, a share of them with each worker."""
+        share = choose_batch(len(parameters), self.workers)
+        pieces = [parameters[start : start + share] for start in range(0, len(parameters), share)]
+        with ThreadPoolExecutor(self.workers) as threads:
+            return join_blocks(list(threads.map(lambda piece: self.fly(plan, piece, None), pieces)))
 
 
 @contextlib.contextmanager

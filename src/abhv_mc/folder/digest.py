@@ -26,9 +26,6 @@ class Digest:
     def __add__(self, other: "Digest") -> "Digest":
         return Digest((self.value + other.value) % _MODULUS)
 
-    def __sub__(self, other: "Digest") -> "Digest":
-        return Digest((self.value - other.value) % _MODULUS)
-
     def __str__(self) -> str:
         return f"{self.value:064x}"
 

@@ -1,7 +1,7 @@
 """Blocks of flown flights as Parquet: one row per flight and controller, whole and checked."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -179,14 +179,6 @@ def read_pieces(path: Path, names: Sequence[str]) -> Iterator[tuple[FlightRows, 
         raise DamagedFileError(f"{path.name}: {str(error).splitlines()[0]}") from error
     if first != stop or str(digest) != expected:
         raise DamagedFileError(f"{path.name} does not hold what was written")
-
-
-def read_block(path: Path, names: Sequence[str]) -> FlightRows:
-    """Read a block's file and prove it whole. Raises DamagedFileError."""
-    pieces = [rows for rows, _ in read_pieces(path, names)]
-    outcome = tuple(code for rows in pieces for code in rows.outcome)
-    samples, values = (np.concatenate([getattr(rows, name) for rows in pieces]) for name in ("samples", "values"))
-    return replace(pieces[0], samples=samples, outcome=outcome, values=values)
 
 
 def _take_rows(table: pa.Table, controller: str, first: int, names: Sequence[str]) -> FlightRows:

@@ -38,14 +38,14 @@ class FolderInputs:
     @property
     def identity(self) -> str:
         """Hash of all that results depend on: not of how it is flown."""
-        data = {key: value for key, value in self.data.items() if key != "execution"}
-        text = json.dumps([data, self.hashes], sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()
+        return self._hash_without("execution")
 
     @property
     def question(self) -> str:
         """Hash of what is asked: the identity without the seed and the number of flights."""
-        left_out = "execution", "seed", "runs", "pooled"
+        return self._hash_without("execution", "seed", "runs", "pooled")
+
+    def _hash_without(self, *left_out: str) -> str:
         data = {key: value for key, value in self.data.items() if key not in left_out}
         return hashlib.sha256(json.dumps([data, self.hashes], sort_keys=True).encode()).hexdigest()
 
@@ -109,9 +109,6 @@ def describe_changes(flown: FolderInputs, asked: FolderInputs, extensible: bool)
         if key == "runs" and extensible and (before or 0) < (after or 0):
             continue
         changes.append(f"{key}: {_words(before)} -> {_words(after)}")
-    for name in asked.data["controllers"].keys() - flown.data["controllers"].keys():
-        twins = [other for other in flown.data["controllers"] if other.casefold() == name.casefold()]
-        changes += [f"controllers: '{twin}' -> '{name}': names that differ in case alone" for twin in twins]
     for part in ("vehicle", "mission", "samples", "channels", *(f"controllers/{name}" for name in shared)):
         changes += _changed_files(flown.hashes, asked.hashes, f"inputs/{part}/")
     return changes

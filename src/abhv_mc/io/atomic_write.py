@@ -18,9 +18,8 @@ def atomic_write(path: Path, durable: bool = False) -> Iterator[Path]:
     content. Raises OSError.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    # The dot hides it from readers of the folder; nobody who may write there can have laid a link in its place.
+    # The dot hides it from readers of the folder.
     temporary = path.parent.absolute() / f".{path.name[:100]}.{secrets.token_hex(8)}{TEMPORARY}"
-    os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666))
     try:
         yield temporary
         if durable:

@@ -6,52 +6,42 @@ Whoever edits a file while a campaign is made ready changes nothing of it.
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 T = TypeVar("T")
 
 
-class InputFiles:
+class _Held(NamedTuple):
     """The bytes of the files read so far, and what was made of them."""
 
-    def __init__(self) -> None:
-        self._content: dict[Path, bytes] = {}
-        self._made: dict[tuple[str, Path], object] = {}
-
-    def read(self, path: Path) -> bytes:
-        """A file's bytes. Raises OSError where it cannot be read."""
-        key = path.resolve()
-        if key not in self._content:
-            self._content[key] = path.read_bytes()
-        return self._content[key]
-
-    def make(self, kind: str, path: Path, make: Callable[[], T]) -> T:
-        """What ``make`` gives for this file, made at the first call."""
-        key = kind, path.resolve()
-        if key not in self._made:
-            self._made[key] = make()
-        return self._made[key]  # type: ignore[return-value]
+    content: dict[Path, bytes]
+    made: dict[tuple[str, Path], Any]
 
 
-_open: list[InputFiles] = []
+_held: list[_Held] = []
 
 
 @contextmanager
-def reading_once() -> Iterator[InputFiles]:
+def reading_once() -> Iterator[None]:
     """Let every input file be read once until the end, from whichever module and thread."""
-    if _open:  # a command within a command
-        yield _open[-1]
+    if _held:  # a command within a command
+        yield
         return
-    _open.append(InputFiles())
+    _held.append(_Held({}, {}))
     try:
-        yield _open[-1]
+        yield
     finally:
-        _open.clear()
+        _held.clear()
 
 
 def read_input(path: Path) -> bytes:
     """A file's bytes: those read before, within :func:`reading_once`. Raises OSError."""
-    return _open[-1].read(path) if _open else path.read_bytes()
+    if not _held:
+        return path.read_bytes()
+    content, key = _held[-1].content, path.resolve()
+    if key not in content:
+        content[key] = path.read_bytes()
+    return content[key]
 
 
 def made_once(kind: str, path: Any, make: Callable[[], T]) -> T:
@@ -59,4 +49,9 @@ def made_once(kind: str, path: Any, make: Callable[[], T]) -> T:
 
     A document that stands for a file is no path, and made each time.
     """
-    return _open[-1].make(kind, Path(path), make) if _open and isinstance(path, str | Path) else make()
+    if not _held or not isinstance(path, str | Path):
+        return make()
+    made, key = _held[-1].made, (kind, Path(path).resolve())
+    if key not in made:
+        made[key] = make()
+    return made[key]

@@ -21,7 +21,6 @@ from abhv_mc.campaign.file.asked import known_metrics
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
 from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.blocks import choose_batch
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.engine import Engine, check_source
 from abhv_mc.execution.executor import Executor, open_executor
@@ -105,14 +104,14 @@ class SearchFlights:
         campaign: CheckedCampaign,
         plan: FlightPlan,
         executor: Executor,
-        threads: ThreadPoolExecutor,
+        writer: ThreadPoolExecutor,
         margins: FlightPlan | None = None,
     ) -> None:
-        """``threads``: one more than the executor has workers, for the block that is being written.
+        """``writer``: a thread that writes a block while the next one flies.
 
         ``margins``: the plan of flights whose stability margins are found.
         """
-        self._threads, self._writing = threads, Future[Any]()
+        self._writer, self._writing = writer, Future[Any]()
         self._writing.set_result(None)
         self.folder, self.manifest, self.files = flown.folder, flown.manifest, flown.files
         self.campaign, self.plan, self.executor = campaign, plan, executor
@@ -153,7 +152,7 @@ class SearchFlights:
         if rows is None:
             rows = self._fly(first, samples)
             self._writing.result()  # the one before: raises what kept it from being written
-            self._writing = self._threads.submit(write_block, self.folder.flights, rows, self.schema)
+            self._writing = self._writer.submit(write_block, self.folder.flights, rows, self.schema)
         else:
             self.remembered += len(samples)
         self.blocks.append(rows)
@@ -172,15 +171,11 @@ class SearchFlights:
         return None
 
     def _fly(self, first: int, samples: Floats) -> FlightRows:
-        parameters = full_rows(self.space.columns, samples)
-        share = choose_batch(len(samples), self.executor.workers)
-        pieces = [parameters[start : start + share] for start in range(0, len(samples), share)]
-        blocks = list(self._threads.map(lambda piece: self.executor.fly(self.flown_by, piece, None), pieces))
-        outcome = tuple(Outcome(code).code for block in blocks for code in block.outcome)
-        count = len(self.plan.metrics)
-        values = [np.column_stack([b.metrics[:, :count], b.end_time, b.metrics[:, count:]]) for b in blocks]
-        names = self.space.columns
-        return FlightRows(self.plan.controller, first, names, samples, outcome, np.concatenate(values), self.columns)
+        names, count = self.space.columns, len(self.plan.metrics)
+        flown = self.executor.fly_side_by_side(self.flown_by, full_rows(names, samples))
+        outcome = tuple(Outcome(code).code for code in flown.outcome)
+        values = np.column_stack([flown.metrics[:, :count], flown.end_time, flown.metrics[:, count:]])
+        return FlightRows(self.plan.controller, first, names, samples, outcome, values, self.columns)
 
     def draw(self, severities: Floats) -> DrawnFlights:
         """Fly the nominal flight and the worst of the first ones again, with their histories.
@@ -275,9 +270,9 @@ def open_search(
             write_manifest(folder.manifest, manifest)
         cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
         executor = stack.enter_context(open_executor(engine, campaign.model.execution, request.workers, cluster))
-        threads = stack.enter_context(ThreadPoolExecutor(executor.workers + 1))
+        writer = stack.enter_context(ThreadPoolExecutor(1))
         margins = make_margin_plans(campaign, {name: plan}, engine.device)[name] if with_margins else None
-        search = SearchFlights(FlownFolder(folder, manifest, files), campaign, plan, executor, threads, margins)
+        search = SearchFlights(FlownFolder(folder, manifest, files), campaign, plan, executor, writer, margins)
         with Progress("flights", flights) as search.progress:
             try:
                 yield search

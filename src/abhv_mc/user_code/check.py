@@ -14,7 +14,6 @@ from abhv_mc.user_code.effector_commands import parse_law
 from abhv_mc.user_code.law_interface import ARGUMENTS, CLASSES, GIVEN
 from abhv_mc.user_code.source import Law, check_defaults, field_error
 
-_PROTOTYPE = "or @controller(compiled=False)"
 _REFUSED: dict[type[ast.AST], tuple[str, str]] = {
     ast.List: ("a list", "separate numbers, or a named tuple: lists are not allowed in a compiled law"),
     ast.ListComp: ("a list", "separate numbers: lists are not allowed in a compiled law"),

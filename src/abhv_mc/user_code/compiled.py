@@ -6,7 +6,7 @@ import os
 import re
 import sys
 import types
-from collections.abc import Iterable
+from collections import namedtuple
 from pathlib import Path
 from typing import Any
 
@@ -87,15 +87,9 @@ def split_columns(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, .
     return names[: len(names) - len(commands)], commands
 
 
-def make_gains_class(names: Iterable[str]) -> Any:
-    """The named tuple that a law is given as ``gains``."""
-    return _gains_class(tuple(names))
-
-
 @functools.cache
-def _gains_class(names: tuple[str, ...]) -> Any:
-    from collections import namedtuple
-
+def make_gains_class(names: tuple[str, ...]) -> Any:
+    """The named tuple that a law is given as ``gains``."""
     return namedtuple("Gains", names)
 
 

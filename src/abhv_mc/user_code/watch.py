@@ -9,7 +9,6 @@ import importlib.util
 import os
 import sys
 import sysconfig
-import threading
 from collections.abc import Iterator
 from contextvars import ContextVar
 from pathlib import Path
@@ -40,7 +39,6 @@ class _Watch:
 
 
 _watched: ContextVar[_Watch | None] = ContextVar("watched", default=None)
-_installed = threading.Lock()
 
 
 @contextlib.contextmanager

@@ -2,11 +2,12 @@ import pytest
 from report.synthetic import write_campaign
 
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.numbers.compare import compare_folders, parse_margins
+from abhv_mc.report.numbers.compare import parse_margins
+from abhv_mc.searching import compare
 
 
 def test_a_campaign_against_itself_is_a_draw(failing_folder):
-    found = compare_folders(failing_folder, failing_folder)
+    found = compare(failing_folder, failing_folder)
     assert len(found["paired"]) == 3
     for pair in found["paired"]:
         assert all(entry["ties"] == 100 for entry in pair["metrics"].values())
@@ -14,7 +15,7 @@ def test_a_campaign_against_itself_is_a_draw(failing_folder):
 
 
 def test_controllers_can_be_crossed(failing_folder, failing_numbers):
-    (pair,) = compare_folders(failing_folder, failing_folder, ("tlc", "lqr"))["paired"]
+    (pair,) = compare(failing_folder, failing_folder, ("tlc", "lqr"))["paired"]
     inside = failing_numbers["paired"]["tlc - lqr"]
     assert pair["requirements"] == inside["requirements"]
     metric = "bank_error_rms_deg"
@@ -24,20 +25,20 @@ def test_controllers_can_be_crossed(failing_folder, failing_numbers):
 def test_other_samples_are_refused_at_the_first_that_differs(failing_folder, tmp_path):
     other = write_campaign(tmp_path / "other", runs=10, seed=8)
     with pytest.raises(InputError, match=r"atmosphere\.density = .* in flight 0"):
-        compare_folders(failing_folder, other)
+        compare(failing_folder, other)
 
 
 def test_an_unknown_controller_is_refused(failing_folder):
     with pytest.raises(InputError, match="pid"):
-        compare_folders(failing_folder, failing_folder, ("tlc", "pid"))
+        compare(failing_folder, failing_folder, ("tlc", "pid"))
     with pytest.raises(InputError, match="two"):
-        compare_folders(failing_folder, failing_folder, ("tlc",))
+        compare(failing_folder, failing_folder, ("tlc",))
 
 
 def test_a_controller_may_be_so_much_worse_and_no_more(failing_folder):
     def gate(margin):
         margins = parse_margins([f"bank_error_rms_deg={margin}"])
-        (pair,) = compare_folders(failing_folder, failing_folder, ("lqr_retuned", "lqr"), margins)["paired"]
+        (pair,) = compare(failing_folder, failing_folder, ("lqr_retuned", "lqr"), margins)["paired"]
         return pair["not_worse"]["bank_error_rms_deg"]["shown"]
 
     assert gate("500%") and not gate("5%")
@@ -45,14 +46,14 @@ def test_a_controller_may_be_so_much_worse_and_no_more(failing_folder):
 
 def test_a_controller_that_loses_more_flights_fails_whatever_its_metric(failing_folder):
     margins = parse_margins(["speed_error_max_mps=900 %"])
-    (pair,) = compare_folders(failing_folder, failing_folder, ("tlc", "lqr"), margins)["paired"]
+    (pair,) = compare(failing_folder, failing_folder, ("tlc", "lqr"), margins)["paired"]
     gate = pair["not_worse"]["speed_error_max_mps"]
     assert gate["loses_more"] and not gate["shown"]
 
 
 def test_a_metric_that_no_flight_has_is_refused(report_folder):
     with pytest.raises(InputError, match="unknown metric 'speed'"):
-        compare_folders(report_folder, report_folder, (), parse_margins(["speed=5%"]))
+        compare(report_folder, report_folder, (), parse_margins(["speed=5%"]))
 
 
 def test_a_metric_with_two_margins_is_refused():

@@ -9,7 +9,7 @@ from report.synthetic import sign, write_campaign
 
 from abhv_mc.cli.run import finish
 from abhv_mc.execution.runner import RunResult
-from abhv_mc.folder.flights import flights_schema, read_block, write_block
+from abhv_mc.folder.flights import flights_schema, read_pieces, write_block
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.report.pages.build import build_report, is_up_to_date
@@ -21,7 +21,7 @@ def lost(tmp_path_factory):
     folder = write_campaign(tmp_path_factory.mktemp("lost"), runs=30)
     names = SampleReader(folder / "samples.parquet").names
     for path in sorted((folder / "flights").glob("*.parquet")):
-        rows = read_block(path, names)
+        ((rows, _),) = read_pieces(path, names)
         ended = replace(rows, outcome=("sideslip_limit",) * len(rows.outcome))
         write_block(folder / "flights", ended, flights_schema(names, {}))
     table = pq.read_table(folder / "envelopes.parquet")

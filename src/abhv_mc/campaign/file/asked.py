@@ -1,6 +1,6 @@
 """What a campaign asks of its metrics: which stand first, on which side they are bad, and which flights are worst."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 from abhv_mc.campaign.file.check import CheckedCampaign
@@ -33,11 +33,10 @@ def required(campaign: CheckedCampaign) -> Iterator[tuple[Requirement, Bounds]]:
     return zip(campaign.model.requirements, campaign.limits, strict=True)
 
 
-def asked_metrics(campaign: CheckedCampaign, held: Collection[str] | None = None) -> tuple[str, ...]:
-    """The metrics of its requirements; without any, those that lead the table. ``held``: those that there are."""
+def asked_metrics(campaign: CheckedCampaign) -> tuple[str, ...]:
+    """The metrics of its requirements; without any, those that lead the table."""
     required = dict.fromkeys(entry.metric for entry in campaign.model.requirements)
-    names = required or [metric.name for metric in campaign.metrics.values() if metric.leads]
-    return tuple(name for name in names if held is None or name in held)
+    return tuple(required or [metric.name for metric in campaign.metrics.values() if metric.leads])
 
 
 def ranking_criteria(campaign: CheckedCampaign) -> tuple[Criterion, ...]:

@@ -7,12 +7,12 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.campaign.file.keep import Keep
-from abhv_mc.campaign.file.tuning import Tune
+from abhv_mc.campaign.file.tuning import Points, Tune
 from abhv_mc.campaign.file.user_metrics import MetricEntry, MetricName
 from abhv_mc.campaign.sampling.designs import DESIGNS
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
 from abhv_mc.io.documents import File, Refusal, StrictModel, describe, one_of
-from abhv_mc.io.units import TIME, Fraction, Time, parse_quantity
+from abhv_mc.io.units import Fraction, Time
 
 TRACED = ("id", "text", "source", "rationale")  # where a requirement comes from; no flight depends on it
 PROCESSES, THREADS = "processes", "threads"
@@ -126,20 +126,6 @@ class Requirement(StrictModel):
         if self.below is None and self.above is None:
             raise Refusal("neither", "'below', 'above' or both")
         return self
-
-
-def _points(value: Any) -> Any:
-    if value == []:
-        raise Refusal("no point", "trim, or times of the flight such as 30 s")
-    return [
-        "trim" if item == "trim" else parse_quantity(item, TIME)
-        for item in (value if isinstance(value, list) else [value])
-    ]
-
-
-Points = Annotated[
-    tuple[Literal["trim"] | float, ...], BeforeValidator(_points, json_schema_input_type=str | list[str])
-]
 
 
 def _flight_count(value: Any) -> Any:

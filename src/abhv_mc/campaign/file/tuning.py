@@ -75,6 +75,11 @@ def _points(value: Any) -> Any:
     return ["trim" if entry == "trim" else parse_quantity(entry, TIME) for entry in entries]
 
 
+Points = Annotated[
+    tuple[Literal["trim"] | float, ...], BeforeValidator(_points, json_schema_input_type=str | list[str])
+]
+
+
 class Tune(StrictModel):
     """What is tuned, for what, within what."""
 
@@ -85,9 +90,9 @@ class Tune(StrictModel):
     ] = Field(description="numbers that are varied")
     minimise: Aim = Field(description="what is made small")
     limits: tuple[Limit, ...] = Field((), description="what has to hold meanwhile")
-    margins_at: Annotated[
-        tuple[Literal["trim"] | float, ...], BeforeValidator(_points, json_schema_input_type=str | list[str])
-    ] = Field(("trim",), description="where stability margins are found: trim, or times of the flight such as 30 s")
+    margins_at: Points = Field(
+        ("trim",), description="where stability margins are found: trim, or times of the flight such as 30 s"
+    )
     usage: Aim = Field(Aim(metric=ELEVATOR_TRAVEL, quantile=0.5), description="what the front trades the error against")
     flights: Annotated[int, Field(ge=32, le=100_000)] = Field(
         64, description="flights of each candidate, the same for all"

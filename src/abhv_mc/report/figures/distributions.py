@@ -10,10 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
 
 from abhv_mc.array_types import Floats
-from abhv_mc.report.figures.style import INK, MARKERS, legend_below, new_panels, styled
+from abhv_mc.report.figures.style import INK, MARKERS, distribution_steps, legend_below, new_panels, styled
 
 _MOST_POINTS = 1000  # of a controller in a scatter plot
-_MOST_STEPS = 2000  # of a distribution curve
 
 
 @dataclass(frozen=True)
@@ -50,18 +49,8 @@ def plot_distributions(spreads: Sequence[Spread], labels: Mapping[str, str], col
     dashes = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1, 1, 1)))
     for axes, spread in zip(grid.flat, spreads, strict=False):
         for i, (name, values) in enumerate(spread.values.items()):
-            ascending = np.sort(values)
-            share = np.arange(1, ascending.size + 1) / max(ascending.size, 1)
-            keep = np.unique(np.linspace(0, ascending.size - 1, min(ascending.size, _MOST_STEPS)).astype(int))
-            keep = keep[np.isfinite(ascending[keep])]
-            axes.step(
-                ascending[keep],
-                share[keep],
-                where="post",
-                color=colors[name],
-                linestyle=dashes[i % 4],
-                label=labels[name],
-            )
+            look = {"color": colors[name], "linestyle": dashes[i % 4], "label": labels[name]}
+            axes.step(*distribution_steps(values), where="post", **look)
         if _log_if_wide(axes, "x", list(spread.values.values())):
             finite = np.concatenate(list(spread.values.values()))
             axes.set_xlim(left=0.5 * float(np.quantile(finite[np.isfinite(finite)], 0.02)))
@@ -107,26 +96,10 @@ def plot_error_against_usage(
                 continue
             marker = MARKERS[i % len(MARKERS)]
             few = keep[:: max(1, keep.size // _MOST_POINTS)]
-            axes.plot(
-                x[few],
-                y[few],
-                marker,
-                color=colors[name],
-                markersize=1.6,
-                alpha=0.35,
-                markeredgewidth=0,
-                rasterized=True,
-            )
-            axes.plot(
-                np.median(x[keep]),
-                np.median(y[keep]),
-                marker,
-                color=colors[name],
-                markersize=7,
-                markeredgecolor="white",
-                label=labels[name],
-                zorder=5,
-            )
+            small = {"markersize": 1.6, "alpha": 0.35, "markeredgewidth": 0, "rasterized": True}
+            large = {"markersize": 7, "markeredgecolor": "white", "label": labels[name], "zorder": 5}
+            axes.plot(x[few], y[few], marker, color=colors[name], **small)
+            axes.plot(np.median(x[keep]), np.median(y[keep]), marker, color=colors[name], **large)
         if not _log_if_wide(axes, "y", list(trade.errors.values())):
             axes.set_ylim(bottom=0.0)
         axes.set_xlabel(usage_label)

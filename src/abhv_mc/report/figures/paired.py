@@ -8,9 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from abhv_mc.array_types import Floats
-from abhv_mc.report.figures.style import INK, MARKERS, legend_below, new_panels, styled
+from abhv_mc.report.figures.style import INK, MARKERS, distribution_steps, legend_below, new_panels, styled
 
-_MOST_STEPS = 2000  # of a curve
 _ENDS = (0.005, 0.995)  # quantiles of the differences that the axis spans: a few flights far out would hide the rest
 
 
@@ -36,13 +35,9 @@ def plot_differences(
     for axes, panel in zip(grid.flat, panels, strict=False):
         ends = [0.0]
         for i, (name, values) in enumerate(panel.differences.items()):
-            ascending = np.sort(values)
-            share = np.arange(1, ascending.size + 1) / max(ascending.size, 1)
-            keep = np.unique(np.linspace(0, ascending.size - 1, min(ascending.size, _MOST_STEPS)).astype(int))
-            keep = keep[np.isfinite(ascending[keep])]
-            axes.step(ascending[keep], share[keep], where="post", color=colors[name], label=labels[name])
-            if keep.size:
-                ends += np.quantile(ascending[np.isfinite(ascending)], _ENDS).tolist()
+            axes.step(*distribution_steps(values), where="post", color=colors[name], label=labels[name])
+            finite = values[np.isfinite(values)]
+            ends += np.quantile(finite, _ENDS).tolist() if finite.size else []
             middle, low, high = panel.medians[name]
             if middle is not None:
                 ends += [end for end in (low, middle, high) if end is not None]

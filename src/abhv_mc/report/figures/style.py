@@ -13,12 +13,14 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.style import context
 
+from abhv_mc.array_types import Floats
 from abhv_mc.folder.layout import write_bytes
 
 P = ParamSpec("P")
 
 WIDTH = 7.2  # in, two columns of a journal
 DPI = 200
+_MOST_STEPS = 2000  # of a distribution curve
 _COLORS = 128  # of a figure: a third of the bytes, and no difference to see
 
 # Okabe & Ito's palette (jfly.uni-koeln.de/color), in the order in which controllers take it.
@@ -83,19 +85,18 @@ def new_panels(
     count: int,
     columns: int,
     row_height: float,
-    left: float = 0.68,
     between: tuple[float, float] = (0.68, 0.48),
     top: float = 0.24,
     **shared: Any,
 ) -> tuple[Figure, Any]:
     """A figure and its grid [row, column] of axes for ``count`` panels; places left over are hidden. Heights in inches.
 
-    ``row_height`` is that of axes; ``left`` and ``top`` is the room for labels and titles, ``between`` the room beside
-    and below each of the axes; below all there is room for the labels and the legend. Fixed, as a layout that measures
+    ``row_height`` is that of axes; ``top`` is the room for titles, ``between`` the room beside and below each of the
+    axes; left of and below all there is room for the labels and the legend. Fixed, as a layout that measures
     the text takes as long as the drawing. ``shared`` goes to :meth:`Figure.subplots`.
     """
     rows = -(-count // columns)
-    bottom, right = 0.72, 0.12
+    left, bottom, right = 0.68, 0.72, 0.12
     height = top + rows * row_height + (rows - 1) * between[1] + bottom
     width = (WIDTH - left - right - (columns - 1) * between[0]) / columns
     figure = Figure(figsize=(WIDTH, height), dpi=DPI)
@@ -153,11 +154,20 @@ def controller_colors(names: Sequence[str]) -> dict[str, str]:
     return {name: CYCLE[i % len(CYCLE)] for i, name in enumerate(names)}
 
 
-def pad_if_flat(axes: Axes, least: float = 1e-9) -> None:
+def pad_if_flat(axes: Axes) -> None:
     """Open the y limits of a curve without variation, so that it does not look like noise."""
     low, high = axes.get_ylim()
-    if high - low < least:
+    if high - low < 1e-9:
         axes.set_ylim((low + high) / 2.0 - 1.0, (low + high) / 2.0 + 1.0)
+
+
+def distribution_steps(values: Floats) -> tuple[Floats, Floats]:
+    """Finite values, rising, and the share of all at or below each; so many of them as can be seen."""
+    ascending = np.sort(values)
+    share = np.arange(1, ascending.size + 1) / max(ascending.size, 1)
+    keep = np.unique(np.linspace(0, ascending.size - 1, min(ascending.size, _MOST_STEPS)).astype(int))
+    keep = keep[np.isfinite(ascending[keep])]
+    return ascending[keep], share[keep]
 
 
 def write_png(figure: Figure, path: Path) -> tuple[int, int]:

@@ -79,17 +79,6 @@ def read_compared(folder_a: Path, folder_b: Path) -> tuple[Results, Results]:
     return a, b
 
 
-def compare_folders(
-    folder_a: Path, folder_b: Path, controllers: Sequence[str] = (), margins: Mapping[str, float] | None = None
-) -> dict[str, Any]:
-    """:func:`compare_results` of two folders. Raises InputError, also where the samples differ."""
-    a, b = read_compared(folder_a, folder_b)
-    found = compare_results(a, b, controllers, margins)
-    for results in (a, b):
-        results.refuse_changes()
-    return found
-
-
 def compare_results(
     a: Results, b: Results, controllers: Sequence[str] = (), margins: Mapping[str, float] | None = None
 ) -> dict[str, Any]:

@@ -63,14 +63,14 @@ def make_key(folder: Path, baseline: Path | None = None) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def is_up_to_date(folder: Path, page: str = "report.html", baseline: Path | None = None) -> bool:
+def is_up_to_date(folder: Path, baseline: Path | None = None) -> bool:
     """Whether the page and its figures are there as this program would make them again from the same data."""
     try:
         written = json.loads((folder / "report.json").read_text(encoding="utf-8"))
         pages, pictures = written["pages"], written["pictures"]
         return bool(
             written["key"] == make_key(folder, baseline)
-            and page in pages
+            and "report.html" in pages
             and hash_pages(folder, pages) == pages
             and hash_pages(folder, pictures) == pictures
         )
