@@ -4,12 +4,12 @@ import numpy as np
 from fake_flight import fly, make_plan
 
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.blocks import choose_counted
+from abhv_mc.execution.blocks import choose_counted, fly_counted
 from abhv_mc.execution.pool import WorkerPool
 from abhv_mc.execution.retry import FlightLostError, fly_with_retries
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import Recording
-from abhv_mc.folder.counted import Counting, count_flights
+from abhv_mc.folder.counted import Counting
 from abhv_mc.folder.histogram import Histograms, make_bins
 
 PLAN = make_plan("one")
@@ -32,7 +32,7 @@ def assert_counted(block, missing=0):
 
 
 def test_a_counted_block_is_the_sum_of_its_flights():
-    block = count_flights(fly, PLAN, ROWS, COUNTING)
+    block = fly_counted(fly, PLAN, ROWS, COUNTING)
     assert_counted(block)
     np.testing.assert_array_equal(block.low, WHOLE.low)
     np.testing.assert_array_equal(block.high, WHOLE.high)
@@ -52,7 +52,7 @@ def test_a_block_that_is_lost_is_flown_in_parts_and_counted_here():
     def attempt(rows, recorded):
         if (rows[:, 0:] == ROWS[77]).all(axis=1).any():
             raise FlightLostError("its process ended")
-        return count_flights(fly, PLAN, rows, recorded) if isinstance(recorded, Counting) else fly(PLAN, rows, recorded)
+        return fly_counted(fly, PLAN, rows, recorded) if isinstance(recorded, Counting) else fly(PLAN, rows, recorded)
 
     assert_counted(fly_with_retries(attempt, PLAN, ROWS, COUNTING), missing=1)
 

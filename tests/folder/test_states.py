@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from abhv_mc.execution.blocks import fly_counted
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.arrays import write_array
-from abhv_mc.folder.counted import count_flights
 from abhv_mc.folder.envelope_states import EXACT_FLIGHTS, Cells, make_collector, merge_states
 
 CELLS = Cells(("altitude_m", "speed_mps"), (0, 1), np.arange(3.0), 1)
@@ -21,7 +21,7 @@ def counted(recorded):
     flown = FlightBlock(
         np.zeros(64, np.int64), np.zeros(64), np.zeros((64, 1)), HISTORY.reshape(64, 3, 2), np.arange(3.0)
     )
-    return count_flights(lambda *_: flown, None, np.zeros((64, 1)), recorded)
+    return fly_counted(lambda *_: flown, None, np.zeros((64, 1)), recorded)
 
 
 @pytest.fixture

@@ -14,7 +14,6 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.io.input_error import InputError
 from abhv_mc.numerics.bounds import Bounds
-from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.search.rare import RareSettings, find_rare
 from abhv_mc.search.search_flights import SearchRequest

@@ -1,6 +1,5 @@
 """``abhv-mc compare``: two campaigns on the same samples, flight by flight."""
 
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,7 +8,7 @@ import typer
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import Json, parse_names
 from abhv_mc.cli.outputs import output, output_folder
-from abhv_mc.cli.printing import new_table, print_table, say, show
+from abhv_mc.cli.printing import beside, new_table, print_table, say, show
 
 
 def command(
@@ -47,7 +46,7 @@ def command(
         results.refuse_changes()
     show(found, json, lambda: _print(found))
     if page is not None:
-        say(f"report    {page}", file=sys.stderr if json == Path("-") else None)
+        say(f"report    {page}", file=beside(json))
     gates = [gate for pair in found["paired"] for gate in pair["not_worse"].values()]
     if not all(gate["shown"] for gate in gates):
         raise typer.Exit(ExitCode.FAILED)

@@ -1,12 +1,11 @@
 """``abhv-mc fly``: one nominal flight of each controller."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from abhv_mc.cli.options import ControllerFiles, Json, MissionFile, Vehicle, find_controllers
 from abhv_mc.cli.outputs import output, output_folder
-from abhv_mc.cli.printing import new_table, print_table, say, show
+from abhv_mc.cli.printing import beside, new_table, print_table, say, show
 from abhv_mc.io.input_error import InputError
 
 if TYPE_CHECKING:
@@ -45,7 +44,7 @@ def command(
         from abhv_mc.report.pages.nominal import write_nominal_report
 
         for path in write_nominal_report(out, plans, {name: block.history[0] for name, block in blocks.items()}):
-            say(path, file=sys.stderr if json == Path("-") else None)
+            say(path, file=beside(json))
 
 
 def _make_figures(blocks: "dict[str, FlightBlock]") -> dict[str, Any]:

@@ -1,12 +1,11 @@
 """``abhv-mc plan``: what a campaign can show, before it flies."""
 
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 from abhv_mc.cli.options import CampaignFile, Json, Runs
 from abhv_mc.cli.outputs import output, output_folder
-from abhv_mc.cli.printing import new_table, print_table, say, show
+from abhv_mc.cli.printing import beside, new_table, print_table, say, show
 
 
 def command(
@@ -28,7 +27,7 @@ def command(
     announce_warnings(numbers["problems"])
     if out is not None:
         write_plan_figure(numbers, out / "plan.png")
-        say(f"figure    {out / 'plan.png'}", file=sys.stderr if json == Path("-") else None)
+        say(f"figure    {out / 'plan.png'}", file=beside(json))
 
 
 def _print(numbers: dict[str, Any]) -> None:

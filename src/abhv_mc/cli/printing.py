@@ -1,9 +1,10 @@
 """What commands print: JSON for programs, and tables as wide as their text, in which no number is ever cut."""
 
 import re
+import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from abhv_mc.io.input_error import printable
 
@@ -15,6 +16,11 @@ def say(*words: Any, sep: str = " ", **options: Any) -> None:
     """Print, as Python's own ``print``, but nothing that steers the terminal, and no secret of an address."""
     text = re.sub(r"(://[^/@\s:]*:)[^@\s]+@", r"\1...@", sep.join(map(str, words)))  # of s3://KEY:SECRET@...
     print(printable(text), **options)
+
+
+def beside(file: Path | None) -> TextIO | None:
+    """Where to say what stands beside figures: on standard error where these go to standard output."""
+    return sys.stderr if file == Path("-") else None
 
 
 def show(figures: Any, file: Path | None, in_words: Callable[[], None]) -> None:

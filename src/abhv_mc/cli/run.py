@@ -24,7 +24,7 @@ from abhv_mc.cli.options import (
     parse_names,
 )
 from abhv_mc.cli.outputs import campaign_folder_or_address, output, output_folder
-from abhv_mc.cli.printing import new_table, print_table, say, show
+from abhv_mc.cli.printing import beside, new_table, print_table, say, show
 from abhv_mc.io.input_error import InputError, Refusal
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def finish(
     from abhv_mc.folder.store import parse_address
 
     named = parse_address(place or "") or str(result.folder)
-    told = sys.stderr if json == Path("-") else None
+    told = beside(json)
     show(result.manifest | {"folder": named}, json, lambda: _print_result(result, named))
     if junit is not None:
         from abhv_mc.report.pages.matrix import make_junit, verdict_cases

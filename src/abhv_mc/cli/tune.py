@@ -9,7 +9,7 @@ import typer
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import CampaignFile, Controller, Json, Scheduler, Seed, Workers
 from abhv_mc.cli.outputs import output, output_file
-from abhv_mc.cli.printing import say, show
+from abhv_mc.cli.printing import beside, say, show
 
 if TYPE_CHECKING:
     from abhv_mc.search.tune import TuneFound
@@ -45,7 +45,7 @@ def command(
         write_tune_page(found, page)
 
     found = tune_controller(TuneRequest(campaign, out, controller, block, seed, workers, scheduler), tell=tell)
-    told = sys.stderr if json == Path("-") else None
+    told = beside(json)
     say(f"report    {page}", file=told)
     if not found.shown:
         say("not shown to be better within the limits: no file is written", file=sys.stderr)

@@ -1,13 +1,12 @@
 """``abhv-mc validate``: check files without flying."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from abhv_mc.cli.options import Json
-from abhv_mc.cli.printing import say, show
+from abhv_mc.cli.printing import beside, say, show
 
 if TYPE_CHECKING:
     from abhv_mc.execution.estimate import Estimate
@@ -38,7 +37,7 @@ def command(
             errors.extend(several.errors)
             continue
         for found in checked:
-            say(f"{found.path}: a valid {found.kind} file", file=sys.stderr if json == Path("-") else None)
+            say(f"{found.path}: a valid {found.kind} file", file=beside(json))
             announce_warnings(f"{found.path}: {warning}" for warning in found.warnings)
     if errors:
         raise InputErrors(errors)

@@ -4,14 +4,15 @@ import contextlib
 import threading
 import warnings
 from collections.abc import Callable, Generator, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan, Recording
-from abhv_mc.folder.counted import Counting, count_flights
+from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan, Recording, join_blocks
+from abhv_mc.folder.counted import CountedBlock, Counting
+from abhv_mc.folder.histogram import Histograms
 
 T = TypeVar("T")
 Recorded = Recording | int | None  # as flight.fly takes it
@@ -55,9 +56,26 @@ def fly_recorded(
 ) -> FlightBlock:
     """What every worker does; ``begin`` is called before each call of ``fly``."""
     if isinstance(recorded, Counting):
-        return count_flights(fly, plan, parameters, recorded, begin)
+        return fly_counted(fly, plan, parameters, recorded, begin)
     begin()
     return fly(plan, parameters, recorded)
+
+
+def fly_counted(
+    fly: Fly, plan: FlightPlan, parameters: Floats, counting: Counting, begin: Callable[[], None] = lambda: None
+) -> CountedBlock:
+    """Fly in batches and count each; ``begin`` is called before a batch flies."""
+    histograms, blocks = Histograms(counting.low, counting.width), []
+    for first in range(0, len(parameters), counting.batch):
+        begin()
+        flown = fly(plan, parameters[first : first + counting.batch], counting.recording)
+        history = flown.history.reshape(len(flown.history), -1)
+        histograms.add(history)
+        low, high = flown.extremes
+        blocks.append(replace(flown, history=flown.history[:, :0], low=low, high=high))
+    whole = join_blocks(blocks)
+    parts = {name: getattr(whole, name) for name in FlightBlock.__dataclass_fields__}
+    return CountedBlock(**parts, counts=histograms.counts, ends=histograms.extremes())
 
 
 def at_once(parameters: Floats, recorded: Asked) -> int:

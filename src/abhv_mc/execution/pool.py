@@ -25,6 +25,7 @@ from abhv_mc.execution.blocks import Asked, Fly
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries
 from abhv_mc.execution.worker import serve
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.user_code.child import describe_exit
 
 # Give up after 20 + workers consecutive failed starts (refused or SIGKILL counts 1, a crash 4).
 _FAILED_STARTS = 20
@@ -77,7 +78,7 @@ class _Worker:
             answer = self._receive(_RESPONSE_LIMIT if known else _COMPILE_LIMIT)
         except (ConnectionError, FlightLostError):
             self.kill()
-            raise _NotBegunError(_describe_exit(self.process.exitcode)) from None
+            raise _NotBegunError(describe_exit(self.process.exitcode)) from None
         self.has_flown = True
         while isinstance(answer, float):
             answer = self._receive(max(_ASLEEP, _WALL * answer), answer)
@@ -97,7 +98,7 @@ class _Worker:
             self.kill()
             end = self.process.exitcode
             hung = end == -signal.SIGPROF
-            words = f"not done in {processor:g} s" if hung else f"its process ended: {_describe_exit(end)}"
+            words = f"not done in {processor:g} s" if hung else f"its process ended: {describe_exit(end)}"
             raise FlightLostError(words, process=True, hung=hung) from None
 
     def kill(self) -> None:
@@ -221,9 +222,3 @@ def _starting_processes() -> Iterator[None]:
             for name in ("PYTHONPATH", "PYTHONSAFEPATH"):
                 del os.environ[name]
                 os.environ.update({name: before[name]} if name in before else {})
-
-
-def _describe_exit(code: int | None) -> str:
-    if code is not None and code < 0:
-        return f"killed by {signal.Signals(-code).name}"
-    return f"exit code {code}"

@@ -12,11 +12,11 @@ from functools import partial
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.blocks import Asked, Recorded
+from abhv_mc.execution.blocks import Asked, Recorded, fly_counted
 from abhv_mc.flight.lost import make_lost
 from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, recording_of
-from abhv_mc.folder.counted import Counting, count_flights
+from abhv_mc.folder.counted import Counting
 from abhv_mc.stability.metrics import count_metrics
 
 Attempt = Callable[[Floats, Asked], FlightBlock]
@@ -53,7 +53,7 @@ def fly_with_retries(attempt: Attempt, plan: FlightPlan, parameters: Floats, rec
         try:
             return attempt(parameters, recorded)
         except FlightLostError:
-            return count_flights(partial(fly_with_retries, attempt), plan, parameters, recorded)
+            return fly_counted(partial(fly_with_retries, attempt), plan, parameters, recorded)
     reasons: list[str] = []
     block = _fly(attempt, plan, parameters, recorded, _PIECES, reasons)
     if reasons:

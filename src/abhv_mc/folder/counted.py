@@ -3,16 +3,14 @@
 Where histograms count, samples need not travel: 1.6 kB a flight of a block of 8192, where its samples have 33 kB.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats, Singles
-from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording, join_blocks
-from abhv_mc.folder.histogram import Histograms
+from abhv_mc.array_types import Singles
+from abhv_mc.flight.plan import FlightBlock, Recording
 
 
 class Counting(NamedTuple):
@@ -30,24 +28,3 @@ class CountedBlock(FlightBlock):
 
     counts: NDArray[np.uint32]  # [cell, bin]
     ends: Singles  # [side, cell, kept] see Histograms.extremes
-
-
-def count_flights(
-    fly: Callable[[FlightPlan, Floats, Recording], FlightBlock],
-    plan: FlightPlan,
-    parameters: Floats,
-    counting: Counting,
-    begin: Callable[[], None] = lambda: None,
-) -> CountedBlock:
-    """Fly in batches and count each; ``begin`` is called before a batch flies."""
-    histograms, blocks = Histograms(counting.low, counting.width), []
-    for first in range(0, len(parameters), counting.batch):
-        begin()
-        flown = fly(plan, parameters[first : first + counting.batch], counting.recording)
-        history = flown.history.reshape(len(flown.history), -1)
-        histograms.add(history)
-        low, high = flown.extremes
-        blocks.append(replace(flown, history=flown.history[:, :0], low=low, high=high))
-    whole = join_blocks(blocks)
-    parts = {name: getattr(whole, name) for name in FlightBlock.__dataclass_fields__}
-    return CountedBlock(**parts, counts=histograms.counts, ends=histograms.extremes())

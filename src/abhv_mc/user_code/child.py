@@ -66,6 +66,11 @@ def in_child(function: Callable[..., T], *arguments: Any, limit: float | None = 
     return answer
 
 
+def describe_exit(code: int | None) -> str:
+    """How a process ended, in words."""
+    return f"killed by {signal.Signals(-code).name}" if code is not None and code < 0 else f"exit code {code}"
+
+
 class _Child:
     def __init__(self) -> None:
         self._pid = os.getpid()
@@ -89,9 +94,7 @@ class _Child:
                 raise LostError(f"it was not done in {limit:g} s", True)
             return self._connection.recv()
         except (EOFError, ConnectionError):
-            code = self._process.wait()
-            words = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
-            raise LostError(f"its process ended: {words}", False) from None
+            raise LostError(f"its process ended: {describe_exit(self._process.wait())}", False) from None
 
     def end(self) -> None:
         if self._pid != os.getpid():  # a fork's copy
