@@ -2,28 +2,15 @@
 
 import http.client
 import json
-import threading
 
 import pytest
-from fake_flight import ENGINE, write_campaign
-
-import abhv_mc
-from abhv_mc.explore.counts import open_flights
-from abhv_mc.explore.server import ExploreServer
+from explore.served import serve
 
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("explore")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
-        abhv_mc.Campaign.read(write_campaign(folder / "f")).run(output=folder / "out", runs=100, workers=1)
-    with open_flights(folder / "out") as table, ExploreServer(folder / "out", table, ENGINE) as served:
-        thread = threading.Thread(target=served.serve_forever, daemon=True)
-        thread.start()
+    with serve(tmp_path_factory.mktemp("explore")) as served:
         yield served
-        served.shutdown()
-        thread.join()
 
 
 def ask(server, place, data=None, token=None, host=None):

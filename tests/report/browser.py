@@ -43,12 +43,16 @@ class Page:
         self.call("Emulation.setEmulatedMedia", features=[{"name": k, "value": v} for k, v in wishes.items()])
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         self.call("Page.navigate", url=path.as_uri())
-        for _ in range(300):
-            drawn = "location.href === {} && document.querySelectorAll('#plot .modebar-btn').length > 0"
-            if self.ask(drawn.format(json.dumps(path.as_uri()))):
+        drawn = "document.querySelectorAll('#plot .modebar-btn').length > 0"
+        self.wait_for(f"location.href === {json.dumps(path.as_uri())} && {drawn}")
+
+    def wait_for(self, expression):
+        """Until an expression is true."""
+        for _ in range(600):
+            if self.ask(expression):
                 return
             time.sleep(0.1)
-        raise AssertionError("the plot was not drawn")
+        raise AssertionError(f"{expression} never came true")
 
     def press(self, key):
         code, text = KEYS[key]
@@ -63,6 +67,12 @@ class Page:
         self.move(x, y)
         for kind in ("mousePressed", "mouseReleased"):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+    def drag(self, x0, y0, x1, y1):
+        common = {"button": "left", "buttons": 1, "clickCount": 1}
+        self.call("Input.dispatchMouseEvent", type="mousePressed", x=x0, y=y0, **common)
+        self.call("Input.dispatchMouseEvent", type="mouseMoved", x=x1, y=y1, **common)
+        self.call("Input.dispatchMouseEvent", type="mouseReleased", x=x1, y=y1, **common)
 
     def print(self, width, height):
         """The page on paper of this size in inches: a PDF's bytes."""

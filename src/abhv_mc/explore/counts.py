@@ -14,7 +14,7 @@ import numpy as np
 from abhv_mc.folder.database import open_database
 from abhv_mc.io.input_error import InputError, describe, one_of
 from abhv_mc.report.numbers.labels import full_labels
-from abhv_mc.report.numbers.parameters import spoken_name
+from abhv_mc.report.numbers.parameters import axis_unit, spoken_name
 from abhv_mc.report.numbers.results import Results, read_results
 from abhv_mc.report.numbers.worst import in_order
 
@@ -61,7 +61,8 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
     columns = [*results.metrics, *results.dispersed]
     with open_database(root) as connection:
         connection.register("ranks", _ranks(results))
-        listed = ", ".join(_quoted(name) for name in columns)
+        scales = {name: axis_unit(name)[1] for name in results.dispersed}
+        listed = ", ".join(f"{_quoted(name)} * {scales.get(name, 1.0)!r} as {_quoted(name)}" for name in columns)
         connection.execute("create type controllers as enum (select distinct controller from ranks)")  # thrice as fast
         connection.execute(
             "create table shown as select controller::controllers as controller, flight, outcome::varchar as outcome, "
@@ -95,8 +96,11 @@ def _ranks(results: Results) -> Any:
 def _describe(results: Results, ranges: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
     records, names = results.campaign.metrics, results.controllers
     metrics = [{"name": name, "label": records[name].label_with_unit} for name in results.metrics]
-    spoken = [(name, spoken_name(name)) for name in results.dispersed]
-    dispersions = [{"name": name, "label": words[:1].upper() + words[1:]} for name, words in spoken]
+    spoken = [(name, spoken_name(name), axis_unit(name)[0]) for name in results.dispersed]
+    dispersions = [
+        {"name": name, "label": f"{words[:1].upper()}{words[1:]}{f' ({unit})' if unit else ''}"}
+        for name, words, unit in spoken
+    ]
     labels = full_labels(results.folder, names)
     headed = (results.asked or results.metrics)[:_HEADED]
     return {

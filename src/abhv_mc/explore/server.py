@@ -4,6 +4,7 @@ import gzip
 import hmac
 import json
 import secrets
+import sys
 import threading
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -50,6 +51,11 @@ class ExploreServer(ThreadingHTTPServer):
     def url(self) -> str:
         """The address with its token."""
         return f"http://{_HOST}:{self.server_port}/?token={self.token}"
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A browser that goes away in the middle of a reply is none."""
+        if not isinstance(sys.exc_info()[1], ConnectionError):
+            super().handle_error(request, client_address)
 
     def replay(self, controller: str, flight: int) -> dict[str, Any]:
         """A flight flown again, as ``abhv-mc replay`` does: by the trust list, and compared with the stored one."""

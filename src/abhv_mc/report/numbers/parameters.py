@@ -25,9 +25,16 @@ def shown_value(name: str, value: float | None) -> str:
     if is_factor(name):
         change = fixed(100.0 * (value - 1.0), 1)
         return f"{'+' if value > 1.0 and change != '0.0' else ''}{change}\N{NO-BREAK SPACE}%"
-    unit = PARAMETERS[PARAMETER_INDEX[name]].unit
-    word, scale = _SHOWN.get(unit, (unit, 1.0))
-    return f"{significant(value * scale)}\N{NO-BREAK SPACE}{'' if word == '-' else word}".rstrip("\N{NO-BREAK SPACE}")
+    unit, scale = axis_unit(name)
+    return f"{significant(value * scale)}\N{NO-BREAK SPACE}{unit}".rstrip("\N{NO-BREAK SPACE}")
+
+
+def axis_unit(name: str) -> tuple[str, float]:
+    """The unit of an axis of this parameter, and what multiplies its values: ('factor', 1) or ('deg', 57.3)."""
+    if is_factor(name):
+        return "factor", 1.0
+    word, scale = _SHOWN.get(PARAMETERS[PARAMETER_INDEX[name]].unit, (PARAMETERS[PARAMETER_INDEX[name]].unit, 1.0))
+    return "" if word == "-" else word, scale
 
 
 def spoken_name(name: str) -> str:

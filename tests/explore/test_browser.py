@@ -1,0 +1,89 @@
+"""The explorer in a real browser: flights brushed, filtered and clicked, and none of it without the token."""
+
+import json
+
+import pytest
+from explore.served import serve
+from report.browser import open_browser
+
+pytestmark = pytest.mark.thorough
+
+DRAWN = "Number(document.body?.dataset.drawn ?? 0)"
+COUNT = "document.getElementById('count').textContent"
+CHANGE = """((id, value) => { const box = document.getElementById(id); box.value = value;
+  box.dispatchEvent(new Event("change")); })("outcome", "%s")"""
+FLOWN = """({ title: document.getElementById("flight-title").textContent,
+  lines: document.querySelectorAll("#history .scatterlayer .trace, #track .scatterlayer .trace").length,
+  same: document.getElementById("flight-same").textContent })"""
+BOX = """(() => { const box = document.querySelector(%s).getBoundingClientRect();
+  return [box.left, box.top, box.width, box.height]; })()"""
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    with serve(tmp_path_factory.mktemp("explore")) as served:
+        yield served
+
+
+@pytest.fixture
+def page(server, tmp_path):
+    with open_browser(tmp_path / "profile") as page:
+        page.call("Emulation.setDeviceMetricsOverride", width=1400, height=900, deviceScaleFactor=1, mobile=False)
+        page.call("Page.navigate", url=server.url)
+        page.wait_for(f"{DRAWN} > 0")
+        yield page
+
+
+def shown(page, action):
+    """How many flights are within all brushes after an action that counts them anew."""
+    before = page.ask(DRAWN)
+    action()
+    page.wait_for(f"{DRAWN} > {before}")
+    return int(page.ask(COUNT).split()[0])
+
+
+def drag(page, selector, start, end):
+    """Over a canvas, from and to shares of its size."""
+    left, top, width, height = page.ask(BOX % json.dumps(selector))
+    (x0, y0), (x1, y1) = ((left + width * x, top + height * y) for x, y in (start, end))
+    page.drag(x0, y0, x1, y1)
+
+
+def test_flights_are_brushed_filtered_and_chosen_again(page, server):
+    assert page.ask(COUNT).startswith("200 of 200 flights")
+    lost = server.table.cursor().execute("select count(*) from shown where outcome <> 'ok'").fetchone()[0]
+    assert 0 < shown(page, lambda: page.ask(CHANGE % "failed")) == lost < 200
+    assert shown(page, lambda: page.ask(CHANGE % "all")) == 200
+    name = server.table.view["strips"][0]
+    low, high = server.table.ranges[name]
+    values = server.table.cursor().execute("select * exclude (controller, outcome) from shown").fetchnumpy()[name]
+    half = int((values < (low + high) / 2).sum())
+    brushed = shown(page, lambda: drag(page, "#strips canvas", (0.001, 0.5), (0.5, 0.5)))
+    assert abs(brushed - half) <= 4 and 0 < brushed < 200
+    upper = shown(page, lambda: drag(page, "#density", (0.1, 0.05), (0.9, 0.4)))
+    assert upper < brushed
+    assert shown(page, lambda: page.ask("document.getElementById('clear').click()")) == 200
+    assert shown(page, lambda: page.ask("document.querySelector('#controllers input').click()")) == 100
+
+
+@pytest.mark.parametrize("way", ["point", "table"])
+def test_a_click_flies_the_flight_again_and_draws_it(page, server, way):
+    if way == "table":
+        page.ask("document.querySelector('#rows button').click()")
+    else:
+        left, top, width, height = page.ask(BOX % '"#density"')
+        page.click(left + width / 2, top + height / 2)
+    page.wait_for("document.body.dataset.flown !== undefined")
+    found = page.ask(FLOWN)
+    number = page.ask("document.body.dataset.flown")
+    assert f", flight {number}: " in found["title"] and found["lines"] == 2
+    assert found["same"] == "Its metrics equal the stored ones bit for bit."
+    if way == "table":
+        assert number == page.ask("document.querySelector('#rows button').textContent")
+
+
+@pytest.mark.parametrize("token", ["", "?token=", "?token=wrong"])
+def test_without_the_token_nothing_is_shown(page, server, token):
+    page.call("Page.navigate", url=server.url.partition("?")[0] + token)
+    page.wait_for("document.body && document.body.innerText.includes('open the address')")
+    assert page.ask("document.querySelector('#density')") is None
