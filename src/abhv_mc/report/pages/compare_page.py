@@ -12,7 +12,7 @@ from abhv_mc.report.numbers.compare import gate_words, sides
 from abhv_mc.report.numbers.labels import controller_label
 from abhv_mc.report.numbers.paired import metric_differences
 from abhv_mc.report.numbers.results import Results
-from abhv_mc.report.numbers.words import bounds, count_of, estimate, fixed, joined, p_value
+from abhv_mc.report.numbers.words import bounds, count_of, estimate, fixed, joined, p_value, significant
 from abhv_mc.report.pages.summary_page import CODE, LONG, SHORT, Shown, Table, write_answer_page
 
 _EARLY = "reached the end of the mission"
@@ -22,21 +22,54 @@ Labels = tuple[str, str, str]  # how the pair, its first and its second one are 
 
 def write_compare_page(a: Results, b: Results, found: Mapping[str, Any], folder: Path) -> Path:
     """Write `report.html` and `figures/differences.png` of what :func:`compare_results` found into ``folder``."""
-    named = [_labels(a, b, pair) for pair in found["paired"]]
+    answers, tables, parts = make_comparison(a, b, found)
+    named = [labels for labels, _ in parts]
     one, other = ("", "") if a.folder == b.folder else _folder_names(a, b)
     title = f"{one} against {other}" if one else joined([labels[0] for labels in named])
+    question = a.campaign.question or a.campaign.name.replace("_", " ")
+    shown = _figures(a, b, found, [part for part in parts if not _is_same(part[1])])
+    tables.append(_provenance(a, b, found, folder))
+    return write_answer_page(folder / "report.html", title, f"Paired comparison · {question}", answers, shown, tables)
+
+
+def make_comparison(
+    a: Results, b: Results, found: Mapping[str, Any]
+) -> tuple[list[str], list[Table], list[tuple[Labels, Mapping[str, Any]]]]:
+    """Sentences and tables of what :func:`compare_results` found, and its pairs with what they are called."""
+    parts = [(_labels(a, b, pair), pair) for pair in found["paired"]]
     answers: list[str] = []
     tables: list[Table] = []
-    for pair, labels in zip(found["paired"], named, strict=True):
+    for labels, pair in parts:
         answers += _sentences(pair, found["words"], labels, a.campaign.independent)
-        tables += _tables(pair, found, labels, (a.folder, b.folder))
+        if not _is_same(pair):
+            tables += _tables(pair, found, labels, (a.folder, b.folder))
     answers.append(
         "Differences are of the same flights, the first minus the second, with 95 % intervals; a flight that ended "
         "early counts as worse than any that did not."
     )
-    question = a.campaign.question or a.campaign.name.replace("_", " ")
-    shown = _figures(a, b, found, named)
-    return write_answer_page(folder / "report.html", title, f"Paired comparison · {question}", answers, shown, tables)
+    return answers, tables, parts
+
+
+def _is_same(pair: Mapping[str, Any]) -> bool:
+    """Whether no flight differs in any metric, nor in what it fails."""
+    differ = any(entry["a_better"] or entry["b_better"] for entry in pair["metrics"].values())
+    return not differ and not pair["any_failure"]["only_a"] and not pair["any_failure"]["only_b"]
+
+
+def _provenance(a: Results, b: Results, found: Mapping[str, Any], folder: Path) -> Table:
+    """Which flights were compared, and how again."""
+    rows = [
+        [str(each.folder), str(each.campaign.seed), fixed(each.manifest["runs_done"], 0), each.manifest["digest"]]
+        for each in ((a,) if a.folder == b.folder else (a, b))
+    ]
+    across = next((pair["controllers"] for pair in found["paired"] if len(set(pair["controllers"])) > 1), None)
+    words = ["abhv-mc", "compare", str(a.folder), str(b.folder), "-o", str(folder)]
+    words += ["--controllers", ",".join(across)] if across else []
+    for pair in found["paired"][:1]:
+        for metric, gate in pair["not_worse"].items():
+            words += ["--fail-if-worse", f"{metric}={100.0 * gate['margin']:g}%"]
+    heads = ("folder", "seed", "flights", "digest of its flights")
+    return Table("What was compared", f"This page again: {shlex.join(words)}", heads, rows, (LONG, SHORT, SHORT, CODE))
 
 
 def _folder_names(a: Results, b: Results) -> tuple[str, str]:
@@ -60,6 +93,8 @@ def _sentences(pair: Mapping[str, Any], words: Mapping[str, Any], labels: Labels
     found = [
         f"{title}, {words[metric]['phrase']}: {gate_words(gate, b)}." for metric, gate in pair["not_worse"].items()
     ]
+    if _is_same(pair):
+        return [*found, f"{title}: the same in all {fixed(pair['pairs'], 0)} flights, in every metric."]
     parts = standing_words(pair, words, a, b) if independent else "no winner is named: the flights are not independent"
     found.append(f"{title}, on the same {fixed(pair['pairs'], 0)} flights: {parts}.")
     failed = pair["any_failure"]
@@ -102,12 +137,18 @@ def _tables(
     for metric, entry in sorted(pair["metrics"].items(), key=lambda item: not item[1]["compared"]):
         won = "mixed" if entry["mixed"] else {pair["a"]: a, pair["b"]: b}.get(entry["winner"], "neither")
         levels = [_with_bounds(entry[key]) for key in ("median_difference", "q95")]
-        counts = [count_of(entry[key], pair["pairs"]) for key in ("a_better", "b_better")]
+        counts = [fixed(entry[key], 0) for key in ("a_better", "b_better")]
+        gain = entry["pairing_gain"]
+        counts.append(f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none")
         rows.append([words[metric]["label_with_unit"], *levels, *counts, won if entry["compared"] else ""])
     apart = "median difference (95 %)", "of 95 % quantiles (95 %)"
-    heads = ("metric", *apart, f"{a} better", f"{b} better", "better in sum")
-    caption = f"{a} minus {b}. A winner is named in what is asked and in control usage, allowing for all of these."
-    yield Table(f"{title}: differences", caption, heads, rows, (SHORT,) * len(heads))
+    heads = ("metric", *apart, f"{a} better", f"{b} better", "pairing gain", "better")
+    caption = (
+        f"{a} minus {b}, over {fixed(pair['pairs'], 0)} flights; a dash: more flights were lost than lie beyond the "
+        "quantile. A winner is named in what is asked and in control usage, allowing for all of these. Pairing gain: "
+        "an unpaired comparison of the means would need this many times the flights."
+    )
+    yield Table(f"{title}: differences", caption, heads, rows, (LONG, *(SHORT,) * (len(heads) - 1)))
     yield _failure_table(pair, found["requirements"], labels)
     if lost := _lost_rows(pair, found["requirements"], labels, folders):
         caption = "Of each requirement and side the first ten; each is flown again, bit for bit, by the command."
@@ -146,7 +187,7 @@ def _lost_rows(
 ) -> list[list[str]]:
     """A row for each listed flight that only one fails."""
     missed: dict[tuple[int, int], list[str]] = {}  # side and flight: what it fails there and not on the other side
-    for words, entry in zip([_EARLY, *requirements], [pair["ended_early"], *pair["requirements"]], strict=True):
+    for words, entry in zip(["ended early", *requirements], [pair["ended_early"], *pair["requirements"]], strict=True):
         for side, key in enumerate(("flights_only_a", "flights_only_b")):
             for flight in entry[key]:
                 missed.setdefault((side, flight), []).append(words)
@@ -160,9 +201,11 @@ def _lost_rows(
     ]  # fmt: skip
 
 
-def _figures(a: Results, b: Results, found: Mapping[str, Any], named: list[Labels]) -> list[Shown]:
+def _figures(
+    a: Results, b: Results, found: Mapping[str, Any], parts: list[tuple[Labels, Mapping[str, Any]]]
+) -> list[Shown]:
     """What is asked and how much each surface was used; metrics in which no flight differs are left out."""
-    pairs = {labels[0]: pair for labels, pair in zip(named, found["paired"], strict=True)}
+    pairs = {labels[0]: pair for labels, pair in parts}
     flights = {name: sides(a, b, *pair["controllers"]) for name, pair in pairs.items()}
     panels, equal = [], []
     for metric in dict.fromkeys((*a.asked, *SURFACE_USAGE)):
