@@ -86,7 +86,7 @@ def test_saturation_and_cycles_are_told(report_json):
     numbers["findings"]["lqr"] |= {"cycling": {"angle_of_attack": 7, "bank": 0}}
     text = " ".join(summary_sentences(numbers))
     assert "TLC: surfaces reach a limit of deflection or rate in 80 of 80 flights." in text
-    assert "LQR: cycles, by swings of more than 5 deg about a steady command, in angle of attack in 7 of 80 fl" in text
+    assert "LQR: limit cycle (> 5 deg) in angle of attack in 7 of 80 flights" in text
     assert "in bank in" not in text
 
 

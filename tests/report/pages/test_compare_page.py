@@ -95,8 +95,8 @@ def test_the_first_screen_says_what_changed_against_the_baseline(with_baseline, 
     lost = len(newly_failed(before, with_baseline))
     page = (with_baseline / "report.html").read_text("utf-8")
     (line,) = re.findall(r'<p class="sure">(Against .*?)</p>', page)
-    assert line.startswith("Against before, 40 flights paired: TLC shown to differ in none of 3 metrics; LQR")
-    assert f"{lost} flights fail anew, 0 no longer" in line
+    assert line.startswith("Against before (40 flights paired): TLC no difference shown in 3 metrics; LQR")
+    assert f"newly failed {lost}, no longer 0" in line
     numbers = json.loads((with_baseline / "report.json").read_text("utf-8"))["baseline"]
     assert numbers["folder"] == before.as_posix()
     assert [pair["any_failure"]["only_a"] for pair in numbers["paired"][:2]] == [0, lost]

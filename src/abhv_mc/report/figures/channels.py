@@ -15,10 +15,6 @@ from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_en
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.numbers.results import Results
 
-_BANDS = (
-    "Bands hold at each moment by itself, over the flights that still fly then: all of them (every control tick), "
-    "0.135 to 99.865 %, 5 to 95 %; line: median."
-)
 _SIGN = "The paper plots the mirrored sign (its first bank is positive); its time is ours plus 180 s."
 
 
@@ -74,9 +70,9 @@ class ChannelFigure:
         """Its words; in the paper's set with the paper's number and what is seen there."""
         channel = self.curves[-1].channel
         if not of_paper:
-            return FigureText(self.name, self.title, f"{self.caption} {_BANDS}", "", channel, self.unit, True)
+            return FigureText(self.name, self.title, self.caption, "", channel, self.unit, True)
         name, title = f"fig{self.paper.number:02d}_{self.name}", f"{self.title} (Fig. {self.paper.number})"
-        caption = f"{self.caption} {_BANDS}{' ' + _SIGN if self.paper.mirrored else ''}"
+        caption = f"{self.caption}{' ' + _SIGN if self.paper.mirrored else ''}"
         return FigureText(name, title, caption, self.paper.shows, channel, self.unit, True)
 
     def rows(self, of_paper: bool) -> Iterator[Curve]:

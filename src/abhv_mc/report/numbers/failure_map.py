@@ -1,10 +1,11 @@
 """The map of failures, which `abhv-mc explain DIR --all` makes, as numbers and as rows of words."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from abhv_mc.analysis.failure_map import FailureMap, read_map
+from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.report.numbers.labels import controller_label
 from abhv_mc.report.numbers.parameters import shown_value, spoken_name
 from abhv_mc.report.numbers.plain import plain
@@ -28,16 +29,20 @@ def map_numbers(found: FailureMap) -> dict[str, Any]:
     }
 
 
-def failure_map_tables(found: Mapping[str, Any] | None, folder: str) -> list[dict[str, Any]]:
+def failure_map_tables(
+    found: Mapping[str, Any] | None, folder: str, requirements: Iterable[Mapping[str, Any]] = ()
+) -> list[dict[str, Any]]:
     """For each controller with failed flights a row a group, and what is in none."""
-    command = f"abhv-mc replay {folder} --controller"
+    spoken = {
+        f"missed {entry['metric']} {Bounds.of(entry)}":
+            f"missed {entry['words'][:1].lower()}{entry['words'][1:]}" for entry in requirements
+    }  # fmt: skip
     return [
         {
+            "name": name,
             "controller": controller_label(name),
-            "rows": [
-                {**_row(group, part["looked_at"]), "command": f"{command} {name} --flight {group['flights'][0]}"}
-                for group in part["groups"]
-            ],
+            "command": f"abhv-mc replay {folder} --controller {name} --flight NUMBER",
+            "rows": [_row(group, part["looked_at"], spoken) for group in part["groups"]],
             "rest": _rest(part),
         }
         for name, part in (found or {}).items()
@@ -45,10 +50,10 @@ def failure_map_tables(found: Mapping[str, Any] | None, folder: str) -> list[dic
     ]
 
 
-def _row(group: Mapping[str, Any], total: int) -> dict[str, Any]:
+def _row(group: Mapping[str, Any], total: int, spoken: Mapping[str, str]) -> dict[str, Any]:
     flights = group["flights"]
     return {
-        "failure": group["failure"],
+        "failure": spoken.get(group["failure"], group["failure"]),
         "names": joined([f"{spoken_name(d['parameter'])} {_SIDES[d['high']]}" for d in group["dispersions"]]),
         "typical": "; ".join(map(_typical, group["dispersions"])),
         "flights": count_of(len(flights), total),
@@ -66,7 +71,8 @@ def _typical(found: Mapping[str, Any]) -> str:
 def _rest(part: Mapping[str, Any]) -> str:
     """'3 of 50 not explained: ...'."""
     total = part["looked_at"]
-    words = [f"{len(part['unexplained'])} of {total} not explained: no set of up to three dispersions is enough"]
+    missing = f"{len(part['unexplained'])} of {total} not explained: no set of up to three dispersions is enough"
+    words = [missing if part["unexplained"] else f"0 of {total} not explained"]
     if part["nominal"]:
         words.append(f"{len(part['nominal'])} fail with nothing dispersed")
     if part["failed"] > total:

@@ -75,13 +75,12 @@ def _in(words: str, count: int | None, flown: int) -> str:
 
 def _cycles(part: Mapping[str, Any]) -> str:
     found = [
-        f"in {channel.replace('_', ' ')} in {count_of(count, part['flown'], 'flights')}"
+        f"{channel.replace('_', ' ')} in {count_of(count, part['flown'], 'flights')}"
         for channel, count in part["cycling"].items()
         if count
     ]
-    limit = f"{part['ripple_deg']:g} deg"
-    what = "swings, in turbulence or noise, by" if part.get("disturbed") else "cycles, by swings of"
-    return f"{what} more than {limit} about a steady command, {joined(found)}" if found else ""
+    what = "swings, in turbulence or noise," if part.get("disturbed") else "limit cycle"
+    return f"{what} (> {part['ripple_deg']:g} deg) in {joined(found)}" if found else ""
 
 
 def _early(numbers: Mapping[str, Any], name: str) -> str:

@@ -46,7 +46,7 @@ def _unlimited(results: Results, metric: str) -> dict[str, Any]:
     none = {"tolerance": None, "status": "", "failures": ""}
     cells = {name: {**_quantiles(results, name, metric, side), **none} for name in results.controllers}
     middle = next((cell["median"] for cell in cells.values() if cell["median"] is not None), 0.0)
-    text = f"{significant(middle, 3)} {'' if record.unit == '-' else record.unit} at 1".replace("  ", " ")
+    text = f"median {significant(middle, 3)} {'' if record.unit == '-' else record.unit}".strip()
     return {
         "metric": metric, "label": record.label, "unit": record.unit, "text": text, "cells": cells,
         **_scale(side), "limit": middle, "size": abs(middle),

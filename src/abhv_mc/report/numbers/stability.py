@@ -97,6 +97,12 @@ def least_margins(numbers: Mapping[str, Any], name: str) -> LeastMargins | None:
     return LeastMargins(True, gain, _loop(loop), phase, _loop(which))
 
 
+def corners_unstable(numbers: Mapping[str, Any], name: str) -> tuple[int, int]:
+    """At how many corners of the dispersions a controller that is stable without them is not, and of how many."""
+    steady = numbers["stability"]["steady"]
+    return steady.get("controllers", {}).get(name, {}).get("corners_unstable", 0), steady.get("corners", 0)
+
+
 def stability_words(numbers: Mapping[str, Any], name: str) -> str:
     """What the first screen says of a controller's loops in steady flight; '' where nothing is known."""
     steady = numbers["stability"]["steady"]

@@ -1,21 +1,16 @@
 """The campaign's answer in sentences: flights lost, who wins and by how much, verdicts, why."""
 
-from collections.abc import Mapping, Sequence
-from math import hypot
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
-from abhv_mc.report.numbers.drivers import otherwise_words
+from abhv_mc.report.numbers.driver_sentences import driver_sentences
 from abhv_mc.report.numbers.failure_cases import failure_case_sentence
 from abhv_mc.report.numbers.findings import finding_sentences
-from abhv_mc.report.numbers.parameters import spoken_name
 from abhv_mc.report.numbers.words import count_of, fixed, joined, p_value, percent, significant
 
 _DROPPED = 4  # verdicts that do not stand jointly, told by name
-_NAMED = 2  # drivers of an error
-_MOVED = 2  # controllers whose drivers are told
+_OPEN = 2  # rivals told one by one, of whom no difference in lost flights is shown
 _LOST_RISK = 0.05  # of saying that one controller loses more flights where both are as good
-_LEAST_SHARE = 0.05  # of the variance, by the lower end of the total index
-_SURE = 0.5  # of a total index: half an interval up to which it is told
 
 
 def _label(numbers: Mapping[str, Any], name: str) -> str:
@@ -180,94 +175,45 @@ def _usage_words(pair: Mapping[str, Any], first: str) -> str:
 
 def _survival_sentences(numbers: Mapping[str, Any]) -> list[str]:
     """Which controller of each pair loses fewer flights, as far as the flights show it."""
-    sentences = []
+    sentences: list[str] = []
+    open_: dict[str, str] = {}  # rival -> the sentence that no difference is shown
     for pair in numbers["paired"].values():
         found, (a, b) = pair["ended_early"], (_label(numbers, pair[side]) for side in ("a", "b"))
         alone = found["only_a"], found["only_b"]
         if not any(alone):
             continue
         lost = [fixed(found["both"] + count, 0) for count in alone]
-        if found["p_value"] <= _LOST_RISK and alone[0] != alone[1]:
-            head = f"{a} loses {'fewer' if alone[0] < alone[1] else 'more'} flights than {b}"
-        else:
-            head = f"No difference is shown between {a} and {b} in lost flights"
-        sentences.append(
-            f"{head}: {lost[0]} of {fixed(pair['pairs'], 0)} ended early against {lost[1]} ({fixed(alone[0], 0)} under "
+        rest = (
+            f"{lost[0]} of {fixed(pair['pairs'], 0)} ended early against {lost[1]} ({fixed(alone[0], 0)} under "
             f"{a} alone, {fixed(alone[1], 0)} under {b} alone; the chance of such a split were both as good: "
             f"{p_value(found['p_value'])})."
         )
-    return sentences
-
-
-def _driver_sentence(numbers: Mapping[str, Any], name: str) -> str:
-    """What moves each headline error of a controller most, by Sobol's total index or by rank correlation."""
-    sobol = numbers["sobol"].get("controllers", {}).get(name, {}).get("metrics", {})
-    ranks = numbers["drivers"].get("controllers", {}).get(name, {}).get("metrics", {})
-    parts, widths = [], [0.0]
-    none: list[str] = []
-    unsure: list[str] = []
-    for metric in numbers["asked"]:
-        if metric in sobol:
-            top = [e for e in sobol[metric] if e["total"][1] > _LEAST_SHARE][:_NAMED]
-            sure = [e for e in top if _half(e) <= max(_SURE * e["total"][0], _LEAST_SHARE)]
-            unsure += [_phrase(numbers, metric)] if top and not sure else []
-            widths += [_half(e) for e in sure]
-            words = [f"{spoken_name(e['parameter'])} ({_share(e, 'total')}, {_share(e, 'first')} alone)" for e in sure]
+        if found["p_value"] <= _LOST_RISK and alone[0] != alone[1]:
+            sentences.append(f"{a} loses {'fewer' if alone[0] < alone[1] else 'more'} flights than {b}: {rest}")
         else:
-            found = [e["parameter"] for e in ranks.get(metric, {}).get("parameters", []) if e["driver"]]
-            words = [spoken_name(parameter) for parameter in dict.fromkeys(found)][:_NAMED]
-            words = words or otherwise_words(ranks.get(metric, {}).get("otherwise", []))[:_NAMED]
-            if not words and metric in ranks:
-                none.append(_phrase(numbers, metric))
-        if words:
-            parts.append(f"{_phrase(numbers, metric)}: {joined(words)}")
-    told = bool(parts)
-    parts += [f"no single parameter moves {joined(none)}"] if none else []
-    parts += [f"too few flights to share out {joined(unsure)}"] if unsure else []
-    if not parts:
-        return ""
-    how = ""
-    if sobol and told:
-        how = f" (share of the variance that involves them, within {percent(round(max(widths), 2), 2)} or closer)"
-    return f"What moves the errors of {_label(numbers, name)} most{how}: {'; '.join(parts)}."
+            open_[b] = f"No difference is shown between {a} and {b} in lost flights: {rest}"
+    if len(open_) > _OPEN:
+        first = _label(numbers, numbers["campaign"]["controllers"][0])
+        return [*sentences, f"No difference in lost flights is shown between {first} and {joined(list(open_))}."]
+    return [*sentences, *open_.values()]
 
 
-def _first_drivers_sentence(numbers: Mapping[str, Any]) -> str:
-    """In which errors the parameter with the largest total index is the same for all controllers, and where not."""
-    found = {n: part["metrics"] for n, part in numbers["sobol"].get("controllers", {}).items() if part["metrics"]}
-    same, apart, untold = [], [], []
-    for metric in numbers["asked"] if len(found) > 1 else ():
-        if any(metric not in part for part in found.values()):
-            continue
-        first = {name: spoken_name(part[metric][0]["parameter"]) for name, part in found.items()}
-        if not all(_leads(part[metric]) for part in found.values()):
-            untold.append(_phrase(numbers, metric))
-        elif len(set(first.values())) == 1:
-            same.append(f"{_phrase(numbers, metric)} ({next(iter(first.values()))})")
-        else:
-            each = [f"{word} for {_label(numbers, name)}" for name, word in first.items()]
-            apart.append(f"{_phrase(numbers, metric)} ({', '.join(each)})")
-    parts = [f"the same in {joined(same)}"] if same else []
-    parts += [f"it differs in {joined(apart)}"] if apart else []
-    if untold:
-        parts.append(f"{'it is ' if parts else ''}open in {joined(untold)} (no parameter leads by more than the noise)")
-    who = joined([_label(numbers, name) for name in found])
-    return f"What spreads an error most is for {who} {'; '.join(parts)}." if parts else ""
+class SummaryParts(NamedTuple):
+    """Sentences by the question that they answer."""
+
+    lost: list[str]  # who loses fewer flights
+    wins: list[str]  # who is better, against the strongest rival first
+    known: list[str]  # verdicts, and what endangers each controller's flights
+    drivers: list[str]  # why
 
 
-def _leads(indices: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether the first total index is larger than the second one by more than the noise of both."""
-    return len(indices) < 2 or indices[0]["total"][0] - indices[1]["total"][0] > hypot(*map(_half, indices[:2]))
-
-
-def _half(entry: Mapping[str, Any]) -> float:
-    """Half the width of the wider interval of a parameter's two indices."""
-    return max((entry[kind][2] - entry[kind][1]) / 2.0 for kind in ("first", "total"))
-
-
-def _share(entry: Mapping[str, Any], kind: str) -> str:
-    """A Sobol index in percent; noise may take the estimate past the ends, and what acts alone past the total."""
-    return percent(min(max(round(min(entry[kind][0], entry["total"][0]), 2), 0.0), 1.0), 2)
+def summary_parts(numbers: Mapping[str, Any]) -> SummaryParts:
+    """The sentences of :func:`summary_sentences`, for a page to put below its headings."""
+    lost = [failure_case_sentence(numbers["failure_cases"], numbers["campaign"]["labels"])]
+    lost += _survival_sentences(numbers)
+    asked = [_requirements_sentence(numbers)] if numbers["requirements"] else []
+    known = [*asked, *finding_sentences(numbers)]
+    return SummaryParts([*filter(None, lost)], _pair_sentences(numbers), known, driver_sentences(numbers))
 
 
 def summary_sentences(numbers: Mapping[str, Any]) -> list[str]:
@@ -276,15 +222,5 @@ def summary_sentences(numbers: Mapping[str, Any]) -> list[str]:
 
     A Saltelli campaign was flown to learn what moves the errors, and says that before who wins.
     """
-    wins = _pair_sentences(numbers)
-    asked = _requirements_sentence(numbers) if numbers["requirements"] else ""
-    drivers = [_first_drivers_sentence(numbers)]
-    drivers += [_driver_sentence(numbers, name) for name in numbers["campaign"]["controllers"][:_MOVED]]
-    for name, part in numbers["sobol"].get("controllers", {}).items():
-        if part["refused"]:
-            drivers.append(f"{_label(numbers, name)} has no Sobol indices: {part['refused']}.")
-    lost = [failure_case_sentence(numbers["failure_cases"], numbers["campaign"]["labels"])]
-    lost += _survival_sentences(numbers)
-    known = [asked, *finding_sentences(numbers)]
-    sentences = drivers + wins + lost + known if numbers["sobol"] else lost + wins[:1] + known + wins[1:] + drivers
-    return [sentence for sentence in sentences if sentence]
+    lost, wins, known, drivers = summary_parts(numbers)
+    return drivers + wins + lost + known if numbers["sobol"] else lost + wins[:1] + known + wins[1:] + drivers

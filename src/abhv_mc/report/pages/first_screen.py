@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from abhv_mc.flight.metrics import GAIN_MARGIN, SURFACE_USAGE
-from abhv_mc.report.numbers.stability import least_margins
+from abhv_mc.report.numbers.stability import corners_unstable, least_margins
 from abhv_mc.report.numbers.words import count_of, fixed, joined, percent, significant
 
 _ROWS, _SENTENCES = 8, 2  # shown; then 'and n more'
+_SAME_USAGE = 0.05  # of a ratio of surface usage: nearer to 1 goes without saying
 _LEFT, _RIGHT = 0.0, 1.35  # ends of the chart, in units of the limit; what lies beyond is a mark at the edge
 # Marks as in the scatter, around their middle.
 SHAPES = {
@@ -17,7 +18,6 @@ SHAPES = {
     "triangle-up": "M0-4.6L4.4 3.6H-4.4z",
     "diamond": "M0-5L5 0L0 5L-5 0z",
     "triangle-down": "M0 4.6L4.4-3.6H-4.4z",
-    "pentagon": "M0-4.8L4.6-1.4L2.8 4H-2.8L-4.6-1.4z",
 }
 
 
@@ -33,7 +33,7 @@ class Bar:
     high: float | None
     median: float | None
     tolerance: float | None
-    beyond: bool  # whether something lies to the right of the chart
+    edge: str | None  # what lies to the right of the chart: a median's value, 'lost', or '' for fewer flights; or None
     words: str  # the same for those who cannot see it
     status: str
     failures: str
@@ -90,17 +90,26 @@ def chart_rows(numbers: Mapping[str, Any], colors: Mapping[str, str], marks: Map
             at = {key: place(cell[key], entry, span) for key in ("low", "median", "high")}
             tolerance = place(cell["tolerance"], entry, span)
             ends = sorted(value for value in (at["low"], at["high"]) if value is not None)
+            edge = _edge(entry, cell, at)
             bars.append(
                 Bar(
                     name, labels[name], colors[name], marks[name],
                     low=ends[0] if ends else None, high=ends[-1] if len(ends) > 1 else 100.0 if ends else None,
-                    median=at["median"], tolerance=tolerance,
-                    beyond=any(cell[key] is None for key in ("low", "median", "high")) or 100.0 in ends,
+                    median=None if edge else at["median"], tolerance=tolerance, edge=edge,
                     words=_bar_words(entry, labels[name], cell), status=cell["status"], failures=cell["failures"],
                 )
             )  # fmt: skip
         rows.append(Row(entry["metric"], entry["label"], entry["text"], tuple(bars)))
     return rows
+
+
+def _edge(entry: Mapping[str, Any], cell: Mapping[str, Any], at: Mapping[str, float | None]) -> str | None:
+    """The word at the chart's right edge; None where nothing lies beyond."""
+    if cell["median"] is None:
+        return "lost"
+    if at["median"] == 100.0:
+        return f"{significant(cell['median'], 2)} {entry['unit'].removeprefix('-')}".strip()
+    return "" if None in (at["low"], at["high"]) or 100.0 in (at["low"], at["high"]) else None
 
 
 def _nearest(entry: Mapping[str, Any]) -> float:
@@ -126,7 +135,9 @@ def _card(numbers: Mapping[str, Any], name: str, color: str) -> Card:
     found, counts = numbers["findings"][name], numbers["flights"][name]
     margin, poor = _margin(numbers, name)
     cycling = max((count or 0 for count in found["cycling"].values()), default=0)
+    corners, steady = corners_unstable(numbers, name)
     notes = [
+        f"unstable at {corners} of {steady} corners" if corners and margin != "unstable" else "",
         f"{count_of(found['saturated'], found['flown'])} saturate" if found["saturated"] else "",
         f"{count_of(cycling, found['flown'])} cycle" if cycling else "",
         f"{counts['not_computed']} not computed" if counts["not_computed"] else "",
@@ -169,12 +180,43 @@ def _margin(numbers: Mapping[str, Any], name: str) -> tuple[str, bool]:
 
 
 def sentences(numbers: Mapping[str, Any]) -> list[str]:
-    """One for each of the two controllers that matter, and how many more there are."""
+    """One for each of the two controllers that matter, the pair of them, and the third or how many more there are."""
     first, *rivals = numbers["campaign"]["controllers"]
     rivals = sorted(rivals, key=lambda name: _strength(numbers, name), reverse=True)
     found = [_sentence(numbers, name) for name in (first, *rivals[: _SENTENCES - 1])]
-    more = len(rivals) + 1 - len(found)
-    return [*found, f"{more} more below."] if more > 0 else found
+    found += [_pair_sentence(numbers, first, name) for name in rivals[: _SENTENCES - 1]]
+    rest = rivals[_SENTENCES - 1 :]
+    if len(rest) == 1 and numbers.get("baseline") is None:
+        found.append(_sentence(numbers, rest[0]))
+    elif rest:
+        found.append(f"{len(rest)} more below.")
+    return [*filter(None, found)]
+
+
+def _pair_sentence(numbers: Mapping[str, Any], first: str, rival: str) -> str:
+    """'Flight by flight, TLC is better in 3 and worse in 2 of 5 metrics against LQR.'; '' where nothing tells."""
+    pair = numbers["paired"].get(f"{first} - {rival}")
+    if pair is None or not numbers["campaign"]["independent_flights"]:
+        return ""
+    labels = numbers["campaign"]["labels"]
+    found = _standing(pair, numbers["asked"])
+    who = "" if found.startswith("no difference") else f"{labels[first]} is "
+    return f"Flight by flight, {who}{found} against {labels[rival]}." if found else ""
+
+
+def _standing(pair: Mapping[str, Any], asked: Sequence[str]) -> str:
+    """'better in 3 and worse in 2 of 5 metrics'."""
+    entries = [pair["metrics"][metric] for metric in asked if metric in pair["metrics"]]
+    counts = [
+        (sum(entry["winner"] == pair["a"] for entry in entries), "better"),
+        (sum(entry["winner"] == pair["b"] for entry in entries), "worse"),
+        (sum(entry["mixed"] for entry in entries), "undecided"),
+    ]
+    words = joined([f"{word} in {count}" for count, word in counts if count])
+    of = f"{len(entries)} metric{'s' if len(entries) != 1 else ''}"
+    if not entries:
+        return ""
+    return f"{words} of {of}" if words else f"no difference shown in {of}"
 
 
 def _strength(numbers: Mapping[str, Any], name: str) -> tuple[int, int, bool]:
@@ -189,7 +231,7 @@ def _sentence(numbers: Mapping[str, Any], name: str) -> str:
     found = [entry["controllers"][name]["status"] for entry in numbers["requirements"]]
     parts = []
     if found and "ESTIMATE" not in found:
-        parts.append(f"meets {found.count('PASS')} of {len(found)}")
+        parts.append(f"meets {found.count('PASS')} of {len(found)}{_usage_against_first(numbers, name)}")
     if counts["failed"]:
         parts.append(f"loses {fixed(counts['failed'], 0)} of {fixed(counts['flown'], 0)} flights")
     margin = least_margins(numbers, name)
@@ -199,6 +241,16 @@ def _sentence(numbers: Mapping[str, Any], name: str) -> str:
     if margin is not None and margin.stable and margin.gain < GAIN_MARGIN.customary:
         text += f", with {fixed(margin.gain, 1)} dB of {margin.gain_loop} margin"
     return f"{text}."
+
+
+def _usage_against_first(numbers: Mapping[str, Any], name: str) -> str:
+    """' at 0.34 times TLC's surface usage', of a rival of the first controller."""
+    first = numbers["campaign"]["controllers"][0]
+    pair = numbers["paired"].get(f"{first} - {name}")
+    ratios = [entry["usage_ratio"]["value"] for entry in (pair["usage"].values() if pair else ()) if entry]
+    if not ratios or not ratios[0] or abs(ratios[0] - 1.0) < _SAME_USAGE:
+        return ""
+    return f" at {significant(1.0 / ratios[0], 2)} times {numbers['campaign']['labels'][first]}'s surface usage"
 
 
 def confidence_line(numbers: Mapping[str, Any]) -> str:
@@ -217,8 +269,8 @@ def confidence_line(numbers: Mapping[str, Any]) -> str:
 
 
 def more_words(entries: Sequence[Any]) -> str:
-    """'and 4 more below'; '' where the chart has all."""
-    return f"and {len(entries) - _ROWS} more below" if len(entries) > _ROWS else ""
+    """'4 more below'; '' where the chart has all."""
+    return f"{len(entries) - _ROWS} more below" if len(entries) > _ROWS else ""
 
 
 def baseline_line(numbers: Mapping[str, Any]) -> str:
@@ -228,19 +280,12 @@ def baseline_line(numbers: Mapping[str, Any]) -> str:
         return ""
     parts = []
     for pair in held["paired"][:_SENTENCES]:
-        entries = [pair["metrics"][metric] for metric in numbers["asked"] if metric in pair["metrics"]]
-        counts = [
-            (sum(entry["winner"] == pair["a"] for entry in entries), "better"),
-            (sum(entry["winner"] == pair["b"] for entry in entries), "worse"),
-            (sum(entry["mixed"] for entry in entries), "mixed"),
-        ]
-        words = joined([f"{word} in {count}" for count, word in counts if count]) or "shown to differ in none"
         failed = pair["any_failure"]
-        text = f"{numbers['campaign']['labels'][pair['controllers'][0]]} {words} of {len(entries)} metrics"
+        text = f"{numbers['campaign']['labels'][pair['controllers'][0]]} {_standing(pair, numbers['asked'])}"
         if failed["only_a"] or failed["only_b"]:
-            text += f", {fixed(failed['only_a'], 0)} flights fail anew, {fixed(failed['only_b'], 0)} no longer"
+            text += f", newly failed {fixed(failed['only_a'], 0)}, no longer {fixed(failed['only_b'], 0)}"
         parts.append(text)
     more = len(held["paired"]) - len(parts)
     place = held["folder"].rstrip("/").rpartition("/")[2]
     tail = f"; and {more} more" if more > 0 else ""
-    return f"Against {place}, {fixed(held['paired'][0]['pairs'], 0)} flights paired: {'; '.join(parts)}{tail}."
+    return f"Against {place} ({fixed(held['paired'][0]['pairs'], 0)} flights paired): {'; '.join(parts)}{tail}."

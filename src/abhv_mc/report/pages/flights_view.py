@@ -11,16 +11,23 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.report.numbers.parameters import spoken_name
+from abhv_mc.report.numbers.parameters import axis_unit, spoken_name
 from abhv_mc.report.numbers.results import Results, read_histories
+from abhv_mc.report.numbers.words import fixed
 from abhv_mc.report.numbers.worst import listed_worst, rank_worst
 
 MOST_FLIGHTS = 6000  # points of the view, of all controllers together
 LISTED = 100  # rows of the table
 _HISTORY_RATE = 5.0  # Hz
-_STRIPS = 12  # dispersions drawn
+_STRIPS = 24  # dispersions drawn
 _HEADED = 4  # metrics in the table
-_MARKS = ("circle", "square", "triangle-up", "diamond", "triangle-down", "pentagon")
+_MARKS = (
+    "circle",
+    "square",
+    "triangle-up",
+    "diamond",
+    "triangle-down",
+)  # one fewer than colours: pairs come again late
 
 
 @dataclass(frozen=True)
@@ -53,9 +60,11 @@ def make_flights_view(results: Results, labels: Mapping[str, str], colors: Mappi
     for entry in metrics:
         values = [flights[name].metrics[entry["name"]][rows] for name, rows in kept.items()]
         arrays[f"column:{entry['name']}"] = np.concatenate(values)
-    dispersions = [{"name": name, "label": _capital(spoken_name(name)), "unit": ""} for name in results.dispersed]
+    dispersions = []
     for name in results.dispersed:
-        arrays[f"column:{name}"] = results.samples[name][number]
+        unit, scale = axis_unit(name)
+        dispersions.append({"name": name, "label": _capital(spoken_name(name)), "unit": unit})
+        arrays[f"column:{name}"] = scale * results.samples[name][number]
     places = {
         (name, int(n)): i for i, (name, n) in enumerate(zip(np.array(names)[controller].tolist(), number, strict=True))
     }
@@ -85,7 +94,9 @@ def make_flights_view(results: Results, labels: Mapping[str, str], colors: Mappi
         "channels": channels,
         "track": count > 0 and {"north_m", "east_m"} <= {channel["name"] for channel in channels},
         "listed": LISTED,
-        "left": "" if number.size == total else f"Shown of {total:,}: the worst, those that failed, and the first",
+        "left": ""
+        if number.size == total
+        else f"Shown of {fixed(total, 0)}: the worst, those that failed, and the first",
         "start": {
             "x": dispersions[0]["name"] if dispersions else metrics[0]["name"],
             "y": headed[0] if headed else metrics[0]["name"],

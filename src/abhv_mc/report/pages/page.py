@@ -25,7 +25,7 @@ from abhv_mc.report.numbers.labels import controller_label
 from abhv_mc.report.numbers.parameters import parameter_doc
 from abhv_mc.report.numbers.results import Results
 from abhv_mc.report.numbers.stability import stability_context
-from abhv_mc.report.numbers.summary import summary_sentences
+from abhv_mc.report.numbers.summary import summary_parts, summary_sentences
 from abhv_mc.report.numbers.words import fixed, joined, percent, significant
 from abhv_mc.report.pages.first_screen import (
     LIMIT_PLACE,
@@ -126,8 +126,10 @@ def _provenance(results: Results) -> list[tuple[str, str]]:
 def _plain_words(value: Any) -> str:
     if isinstance(value, float):
         return significant(value, 4)
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_plain_words(item)}" for key, item in value.items())
     if isinstance(value, list | tuple):
-        return " ".join(map(str, value))
+        return " ".join(map(_plain_words, value)) or "none"
     return "\N{EM DASH}" if value is None else str(value)
 
 
@@ -140,6 +142,7 @@ def _sample_step(results: Results) -> str:
 def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
     campaign = numbers["campaign"]
     folder = shlex.quote(results.folder.as_posix())
+    parts = summary_parts(numbers)
     return {
         "campaign": campaign,
         "numbers": numbers,
@@ -147,7 +150,10 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "rivals": list(campaign["labels"].values())[1:],
         "title": campaign["name"].replace("_", " "),
         "question": campaign["question"] or f"What does the campaign {campaign['name']} show?",
-        "answers": summary_sentences(numbers),
+        "answers": parts.known,
+        "wins": [*parts.lost, *parts.wins],
+        "moved": parts.drivers,
+        "summary": summary_sentences(numbers),
         "sureness": sureness_sentence(numbers),
         "verdicts": tables.verdict_rows(numbers),
         "headline": tables.headline_rows(numbers),
@@ -160,7 +166,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
             for name, part in numbers["drivers"].get("controllers", {}).items()
             if part["failures"]
         },
-        "failure_map": failure_map_tables(numbers["failure_map"], folder),
+        "failure_map": failure_map_tables(numbers["failure_map"], folder, numbers["requirements"]),
         "failure_cases": failure_case_rows(numbers["failure_cases"]),
         "failure_sentence": failure_case_sentence(numbers["failure_cases"], campaign["labels"]),
         "rates": {

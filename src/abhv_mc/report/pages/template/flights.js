@@ -14,6 +14,7 @@ const flightsView = (data, numbers, style) => {
     (state.outcome === "all" || (state.outcome === "failed") === Boolean(rows.failed[row]));
   const chosen = (row) => shown(row) && (!state.brush || state.brush.has(row));
   const numberText = (value) => (Number.isFinite(value) ? String(Number(value.toPrecision(4))).replace("-", "\u2212") : "none");
+  const grouped = (number) => number.toLocaleString("en").replaceAll(",", "\u202f"); // as in the page's tables
   const name = (row) => `${data.controllers[rows.controller[row]].label}, flight ${rows.flight[row]}`;
 
   // A list of buttons is one stop of the Tab key; the arrows go through it.
@@ -40,7 +41,7 @@ const flightsView = (data, numbers, style) => {
   fill(at("scatter-y"), all, data.start.y);
 
   const layout = (x, y, extra = {}) => ({
-    margin: { l: 64, r: 10, t: 24, b: 44 }, hovermode: "closest", modebar: { bgcolor: "rgba(0,0,0,0)", color: style.ink() }, showlegend: false, paper_bgcolor: "rgba(0,0,0,0)",
+    margin: { l: 64, r: 10, t: 24, b: 44 }, hovermode: "closest", modebar: { bgcolor: "rgba(0,0,0,0)", color: style.ink(), activecolor: style.link() }, showlegend: false, paper_bgcolor: "rgba(0,0,0,0)",
     plot_bgcolor: "rgba(0,0,0,0)", font: { family: style.font, size: 12, color: style.ink() },
     xaxis: { title: { text: x }, gridcolor: style.line(), zeroline: false },
     yaxis: { title: { text: y }, gridcolor: style.line(), zeroline: false, exponentformat: "none" }, ...extra,
@@ -99,7 +100,7 @@ const flightsView = (data, numbers, style) => {
     const focused = body.contains(document.activeElement);
     body.replaceChildren();
     const members = data.order.filter(chosen);
-    at("flight-count").textContent = `${members.length.toLocaleString("en")} of ${count.toLocaleString("en")} flights` +
+    at("flight-count").textContent = `${grouped(members.length)} of ${grouped(count)} flights` +
       `${members.length > data.listed ? `; the ${data.listed} worst are listed` : ""}${data.left ? `. ${data.left}` : ""}`;
     for (const row of members.slice(0, data.listed)) {
       const line = body.insertRow();

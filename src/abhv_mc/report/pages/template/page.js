@@ -90,7 +90,7 @@
       return `${controller.label} ${text(low)} to ${text(high)} ${channel.unit}`.trim();
     };
     words.textContent = controllers.length
-      ? `${channel.label} (${channel.doc}) over all flights and times: ${controllers.map(range).join("; ")}. Bands hold at each moment by itself, over the flights that still fly then.`
+      ? `${channel.label} (${channel.doc}) over all flights and times: ${controllers.map(range).join("; ")}.`
       : "No controller is chosen.";
   };
 
@@ -116,7 +116,7 @@
       legend: { orientation: "h", y: -0.16 },
       font: { family: "system-ui, Segoe UI, Liberation Sans, Arial, sans-serif", size: 13, color: ink }, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
       hoverlabel: { bgcolor: style.getPropertyValue("--paper").trim(), font: { color: ink } },
-      height: narrow ? 400 : 480,
+      height: narrow ? 400 : 480, modebar: { bgcolor: "rgba(0,0,0,0)", color: ink, activecolor: style.getPropertyValue("--link").trim() },
       uirevision: channel.name,
     }, { responsive: true, displaylogo: false, plotlyServerURL: "", modeBarButtons: [tools] });
     describe(channel, controllers);
@@ -145,7 +145,7 @@
     controls.hidden = false;
     if (data.channels.length) draw();
     const color = (name) => () => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-    const style = { font: "system-ui, Segoe UI, Liberation Sans, Arial, sans-serif", ink: color("--ink"), line: color("--line") };
+    const style = { font: "system-ui, Segoe UI, Liberation Sans, Arial, sans-serif", ink: color("--ink"), line: color("--line"), link: color("--link") };
     flights = page.flights ? flightsView({ ...page.flights, places: page.places }, numbers, style) : null;
     dispatchEvent(new Event("drawn"));
   };
