@@ -26,6 +26,7 @@ from abhv_mc.folder.layout import write_whole
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.io.documents import Document, InputError, read_document, validate
 from abhv_mc.io.input_files import reading_once
+from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.search.controller_numbers import ControllerNumbers, read_controller_numbers
 from abhv_mc.search.methods.tune import Scores, Tuning, Validation, tune
 from abhv_mc.search.methods.tune import validate as validate_gain
@@ -63,13 +64,15 @@ class Sides:
     limit: float | None = None
     keeps: bool = True  # whether the result keeps the limit there, too
     floor: bool = False  # whether the limit is to be kept above
+    band: Bounds | None = None  # two limits of a requirement: the numbers are distances outside them
 
     @property
     def words(self) -> str:
         """What it is: 'altitude_error_rms_m, 95 % quantile', 'gain_margin_min_db, corners'."""
         if self.quantile is None:
             return f"{self.metric}, {'nominal and corners' if self.vehicles == 'corners' else 'nominal'}"
-        return f"{self.metric}, {100 * self.quantile:g} % quantile"
+        outside = f", distance outside the band {self.band}" if self.band else ""
+        return f"{self.metric}{outside}, {100 * self.quantile:g} % quantile"
 
 
 @dataclass(frozen=True)
@@ -241,7 +244,7 @@ def _validate(trials: Trials, block: Tune, found: Tuning, name: str, metrics: Ma
 
     def side(entry: Aim) -> Sides:
         at_start, at_best = (value_of(trial, metrics[entry.metric], entry.quantile) for trial in (start, best))
-        return Sides(entry.metric, entry.quantile, None, at_start, at_best)
+        return Sides(entry.metric, entry.quantile, None, at_start, at_best, band=metrics[entry.metric].band)
 
     def limited(entry: Limit) -> Sides:
         bound = bound_of(entry, start)
