@@ -86,9 +86,8 @@ WIDE = """[...document.querySelectorAll("table")].filter((t) => t.clientWidth &&
   > t.parentElement.getBoundingClientRect().width + 1).map((t) => t.caption?.innerText ?? t.className)"""
 
 
-@pytest.mark.parametrize("name", ["report_folder", "sparse"])
-def test_no_table_is_wider_than_its_box(page, name, request):
-    page.show(request.getfixturevalue(name) / "report.html")
+def test_no_table_is_wider_than_its_box(page, folder):
+    page.show(folder / "report.html")
     page.ask("for (const part of document.querySelectorAll('details')) part.open = true")
     assert page.ask(WIDE) == []
 
