@@ -85,7 +85,8 @@ def test_the_command_keeps_it_and_the_report_shows_it(flown, monkeypatch):
     page = build_with(flown).read_text(encoding="utf-8")
     assert json.loads((flown / "report.json").read_text(encoding="utf-8"))["failure_map"] == numbers
     flight = numbers["two"]["groups"][0]["flights"][0]
-    assert "density low" in page and f"--controller two --flight {flight}</code>" in page
+    assert "density low" in page and "--controller two --flight NUMBER</code>" in page
+    assert f'data-show="two {flight}"' in page
     words = CliRunner().invoke(app, ["explain", str(flown), "--all", "--controller", "two"])
     assert "density low" in words.stdout
     assert list(json.loads((flown / "explained/failures.json").read_text(encoding="utf-8"))["controllers"]) == ["two"]

@@ -173,7 +173,8 @@ def test_a_cluster_shards_and_one_worker_give_the_same_bits(local_folder, two_wo
         assert len(whole) and all(pq.read_table(folder / name).to_pandas().equals(whole) for folder in folders), name
 
 
-def test_compiled_flights_stand_a_killed_worker_and_a_late_one(local, dask, tmp_path):
+def test_compiled_flights_stand_a_killed_worker_and_a_late_one(local, dask, tmp_path, monkeypatch):
+    monkeypatch.setenv("HELD", str(dask.held))
     first = [dask.start_worker(), dask.start_worker()]
     seen = []
 

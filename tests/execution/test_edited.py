@@ -62,7 +62,7 @@ def test_what_flies_is_what_was_read(campaign, tmp_path, name, when):
 
 def test_a_search_flies_what_was_read(campaign, tmp_path):
     request = SearchRequest(campaign, tmp_path / "out", "one", workers=1)
-    settings = WorstSettings(METRICS[0].name, flights=64)
+    settings = WorstSettings(METRICS[0].name, flights=160)
     find_worst(request, settings, editing(campaign.parent / "vehicle.yaml", "prepare"))
     assert "edited" not in (tmp_path / "out/inputs/vehicle/vehicle.yaml").read_text()
 
