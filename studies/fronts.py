@@ -1,6 +1,6 @@
 """Error against control usage for both laws within the same margins: searches that resume, and what they found.
 
-    OPENBLAS_NUM_THREADS=1 python studies/fronts.py [--vehicle NAME ...] [--rounds R] [--work DIR]
+    OPENBLAS_NUM_THREADS=1 python studies/fronts.py [--vehicle NAME ...] [--rounds R] [--no-matching] [--work DIR]
 
 Of every candidate: the margins in level flight, 16 flights of the paper's box, whose medians give errors and usage over
 those of TLC with Table 1, and 16 corners of the wide box with 40 ms of delay, which are neither lost nor cycle.
@@ -45,6 +45,7 @@ AGREE = 1.05  # of each surface's rms and travel
 AIMED = 1.035  # in a search, so that fresh flights agree within AGREE
 FAR = 0.5  # short of a margin, relative: not worth flying
 CANDIDATES = {"ghame_x": 193, "ghame_x_coupled": 97, "ghame": 81}  # of a step: its start and generations of 16
+LONGER = 3  # times as many in the rounds after the first, which only finds where to look
 STEP = 0.07  # first standard deviation, of the box -1 .. 1
 FACTOR = {"tlc": 20.0, "lqr": 1000.0}  # either way
 PATHS = [0, 1, 2]  # of ERRORS
@@ -271,7 +272,8 @@ def run_step(trials: Trials, archive: Archive, search: int, step: tuple[int, str
         measure(archive.starts(trials, law, search))
     else:
         start = before.points[int(np.argmin(scores(before).rank()))]
-        tune(measure, start, CANDIDATES[archive.vehicle], seed=1000 * search + number, step=STEP)
+        longer = 1 if number <= len(BUDGETS) + 1 else LONGER
+        tune(measure, start, longer * CANDIDATES[archive.vehicle], seed=1000 * search + number, step=STEP)
     table = np.vstack([part.table for part in parts])
     with tempfile.NamedTemporaryFile(dir=archive.folder, suffix=".tmp", delete=False) as into:
         np.savez_compressed(into, table=table, seconds=time.perf_counter() - begun, target=target)
@@ -291,12 +293,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Fronts of error against usage for TLC and LQR.")
     parser.add_argument("--vehicle", nargs="+", choices=VEHICLES, default=VEHICLES)
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--no-matching", action="store_true", help="the fronts alone, no pairs")
     parser.add_argument("--work", type=Path, default=ROOT / "build/fronts")
     arguments = parser.parse_args()
     for vehicle in arguments.vehicle:
         archive = Archive(arguments.work, vehicle)
         trials = {law: Trials(vehicle, law) for law in LAWS}
         for step in steps(arguments.rounds):
+            if step[2] == "match" and arguments.no_matching:
+                continue
             for search in SEARCHES:
                 run_step(trials[step[1]], archive, search, step)
 
