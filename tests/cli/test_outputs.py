@@ -1,6 +1,7 @@
 """No command writes over what a campaign's folder holds: every option that names an output refuses it."""
 
 import json
+import os
 import shutil
 import typing
 from pathlib import Path
@@ -136,3 +137,10 @@ def test_other_places_are_free(flown, tmp_path):
     (tmp_path / "manifest.json").write_text("{}")  # of a web page
     (tmp_path / "figures").mkdir()
     assert find_user_place(tmp_path / "figures/x.png") is None
+
+
+def test_a_device_is_not_renamed_over(call, tmp_path):
+    pipe = tmp_path / "device"
+    os.mkfifo(pipe)
+    code, said = call("plan", "s_manoeuvre", "--json", pipe)
+    assert code == 2 and "a pipe or a device" in said and pipe.is_fifo()

@@ -99,7 +99,6 @@ def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], flo
 
 def _read_range(ends: "list[float]") -> "list[Time]":
     """Times (s) from the first to the last, both among them, the third apart. Raises InputError."""
-
     first, last, step = ends
     if step <= 0.0 or last < first or last - first > _MOST_TIMES * step:
         found = f"{first:g} s to {last:g} s every {step:g} s"

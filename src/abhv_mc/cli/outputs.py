@@ -23,6 +23,8 @@ def output_file(path: Path | None) -> Path | None:
         return None
     if path.is_dir():
         raise InputError(path, None, None, "a folder", "the name of a file")
+    if path.exists() and not path.is_file():  # root's --json /dev/null would be renamed over the device
+        raise InputError(path, None, None, "a pipe or a device", "the name of a file")
     return _check(path, path.absolute().parent)
 
 

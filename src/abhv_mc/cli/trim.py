@@ -69,7 +69,6 @@ def _quantity(name: str, text: str) -> float:
 
 
 def _print_table(vehicle: Path, altitude: float, speed: float, points: list[dict[str, Any]]) -> None:
-
     mach, pressure = points[0]["mach"], points[0]["dynamic_pressure_pa"]
     title = f"{vehicle.stem}: {altitude / 1e3:g} km, {speed:g} m/s, Mach {mach:.3f}, {pressure / 1e3:.2f} kPa"
     headings = [f"{heading}\n{unit}" for _, heading, unit, _, _ in _COLUMNS]

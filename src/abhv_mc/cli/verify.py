@@ -135,7 +135,6 @@ def _show(rows: "list[Row]", json: Path | None, junit: Path | None) -> None:
 
 
 def _print_rows(rows: "list[Row]") -> None:
-
     table = new_table(("case", "compared with", "quantity"), ("difference", "tolerance"))
     table.add_column("unit")
     table.add_column()
