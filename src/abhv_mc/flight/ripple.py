@@ -30,28 +30,37 @@ def watch_swings(Z, width, row, error, factor, settled, time, out):
 
     :func:`end_swing` follows these up; ``time`` counts control ticks. This alone runs at every tick.
     """
-    for lane in range(width):
-        Z[out, lane] = _watch(Z, lane, row, Z[error, lane] * factor, settled, time, SLOW, 1.0)
     quick = row + N_SWING_ROWS
-    for lane in range(width):
-        Z[out, lane] += _watch(Z, lane, quick, Z[error, lane] * factor, settled, time, QUICK, 0.0)
+    if settled > 0.0:
+        for lane in range(width):
+            value = Z[error, lane] * factor
+            size = abs(Z[row + FARTHEST, lane] - Z[row + TURN, lane])
+            least = larger(WIGGLE, SLOW * larger(size, abs(Z[row + SWING, lane])))
+            Z[out, lane] = _watch(Z, lane, row, value, time, least)
+        for lane in range(width):
+            value = Z[error, lane] * factor
+            size = abs(Z[quick + FARTHEST, lane] - Z[quick + TURN, lane])
+            Z[out, lane] += _watch(Z, lane, quick, value, time, larger(WIGGLE, QUICK * size))
+    else:  # the next settled stretch begins anew
+        for lane in range(width):
+            Z[out, lane] = 0.0
+            for first in (row, quick):
+                Z[first + STAGE, lane] = 0.0
+                Z[first + SWING, lane] = 0.0
+                Z[first + BEFORE, lane] = 0.0
 
 
 @lanes
-def _watch(Z, lane, row, error, settled, time, share, remembered):
+def _watch(Z, lane, row, error, time, least):
+    """Whether a swing begins or ends; ``least``: the way back that ends one."""
     stage, turn, farthest = Z[row + STAGE, lane], Z[row + TURN, lane], Z[row + FARTHEST, lane]
-    swing, since = Z[row + SWING, lane], Z[row + FARTHEST_TIME, lane]
+    since = Z[row + FARTHEST_TIME, lane]
     moving = abs(stage) >= 1.0
     back = (farthest - error) * (1.0 if stage > 0.0 else -1.0)
-    turned = back >= larger(WIGGLE, share * larger(abs(farthest - turn), remembered * abs(swing)))
     farther = moving & (back < 0.0)
     Z[row + FARTHEST, lane] = error if farther else farthest
     Z[row + FARTHEST_TIME, lane] = time if farther else since
-    Z[row + STAGE, lane] = stage * settled
-    Z[row + SWING, lane] = swing * settled
-    Z[row + BEFORE, lane] *= settled
-    ends = 1.0 if (moving & turned) | ((not moving) & ((stage == 0.0) | (error != turn))) else 0.0
-    return ends * settled
+    return 1.0 if (moving & (back >= least)) | ((not moving) & ((stage == 0.0) | (error != turn))) else 0.0
 
 
 @lanes
