@@ -289,7 +289,7 @@ def worst_tables(numbers: Mapping[str, Any], folder: str) -> list[Row]:
                 "outcome": entry["outcome"].replace("_", " "),
                 "by": numbers["metrics"][entry["by"]]["label"] if entry["by"] else "",
                 "beyond": significant(entry["beyond"], 3),
-                "values": [significant(entry["metrics"].get(m), 4) for m in numbers["asked"][:WORST_COLUMNS]],
+                "values": [significant(entry["metrics"].get(m), 6) for m in numbers["asked"][:WORST_COLUMNS]],
                 "samples": ", ".join(_dispersion_words(dispersion) for dispersion in entry["largest"]),
             }
             for entry in flights
