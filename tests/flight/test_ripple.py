@@ -11,7 +11,7 @@ from abhv_mc.control import columns as ref
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
-from abhv_mc.flight.ripple import FREQUENCY, N_RIPPLE_ROWS, QUICK, SLOW, WIGGLE, end_swing, watch_swings
+from abhv_mc.flight.ripple import FREQUENCY, N_RIPPLE_ROWS, QUICK, SLOW, WIGGLE, begin_swings, end_swing, watch_swings
 from abhv_mc.flying import make_flight_plan
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 
@@ -54,9 +54,13 @@ def expected_ripple(error, settled) -> tuple[float, list[float]]:
 def follow(error, settled) -> tuple[float, float]:
     Z, largest = np.zeros((N_RIPPLE_ROWS + 2, 1)), 0.0
     given, ends = N_RIPPLE_ROWS, N_RIPPLE_ROWS + 1
+    begin_swings(Z, 1, 0)
     for tick, (value, calm) in enumerate(zip(error.tolist(), settled.tolist(), strict=True)):
         Z[given, 0] = value
-        watch_swings(Z, 1, 0, given, 1.0, float(calm), float(tick), ends)
+        if not calm:
+            begin_swings(Z, 1, 0)
+            continue
+        watch_swings(Z, 1, 0, given, 1.0, float(tick), ends)
         if Z[ends, 0] > 0.0:
             largest = max(largest, end_swing(Z, 0, 0, value, float(tick), 0.01))
     return largest, float(Z[FREQUENCY, 0])

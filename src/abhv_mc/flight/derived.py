@@ -6,7 +6,7 @@ Each takes the lane memory, a lane, the plan and the tick, and returns the unit 
 import math
 
 from abhv_mc.control import columns as ref
-from abhv_mc.flight.ripple import FREQUENCY, N_RIPPLE_ROWS, end_swing, watch_swings
+from abhv_mc.flight.ripple import FREQUENCY, N_RIPPLE_ROWS, begin_swings, end_swing, watch_swings
 from abhv_mc.flight.sensors import END_ROW
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.angles import larger, wrap
@@ -32,12 +32,14 @@ FIRST_DERIVED = RIPPLES + 3 * N_RIPPLE_ROWS  # the quantities themselves
 
 @lanes
 def remember_start(Z, width):
-    """Deflections and mass at the start, to which some quantities refer."""
+    """Deflections and mass at the start, to which some quantities refer; no swing has been seen."""
     for lane in range(width):
         for i in range(3):
             Z[FIRST_SURFACE + i, lane] = Z[X + s.AILERON + i, lane]
             Z[LAST_SURFACE + i, lane] = Z[X + s.AILERON + i, lane]
         Z[FIRST_MASS, lane] = Z[X + s.MASS, lane]
+    for i in range(3):
+        begin_swings(Z, width, RIPPLES + i * N_RIPPLE_ROWS)
 
 
 @lanes
@@ -113,15 +115,20 @@ def sideslip_ripple_deg(Z, lane, plan, tick):
 @lanes
 def follow_ripples(Z, width, plan, tick, errors, ripples, cycles):
     """Cycles of bank, angle of attack and sideslip: from rows of their errors to rows of ripples and frequencies."""
-    settled, length = plan.reference[tick, ref.SETTLED], plan.timing.step * plan.timing.steps_per_tick
+    length = plan.timing.step * plan.timing.steps_per_tick
+    settled = plan.reference[tick, ref.SETTLED] > 0.0
+    settled_before = tick > 0 and plan.reference[tick - 1, ref.SETTLED] > 0.0
     for i in range(3):
         row, factor = RIPPLES + i * N_RIPPLE_ROWS, _DEG if i == 2 else 1.0
-        watch_swings(Z, width, row, errors[i], factor, settled, float(tick), ripples[i])
-        if any_lane(Z, width, ripples[i], 1, 0.0):
-            for lane in range(width):
-                if Z[ripples[i], lane] > 0.0:
-                    Z[ripples[i], lane] = end_swing(Z, lane, row, Z[errors[i], lane] * factor, float(tick), length)
-                    Z[cycles[i], lane] = Z[row + FREQUENCY, lane]
+        if settled:
+            watch_swings(Z, width, row, errors[i], factor, float(tick), ripples[i])
+            if any_lane(Z, width, ripples[i], 1, 0.0):
+                for lane in range(width):
+                    if Z[ripples[i], lane] > 0.0:
+                        Z[ripples[i], lane] = end_swing(Z, lane, row, Z[errors[i], lane] * factor, float(tick), length)
+                        Z[cycles[i], lane] = Z[row + FREQUENCY, lane]
+        elif settled_before:
+            begin_swings(Z, width, row)
 
 
 @lanes
