@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 from stability.systems import assert_predicted, decibels, parameters, read
 
+from abhv_mc.control.mission import read_mission
+from abhv_mc.flight.fly import fly
 from abhv_mc.flight.prepare import make_plan, read_law
 from abhv_mc.io.input_error import InputError
+from abhv_mc.plant import state as s
 from abhv_mc.stability.analysis import NO_SLOPES, analyse, margins_of_flights
 from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.probe import law_memory_rows
 from abhv_mc.stability.steady import make_steady_plan, trim_points
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "control"
 LQR = Path(__file__).parents[1] / "user_code" / "lqr_law.yaml"
@@ -143,3 +147,19 @@ def test_a_law_without_slopes_has_no_margins(tmp_path):
     plan, steady = plans(write_law(tmp_path, altitude="(1.0 + 1e-9 * sqrt(measured.altitude - reference.altitude))"))
     found = margins_of_flights(plan, steady, parameters(), ["trim"])
     assert found.faults == [[NO_SLOPES]] and found.gain_db[0] == 0.0
+
+
+def test_a_law_behind_its_own_limit_at_the_trim_is_linearized_where_it_comes_to_rest():
+    root = CONFIGS.parent
+    vehicle, mission = load_vehicle(root / "vehicle" / "f16.yaml"), read_mission(root / "mission" / "f16_level.yaml")
+    controller, user_code = read_law(CONFIGS / "f16_autopilot.yaml")
+    steady = make_steady_plan(vehicle, mission, controller, "f16", user_code=user_code)
+    # Centre of gravity and lift each at an end: at no error of altitude the autopilot asks for all of the elevator.
+    side = np.array([-0.09, 0.09])
+    dispersions = parameters(2, mass__center_of_gravity_x=side, aero__lift=np.array([1.1, 0.9]))
+    points = trim_points(steady, dispersions)
+    assert stability(steady, points, dispersions).stable.all()
+    plan = make_plan(vehicle, mission, controller, "f16", user_code=user_code)
+    flown = fly(plan, dispersions, record_every=100, keep_states=True).states[:, -1, s.ALTITUDE]
+    np.testing.assert_allclose(points.points.path[:, 0], flown, atol=0.01)
+    assert np.all(np.abs(points.points.path[:, 0] - mission.start.altitude) > 2.0)  # an error of its own, in m

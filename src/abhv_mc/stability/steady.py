@@ -10,6 +10,7 @@ from abhv_mc.control import columns as ref
 from abhv_mc.control.controller_file import Controller
 from abhv_mc.control.design.guidance_trim import GuidancePoints, GuidanceTrim, trim_along
 from abhv_mc.control.design.reference import make_mission_trim_tables
+from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.control.mission import Level, Mission
 from abhv_mc.flight.arguments import Kept
 from abhv_mc.flight.fly import fly_until, nominal_parameters
@@ -20,8 +21,9 @@ from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import NEVER, PARAMETER_INDEX
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.linearize import Points, law_slopes, memory_count, plant_slopes
-from abhv_mc.stability.points import Found
+from abhv_mc.stability.points import AT_LIMIT, Found
 from abhv_mc.stability.probe import begin, check_linear, law_memory_rows
+from abhv_mc.stability.rest import leave_limits
 from abhv_mc.user_code.design import DesignModel
 from abhv_mc.vehicle.model import Vehicle
 
@@ -132,6 +134,8 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     latitude, mass = lane[:, s.X + s.LATITUDE], lane[:, s.X + s.MASS]
     points = Points(at[:, :10], at[:, 10:], latitude, mass, nothing, nothing, lane, 1)
     holds = np.hstack([np.ones((count, 9), bool), ~stuck[:, :2].any(axis=1, keepdims=True), stuck])
+    user_law = plan.law in USER_LAWS
+    at_errors_zero = plant_slopes(plan, points).value[:, _EXPECTED.stop :] if user_law else nothing
     for _ in range(_ITERATIONS):
         found = plant_slopes(plan, points._replace(path=at[:, :10], controls=at[:, 10:]))
         left = np.hstack([found.value[:, _EXPECTED], np.where(stuck, at[:, 10:13] - held, 0.0)])
@@ -156,12 +160,14 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     measured[:, :10][frozen[:, :10]] = at[:, :10][frozen[:, :10]]  # it failed in this steady flight
     points = points._replace(path=at[:, :10], controls=at[:, 10:], measured=measured)
     memory, grows = _memory_at_rest(plan, points)
+    points = points._replace(memory=memory)
+    points, limited = leave_limits(plan, points, at_errors_zero) if user_law else (points, np.zeros(count, bool))
     beta = np.rad2deg(measured[:, path.BETA])
     faults = [
-        "no trim was found" if o else _BEYOND if b else _unsettled(plan.controller, angle) if g else ""
-        for o, b, g, angle in zip(off.tolist(), beyond.tolist(), grows.tolist(), beta.tolist(), strict=True)
+        "no trim was found" if o else _BEYOND if b else _unsettled(plan.controller, angle) if g else AT_LIMIT * l
+        for o, b, g, l, angle in zip(*(each.tolist() for each in (off, beyond, grows, limited, beta)), strict=True)
     ]
-    return Found(points._replace(memory=memory), faults)
+    return Found(points, faults)
 
 
 def _unsettled(controller: str, sideslip: float) -> str:

@@ -1,0 +1,102 @@
+"""Where a flight comes to rest under a law that does not hold the trim: without integrals it keeps an error.
+
+A law of the user's own has its limits in its code. At a trim that it does not hold it may stand behind one of them, as
+NASA's F-16 does with its stick full aft at an error of two metres of altitude; its slopes there are no closed loop's.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.array_types import Floats
+from abhv_mc.control import columns as ref
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.plant import state as s
+from abhv_mc.plant.parameters import NEVER
+from abhv_mc.stability import path_coordinates as path
+from abhv_mc.stability.differences import Slopes
+from abhv_mc.stability.linearize import Points, law_slopes, plant_slopes
+from abhv_mc.stability.probe import law_tick
+
+_ITERATIONS = 40
+_AT_REST = 1e-8  # of all rates, of the memory's change in a tick and of what commands and controls differ by
+_ROUNDING = 1e-8  # of the law's slopes over the measurement
+_LOST = 1e-3  # of a slope, what is left of it behind a limit
+_MEASURED = 11  # the first measurement of what plant_slopes gives
+
+
+def leave_limits(plan: FlightPlan, points: Points, at_errors_zero: Floats) -> tuple[Points, NDArray[np.bool_]]:
+    """Trims, but where the law stands behind a limit of its code there the flight comes to rest; which stay so [point].
+
+    A command is behind a limit where speed, or angles and rates, no longer move it as they do at the measurement
+    ``at_errors_zero`` [point, measured] of the nominal vehicle.
+    """
+    free = law_slopes(plan, points._replace(measured=at_errors_zero))
+    limited = _limited(plan, points, free)
+    rows = np.flatnonzero(limited)
+    if not rows.size:
+        return points, limited
+    some = points._replace(**{name: getattr(points, name)[rows] for name in Points._fields[:-1]})
+    free = Slopes(free.value[rows], free.slope[rows])
+    found, at_rest = _come_to_rest(plan, some, free)
+    at_rest &= ~_limited(plan, found, free)
+    for name in ("path", "controls", "measured", "memory"):
+        getattr(points, name)[rows[at_rest]] = getattr(found, name)[at_rest]
+    limited[rows] = ~at_rest
+    return points, limited
+
+
+def _moves(points: Points) -> NDArray[np.bool_]:
+    """Whether the law moves each of the four controls, [point, 4]."""
+    stuck = points.lane[:, s.STUCK_SURFACE : s.STUCK_SURFACE + 3] != NEVER
+    return np.hstack([~stuck, np.ones((len(stuck), 1), bool)])
+
+
+def _limited(plan: FlightPlan, points: Points, free: Slopes) -> NDArray[np.bool_]:
+    here, at_zero = (_strengths(each.slope[:, points.memory.shape[1] :]) for each in (law_slopes(plan, points), free))
+    lost = (at_zero > _ROUNDING) & (here < _LOST * at_zero)
+    return np.asarray((lost.any(axis=2) & _moves(points)).any(axis=1))
+
+
+def _strengths(slope: Floats) -> Floats:
+    """How much the speed, and all angles and rates together, move each command, [point, 4, 2]."""
+    angles = np.linalg.norm(slope[:, :, path.GAMMA : path.R + 1], axis=2)
+    return np.stack([np.abs(slope[:, :, path.SPEED]), angles], axis=2)
+
+
+def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Points, NDArray[np.bool_]]:
+    """Points at which nothing but the heading changes with the law in command, and whether they do rest [point].
+
+    By Newton's method with the law's slopes ``free`` of its limits.
+    """
+    m, n = points.memory.shape[1], points.measured.shape[1]
+    law_measured, law_memory = free.slope[:, :, :n], free.slope[:, :, n:] - np.eye(m + 4, m)
+    moves = _moves(points)
+    for iteration in range(_ITERATIONS + 1):
+        plant = plant_slopes(plan, points)
+        frozen = (plant.slope[:, _MEASURED:] == 0.0).all(axis=2)
+        measured = np.where(frozen, points.measured, plant.value[:, _MEASURED:])
+        points = points._replace(measured=measured)
+        law = law_tick(plan, points.tick, measured, points.memory)
+        rates = plant.value[:, :10].copy()
+        rates[:, path.CHI] -= plan.reference[0, ref.HEADING_RATE]
+        apart = np.where(moves, law.command - points.controls, 0.0)
+        left = np.hstack([rates, law.memory - points.memory, apart])
+        at_rest = np.asarray(np.abs(left).max(axis=1) < _AT_REST)
+        if iteration == _ITERATIONS or at_rest.all():
+            break
+        J = np.zeros((*left.shape, 14 + m))
+        J[:, :10, :14] = plant.slope[:, :10]
+        J[:, 10:, :14] = law_measured @ plant.slope[:, _MEASURED:]
+        J[:, 10:, 14:] = law_memory
+        J[:, 10 + m :][~moves] = 0.0
+        J[:, 10 + m :, 10:14] -= np.eye(4)
+        known = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(left).all(axis=1) & ~at_rest
+        step = np.zeros((len(J), 14 + m))
+        step[known] = np.einsum("pij,pj->pi", np.linalg.pinv(J[known], rcond=1e-13), left[known])
+        path_step, controls_step, memory_step = np.split(step, [10, 14], axis=1)
+        points = points._replace(
+            path=points.path - path_step,
+            controls=points.controls - controls_step,
+            memory=points.memory - memory_step,
+        )
+    return points, at_rest
