@@ -10,6 +10,7 @@ from verification.independent_f16 import CASES, F16
 from abhv_mc.verification.nesc import _differences, _flown, verify_nesc
 from abhv_mc.verification.nesc_f16 import RATE, fly_aircraft
 from abhv_mc.verification.replay import at_times, make_motion
+from abhv_mc.verification.rows import Row, rows_record
 
 # Of altitude (ft), velocity (ft/s), longitude, latitude, Euler angles (deg) and body rates (deg/s). The program's law
 # acts 500 times a second, the other one without delay: stops of its stiff roll loop come up to 2 ms later.
@@ -87,3 +88,16 @@ def test_files_named_as_the_publishers_are_found_and_compared(tmp_path, reposito
     assert {(row.case, row.simulator) for row in rows} == {(title, "sim 04"), (title, "sim 05")}
     assert len(rows) == 12
     assert max(row.difference for row in rows) < 1e-9
+
+
+def test_one_simulator_alone_is_compared_and_not_judged(tmp_path, repository) -> None:
+    folder = repository / "tests" / "reference" / "nesc" / "Atmos_11_TrimCheckSubsonicF16"
+    (tmp_path / "case").mkdir()
+    with gzip.open(next(folder.glob("*sim_04*")), "rt") as file:
+        first = [line for line, _ in zip(file, range(50), strict=False)]
+    (tmp_path / "case" / "Atmos_11_sim_04.csv").write_text("".join(first))
+    rows = verify_nesc(tmp_path)
+    assert len(rows) == 6 and not any(row.judged for row in rows)
+    assert all(row.difference < 0.1 for row in rows)
+    assert {row["tolerance"] for row in rows_record(rows)["rows"]} == {None}
+    assert not Row("case", "sim 04", "altitude", "ft", float("nan"), float("inf")).ok

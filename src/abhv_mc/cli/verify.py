@@ -124,8 +124,8 @@ def _show(rows: "list[Row]", json: Path | None, junit: Path | None) -> None:
         cases = [
             Case(
                 f"{row.case} {row.quantity}, against {row.simulator}",
-                "PASS" if row.ok else "FAIL",
-                f"differs by {row.difference:.2e} {row.unit}, tolerance {row.tolerance:.2e}",
+                "FAIL" if not row.ok else "PASS" if row.judged else "NOT JUDGED",
+                f"differs by {row.difference:.2e} {row.unit}, tolerance {_tolerance(row)}",
             )
             for row in rows
         ]
@@ -139,7 +139,14 @@ def _print_rows(rows: "list[Row]") -> None:
     table.add_column("unit")
     table.add_column()
     for row in rows:
-        numbers = (f"{row.difference:.2e}", f"{row.tolerance:.2e}")
-        table.add_row(row.case, row.simulator, row.quantity, *numbers, row.unit, "ok" if row.ok else "OUTSIDE")
+        word = "OUTSIDE" if not row.ok else "ok" if row.judged else "not judged"
+        table.add_row(row.case, row.simulator, row.quantity, f"{row.difference:.2e}", _tolerance(row), row.unit, word)
     print_table(table)
     say(f"{len(rows)} differences, {sum(not row.ok for row in rows)} outside their tolerance")
+    alone = sum(not row.judged for row in rows)
+    if alone:
+        say(f"{alone} not judged: their tolerance is what two simulators differ by, and there is a file of one alone")
+
+
+def _tolerance(row: "Row") -> str:
+    return f"{row.tolerance:.2e}" if row.judged else "none"

@@ -1,5 +1,6 @@
 """A row of the proof: how far something is from what it should be, and how far it may be."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -14,11 +15,16 @@ class Row:
     quantity: str
     unit: str
     difference: float
-    tolerance: float
+    tolerance: float  # infinite where there is nothing to judge by
     ok: bool = field(init=False)  # False for a difference that is not a number
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ok", self.difference <= self.tolerance)
+
+    @property
+    def judged(self) -> bool:
+        """Whether there is a tolerance."""
+        return math.isfinite(self.tolerance)
 
 
 def all_ok(rows: Sequence[Row]) -> bool:
@@ -27,5 +33,6 @@ def all_ok(rows: Sequence[Row]) -> bool:
 
 
 def rows_record(rows: Sequence[Row]) -> dict[str, Any]:
-    """``{"ok": bool, "rows": [...]}``."""
-    return {"ok": all_ok(rows), "rows": [asdict(row) for row in rows]}
+    """``{"ok": bool, "rows": [...]}``; a tolerance that there is not is None."""
+    listed = [asdict(row) | ({} if row.judged else {"tolerance": None}) for row in rows]
+    return {"ok": all_ok(rows), "rows": listed}
