@@ -52,18 +52,6 @@ def test_a_table_has_rows_of_whole_ticks(every):
         abhv_mc.fly("level", every=every)
 
 
-def test_a_step_beyond_the_flight_leaves_its_start():
-    for every in (6001, 10**30):
-        assert abhv_mc.fly("level", every=every).time.tolist() == [0.0]
-
-
-@pytest.mark.parametrize("wrong", ["x", [("aero.drag", 1.1)]])
-def test_dispersions_are_a_mapping(wrong):
-    for command in (abhv_mc.fly, abhv_mc.margins, abhv_mc.linearize):
-        with pytest.raises(InputError, match=r"dispersions: .*; expected a mapping"):
-            command("level", dispersions=wrong)
-
-
 def test_trims_are_a_table_by_bank():
     table = abhv_mc.trim("ghame", bank=["0 deg", "50 deg"])
     assert table.angle_of_attack_deg.to_list() == pytest.approx([3.59, 4.47], abs=0.01)

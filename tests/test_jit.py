@@ -1,7 +1,6 @@
 """Compiled code does what the functions say; what is kept of it is never stale, and its making is announced."""
 
 import errno
-import gc
 import os
 import shutil
 import subprocess
@@ -207,21 +206,6 @@ def test_numbers_that_a_kernel_is_made_from_tell_kernels_apart():
         return add
 
     assert [make(constant)(1.0) for constant in (1, 2, 1)] == [2.0, 3.0, 2.0]
-
-
-@pytest.fixture
-def fails():
-    @kernel
-    def wrong(x):
-        return x.nothing
-
-    return wrong
-
-
-def test_garbage_is_collected_again_after_a_fault(fails):
-    with pytest.raises(numba.TypingError):
-        fails(1.0)
-    assert gc.isenabled()
 
 
 @pytest.mark.skipif(jit.compiler() == "public", reason="numba's own dispatcher")

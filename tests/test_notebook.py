@@ -137,33 +137,6 @@ def test_other_dispersions(flown):
             results.whatif(wrong)
 
 
-@pytest.mark.parametrize("wrong", ["selec", None])
-def test_sql_that_cannot_be_answered_is_bad_input(flown, wrong):
-    with pytest.raises(InputError, match=r"(?s)query: .*; expected SQL"):
-        flown[1].query(wrong)
-
-
-def test_sql_without_a_question_has_an_empty_answer(flown):
-    for nothing in ("", ";", "-- no more"):
-        assert flown[1].query(nothing).empty
-
-
-@pytest.mark.parametrize("wrong", ["pdf", None])
-def test_a_report_of_an_unknown_format_is_not_written(flown, wrong):
-    """It was Markdown of that name."""
-    before = sorted(flown[1].folder.iterdir())
-    with pytest.raises(InputError, match=r"format: .*; expected one of html, md"):
-        flown[1].make_report(wrong)
-    assert sorted(flown[1].folder.iterdir()) == before
-
-
-@pytest.mark.parametrize("wrong", [0, "two"])
-def test_as_many_workers_as_on_the_command_line(flown, tmp_path, wrong):
-    with pytest.raises(InputError, match=r"workers: .*; expected a whole number from 1 to 1024"):
-        flown[0].run(tmp_path / "new", workers=wrong)
-    assert not (tmp_path / "new").exists()
-
-
 def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypatch, flown):
     """The tables were called changed by a run, and another file of the same name was flown."""
     (tmp_path / "there").mkdir()

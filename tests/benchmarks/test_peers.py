@@ -40,16 +40,3 @@ def test_peers_are_compared_within_a_round(measured):
     assert peers["C++ twin"]["over_ours"] == pytest.approx(2.5, rel=1e-12)  # whatever the machine did between rounds
     assert peers["C++ twin"]["seconds_per_flight"] == pytest.approx(7.5e-3, rel=1e-12)
     assert (peers["C++ twin"]["repeats"], peers["C++ twin"]["processes"]) == (6, 2)
-
-
-def test_a_peer_that_fails_is_named_and_the_others_go_on(measured):
-    peers, failed, tried = measured
-    assert failed == {"jsbsim_x15": "no aircraft"}
-    assert (tried.count("jsbsim_x15"), tried.count("rocketpy_flight")) == (1, 2)
-    machine = {"processor": "P", "simd": "AVX2", "cores": 2, "system": "S", "load_before": 0.0}
-    table = run.make_table({"machine": machine, "versions": {"Python": "3.12"}, "peers": peers})
-    rows = {row.split(" | ")[0].strip("| *"): row for row in table.splitlines() if row.startswith("|")}
-    assert "| failed |" in rows["JSBSim"]
-    assert rows["RocketPy"].endswith("| 7.5 | 5 to 10 | 2.50 |")
-    assert rows["CADAC++ GHAME6"].endswith("| 108 | not measured here | 36 |")
-    assert "1.0e-09 m (C++ twin)" in table

@@ -52,12 +52,6 @@ def test_starting_imports_nothing_heavy() -> None:
     assert HEAVY.isdisjoint(answer.stdout.split())
 
 
-def test_shell_completion() -> None:
-    answer = run_program(_ABHV_MC_COMPLETE="source_bash", _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
-    assert answer.returncode == 0
-    assert "_ABHV_MC_COMPLETE" in answer.stdout
-
-
 @pytest.mark.parametrize(
     ("error", "code", "said"),
     [

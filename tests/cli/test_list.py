@@ -9,7 +9,6 @@ from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.cli.app import app
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import BUILT_IN
-from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.parameters import PARAMETERS
 
 
@@ -22,10 +21,6 @@ def schema(kind: str) -> dict:
 @pytest.mark.parametrize("kind", ["vehicle", "controller"])
 def test_a_schema_is_printed_as_it_is(kind: str) -> None:
     assert schema(kind) == make_schema(kind)
-
-
-def test_unknown_kind() -> None:
-    assert isinstance(CliRunner().invoke(app, ["list", "schemas", "flight"]).exception, InputError)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.inputs import check_inputs, find_kind
 from abhv_mc.campaign.file.new_campaign import write_new_campaign
 from abhv_mc.io.documents import InputError
-from abhv_mc.shipped import find_input, shipped_campaigns, shipped_files
+from abhv_mc.shipped import shipped_campaigns, shipped_files
 
 
 def test_new_folder_stands_alone(tmp_path: Path) -> None:
@@ -69,16 +69,6 @@ def test_an_unknown_name_is_refused_with_the_known_ones(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"(?s)'failure'.*failures"):
         write_new_campaign(tmp_path / "x", "failure")
     assert not (tmp_path / "x").exists()
-
-
-@pytest.mark.parametrize(
-    ("name", "kinds"), [("failures", ("campaign",)), ("ghame_x", ("vehicle",)), ("turn", ("campaign", "mission"))]
-)
-def test_shipped_names_stand_for_their_files(name: str, kinds: tuple[str, ...]) -> None:
-    assert find_input(name, *kinds) == shipped_files(kinds[-1])[name]
-    assert find_input("here/mine.yaml", *kinds) == Path("here/mine.yaml")
-    with pytest.raises(InputError, match="no such file"):
-        find_input("nothing_like_it", *kinds)
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -192,29 +191,6 @@ def test_dry_run_says_what_it_costs_and_leaves_nothing(abhv_mc, tmp_path, monkey
     code, out, _ = abhv_mc("validate", "--dry-run", write_campaign(tmp_path / "files"))
     assert code == 0 and "300 flights of 2 controllers" in out and "MB at most" in out
     assert [path.name for path in tmp_path.iterdir()] == ["files"]
-
-
-def test_a_folder_with_a_colon_in_its_name_is_a_folder(abhv_mc, tmp_path, monkeypatch):
-    from abhv_mc.execution.runner import run_campaign
-    from abhv_mc.execution.setup import Request
-    from abhv_mc.folder.database import open_database
-
-    monkeypatch.chdir(tmp_path)
-    campaign = write_campaign(tmp_path / "f", runs="30")
-    assert run_campaign(Request(campaign, Path("run-21:30")), ENGINE).complete
-    with open_database(Path("run-21:30")) as database:
-        assert database.sql("select count(*) from flights").fetchall() == [(60,)]
-    for words in (("status",), ("export",), ("compare", "run-21:30")):
-        assert abhv_mc(*words, "run-21:30")[0] == 0, words
-
-
-@pytest.mark.parametrize("names", ["", "one,"])
-def test_an_empty_name_of_a_controller_is_refused(names):
-    from abhv_mc.cli.options import parse_names
-    from abhv_mc.io.input_error import InputError
-
-    with pytest.raises(InputError, match="empty name"):
-        parse_names(names)
 
 
 @pytest.mark.parametrize("controllers", ["{one: one.yaml}", "{one: one.yaml, two: two.yaml}"])

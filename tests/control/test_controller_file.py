@@ -53,10 +53,7 @@ def test_the_papers_gains_give_no_warning_and_a_fast_outer_loop_does(tmp_path: P
         ("law: tlc", "law: pid", 5, "one of tlc, lqr"),
         ("0.03 rad/s", "0.03", 9, "without a unit"),
         ("damping: 2.4, bandwidth: 0.1", "damping: -2.4, bandwidth: 0.1", 13, "more than 0"),
-        ("speed: {damping", "speed: {dampnig", 15, "dampnig"),
-        ("bank: 70 deg", "bank: 70 m", None, "an angle"),
         ("[-1 deg, 12 deg]", "[12 deg, -1 deg]", None, "empty range"),
-        ("rate: 100 Hz", "rate: 0 Hz", 6, "more than 0"),
         ("0.2 rad/s}\n\n", "{over_time: [{time: 0 s, bandwidth: 1 rad/s}]}}\n\n", 15, "at least 2"),
     ],
 )

@@ -127,11 +127,9 @@ def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
     [
         ("<DAVEfunc xmlns", '<!DOCTYPE x [<!ENTITY a "b">]><DAVEfunc xmlns', "junk|entity|syntax"),
         ("<cn>180.</cn>", "<cn>&amp;&other;</cn>", "entity"),
-        ("<divide/>", "<determinant/>", "the operator 'determinant'"),
         ("<ci>el</ci>", "<ci>__import__('os')</ci>", "computed of '__import__"),
         ('<bpRef bpID="DE1"/>', '<bpRef bpID="DE9"/>', "the breakpoints 'DE9'"),
         ("-.099,-.081", "-.099", "a table of 59 values"),
-        ('extrapolate="neither"', 'extrapolate="wild"', "extrapolate 'wild'"),
         ("<cn>25.0</cn>", "<ci>cz</ci>", "a circle"),
     ],
 )

@@ -149,14 +149,6 @@ def with_blocks(folder, size):
     return path
 
 
-def test_compiled_flights_have_the_same_digest_in_blocks_of_any_size(local, two_workers, tmp_path):
-    request = Request(
-        with_blocks(tmp_path, 7), tmp_path / "out", RUNS, controllers=("tlc",), scheduler=two_workers.address
-    )
-    flown = run_campaign(request, make_engine()).manifest
-    assert (flown["state"], flown["runs_failed"], flown["digest"]) == ("complete", 0, local)
-
-
 def test_a_cluster_shards_and_one_worker_give_the_same_bits(local_folder, two_workers, tmp_path):
     """Digest, envelopes and histories of compiled flights."""
     asked = Request(REAL, tmp_path / "dask", RUNS, controllers=("tlc",), scheduler=two_workers.address)

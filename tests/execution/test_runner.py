@@ -6,7 +6,6 @@ import os
 import signal
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -103,15 +102,6 @@ def test_interrupt_keeps_what_landed_and_resume_completes_it(campaign, tmp_path,
         assert pq.read_table(tmp_path / "a" / name).equals(pq.read_table(tmp_path / "b" / name))
 
 
-def test_a_complete_campaign_flies_nothing(campaign, tmp_path):
-    run(campaign, tmp_path / "out")
-
-    def never(*_):
-        raise AssertionError("flown again")
-
-    assert run(campaign, tmp_path / "out", replace(ENGINE, fly=never)).complete
-
-
 def test_extending_keeps_flights_bit_for_bit(campaign, tmp_path):
     run(campaign, tmp_path / "out", runs=100)
     before = flights(tmp_path / "out")
@@ -130,16 +120,6 @@ def test_fewer_flights_and_stratified_extensions_are_refused(tmp_path):
     for runs in (50, 200):
         with pytest.raises(InputError, match=f"runs: 100 -> {runs}"):
             run(campaign, tmp_path / "out", runs=runs)
-
-
-def test_controllers_can_be_added(campaign, tmp_path):
-    whole = run(campaign, tmp_path / "a").manifest
-    assert run(campaign, tmp_path / "b", controllers=("two",)).complete
-    assert run(campaign, tmp_path / "b", controllers=("one",)).manifest["digest"] == whole["digest"]
-    assert (
-        pq.read_table(tmp_path / "a/envelopes.parquet").num_rows
-        == pq.read_table(tmp_path / "b/envelopes.parquet").num_rows
-    )
 
 
 def test_requirements_of_controllers_that_are_flown_one_after_the_other(tmp_path):
@@ -164,6 +144,7 @@ def test_requirements_of_controllers_that_are_flown_one_after_the_other(tmp_path
             flown = run(campaign, out, controllers=names)
             assert flown.complete
         assert pairs(flown.manifest) == pairs(whole), order
+        assert flown.manifest["digest"] == whole["digest"]
     assert run(campaign, tmp_path / "0", runs=90).complete
 
 
@@ -253,15 +234,6 @@ def test_a_full_disk_keeps_what_was_flown(campaign, tmp_path, monkeypatch):
     assert run(campaign, tmp_path / "b").manifest["digest"] == digest
 
 
-def test_a_closed_folder_is_bad_input(campaign, tmp_path, monkeypatch):
-    def closed(*_, **__):
-        raise OSError(errno.EACCES, "Permission denied")
-
-    monkeypatch.setattr(Path, "mkdir", closed)
-    with pytest.raises(InputError, match="cannot be written"):
-        run(campaign, tmp_path / "out")
-
-
 def test_a_folder_of_somebody_else_is_left_alone(campaign, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out/thesis.tex").write_text("mine")
@@ -269,14 +241,6 @@ def test_a_folder_of_somebody_else_is_left_alone(campaign, tmp_path):
         with pytest.raises(InputError, match=r"thesis\.tex"):
             run(campaign, tmp_path / "out", fresh=fresh)
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["thesis.tex"]
-
-
-def test_flights_without_a_manifest_are_not_deleted_unasked(campaign, tmp_path):
-    run(campaign, tmp_path / "out")
-    (tmp_path / "out/manifest.json").unlink()
-    with pytest.raises(InputError, match="--fresh"):
-        run(campaign, tmp_path / "out")
-    assert run(campaign, tmp_path / "out", fresh=True).complete
 
 
 def test_kept_histories_are_the_worst_and_the_chosen(campaign, tmp_path):

@@ -43,7 +43,7 @@ def test_it_stops_once_everything_has_its_verdict(tmp_path):
     assert max(pq.read_table(tmp_path / "out/envelopes.parquet")["count"].to_pylist()) == stop
 
 
-@pytest.mark.parametrize("options", [{"workers": 1}, {"workers": 3, "batch": 16}, {"workers": 2, "batch": 333}])
+@pytest.mark.parametrize("options", [{"workers": 1}, {"workers": 3, "batch": 16}])
 def test_the_result_does_not_depend_on_how_it_is_flown(tmp_path, options):
     whole = run(make(tmp_path / "f"), tmp_path / "a").manifest
     execution = f"{{workers: {options['workers']}, batch: {options.get('batch', 'auto')}}}"
@@ -71,7 +71,7 @@ def test_what_lies_beyond_the_look_at_which_it_stops_is_tried_again_too(tmp_path
     assert [entry["verdict"] for entry in again["requirements"]] == ["PASS"]
 
 
-@pytest.mark.parametrize("blocks", [1, 3, 6])
+@pytest.mark.parametrize("blocks", [1, 6])
 def test_nor_on_interruptions(tmp_path, blocks):
     campaign = make(tmp_path / "f", execution="{workers: 2, batch: 16}")
     whole = run(campaign, tmp_path / "a").manifest

@@ -5,7 +5,6 @@ import re
 
 import numpy as np
 import pytest
-from execution.test_cluster import Dask
 from execution.test_user_code import threads
 from user_code.test_vehicle_functions import write_ghame_x
 
@@ -78,15 +77,3 @@ def test_gains_of_lqr_are_those_of_the_tables(study, tmp_path):
     gains = [prepare(vehicle, tmp_path / "mission.yaml", controller, "lqr").gains for vehicle in vehicles]
     size = np.abs(gains[1]).max(axis=0)
     assert (np.abs(gains[0] - gains[1]).max(axis=0) <= 1e-5 * size + 1e-9).all()
-
-
-def test_a_cluster_gives_the_same_digest(study, tmp_path, capfd):
-    pytest.importorskip("distributed")
-    whole = run_campaign(Request(study(), tmp_path / "whole", workers=1), threads()).manifest
-    cluster = Dask(tmp_path)
-    try:
-        cluster.start_worker()
-        flown = run_campaign(Request(study(), tmp_path / "far", scheduler=cluster.address), make_engine()).manifest
-    finally:
-        cluster.close()
-    assert flown["digest"] == whole["digest"]

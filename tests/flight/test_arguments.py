@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 from short_flights import short_plan
 
-from abhv_mc.flight.arguments import check_written, make_kernel_plan, make_results
+from abhv_mc.flight.arguments import make_kernel_plan
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.memory import make_memory
 from abhv_mc.flight.plan import Recording
-
-WIDTH = 4
 
 
 @pytest.fixture(scope="module")
@@ -26,12 +23,6 @@ def misaligned(array):
     buffer[1:] = np.ascontiguousarray(array).tobytes()
     view = np.frombuffer(buffer, array.dtype, array.size, 1).reshape(array.shape)
     assert not view.flags.aligned
-    return view
-
-
-def read_only(array):
-    view = array.view()
-    view.flags.writeable = False
     return view
 
 
@@ -112,57 +103,3 @@ def test_tables_of_a_wrong_type_are_refused(plan):
 def test_wrong_parameters_are_refused(plan, parameters, sentence):
     with pytest.raises(ValueError, match=sentence):
         fly(plan, parameters)
-
-
-@pytest.fixture
-def arguments(plan):
-    return (
-        make_kernel_plan(plan, nominal_parameters(2), Recording(1)),
-        make_memory(WIDTH),
-        make_results(plan, 2, Recording(1), True),
-    )
-
-
-def test_arrays_of_the_engine_itself_pass(arguments):
-    check_written(*arguments)
-
-
-def test_two_written_arrays_that_overlap_are_refused(arguments):
-    plan, memory, results = arguments
-    with pytest.raises(ValueError, match="share memory and both are written to"):
-        check_written(plan, memory, results._replace(end_tick=results.outcome))
-    both = np.zeros(3, np.int64)
-    with pytest.raises(ValueError, match="share memory and both are written to"):
-        check_written(plan, memory, results._replace(outcome=both[:2], end_tick=both[1:]))
-    check_written(plan, memory, results._replace(outcome=np.zeros(4, np.int64)[:2]))
-
-
-def test_a_written_array_that_overlaps_the_plan_is_refused(arguments):
-    plan, memory, results = arguments
-    with pytest.raises(ValueError, match=re.escape("plan.parameters shares memory with memory.high")):
-        check_written(plan, memory._replace(high=plan.parameters.reshape(-1)[3:10]), results)
-    inner = plan.vehicle.tables.data[:8]
-    trim = memory.trim._replace(value=inner)
-    with pytest.raises(ValueError, match=re.escape("shares memory with memory.trim.value")):
-        check_written(plan, memory._replace(trim=trim), results)
-
-
-def test_arrays_that_are_only_read_may_share_memory(plan, arguments):
-    _, memory, results = arguments
-    shared = dataclasses.replace(plan, trim_tables=plan.vehicle.tables)
-    check_written(make_kernel_plan(shared, nominal_parameters(2), Recording(1)), memory, results)
-
-
-@pytest.mark.parametrize("change", [misaligned, read_only])
-def test_results_that_cannot_be_written_to_are_refused(arguments, change):
-    plan, memory, results = arguments
-    with pytest.raises(ValueError, match=re.escape("results.metrics is not an aligned, C-contiguous")):
-        check_written(plan, memory, results._replace(metrics=change(results.metrics)))
-
-
-def test_results_of_another_size_or_type_are_refused(arguments):
-    plan, memory, results = arguments
-    with pytest.raises(ValueError, match=re.escape("results.outcome has the shape")):
-        check_written(plan, memory, results._replace(outcome=results.outcome[:1]))
-    with pytest.raises(ValueError, match="an array of float64, not an array of float32"):
-        check_written(plan, memory, results._replace(history=results.history.astype(np.float64)))

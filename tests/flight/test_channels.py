@@ -25,11 +25,6 @@ def test_every_source_has_a_row(entry):
     assert derived_row == (entry.source in observe.DERIVED) == hasattr(derived, entry.source)
 
 
-def test_an_unknown_source_is_refused():
-    with pytest.raises(ValueError, match="'flow_separation' is no row of the lane memory and no function"):
-        observe.find_row("flow_separation")
-
-
 def test_rows_in_radians_become_degrees_and_derived_ones_stay():
     assert observe.find_factor("sideslip", "deg") == pytest.approx(57.29578)
     assert observe.find_factor("roll_rate", "deg/s") == pytest.approx(57.29578)

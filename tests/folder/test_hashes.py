@@ -1,7 +1,6 @@
 """What is read of a folder is of one campaign, however long its reader takes."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -12,12 +11,9 @@ from abhv_mc.campaign_results import open_results
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.database import open_database
-from abhv_mc.folder.export import export_csv
 from abhv_mc.io.input_error import InputError
-from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.pages import gallery
 from abhv_mc.report.pages.build import is_up_to_date
-from abhv_mc.searching import compare
 
 CHANGED = "a run has written here meanwhile"
 
@@ -40,14 +36,6 @@ def fly_meanwhile(request_, request):
     return lambda *_: run_campaign(replace(request_, **RUNS[request.param]), ENGINE)
 
 
-def test_an_export(request_, fly_meanwhile, tmp_path):
-    tables = export_csv(request_.out, tmp_path / "csv")
-    next(tables)
-    fly_meanwhile()
-    with pytest.raises(InputError, match=CHANGED):
-        list(tables)
-
-
 def test_a_query(request_, fly_meanwhile):
     def ask():
         with open_database(request_.out) as database:
@@ -60,9 +48,7 @@ def test_a_query(request_, fly_meanwhile):
 
 ASKED = {
     "samples": lambda results: results.samples,
-    "numbers": lambda results: results.numbers,
     "query": lambda results: results.query("select count(*) from flights"),
-    "replay": lambda results: results.replay(3),
     "make_report": lambda results: results.make_report(),
 }
 
@@ -93,35 +79,7 @@ def test_a_report(request_, fly_meanwhile, monkeypatch):
     assert is_up_to_date(request_.out)
 
 
-def test_a_comparison(request_, fly_meanwhile, tmp_path, monkeypatch):
-    run_campaign(replace(request_, out=tmp_path / "other"), ENGINE)
-
-    def read(folder):
-        results = read_results(folder)
-        if folder != request_.out:
-            fly_meanwhile()
-        return results
-
-    monkeypatch.setattr("abhv_mc.report.numbers.compare.read_results", read)
-    with pytest.raises(InputError, match=f"{CHANGED}|atmosphere.density = "):  # of another campaign
-        compare(request_.out, tmp_path / "other")
-
-
 def test_a_run_that_finds_nothing_to_do_disturbs_nobody(request_):
     results = open_results(request_.out)
     run_campaign(request_, ENGINE)
     assert len(results.samples) == 60
-
-
-def test_two_reports_of_one_folder_at_the_same_moment(request_, monkeypatch):
-    figures = request_.out / "figures"
-    figures.mkdir()
-    (figures / "of_before.png").touch()
-    unlink = Path.unlink
-
-    def unlink_second(path, missing_ok=False):
-        unlink(path)  # as the other one does
-        unlink(path, missing_ok)
-
-    monkeypatch.setattr(Path, "unlink", unlink_second)
-    assert build_with(request_.out).exists() and not list(figures.iterdir())

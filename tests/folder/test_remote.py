@@ -220,18 +220,3 @@ def test_files_are_local(tmp_path):
     assert local_path(Path(f"file://{tmp_path}")) == tmp_path
     with fetched(tmp_path) as folder:
         assert folder == tmp_path
-
-
-def test_an_unknown_scheme_is_bad_input():
-    with pytest.raises(InputError, match="address"), mirrored(Path("ftp://host/a")):
-        pass
-
-
-@pytest.mark.parametrize("wrong_by", [-7200.0, 7200.0])
-def test_the_hosts_clocks_do_not_matter(bucket, tmp_path, monkeypatch, wrong_by):
-    _, address, _ = bucket
-    clock = lease.time.time
-    with mirrored(Path(address)):
-        monkeypatch.setattr(lease.time, "time", lambda: clock() + wrong_by)
-        with pytest.raises(InputError, match="is flying"), mirrored(Path(address)):
-            pass

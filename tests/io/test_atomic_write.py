@@ -14,10 +14,3 @@ def test_whole_or_not_at_all(tmp_path):
     with pytest.raises(TypeError), atomic_write(path) as temporary:
         temporary.write_text(3)
     assert path.read_text() == "new" and list(path.parent.iterdir()) == [path]
-
-
-def test_what_is_written_has_the_rights_of_any_file(tmp_path):
-    with atomic_write(tmp_path / "a") as temporary:
-        temporary.write_bytes(b"")
-    (tmp_path / "b").touch()
-    assert (tmp_path / "a").stat().st_mode == (tmp_path / "b").stat().st_mode

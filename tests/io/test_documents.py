@@ -81,27 +81,20 @@ def test_values_and_places(tmp_path: Path) -> None:
     ("text", "place", "found"),
     [
         ("a: 1\na: 2\n", (2, 1), "'a' again"),
-        ("a: {b: 1, b: 2}\n", (1, 11), "'b' again"),
         ("a: 1\n\tb: 2\n", (2, 1), "tab"),
         ("a: 1\nb: [1\n", (3, 1), "expected"),
-        ("a: b: c\n", (1, 5), "mapping values"),
         ("a: !!python/object/apply:os.system [ls]\n", (1, 4), "tag"),
-        ("a: !!binary aGVsbG8=\n", (1, 4), "!!binary"),
         ("x: 1\na: *unknown\n", (2, 4), "alias"),
         ("a: &a [*a]\n", (1, 4), "levels"),
         ("1: a\n", (1, 1), "key 1"),
-        ("? [a]\n: b\n", (1, 3), "key"),
         ("a: .nan\n", (1, 4), ".nan"),
         ("a: 1\n---\nb: 2\n", (2, 1), "second document"),
         (b"a: 1\nb: \xff\n", (2, 4), "0xff"),
         ("a: 1\nb: \x01\n", (2, 4), "\\x01"),
         ("a: 1_000\n", (1, 4), "1_000"),
-        ("a: 0x20\n", (1, 4), "0x20"),
         (f"a: {'0' * 5000}1\n", (1, 4), "0000"),  # more digits than Python makes a whole number of
         ("%YAML 1.1\n---\na: yes\n", (3, 4), "yes"),  # true there, no text as in YAML 1.2
         ('a: "b\\u202ec"\n', (1, 4), "\\u202e"),
-        ('a:\n- "b\\rc"\n', (2, 3), "\\r"),
-        ('{a: {"b\\n": c}}\n', (1, 6), "\\n"),
         ("", (1, 1), "empty"),
     ],
 )
@@ -123,11 +116,6 @@ def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=f"the type {type(odd).__name__}"):
             write_document(tmp_path / "x.yaml", {"a": odd})
     assert read_document(tmp_path / "x.yaml").data == {"a": 0.1, "b": [3, True, "c"], "d": 2.5}
-
-
-def test_lines_and_accents_of_a_text_are_its_own(tmp_path: Path) -> None:
-    read = document(tmp_path, "a: |\n  one\n  two\nb: Überhöhung\nc: 飛行\n")
-    assert read.data == {"a": "one\ntwo\n", "b": "Überhöhung", "c": "飛行"}
 
 
 def test_refused_paths(tmp_path: Path) -> None:
@@ -161,15 +149,10 @@ def test_valid(tmp_path: Path) -> None:
         (GOOD + "vehicel: x\n", (3, 1), "unknown key 'vehicel'", "did you mean 'vehicle'?"),
         ("name: a\n", (1, 1), "no key 'runs'", "'runs' here"),
         ("name: a\nruns: 0\n", (2, 7), "0", "more than 0"),
-        ("name: a\nruns: 2.5\n", (2, 7), "2.5", "a whole number"),
-        ("name:\nruns: 3\n", (1, 1), "nothing", "text"),
         (GOOD + "altitudes: [1 m, 20]\n", (3, 18), "20 without a unit", "a length such as '20 km'"),
-        (GOOD + "altitudes: [1 m, 20 kg]\n", (3, 18), "'20 kg', a mass", "a length"),
-        (GOOD + "altitudes: 20 m\n", (3, 12), "'20 m'", "a list"),
         (GOOD + "vehicle: missing.yaml\n", (3, 10), "'missing.yaml', which is not there", "the path of a file"),
         (GOOD + "dispersions: {a: {distribution: unifrm}}\n", (3, 33), "'unifrm'", "did you mean 'uniform'?"),
         (GOOD + "dispersions: {a: {half_width: 1}}\n", (3, 18), "no key 'distribution'", "a mapping with"),
-        (GOOD + "dispersions: {a: {distribution: normal}}\n", (3, 18), "no key 'standard_deviation'", "here"),
         (
             GOOD + "dispersions: {normal: {distribution: normal, standard_deviation: 3 m}}\n",
             (3, 66),
@@ -220,8 +203,6 @@ def test_what_is_written_reads_back(tmp_path_factory: pytest.TempPathFactory, da
     ("text", "said"),
     {
         "open brackets": ("[" * 50_000, "too many levels"),
-        "open braces": ("{a: " * 50_000, "too many levels"),
-        "indented": ("\n".join(" " * i + "a:" for i in range(1300)), "too many levels"),
         "unknown keys": ("".join(f"key_{i}: {i}\n" for i in range(20_000)), "keys and values"),
         "aliases": ("a: &a [1]\n" + "".join(f"b{i}: *a\n" for i in range(20_000)), "keys and values"),
     }.values(),
@@ -233,15 +214,3 @@ def test_a_file_of_too_much_is_refused_where_it_becomes_too_much(tmp_path, text,
         read_document(path)
     assert refused.value.line is not None
     assert refused.value.line < 7000  # not read to its end
-
-
-def test_thousands_of_mistakes_are_said_in_part(tmp_path):
-    class Model(StrictModel):
-        name: str = ""
-
-    path = tmp_path / "keys.yaml"
-    path.write_text("".join(f"key_{i}: {i}\n" for i in range(4000)))
-    with pytest.raises(InputErrors) as refused:
-        validate(read_document(path), Model)
-    lines = str(refused.value).splitlines()
-    assert "key_0" in lines[0] and "3950 more mistakes" in lines[-1] and len(lines) == 51

@@ -35,7 +35,6 @@ def test_all_columns_without_a_wish(write):
         ("a,c\n1,2\n", ("a", "b"), (1, 1), "no column b"),
         ("a,a\n1,2\n", ("a",), (1, None), "the column a twice"),
         ("a,b\n1,2\n1,x y\n", ("a", "b"), (3, 3), "'x y'"),
-        ("a,b\n1\n", ("a", "b"), (2, 3), "''"),
         ("a,b\n1,-101\n", ("b",), (2, 3), "'-101'"),
         ("a,b\n1,nan\n", ("b",), (2, 3), "'nan'"),
         ("a,b\n1,2,3\n", None, (2, None), "3 cells"),
@@ -55,15 +54,3 @@ def test_numbers_that_do_not_rise_are_found_in_the_file(write):
     with pytest.raises(InputError, match=r"the time 2 s; expected times that rise") as caught:
         table.check_rising("time_s", "s")
     assert (caught.value.line, caught.value.column) == (5, 5)
-
-
-def test_a_place_in_a_file_whose_cells_have_lines(write):
-    table = read_number_table(write('"time_s\n","no\nte"\n2,"a\nb"\n1,"c\nd"\n'), {"time_s": 10.0})
-    with pytest.raises(InputError, match="the time 1 s") as caught:
-        table.check_rising("time_s", "s")
-    assert caught.value.column == 1
-
-
-def test_a_file_that_is_too_large_is_not_read(write):
-    with pytest.raises(InputError, match="a very large file"):
-        read_number_table(write("a\n1\n"), {"a": 1.0}, max_bytes=3)

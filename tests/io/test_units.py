@@ -17,22 +17,15 @@ from abhv_mc.io.units import DIMENSIONS, Dimension, format_quantity, parse_in_un
     [
         ("20km", units.LENGTH, 20_000.0),
         ("30000 ft", units.LENGTH, 9144.0),
-        ("1e3 mm", units.LENGTH, 1.0),
-        ("557.42 m2", units.AREA, 557.42),
         ("557.42 m^2", units.AREA, 557.42),
         ("1400 m/s", units.SPEED, 1400.0),
-        ("10 ft/s", units.SPEED, 3.048),
         ("9 km/h", units.SPEED, 2.5),
         ("-3 deg", units.ANGLE, math.radians(-3)),
         ("−3°", units.ANGLE, math.radians(-3)),
         ("400 deg/s", units.ANGULAR_RATE, math.radians(400)),
-        ("50 rad/s", units.ANGULAR_RATE, 50.0),
         ("20 deg/s2", units.ANGULAR_ACCELERATION, math.radians(20)),
-        ("1372 kg", units.MASS, 1372.0),
-        ("1.5 t", units.MASS, 1500.0),
         ("1 slug", units.MASS, 14.593902937206364),  # SP 811: 1.459390 E+01
         ("1 slug ft2", units.INERTIA, 1.3558179483314004),  # SP 811: lbf ft s2, 1.355818
-        ("2 kg*m2", units.INERTIA, 2.0),
         ("1 slug/ft3", units.DENSITY, 515.3788183931961),  # SP 811: 5.153788 E+02
         ("1 lbf", units.FORCE, 4.4482216152605),  # SP 811, exact
         ("1 min", units.TIME, 60.0),
@@ -40,7 +33,6 @@ from abhv_mc.io.units import DIMENSIONS, Dimension, format_quantity, parse_in_un
         ("0.005 1/s", units.FREQUENCY, 0.005),
         ("10 %", units.FRACTION, 0.1),
         (0.25, units.FRACTION, 0.25),
-        ("0.25", units.FRACTION, 0.25),
     ],
 )
 def test_quantity(text: str | float, dimension: Dimension, value: float) -> None:
@@ -53,18 +45,12 @@ def test_quantity(text: str | float, dimension: Dimension, value: float) -> None
         ("20", units.LENGTH, "'20' without a unit"),
         (20, units.LENGTH, "20 without a unit"),
         ("20 kg", units.LENGTH, "a mass"),
-        ("20 m s", units.LENGTH, "something else"),
-        ("20 %", units.LENGTH, "a number or a percentage"),
         ("50 Hz", units.ANGULAR_RATE, "a rate"),
-        ("20 Km", units.LENGTH, "unknown unit 'Km'"),
         ("20,5 km", units.LENGTH, "unknown unit"),
-        ("km", units.LENGTH, "'km'"),
         ("nan m", units.LENGTH, "'nan m'"),
         ("1e400 m", units.LENGTH, "'1e400 m'"),
         (True, units.FRACTION, "true"),
         (None, units.FRACTION, "nothing"),
-        (float("nan"), units.FRACTION, "nan"),
-        ("10 percent", units.FRACTION, "unknown unit"),
         ("20 / km", units.LENGTH, "something else"),
         ("٢٠ km", units.LENGTH, "'٢٠ km'"),
     ],

@@ -15,10 +15,10 @@ KEYS = {"Tab": (9, ""), "Enter": (13, "\r"), " ": (32, " "), "ArrowDown": (40, "
 
 
 class Page:
-    """One tab. Every call waits for its answer."""
+    """One tab. Every call waits for its answer; what the tab tells of itself until then is kept by its name."""
 
     def __init__(self, loop, socket):
-        self.loop, self.socket, self.number = loop, socket, 0
+        self.loop, self.socket, self.number, self.told = loop, socket, 0, []
 
     def call(self, method, **parameters):
         return self.loop.run_until_complete(self._call(method, parameters))
@@ -30,6 +30,7 @@ class Page:
             message = json.loads(await asyncio.wait_for(self.socket.read_message(), 180))
             if message.get("id") == self.number:
                 return message["result"]
+            self.told.append((message.get("method"), message.get("params")))
 
     def ask(self, expression, wait=False):
         """The value of an expression; with ``wait``, of the promise that it is."""

@@ -3,7 +3,6 @@ from itertools import combinations
 import matplotlib as mpl
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from PIL import Image
 
 from abhv_mc.report.figures.distributions import Spread, plot_distributions
@@ -119,21 +118,3 @@ def test_failed_flights_keep_the_curve_from_100_percent():
     values = np.array([1.0, 2.0, 3.0, np.inf])
     figure = plot_distributions([Spread("x", {"a": values})], {"a": "A"}, {"a": BLUE})
     assert figure.axes[0].lines[0].get_ydata().max() == 0.75
-
-
-def test_the_callers_settings_survive(tmp_path):
-    before = dict(mpl.rcParams)
-    write_png(plot_envelopes([EnvelopeRow("y", [_panel()])], ["A"], [BLUE]), tmp_path / "a.png")
-    assert dict(mpl.rcParams) == before
-
-
-def test_a_figure_is_laid_out_and_drawn_once(tmp_path, monkeypatch):
-    """Half of a report's time went into drawing each figure twice."""
-    drawn = []
-    draw = Figure.draw
-    monkeypatch.setattr(Figure, "draw", lambda self, renderer: (drawn.append(self), draw(self, renderer)))
-    figure = plot_envelopes([EnvelopeRow("y", [_panel()])], ["A"], [BLUE])
-    write_png(figure, tmp_path / "a.png")
-    assert drawn == [figure]
-    with Image.open(tmp_path / "a.png") as image:
-        assert image.mode == "P"  # the page has to stay small

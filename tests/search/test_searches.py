@@ -145,30 +145,6 @@ def test_another_search_in_the_same_folder_is_refused(tmp_path, line):
     assert (tmp_path / "out/manifest.json").read_bytes() == before
 
 
-@pytest.mark.parametrize(
-    "settings, match",
-    [
-        (WorstSettings("altitude"), "metric 'altitude'"),
-        (WorstSettings(METRIC, flights=100), "at least"),
-    ],
-)
-def test_worst_refuses_what_makes_no_sense_before_anything_is_written(tmp_path, line, settings, match):
-    with pytest.raises(InputError, match=match):
-        find_worst(SearchRequest(line, tmp_path / "out"), settings, LINE)
-    assert not (tmp_path / "out").exists()
-
-
-def test_rare_refuses_what_makes_no_sense_before_anything_is_written(tmp_path, line):
-    for settings, controller, match in (
-        (RareSettings("sideslip_max_deg"), None, "no requirement on"),
-        (RareSettings(METRIC, flights=100), None, "at least 1280"),
-        (RareSettings(METRIC), "three", "no controller"),
-    ):
-        with pytest.raises(InputError, match=match):
-            find_rare(SearchRequest(line, tmp_path / "out", controller), settings, LINE)
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_metric_that_the_campaign_declares_is_searched_like_any_other(tmp_path):
     campaign = write_line(
         tmp_path / "files",
@@ -179,9 +155,3 @@ def test_a_metric_that_the_campaign_declares_is_searched_like_any_other(tmp_path
     assert found.estimate.low <= stats.norm.sf(3.0) <= found.estimate.high
     worst = find_worst(SearchRequest(campaign, tmp_path / "worst"), WorstSettings("swing", flights=400, box=2.5), LINE)
     assert worst.numbers()["value"] == pytest.approx(2.5)
-
-
-def test_margins_are_not_searched_where_the_campaign_has_none(tmp_path, line):
-    with pytest.raises(InputError, match="'gain_margin_min_db' without 'margins'"):
-        find_worst(SearchRequest(line, tmp_path / "out"), WorstSettings("gain_margin_min_db", flights=400), LINE)
-    assert not (tmp_path / "out").exists()

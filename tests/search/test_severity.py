@@ -14,11 +14,6 @@ def test_each_lies_apart_from_all_worse_ones_in_parts_of_the_range():
     assert rank_distinct(np.array([1.0, 4.0, 3.0, 2.0]), samples, 4, apart=0.1) == [1, 3, 0]
 
 
-def test_a_parameter_that_never_changes_does_not_count():
-    samples = np.column_stack([np.full(3, 7.0), [0.0, 1.0, 0.0]])
-    assert rank_distinct(np.array([1.0, 2.0, 3.0]), samples, 3) == [2, 1]
-
-
 def test_a_failure_that_never_comes_is_far_from_those_that_do_and_no_reason_to_drop_a_flight():
     """Of a worst flight without a failure it was the only one in the list, of one with a failure none was without."""
     never = np.inf

@@ -152,7 +152,6 @@ def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path
         ("altitude.damping,", "altitude.gain,", r"block.yaml:1:8.*'altitude.gain'"),
         ("below_start_times: 1.5", "below: 3, above: 2", r"below and above"),
         ("elevator_travel_deg, quantile: 0.5", "gain_margin_min_db, quantile: 0.5", r"no quantile"),
-        ("elevator_travel_deg, quantile: 0.5, below_start_times: 1.5", "gain_margin_min_db, below: 6", r"'above'"),
         (
             "elevator_travel_deg, quantile: 0.5, below_start_times: 1.5}",
             "gain_margin_min_db, above: 6}\nmargins_at: [trim, 900 s]",

@@ -3,7 +3,7 @@
 import numpy as np
 
 from abhv_mc.numerics.bounds import Bounds
-from abhv_mc.statistics.ranking import Criterion, choose_worst, order_of, spread
+from abhv_mc.statistics.ranking import Criterion, choose_worst, spread
 
 
 def test_early_ends_come_first_and_requirements_take_turns():
@@ -20,10 +20,6 @@ def test_a_criterion_says_how_far_a_flight_is_beyond_its_limit():
     assert Criterion("m", "low", Bounds(low=3.0)).excess(values).tolist() == [2.0, 7.0, np.inf]
     assert Criterion("m", "size").excess(values).tolist() == [1.0, 4.0, np.inf]
     assert Criterion("m", "high", Bounds(0.0, 2.0)).excess(values).tolist() == [-1.0, 4.0, np.inf]
-
-
-def test_of_equals_the_lower_number_is_worse():
-    assert order_of(np.array([1.0, 2.0, 2.0]), np.array([3, 9, 4])) == [4, 9, 3]
 
 
 def test_the_spread_is_of_the_middle_ninety_percent():

@@ -43,12 +43,6 @@ def test_idle_inputs_have_no_share_and_constant_outputs_no_indices():
     assert np.isnan(found.first[:, 1]).all()
 
 
-def test_the_same_flights_give_the_same_intervals():
-    outputs = ishigami(flights(64))[:, None]
-    one, two = sobol_indices(outputs, 3), sobol_indices(outputs, 3)
-    np.testing.assert_array_equal(one.first_low, two.first_low)
-
-
 def test_what_has_no_indices_is_refused():
     outputs = ishigami(flights(64))[:, None]
     with pytest.raises(ValueError, match="whole groups of 5"):

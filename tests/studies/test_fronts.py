@@ -56,16 +56,3 @@ def test_the_hard_corners_take_both_ends_of_everything_but_the_delay() -> None:
     ends = 1.0 + EFFECTIVENESS * np.array([-1.0, -1.0, 1.0, 1.0])[:, None]
     np.testing.assert_allclose(np.sort(surfaces, axis=0)[[0, 7, 8, 15]], np.tile(ends, 3))
     assert (rows[:, PARAMETER_INDEX["sensor.delay"]] == LONGEST_DELAY).all()
-
-
-def test_a_step_that_is_kept_is_not_searched_again(tmp_path: Path) -> None:
-    archive = fronts.Archive(tmp_path, "ghame_x")
-    assert len(archive.tried("tlc", (1, 2)).points) == 0
-    tried = made_up([1.0, 0.9], [[0.5] * 6, [0.6] * 6])
-    np.savez_compressed(archive.file("tlc", 1, "00-start-0"), table=tried.table, seconds=36.0)
-    number, law, kind, budget = next(fronts.steps(1))
-    assert (number, law, kind, budget) == (0, "tlc", "start", 0.0)
-    fronts.run_step(None, archive, 1, (number, law, kind, budget))  # type: ignore[arg-type]  # nothing to measure with
-    np.testing.assert_array_equal(archive.tried("tlc", (1,)).score, tried.score)
-    assert len(archive.tried("tlc", (2,)).points) == 0
-    assert archive.seconds() == 36.0

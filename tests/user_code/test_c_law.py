@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from short_flights import assert_same, disperse, short_plan
 
-from abhv_mc.control.columns import REFERENCE
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
@@ -260,12 +259,6 @@ def test_the_headers_functions_have_the_kernels_bits(tmp_path):
     )
     expected = np.array([(*sincos.py_func(v), wrap.py_func(v), clamp.py_func(v, -1.5, 2.5)) for v in x.tolist()])
     assert np.array_equal(y, expected, equal_nan=True)
-
-
-def test_the_header_has_the_reference_in_its_order():
-    text = make_header()
-    block = text[text.index("mission's reference") : text.index("abhv_reference;")]
-    assert [line.split()[1].rstrip(";") for line in block.splitlines() if "double" in line] == list(REFERENCE)
 
 
 MODEL_H = """

@@ -304,37 +304,14 @@ def test_design_gives_gains_and_the_linear_plant(make):
     assert np.isclose(history[CHANNEL_INDEX["aileron_command_deg"]], np.rad2deg(0.005), rtol=1e-4)
 
 
-DESIGNS = {
-    "return 3": "returns int",
-    "return Gains('x')": "the gain 'class'",
-}
-
-
-@pytest.mark.parametrize("end", DESIGNS)
-def test_an_odd_design_is_refused_in_words(make, end):
-    text = HEAD + (
-        "class Gains(tuple):\n    _fields = ('class',)\n    def __new__(kind, x):\n"
-        "        return tuple.__new__(kind, (x,))\n\n"
-        f"def design(model, settings):\n    {end}\n\n"
-        "@controller\ndef law(reference):\n    return Command(0.0, 0.0, reference.elevator, 1.0)\n"
-    )
-    with pytest.raises(InputError) as refused:
-        make(text)
-    assert DESIGNS[end] in refused.value.found
-
-
 LINE = "    return Command(0.0, 0.0, 0.0, 1.0)\n"
 WRONG = [
     ("def law(measured):\n    x = [measured.bank]\n" + LINE, 5, "a list", "lists are not allowed"),
-    ("def law(measured):\n    print(measured.bank)\n" + LINE, 5, "print()", "a channel or a metric"),
-    ("def law(measured):\n    import math\n" + LINE, 5, "an import inside a function", "head of the file"),
     ("def law(measured):\n    x = measured.alttitude\n" + LINE, 5, "measured.alttitude", "did you mean 'altitude'"),
     ("def law(measured):\n    global n\n    n = 1\n" + LINE, 5, "a global that changes", "Memory"),
     ("def law(measured):\n    if measured.bank > 0.0:\n    " + LINE, 5, "without 'return'", "return Command"),
-    ("def law(measured):\n    return measured\n", 5, "something else", "return Command"),
     ("def law(measurd):\n" + LINE, 4, "the argument 'measurd'", "did you mean 'measured'"),
     ("def law(memory):\n" + LINE, 4, "'memory' in a file without it", "class Memory"),
-    ("def law(measured):\n    x = undefined + 1.0\n" + LINE, 5, "'undefined'", "a name of the file"),
     ("def law(measured):\n    x = measured.bank @ 1.0\n" + LINE, 5, "does not compile", "floats"),
 ]
 
@@ -362,12 +339,6 @@ def test_wrong_settings_are_said_with_file_line_and_column(make, tmp_path, setti
     with pytest.raises(InputError) as caught:
         make(CASCADE.format(compiled=""), settings)
     assert f"{tmp_path / 'law.yaml'}:{words}" in str(caught.value)
-
-
-def test_a_default_that_is_no_number_is_refused(make):
-    text = HEAD + "class Memory(NamedTuple):\n    x: float = float('nan')\n\n"
-    with pytest.raises(InputError, match="nan for 'x'; expected a finite number"):
-        make(text + "@controller\ndef law(memory):\n    return Command(0.0, 0.0, 0.0, 1.0), memory\n")
 
 
 def test_the_gpu_refuses_a_law_of_ones_own_with_a_sentence(make, monkeypatch):

@@ -7,8 +7,6 @@ import pytest
 # File, what stands there (once), what is put there, line and column that must be named, words.
 MISTAKES = [
     pytest.param("winged_cone/cl_re.csv", "\n4,-1,-10,0.0036434\n", "\n", 4, None, "a hole", id="hole"),
-    pytest.param("winged_cone/cyb.csv", "alpha_deg", "alpha_rad", 7, 3, "in another unit", id="degrees as radians"),
-    pytest.param("winged_cone/mass.csv", "_yy_kg_m2", "_yy_lb_ft2", 3, None, "no body", id="inertia in another unit"),
     pytest.param("winged_cone.yaml", "area: 3603 ft2", "area: 3603", 7, 9, "without a unit", id="area without unit"),
 ]
 

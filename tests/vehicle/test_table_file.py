@@ -49,15 +49,10 @@ def test_a_narrow_axis_in_metres_can_be_insisted_on(tmp_path):
         pytest.param(GOOD.replace("4,2,3", "4,-2,3"), 4, 3, "falling", id="falling axis"),
         pytest.param(GOOD.replace("4,2,3", "4,0,3"), 4, None, "a second time", id="duplicate point"),
         pytest.param(GOOD.replace("6,0,5", "6,0,nan"), 6, 5, "'nan'", id="nan"),
-        pytest.param(GOOD.replace("6,0,5", "6,0,"), 6, 5, "an empty cell", id="empty cell"),
-        pytest.param(GOOD.replace("4,0,2", "4,x,2"), 3, 3, "'x'", id="no number on an axis"),
         pytest.param(GOOD.replace("6,0,5", "6,0"), 6, None, "2 cells", id="short row"),
         pytest.param(GOOD.replace("alpha_deg", "alhpa_deg"), 1, 6, "'alhpa_deg'", id="unknown column"),
         pytest.param(GOOD.replace("alpha_deg", "alpha"), 1, 6, "without a unit", id="angle without unit"),
-        pytest.param(GOOD.replace("alpha_deg", "alpha_m"), 1, 6, "'m'", id="angle in metres"),
         pytest.param(GOOD.replace("value", "mach"), 1, 16, "a second column of mach", id="axis twice"),
-        pytest.param(GOOD.replace("value", "throttle"), 1, None, "no column 'value'", id="no values"),
-        pytest.param("value\n1\n2\n", 1, None, "0 axes", id="no axis"),
         pytest.param("mach,alpha_deg,value\n4,0,1\n4,1,2\n", 2, 1, "one value of mach", id="axis of one"),
         pytest.param(
             "mach,alpha_rad,value\n4,0,1\n4,12,2\n6,0,1\n6,12,2\n", 3, 3, "angle_of_attack 12", id="deg as rad"
@@ -65,7 +60,6 @@ def test_a_narrow_axis_in_metres_can_be_insisted_on(tmp_path):
         pytest.param("mach,alpha_deg,value\n4,0,1\n4,.2,2\n6,0,1\n6,.2,2\n", 2, 3, "over 0.2 degrees", id="rad as deg"),
         pytest.param("mach,value\n1200,1\n1800,2\n", 2, 1, "mach 1200", id="speed as mach"),
         pytest.param("altitude_m,value\n20,1\n30,2\n", 2, 1, "metres over 10 m only", id="km as metres"),
-        pytest.param("mach,value\n", 1, None, "no rows", id="no rows"),
         pytest.param(b"mach,value\n4,\xff\n", None, None, "not UTF-8", id="bytes"),
     ],
 )

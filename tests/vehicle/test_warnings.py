@@ -22,10 +22,6 @@ def without_empty_mass(repository, tmp_path):
     return file
 
 
-def test_shipped_vehicle_has_none(repository):
-    assert find_vehicle_warnings(load_vehicle(repository / "configs/vehicle/ghame_x.yaml")) == []
-
-
 def test_missing_empty_mass_is_said(without_empty_mass):
     (warning,) = find_vehicle_warnings(load_vehicle(without_empty_mass))
     assert "no mass.empty" in warning

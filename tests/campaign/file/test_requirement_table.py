@@ -60,8 +60,3 @@ def test_mistakes_are_told_with_line_and_column_of_the_table(tmp_path, old, new,
 def test_ids_are_told_apart(tmp_path):
     with pytest.raises(InputError, match="GNC-12"):
         read_campaign(campaign(tmp_path, TABLE.replace("GNC-13", "GNC-12")))
-
-
-def test_a_table_that_is_not_there(tmp_path):
-    with pytest.raises(InputError, match=r"requirements\.csv"):
-        read_campaign(write_campaign(tmp_path, requirements="requirements.csv"))

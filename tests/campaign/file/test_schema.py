@@ -74,40 +74,12 @@ def test_what_an_editor_should_underline() -> None:
     assert set(METRIC_INDEX) < set(named["enum"]) and "pattern" in own
 
 
-def test_limits_are_text_with_a_unit() -> None:
-    validator = Draft202012Validator(make_schema("mission"))
-    mission = read_document(shipped_folder() / "configs/mission/s_manoeuvre.yaml").data
-    for limits, right in (
-        ({"heat_flux": "5 MW/m2"}, True),
-        ({"heat_flux": 5e6}, False),
-        ({"heat_flux": "5 MW"}, False),
-        ({"oscillation": "5 deg"}, True),
-        ({"oscillation": {"bank": "5 deg"}}, True),
-        ({"oscillation": "5 s"}, False),
-    ):
-        assert validator.is_valid({**mission, "limits": limits}) is right, limits
-
-
-def test_metrics_of_ones_own_are_no_mistake() -> None:
-    validator = Draft202012Validator(make_schema("campaign"))
-    right = read_document(shipped_folder() / "campaigns/s_manoeuvre.yaml").data
-    own = {"late_swing_deg": {"of": "bank_error_deg", "statistic": "peak_to_peak", "from": "56 s"}}
-    requirement = {**right["requirements"][0], "metric": "late_swing_deg"}
-    assert validator.is_valid({**right, "metrics": own, "requirements": [requirement]})
-    assert not validator.is_valid({**right, "requirements": [requirement]})
-
-
 @pytest.mark.parametrize(
     ("unit", "texts", "others"),
     [
         ("m", ["20 km", "3ft", "-1e3 m", "+.5 nmi"], ["20", "20 s", "km", "20 kmh"]),
         ("m/s", ["1400 m/s", "5 kt", "3 km/h"], ["1400 m", "3 m/s2"]),
-        ("kg m2", ["1.3e6 kg m2", "5 slug ft^2", "2 kg·m²"], ["1 kg", "1 kg m"]),
         ("1/s", ["5 1/s", "100 Hz", "2 /s"], ["5", "5 s"]),
-        ("Pa", ["95 kPa", "1 Pa"], ["1 N"]),
-        ("rad/s2", ["20 deg/s2", "1 rad/s^2"], ["20 deg/s"]),
-        ("m2", ["5 m2", "5 ft^2"], ["5 m"]),
-        ("kg/m3", ["1.2 kg/m3"], ["1.2 kg"]),
         ("W/m2", ["5 MW/m2", "100 kW/m^2"], ["5 MW", "5 W/m"]),
     ],
 )

@@ -120,9 +120,7 @@ def test_a_bad_trajectory_is_refused_with_its_line(
         ("manoeuvre: {kind: loop}", "kind 'loop'"),
         ("manoeuvre: {kind: climb, altitude_change: 30 km, length: 40 s}", "a climb to 50000 m"),
         ("manoeuvre: {kind: s_manoeuvre, offset: 50 km, length: 50 s}", "sideways"),
-        ("manoeuvre: {kind: level}\nstart_time: 5 km", "'5 km', a length"),
         ("manoeuvre: {kind: level}\nlimits: {altitude: [30 km, 40 km]}", "20000 m"),
-        ("manoeuvre: {kind: level}\nwind: strong", "strong"),
     ],
 )
 def test_a_bad_mission_is_refused(tmp_path: Path, text: str, words: str) -> None:

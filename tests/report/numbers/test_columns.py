@@ -37,13 +37,6 @@ def test_rows_can_be_added_after_a_column_was_read_and_put_in_order(monkeypatch)
     assert spooled["b"].tolist() == [10.0, 20.0, 30.0]
 
 
-def test_a_column_that_was_read_is_its_readers_own():
-    spooled = SpooledColumns(["a"])
-    spooled.append(np.ones((1, 3)))
-    spooled["a"][:] = 7.0
-    assert spooled["a"].tolist() == [1.0, 1.0, 1.0]
-
-
 def test_columns_of_a_file_are_read_when_asked_for(tmp_path):
     path = tmp_path / "samples.parquet"
     pq.write_table(pa.table({"flight": [0, 1], "x": [0.1, 0.2], "y": [1, 2]}), path)

@@ -51,11 +51,6 @@ def test_a_controller_that_loses_more_flights_fails_whatever_its_metric(failing_
     assert gate["loses_more"] and not gate["shown"]
 
 
-def test_a_metric_that_no_flight_has_is_refused(report_folder):
-    with pytest.raises(InputError, match="unknown metric 'speed'"):
-        compare(report_folder, report_folder, (), parse_margins(["speed=5%"]))
-
-
 def test_a_metric_with_two_margins_is_refused():
     """The last one held: a gate of 1 % was passed by way of a second one of 100 %."""
     with pytest.raises(InputError, match="'bank_error_rms_deg' a second time"):

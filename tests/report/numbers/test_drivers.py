@@ -38,11 +38,6 @@ def test_what_the_regression_tells_is_not_told_twice(results):
     assert told_of(results, lambda x: np.exp(x["aero.lift"])) == (["aero.lift"], [])
 
 
-def test_chance_is_not_told(results):
-    noise = np.random.default_rng(7).normal(size=600)
-    assert told_of(results, lambda _: 9.0 + noise) == ([], [])
-
-
 def test_designs_that_are_no_random_draws_have_no_such_indices(results):
     facts = replace(results.campaign, sampling="corners")
     assert told_of(replace(results, campaign=facts), lambda x: 2.0 + np.sin(6.0 * x["aero.lift"])) == ([], [])

@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pytest
 from fake_flight import ENGINE, write_campaign
 from report.few_figures import build_with
@@ -95,10 +94,3 @@ def test_what_gives_no_indices_is_refused(tmp_path, entries, words):
     with pytest.raises(InputError) as caught:
         read_campaign(write_campaign(tmp_path, **entries))
     assert words in str(caught.value)
-
-
-def test_more_groups_keep_the_first_ones(tmp_path):
-    first = read_results(fly(tmp_path / "a", runs=80))
-    longer = read_results(fly(tmp_path / "b", runs=160))
-    for name, values in first.samples.items():
-        np.testing.assert_array_equal(values, longer.samples[name][:80])

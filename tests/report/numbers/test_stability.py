@@ -71,7 +71,3 @@ def test_the_section_has_each_loop_and_the_report_follows_from_the_data(folder):
     assert section.count("throttle") == 2  # of the two stable controllers
     assert "all 8 corners" in section and "\N{MINUS SIGN}9.0 / 0.7" in section
     assert list(verify_campaign(folder)) == []
-
-
-def test_without_margins_there_is_no_section(report_page):
-    assert 'id="stability"' not in report_page

@@ -23,7 +23,6 @@ from abhv_mc.statistics.binomial import clopper_pearson
 RUNS = "1500"
 REQUIREMENT = "[{metric: altitude_error_max_m, below: 1.85, probability: 0.9}]"
 LAWS = "{atmosphere.density: {distribution: uniform, half_width: %s}, aero.lift: {distribution: normal, sigma: %s}}"
-TIED = "[{between: [atmosphere.density, aero.lift], rank: 0.6}]"
 
 
 def fly(folder, density="10 %", lift="5 %", seed="5", **entries):
@@ -64,17 +63,6 @@ def test_it_agrees_with_a_fresh_campaign(flown, tmp_path):
     part = found["controllers"]["one"]
     assert 0.5 * 1500 < part["effective_flights"] < 0.65 * 1500 and part["unseen"] < 1e-3
     assert found["after"]["atmosphere.density"] == {"distribution": "uniform", "half_width": "6%"}
-
-
-def test_correlated_dispersions_keep_their_copula(tmp_path):
-    before = fly(tmp_path / "a", "9.5 %", correlations=TIED)
-    found = make_whatif(before, parse_settings(["aero.lift.sigma=4%", "aero.lift.mean=1.01"]))
-    law = "{atmosphere.density: {distribution: uniform, half_width: 9.5 %}," \
-        " aero.lift: {distribution: normal, sigma: 4 %, mean: 1.01}}"  # fmt: skip
-    files = write_campaign(
-        tmp_path / "b", runs=RUNS, seed="78", requirements=REQUIREMENT, dispersions=law, correlations=TIED
-    )
-    agree(found, run_campaign(Request(files, tmp_path / "b/out"), ENGINE).folder)
 
 
 def test_weights_are_the_ratio_of_the_joint_densities(tmp_path):
@@ -140,17 +128,6 @@ def test_discrete_choices_are_weighed_by_their_probabilities(tmp_path):
     weights = np.array([0.75, 0.25])
     expected = sum(weights * list(counts.values())) ** 2 / sum(weights**2 * list(counts.values()))
     assert found["controllers"]["one"]["effective_flights"] == pytest.approx(expected)
-
-
-def test_a_discrete_value_that_no_flight_had_is_refused(tmp_path):
-    """Was answered as 'worth 300 flights' where 30 % of the new flights fail."""
-    laws = "{aero.lift: {distribution: discrete, values: [0.9, 1.0, 1.1], weights: [1, 1, 0.00001]}}"
-    files = write_campaign(tmp_path / "f", runs="300", requirements=REQUIREMENT, dispersions=laws)
-    folder = run_campaign(Request(files, tmp_path / "out"), ENGINE).folder
-    assert pq.read_table(folder / "samples.parquet")["aero.lift"].to_numpy().max() == 1.0
-    with pytest.raises(InputError, match=r"beyond all 300 flights|expected at most 1 %"):
-        make_whatif(folder, parse_settings(["aero.lift.weights=[0.35, 0.35, 0.3]"]))
-    assert make_whatif(folder, parse_settings(["aero.lift.weights=[0.4, 0.595, 0.005]"]))["controllers"]
 
 
 def test_the_command(flown):

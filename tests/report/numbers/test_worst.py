@@ -10,7 +10,7 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.numbers.tables import worst_tables
-from abhv_mc.report.numbers.worst import _largest, worst_numbers
+from abhv_mc.report.numbers.worst import worst_numbers
 
 
 def test_worst_flights_have_their_three_largest_dispersions_in_sigma(tmp_path):
@@ -29,13 +29,6 @@ def test_worst_flights_have_their_three_largest_dispersions_in_sigma(tmp_path):
             assert abs(each["value"] - 1.0) <= widths[each["parameter"]]
     (row, *_) = worst_tables(numbers, "x")[0]["rows"]
     assert row["samples"].count(" sigma)") == 3
-
-
-def test_of_many_dispersions_only_the_largest_three_are_told():
-    sampled = {f"aero.lift.{k}": 1.0 + 0.01 * k for k in range(24)}
-    found = _largest(sampled, dict.fromkeys(sampled, (1.0, 0.05)))
-    assert [entry["parameter"] for entry in found] == ["aero.lift.23", "aero.lift.22", "aero.lift.21"]
-    assert found[0]["sigma"] == pytest.approx(4.6)
 
 
 def test_the_flights_that_are_listed_are_those_with_histories(tmp_path):

@@ -63,10 +63,6 @@ def test_two_campaigns_make_a_page_with_every_flight_that_only_one_loses(before,
     assert "<script" not in page and "http" not in page.replace("http-equiv", "").lower()
 
 
-def test_a_comparison_within_the_folder_of_a_campaign_is_refused(before, after):
-    assert isinstance(run("compare", before, after, "-o", after).exception, InputError)
-
-
 def test_differences_are_those_of_the_same_flight(before):
     results = read_results(before)
     tlc, lqr = (results.flights[name] for name in ("tlc", "lqr"))

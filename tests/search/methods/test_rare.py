@@ -4,7 +4,7 @@ import pytest
 from search.methods import known_probabilities as known
 
 from abhv_mc.search.methods.importance import choose_mixture, sample_importance
-from abhv_mc.search.methods.rare import choose_chains, estimate_rare
+from abhv_mc.search.methods.rare import estimate_rare
 from abhv_mc.search.methods.subset import SubsetPlan
 
 SEEDS = 3
@@ -129,9 +129,3 @@ def test_a_mixture_has_the_places_that_the_points_have():
     np.testing.assert_allclose(np.sort(mixture.means[:, 0]), [-4.0, 4.0], atol=0.1)
     drawn = mixture.draw(1000, np.random.default_rng(2))
     assert np.abs(np.abs(drawn) - 4.0).max() < 3.0
-
-
-def test_chains_are_whole_lanes():
-    assert choose_chains(1_000) == 32
-    assert choose_chains(20_000) == 64
-    assert choose_chains(10**7) == 256

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.search.methods.tune import Scores, join_scores, pareto_front, tune, validate
+from abhv_mc.search.methods.tune import Scores, pareto_front, tune, validate
 
 SHIFTS = np.random.default_rng(5).normal(0.0, 0.3, (200, 1, 4))
 
@@ -55,12 +55,6 @@ def test_broken_limits_come_after_all_that_keep_them_and_lost_flights_last():
     assert scores.allowed.tolist() == [True, False, False, False, True]
 
 
-def test_an_excess_that_is_no_number_breaks_its_limit():
-    scores = Scores(np.array([1.0, 2.0]), np.array([[np.nan], [0.5]]), np.zeros(2))
-    assert scores.rank().tolist() == [1, 0]
-    assert not scores.allowed.any()
-
-
 def test_front_holds_what_nothing_beats():
     costs = np.array([[1.0, 5.0], [2.0, 3.0], [2.0, 4.0], [3.0, 3.0], [4.0, 1.0], [0.5, 9.0]])
     assert pareto_front(costs).tolist() == [5, 0, 1, 4]
@@ -73,13 +67,6 @@ def test_front_leaves_out_candidates_that_break_a_limit():
     assert found.best in found.front or np.any(
         found.scores.objective[found.front] <= found.scores.objective[found.best]
     )
-
-
-def test_joined_scores_keep_their_order():
-    part = measure(np.eye(4))
-    joined = join_scores([part, part])
-    np.testing.assert_array_equal(joined.objective, np.tile(part.objective, 2))
-    assert joined.excess.shape == (8, 1)
 
 
 def test_a_gain_on_fresh_flights_is_shown_and_none_is_not():

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.search.methods.first_points import sobol_points
-from abhv_mc.search.methods.worst import choose_batch, search_worst
+from abhv_mc.search.methods.worst import search_worst
 
 
 def bowl(dimension, sharpness=2.0):
@@ -88,19 +87,6 @@ def test_batches_fill_lanes_and_stay_within_what_is_allowed():
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("evaluations, batch", [(160, 64), (1000, 64), (2000, 128), (4000, 256), (100_000, 512)])
-def test_more_evaluations_make_larger_batches(evaluations, batch):
-    assert choose_batch(evaluations) == batch
-    sizes = []
-
-    def counted(points):
-        sizes.append(len(points))
-        return points.sum(axis=1)
-
-    search_worst(counted, 3, min(evaluations, 4000))
-    assert sizes[0] == min(batch, 256)
-
-
 def test_the_same_seed_gives_the_same_points():
     value, _ = bowl(4)
     one, two = (search_worst(value, 4, 800, seed=5) for _ in range(2))
@@ -126,9 +112,3 @@ def test_sensitivity_about_the_worst():
 def test_too_few_evaluations_are_refused():
     with pytest.raises(ValueError, match="at least 160"):
         search_worst(lambda x: x[:, 0], 2, 100)
-
-
-def test_sobol_points_fill_the_box():
-    points = sobol_points(3, 100, 1)
-    assert points.shape == (100, 3)
-    assert np.abs(points.mean(axis=0)).max() < 0.05
