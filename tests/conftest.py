@@ -83,6 +83,16 @@ def engine():
     return replace(compiled, prepare=cache(compiled.prepare))
 
 
+@pytest.fixture
+def fake_engine(monkeypatch, tmp_path):
+    """Commands fly cheap flights, in a folder of their own."""
+    from fake_flight import ENGINE
+
+    for place in ("runner", "merge", "engine"):
+        monkeypatch.setattr(f"abhv_mc.execution.{place}.make_engine", lambda: ENGINE)
+    monkeypatch.chdir(tmp_path)
+
+
 @pytest.fixture(scope="session")
 def failing_folder(tmp_path_factory):
     """A made-up campaign: 100 flights of three controllers; 12 of each but the first ended early."""

@@ -1,7 +1,10 @@
 """Plans of shipped files cut short, rows of parameters by name, and when two blocks of flights are the same."""
 
+import re
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -9,13 +12,29 @@ from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.flying import make_flight_plan
 from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.shipped import find_input, shipped_configs
 
 
 def short_plan(
-    ticks: int, controller: str | Path = "tlc", mission: str | Path = "s_manoeuvre", vehicle: str | Path = "ghame_x"
+    ticks: int,
+    controller: str | Path = "tlc",
+    mission: str | Path = "s_manoeuvre",
+    vehicle: str | Path | Mapping[str, Any] = "ghame_x",
 ) -> FlightPlan:
-    """The first control ticks of a mission; inputs by shipped name or path."""
-    return cut(make_flight_plan(str(mission), str(vehicle), str(controller)), ticks)
+    """The first control ticks of a mission; inputs by shipped name or path, the vehicle also by what it changes."""
+    vehicle = vehicle if isinstance(vehicle, Mapping) else str(vehicle)
+    return cut(make_flight_plan(str(mission), vehicle, str(controller)), ticks)
+
+
+def change_vehicle(folder: Path, *changes: tuple[str, str], name: str = "ghame_x") -> Path:
+    """A shipped vehicle's file with other words; its tables stay where they are."""
+    text = find_input(name, "vehicle").read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "vehicle.yaml"
+    path.write_text(re.sub(r"file: (?=\w+/)", f"file: {shipped_configs()}/vehicle/", text), encoding="utf-8")
+    return path
 
 
 def cut(plan: FlightPlan, ticks: int) -> FlightPlan:

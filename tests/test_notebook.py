@@ -148,10 +148,3 @@ def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypat
     assert len(results.flights) == 400
     monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
     assert campaign.run("again", runs=20).folder == tmp_path / "there" / "again"
-
-
-def test_what_is_not_there_is_refused(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        abhv_mc.open_results(tmp_path)
-    with pytest.raises(InputError, match="no such file"):
-        abhv_mc.Campaign.read(tmp_path / "campaign.yaml")

@@ -5,13 +5,11 @@ import shutil
 
 import numpy as np
 import pyarrow.parquet as pq
-import pytest
 from typer.testing import CliRunner
 
 from abhv_mc.cli.app import app
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRICS
-from abhv_mc.io.documents import InputError
 
 
 def run(*words):
@@ -46,17 +44,3 @@ def test_fly_writes_history_and_figures(repository, tmp_path):
     figures = sorted(path.name for path in (tmp_path / "level/figures").iterdir())
     assert len(figures) == 10 and "ground_track.png" in figures
     assert str(tmp_path / "level/figures" / figures[-1]) in flown.stdout.replace("\n", "")
-
-
-@pytest.mark.parametrize(
-    ("mission", "controllers", "said"),
-    [
-        ("levle", "tlc", "level_mach15"),
-        ("level", "tlc,tlc", "different names"),
-        ("level", "no.yaml", "no.yaml"),
-    ],
-)
-def test_fly_refuses_what_it_cannot_fly(mission, controllers, said, tmp_path):
-    error = run(mission, "--controllers", controllers, "-o", tmp_path / "out").exception
-    assert isinstance(error, InputError) and said in str(error)
-    assert not (tmp_path / "out").exists()

@@ -71,21 +71,6 @@ def test_margins_of_a_campaign_are_those_of_its_vehicle_mission_and_controllers(
         _call("margins", "winged_cone", "--controllers", "pid")
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"at": "soon"}, "--at"),
-        ({"at": "61s"}, "a time of the mission, 0 to 60 s"),
-        ({"at": "5s", "bank": "46deg"}, "--bank"),
-        ({"controller": "tlc,tlc"}, "different names"),
-    ],
-)
-def test_margins_refuses_bad_options(tmp_path, options, said):
-    with pytest.raises(InputError, match=said):
-        _run(tmp_path, **options)
-    assert not (tmp_path / "new/rows.json").exists()
-
-
 def _linearize(file, controller="tlc", at="trim"):
     _call("linearize", "level", "-o", file, "--controller", controller, "--at", at)
 

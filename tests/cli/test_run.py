@@ -18,13 +18,7 @@ from abhv_mc.execution.runner import RunResult
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.manifest import write_manifest
 
-
-@pytest.fixture(autouse=True)
-def fake_engine(monkeypatch, tmp_path):
-    """Cheap flights, in a folder of their own."""
-    monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
-    monkeypatch.setattr("abhv_mc.execution.engine.make_engine", lambda: ENGINE)
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("fake_engine")
 
 
 @pytest.fixture

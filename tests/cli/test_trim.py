@@ -5,7 +5,6 @@ import typer
 from typer.testing import CliRunner
 
 from abhv_mc.cli.trim import command
-from abhv_mc.io.documents import InputError
 
 app = typer.Typer()
 app.command()(command)
@@ -35,20 +34,6 @@ def test_table_and_exit_code_of_a_point_without_trim(run):
     assert result.exit_code == 1
     assert "ghame_x: 20 km, 1400 m/s, Mach 4.745" in result.stdout
     assert "no trim at 89 deg of bank" in result.stdout
-
-
-@pytest.mark.parametrize(
-    ("options", "place"),
-    [
-        (["--altitude", "20 kg"], "--altitude"),
-        (["--bank", "0,x"], "--bank"),
-        (["--bank", "95"], "--bank"),
-    ],
-)
-def test_refuses_bad_options(run, options, place):
-    error = run("ghame", *options).exception
-    assert isinstance(error, InputError)
-    assert error.file == place
 
 
 def test_refuses_a_vehicle_that_cannot_be_trimmed(run):

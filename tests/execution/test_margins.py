@@ -71,6 +71,7 @@ def test_the_first_flights_have_them_whatever_flies_the_blocks(engine, tmp_path)
     assert replay.differences == ()
 
 
+@pytest.mark.thorough
 def test_flights_that_are_tried_again_have_their_margins(engine, tmp_path):
     """The campaign could never go on: it ended in an error of numpy's."""
     path = _write(tmp_path / "a.yaml", "{at: [trim], flights: 12}", batch="8")
@@ -108,8 +109,6 @@ def test_they_can_be_required_of_all_flights(required):
     ("margins", "requirements", "words"),
     [
         ("{at: [trim, 61 s]}", "[]", ("61 s", "0 to 60 s")),
-        ("{at: []}", "[]", ("no point", "trim")),
-        ("{at: [trim], flights: 0}", "[]", ("0", "'all'")),
         ("{at: [trim], flights: 10}", REQUIRED, ("margins of 10 of 40 flights", "flights: all")),
         ("null", REQUIRED, ("without 'margins'", "flights: all")),
         (

@@ -48,13 +48,3 @@ def test_flights_are_counted_and_the_nearest_is_flown_again(server):
     assert near == [("one", "two")[k], flight]
     flown = json.loads(ask(server, "/flight", {"controller": near[0], "flight": flight})[1])
     assert flown["same"] and len(flown["time"]) == 21 == len(flown["channels"]["altitude_m"]["values"])
-
-
-@pytest.mark.parametrize(
-    ("place", "data"),
-    [("/flight", {"controller": "one", "flight": 10_000}), ("/flight", {"controller": "pid", "flight": 1}),
-     ("/flight", {}), ("/counts", []), ("/counts", {"x": "a" * 200_000})],
-)  # fmt: skip
-def test_a_question_without_an_answer_says_why(server, place, data):
-    status, content = ask(server, place, data)
-    assert status == 400 and json.loads(content)["error"]

@@ -1,6 +1,7 @@
 """Vehicles that no controller can fly are refused with their file, before anything flies."""
 
 import pytest
+from short_flights import change_vehicle
 
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError
@@ -9,16 +10,6 @@ from abhv_mc.io.documents import InputError
 @pytest.fixture
 def configs(repository):
     return repository / "configs"
-
-
-def changed(configs, folder, *changes):
-    """ghame_x with other words."""
-    text = (configs / "vehicle/ghame_x.yaml").read_text()
-    for old, new in (*changes, ("file: ghame/", f"file: {configs}/vehicle/ghame/")):
-        assert old in text
-        text = text.replace(old, new)
-    (folder / "vehicle.yaml").write_text(text)
-    return folder / "vehicle.yaml"
 
 
 def test_a_vehicle_without_surfaces_has_no_controller(configs):
@@ -31,13 +22,13 @@ def test_a_vehicle_without_surfaces_has_no_controller(configs):
 def test_a_rudder_that_does_nothing_cannot_be_allocated(configs, tmp_path):
     changes = [(f"{name}_rudder: {{file: ghame/{file}.csv,", f"{name}_rudder: {{constant: 0,")
                for name, file in (("roll", "clldr"), ("yaw", "clndr"))]  # fmt: skip
-    path = changed(configs, tmp_path, *changes)
+    path = change_vehicle(tmp_path, *changes)
     with pytest.raises(InputError, match="do not turn the vehicle about three axes") as caught:
         prepare(path, configs / "mission/level.yaml", configs / "control/tlc.yaml", "tlc")
     assert caught.value.file == str(path)
 
 
 def test_a_glider_cannot_hold_its_speed(configs, tmp_path):
-    path = changed(configs, tmp_path, ("capture_area_ratio: {file: ghame/ca.csv}", "capture_area_ratio: {constant: 0}"))
+    path = change_vehicle(tmp_path, ("capture_area_ratio: {file: ghame/ca.csv}", "capture_area_ratio: {constant: 0}"))
     with pytest.raises(InputError, match="no equivalence ratio within the engine's limits holds the speed"):
         prepare(path, configs / "mission/level.yaml", configs / "control/tlc.yaml", "tlc")

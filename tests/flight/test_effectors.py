@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from short_flights import cut, rows_of
+from short_flights import change_vehicle, cut, rows_of
 
 from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
@@ -40,15 +40,8 @@ def law(time, reference):
 
 def write_vehicle(folder, effectors: str, name: str = "ghame_x"):
     text = (CONFIGS / "vehicle" / f"{name}.yaml").read_text(encoding="utf-8")
-    text = text.replace("file: ghame/", f"file: {CONFIGS}/vehicle/ghame/")
-    text = text.replace("file: winged_cone/", f"file: {CONFIGS}/vehicle/winged_cone/")
-    head, _, rest = text.partition("\neffectors:")
-    rest = rest[rest.index("\npropulsion:") :] if rest else ""
-    if not rest:
-        head, rest = text[: text.index("propulsion:")], text[text.index("propulsion:") :]
-    path = folder / "vehicle.yaml"
-    path.write_text(f"{head}\neffectors:\n{effectors}\n{rest}", encoding="utf-8")
-    return path
+    old = text[text.find("\neffectors:") : text.index("\npropulsion:")] if "\neffectors:" in text else ""
+    return change_vehicle(folder, (f"{old}\npropulsion:", f"\neffectors:\n{effectors}\n\npropulsion:"), name=name)
 
 
 def sixteen() -> str:
@@ -149,11 +142,11 @@ def test_a_law_in_plain_python_commands_the_same(tmp_path, flown) -> None:
     assert np.array_equal(positions(plain, [20]), positions(flown, [20]))
 
 
-def test_lanes_and_groups_do_not_matter(flown) -> None:
+def test_groups_do_not_matter(flown) -> None:
     parameters = nominal_parameters(40)
     parameters[:, PARAMETER_INDEX["actuator.bandwidth"]] = np.linspace(0.7, 1.3, 40)
     together = fly(flown, parameters, keep_states=True, record_every=10)
-    alone = fly(flown, parameters[[3, 37]], keep_states=True, record_every=10, lanes=1)
+    alone = fly(flown, parameters[[3, 37]], keep_states=True, record_every=10)
     assert np.array_equal(together.states[[3, 37]], alone.states)
     assert np.array_equal(together.metrics[[3, 37]], alone.metrics)
 

@@ -8,31 +8,17 @@ from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant import state as s
-from abhv_mc.shipped import shipped_configs
-from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_fixed, make_variables
 
-CONFIGS = shipped_configs()
-PAIR = (
-    "{left: {share: 0.4, y: -0.6 m, z: -0.1 m}, right: {share: 0.4, y: 0.6 m, z: -0.1 m}, "
-    "below: {share: 0.2, z: 0.4 m}}"
-)
 
-
-def write_vehicle(folder, engines: str):
-    text = (CONFIGS / "vehicle" / "ghame_x.yaml").read_text(encoding="utf-8")
-    text = text.replace("file: ghame/", f"file: {CONFIGS}/vehicle/ghame/")
-    path = folder / "vehicle.yaml"
-    path.write_text(
-        text.replace("propulsion:", f"propulsion:\n  engines: {engines}\n ", 1).replace("  #", "#", 1), encoding="utf-8"
-    )
-    return path
+def make_plan(engines):
+    return short_plan(100, mission="level", vehicle={"base": "ghame_x", "propulsion.engines": engines})
 
 
 @pytest.fixture(scope="module")
-def plan(tmp_path_factory):
-    vehicle = write_vehicle(tmp_path_factory.mktemp("engines"), PAIR)
-    return short_plan(100, mission="level", vehicle=vehicle)
+def plan():
+    left, right = ({"share": 0.4, "y": y, "z": "-0.1 m"} for y in ("-0.6 m", "0.6 m"))
+    return make_plan({"left": left, "right": right, "below": {"share": 0.2, "z": "0.4 m"}})
 
 
 def fly_cases(plan, *cases):
@@ -71,8 +57,11 @@ def test_all_engines_out_is_the_engine_out(plan) -> None:
 
 @pytest.mark.parametrize(
     ("engines", "words"),
-    [("{left: {y: -1 m}, right: {y: 2 m}}", "acts"), ("{left: {share: 0.4}, right: {share: 0.4}}", "shares")],
+    [
+        ({"left": {"y": "-1 m"}, "right": {"y": "2 m"}}, "acts"),
+        ({"left": {"share": 0.4}, "right": {}}, "shares"),
+    ],
 )
-def test_engines_that_do_not_make_the_whole_are_refused(tmp_path, engines: str, words: str) -> None:
+def test_engines_that_do_not_make_the_whole_are_refused(engines, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        load_vehicle(write_vehicle(tmp_path, engines))
+        make_plan(engines)

@@ -40,23 +40,27 @@ def dispersed():
     return rows
 
 
+ALL, SOME = (LANES, slice(None)), pytest.param((1, slice(4, 9)), marks=pytest.mark.thorough)
+
+
 @pytest.mark.parametrize("law", ["tlc", "lqr"])
 @pytest.mark.parametrize("every", [1, 7, 20, 300, TICKS + 1])
-def test_extremes_are_those_of_whole_histories(plans, dispersed, law, every):
+@pytest.mark.parametrize("flown", [ALL, SOME], ids=["abreast", "alone"])
+def test_extremes_are_those_of_whole_histories(plans, dispersed, law, every, flown):
+    lanes, rows = flown
     whole = fly(plans[law], dispersed, 1)
     ends = np.unique(whole.end_time)
     assert (whole.outcome == Outcome.NOT_FINITE).any()
     assert ((ends > 0.1) & (ends < 6.0)).any() and (whole.outcome == Outcome.OK).any()
     for channels in (tuple(range(len(CHANNELS))), (11, 3, 3, 0)):
         recording = Recording(every, channels, extremes=True)
-        for lanes, rows in ((LANES, slice(None)), (1, slice(4, 9))):
-            found = fly(plans[law], dispersed[rows], recording, lanes=lanes)
-            history = whole.history[rows][:, :, channels]
-            np.testing.assert_array_equal(found.history, history[:, ::every])
-            for side, extreme in ((found.low, np.fmin), (found.high, np.fmax)):
-                expected = around(history, every, extreme)
-                assert side.dtype == np.float32
-                assert side.tobytes() == expected.tobytes()  # -0 and 0 are one
+        found = fly(plans[law], dispersed[rows], recording, lanes=lanes)
+        history = whole.history[rows][:, :, channels]
+        np.testing.assert_array_equal(found.history, history[:, ::every])
+        for side, extreme in ((found.low, np.fmin), (found.high, np.fmax)):
+            expected = around(history, every, extreme)
+            assert side.dtype == np.float32
+            assert side.tobytes() == expected.tobytes()  # -0 and 0 are one
 
 
 def test_nothing_else_changes_where_extremes_are_kept(plans, dispersed):

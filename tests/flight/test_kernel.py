@@ -54,6 +54,7 @@ def assert_equal(one, other, order=slice(None)):
         assert np.array_equal(mine[order], theirs, equal_nan=mine.dtype.kind == "f")
 
 
+@pytest.mark.thorough  # a kernel of its own, for one flight
 @pytest.mark.parametrize("law", ["tlc", "lqr"])
 def test_one_at_a_time_is_abreast(plans, dispersed, law):
     abreast = fly(plans[law], dispersed, record_every=10, keep_states=True)
@@ -133,6 +134,7 @@ def test_plain_python_flies_the_same(plans, dispersed, tmp_path):
         assert np.array_equal(plain["outcome"], compiled.outcome)
 
 
+@pytest.mark.thorough
 def test_flights_that_take_the_lanes_of_ended_ones_stay_the_same():
     # Centres of gravity far enough aft end flights at many moments; more flights than close ranks together.
     plan = short_plan(3 * COMPACTION + 7, "lqr")

@@ -79,6 +79,7 @@ def test_the_date_line_changes_longitude_alone(tmp_path) -> None:
     assert np.abs((turned + 1.0) % math.tau - 1.0).max() < 1e-12
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", ["15", "16"])
 def test_the_f16_circles_the_pole_and_the_crossing_of_equator_and_date_line(case: str) -> None:
     """NASA's cases 15 and 16: about three and a half minutes for a circle of 3 nautical miles, counter-clockwise."""

@@ -23,7 +23,7 @@ def test_flies_level_and_turns_at_both_points(repository, mission):
         for bit, (name, half_width) in enumerate(BOX.items()):
             parameters[1 + corner, PARAMETER_INDEX[name]] += half_width * (1 if corner >> bit & 1 else -1)
     block = fly(plan, parameters)
-    assert np.array_equal(fly(plan, parameters[7:], lanes=1).metrics, block.metrics[7:])  # 3-D cells shared or not
+    assert np.array_equal(fly(plan, parameters[7:]).metrics, block.metrics[7:])  # 3-D cells shared or not
     metric = {name: block.metrics[:, i] for name, i in METRIC_INDEX.items()}
     assert block.outcome.tolist() == [Outcome.OK] * 9
     # Nominal, then worst of the corners; measured 7.4 and 26 m, 0.014 and 0.6 m/s, 0.014 and 0.04 deg.

@@ -5,7 +5,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from fake_flight import ENGINE, interrupted_after, write_campaign
+from fake_flight import interrupted_after, write_campaign
 from pyarrow import fs
 
 from abhv_mc.folder import lease, remote
@@ -15,6 +15,7 @@ from abhv_mc.folder.store import Store, parse_address
 from abhv_mc.io.input_error import InputError
 
 server = pytest.importorskip("moto.server")
+pytestmark = pytest.mark.usefixtures("fake_engine")
 
 
 @pytest.fixture
@@ -36,14 +37,6 @@ def bucket(monkeypatch):
         f"campaigns-{port}/first",
     )
     running.stop()
-
-
-@pytest.fixture(autouse=True)
-def fake_engine(monkeypatch, tmp_path):
-    """Cheap flights, in a folder of their own."""
-    for place in ("runner", "merge"):
-        monkeypatch.setattr(f"abhv_mc.execution.{place}.make_engine", lambda: ENGINE)
-    monkeypatch.chdir(tmp_path)
 
 
 def names(store, base):

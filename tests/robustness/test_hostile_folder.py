@@ -18,20 +18,14 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.folder.layout import hash_file
 from abhv_mc.folder.manifest import write_manifest
 
+pytestmark = pytest.mark.usefixtures("fake_engine")
+
 
 @pytest.fixture
 def folder(tmp_path, capfd):
     keep = "{envelopes: {rate: 2 Hz, channels: [altitude_m]}}"
     campaign = write_campaign(tmp_path / "f", runs="40", keep=keep, execution="{batch: 20}")
     return run_campaign(Request(campaign, tmp_path / "out"), ENGINE).folder
-
-
-@pytest.fixture(autouse=True)
-def fake_engine(monkeypatch, tmp_path):
-    """Cheap flights, in a folder of their own."""
-    for place in ("runner", "engine"):
-        monkeypatch.setattr(f"abhv_mc.execution.{place}.make_engine", lambda: ENGINE)
-    monkeypatch.chdir(tmp_path)
 
 
 def commands(campaign, folder):

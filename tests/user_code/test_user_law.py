@@ -81,7 +81,7 @@ def test_a_law_does_not_depend_on_lanes_company_or_compaction(make):
     shuffled = fly(plan, parameters[order])
     assert np.array_equal(abreast.metrics[order], shuffled.metrics, equal_nan=True)
     some = [0, 40, 300]
-    alone = fly(plan, parameters[some], lanes=1)
+    alone = fly(plan, parameters[some])
     assert np.array_equal(abreast.metrics[some], alone.metrics, equal_nan=True)
 
 

@@ -99,11 +99,10 @@ propulsion:
     return path
 
 
-@pytest.mark.parametrize(("frame", "point"), [("stability", (0.0, 0.0)), ("body", (0.3, -0.2))])
-def test_coefficients_and_trims_are_those_of_the_tables(tmp_path: Path, frame: str, point: tuple[float, float]) -> None:
+def test_coefficients_and_trims_are_those_of_the_tables(tmp_path: Path) -> None:
     tables, functions = (
         load_vehicle(CONFIGS / "vehicle" / "ghame_x.yaml"),
-        load_vehicle(write_ghame_x(tmp_path, frame, point)),
+        load_vehicle(write_ghame_x(tmp_path, "body", (0.3, -0.2))),
     )
     rng = np.random.default_rng(1)
     values = {"mach": rng.uniform(2, 8, 50), "angle_of_attack": rng.uniform(-0.1, 0.3, 50)}
@@ -111,8 +110,7 @@ def test_coefficients_and_trims_are_those_of_the_tables(tmp_path: Path, frame: s
     values |= {f"{name}_rate_hat": rng.uniform(-0.01, 0.01, 50) for name in ("roll", "pitch", "yaw")}
     ours = evaluate_coefficients(functions, make_variables(functions, **values))
     theirs = evaluate_coefficients(tables, make_variables(tables, **values))
-    about = slice(0, 6) if point == (0.0, 0.0) else slice(0, 3)  # moments are about another point
-    np.testing.assert_allclose(ours[about], theirs[about], rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(ours[:3], theirs[:3], rtol=1e-12, atol=1e-14)  # moments are about another point
     for bank in (0.0, 0.9):
         here = FlightPoint(20e3, 1400.0, bank, 0.5)
         a, b = trim(tables, WGS84, here), trim(functions, WGS84, here)

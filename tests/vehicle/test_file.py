@@ -156,24 +156,6 @@ def test_mass_points_from_csv(tmp_path):
     assert points[1].inertia_matrix_element_13 == 0.0
 
 
-@pytest.mark.parametrize(
-    ("text", "line", "words"),
-    [
-        ("mass_kg,inertia_xx_kg_m2,inertia_yy_kg_m2\n1,1,1\n", 1, "no column of inertia_zz"),
-        ("mass_kg,weight\n1,1\n", 1, "'weight'"),
-        ("mass_kg,inertia_xx_kg_m2,inertia_yy_kg_m2,inertia_zz_kg_m2\n2,1,1,1\n1,1,1,1\n", 3, "rising masses"),
-        ("mass_kg,inertia_xx_kg_m2,inertia_yy_kg_m2,inertia_zz_kg_m2\n1,1,1,9\n", 2, "no body"),
-    ],
-)
-def test_refuses_bad_mass_points(tmp_path, text, line, words):
-    path = tmp_path / "mass.csv"
-    path.write_text(text)
-    with pytest.raises(InputError) as caught:
-        read_mass_points(path)
-    assert caught.value.line == line
-    assert words in str(caught.value)
-
-
 def test_a_vehicle_without_engine_and_surfaces(repository):
     sphere = load_vehicle(repository / "configs/vehicle/nesc/sphere.yaml")
     assert sphere.constants.mass_start == pytest.approx(14.5939029)

@@ -83,15 +83,6 @@ def test_columns_that_are_not_needed_may_go_and_come(frame, tmp_path, rows):
     assert [row.difference for row in again] == pytest.approx([row.difference for row in rows], abs=1e-5)
 
 
-@pytest.mark.parametrize("column", ["delex", "time"])
-def test_a_needed_column_is_named(frame, tmp_path, column):
-    file = tmp_path / "lacking.csv.gz"
-    frame.iloc[:50].drop(columns=column).to_csv(file, index=False)
-    with pytest.raises(InputError, match=f"no column {column}") as refused:
-        verify_ghame6(file)
-    assert refused.value.line == 1
-
-
 def test_a_later_start_and_a_coarser_grid(frame, tmp_path):
     file = tmp_path / "later.csv"
     frame.iloc[1500:2100:2].to_csv(file, index=False)  # 50 Hz from 16 s on, in the second turn

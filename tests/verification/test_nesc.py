@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from verification.independent import FT, World, fly_sphere, write_case
 
-from abhv_mc.io.input_error import InputError
 from abhv_mc.verification.nesc import find_files, verify_nesc
 from abhv_mc.verification.rows import all_ok
 
@@ -96,10 +95,3 @@ def test_other_files_are_left_alone(tmp_path, given):
     shutil.copytree(given / "Atmos_01_DroppedSphere", tmp_path / "deep" / "Atmos_01_DroppedSphere")
     (tmp_path / "Atmos_17_sim_02.csv").write_text("not a case of ours\n")
     assert list(find_files(tmp_path)) == [("01", "04"), ("01", "06")]
-
-
-def test_a_folder_without_cases_is_refused(tmp_path):
-    with pytest.raises(InputError, match="no check-case"):
-        verify_nesc(tmp_path)
-    with pytest.raises(InputError, match="no such folder"):
-        verify_nesc(tmp_path / "absent")

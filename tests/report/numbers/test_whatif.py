@@ -103,7 +103,6 @@ def test_the_same_laws_change_nothing(flown):
         (["atmosphere.density.half_width=0.4%"], "an effective number of at least 100"),
         (["aero.lift.sigma=9%"], "beyond all 1500 flights; expected at most 1 %"),
         (["aero.drag.sigma=5%"], "'aero.drag', which the campaign did not disperse"),
-        (["aero.lift"], "PARAMETER.KEY=VALUE"),
         (["aero.lift.distribution=discrete", "aero.lift.values=[0.9, 1.1]"], "a distribution of the same kind"),
     ],
 )

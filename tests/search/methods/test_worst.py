@@ -107,8 +107,3 @@ def test_sensitivity_about_the_worst():
     assert found.sensitivity[0, 0] == pytest.approx(-0.3)
     assert np.isnan(found.sensitivity[0, 1])
     np.testing.assert_allclose(found.sensitivity[1], -0.01, atol=1e-3)
-
-
-def test_too_few_evaluations_are_refused():
-    with pytest.raises(ValueError, match="at least 160"):
-        search_worst(lambda x: x[:, 0], 2, 100)
