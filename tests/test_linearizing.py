@@ -82,22 +82,3 @@ def test_what_is_wrong_is_said(arguments, words):
     with pytest.raises(InputError) as caught:
         abhv_mc.margins(**{"mission": "level", **arguments})
     assert words in str(caught.value)
-
-
-LIGHT = {
-    "inertia_xx": "1 kg m2",
-    "inertia_yy": "1 kg m2",
-    "inertia_zz": "1 kg m2",
-    "inertia_matrix_element_13": "0 kg m2",
-}
-
-
-def test_a_vehicle_that_its_controls_do_not_rule_is_told():
-    """A matrix was singular, in a traceback."""
-    points = [{"mass": mass, **LIGHT} for mass in ("1e-7 kg", "2e-6 kg")]
-    mass = {"start": "1e-6 kg", "empty": "1e-7 kg", "points": points}
-    for call in (abhv_mc.margins, abhv_mc.linearize):
-        with pytest.raises(
-            InputError, match=r"a vehicle that its controls do not rule|a start at which no trim was found"
-        ):
-            call("level", {"base": "ghame_x", "mass": mass})

@@ -16,7 +16,6 @@ from fake_flight import fly, make_plan
 import abhv_mc
 from abhv_mc.execution import pool as module
 from abhv_mc.execution.pool import WorkerPool
-from abhv_mc.execution.retry import UnusableError
 from abhv_mc.flight.fly import nominal_parameters
 
 PACKAGE = Path(abhv_mc.__file__).parent
@@ -59,21 +58,6 @@ def test_without_the_server_that_workers_are_forked_from(pool):
     os.kill(before, signal.SIGKILL)
     check_flight(pool)
     assert find_worker(pool) != before
-
-
-def test_no_process_can_be_started(pool, monkeypatch):
-    """The message says why, and nothing stays open."""
-    monkeypatch.setattr(module, "_PAUSE", 0.0)
-
-    def refuse():
-        raise OSError(24, "Too many open files")
-
-    monkeypatch.setattr(forkserver._forkserver, "ensure_running", refuse)
-    os.kill(find_worker(pool), signal.SIGKILL)
-    descriptors = psutil.Process().num_fds()
-    with pytest.raises(UnusableError, match=r"Too many open files.*isolation: threads"):
-        check_flight(pool)
-    assert psutil.Process().num_fds() <= descriptors
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="asks Linux")

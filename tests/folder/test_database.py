@@ -6,9 +6,7 @@ from fake_flight import ENGINE, write_campaign
 
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.folder import database
 from abhv_mc.folder.database import open_database
-from abhv_mc.folder.layout import CampaignFolder
 
 
 @pytest.fixture(scope="module")
@@ -24,12 +22,6 @@ def test_every_table_answers(folder):
         assert counts["samples"] == 40 and counts["flights"] == 80 and all(counts.values())
         query = "select avg(\"aero.lift\") from flights where controller = 'one' and flight < 10"
         assert database.sql(query).fetchall()[0][0] is not None
-
-
-def test_margins_are_no_table(folder, monkeypatch):
-    paths = CampaignFolder(folder)
-    monkeypatch.setattr(database, "data_files", lambda *_: [paths.margins, paths.samples])
-    assert database.table_files(paths, {}) == {"samples": [paths.samples]}
 
 
 @pytest.mark.parametrize(

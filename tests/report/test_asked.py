@@ -13,7 +13,6 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.io.input_error import InputError
-from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.search.rare import RareSettings, find_rare
 from abhv_mc.search.search_flights import SearchRequest
@@ -36,7 +35,6 @@ metrics:
 requirements:
 """
 ABOVE = "  - {metric: altitude_low_m, above: 19990 m, probability: 0.9}\n"
-BOTH = "  - {metric: altitude_low_m, above: 19990 m, below: 20100 m, probability: 0.9}\n"
 BELOW = "  - {metric: altitude_low_m, below: 20100 m, probability: 0.9}\n"
 
 
@@ -95,14 +93,6 @@ def test_a_requirement_rules_the_side_and_a_written_one_that_contradicts_is_refu
     with pytest.raises(InputError, match="above") as caught:
         read_campaign(write(tmp_path, repository, ABOVE, ", bad: high"))
     assert caught.value.line == 14
-
-
-def test_of_a_corridor_the_distance_outside_counts(repository, tmp_path):
-    (criterion,) = ranking_criteria(read_campaign(write(tmp_path, repository, ABOVE + BELOW)))
-    values = [19980.0, 19995.0, 20120.0]
-    assert criterion.limits == Bounds(19990.0, 20100.0)
-    assert ranking_criteria(read_campaign(write(tmp_path, repository, BOTH))) == (criterion,)
-    assert [float(criterion.excess(value)) for value in map(float, values)] == [10.0, -5.0, 20.0]
 
 
 def test_margins_are_no_rare_event(repository, tmp_path):

@@ -88,6 +88,7 @@ def figures(failing, failing_numbers):
     return {text.name: figure for text, figure in make_figures(failing, failing_numbers)}
 
 
+@pytest.mark.thorough
 def test_nothing_is_cut_off_and_no_panel_reaches_into_another(figures):
     """Margins are fixed, so this is what holds them."""
     for name, figure in figures.items():

@@ -9,7 +9,6 @@ import pytest
 import abhv_mc
 from abhv_mc.flying import make_document
 from abhv_mc.io.input_error import InputError
-from abhv_mc.notebook import write_inputs
 from abhv_mc.user_code.from_function import make_law_text
 from abhv_mc.user_code.source import UserSource, load_law
 
@@ -109,13 +108,3 @@ def test_a_law_of_a_cell_flies_alone_and_in_a_campaign(cells, tmp_path, capfd):
     results = abhv_mc.Campaign.make(data).run(output=tmp_path / "out", workers=1)
     assert set(results.manifest["controllers"]) == {"mine", "lqr"}
     assert "inputs/controllers/mine/law.py" in results.manifest["inputs"]
-
-
-def test_a_campaign_takes_a_function_among_its_controllers(cells, tmp_path):
-    data = {"name": "cells", "vehicle": "ghame_x", "mission": "level", "runs": 8, "seed": 1}
-    data["controllers"] = {"mine": cells.law, "lqr": "lqr"}
-    data["dispersions"] = {"aero.lift": {"distribution": "uniform", "half_width": "5 %"}}
-    write_inputs(data, tmp_path)
-    files = sorted(path.name for path in (tmp_path / "controllers" / "0").iterdir())
-    assert files == ["law.py", "law.yaml"]
-    assert (tmp_path / "controllers" / "0" / "law.py").read_text() == make_law_text(cells.law)

@@ -136,7 +136,7 @@ def test_dispersed_flights_are_those_of_the_tables(tmp_path: Path) -> None:
     made = {}
     for name, path in (
         ("tables", CONFIGS / "vehicle" / "ghame_x.yaml"),
-        ("functions", write_ghame_x(tmp_path, "body")),
+        ("functions", write_ghame_x(tmp_path, "body", (0.3, -0.2))),
     ):
         plan = prepare(path, CONFIGS / "mission" / "s_manoeuvre.yaml", CONFIGS / "control" / "tlc.yaml", "tlc")
         made[name] = fly(plan, parameters, 100, keep_states=True)
@@ -160,6 +160,7 @@ def test_a_function_that_does_not_fit_is_said_with_its_line(tmp_path: Path) -> N
         load_vehicle(path)
 
 
+@pytest.mark.thorough
 def test_margins_are_those_of_the_tables(tmp_path: Path, abhv_mc, monkeypatch) -> None:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     tables, functions = tmp_path / "tables.json", tmp_path / "functions.json"

@@ -99,15 +99,3 @@ def test_what_a_vehicle_lacks_is_constant_everywhere(with_mass):
             assert found[packed.fixed_row[i]].tolist() == [float(name == "specific_impulse")] * 3
     assert found[rows[0]].tolist() == ([1.0, 2.0, 3.0] if with_mass else [4.0] * 3)
     assert packed.axis_variable.tolist() == [VARIABLES.index("mass") if with_mass else VARIABLES.index("one")]
-
-
-def test_layout_of_a_three_dimensional_node():
-    generator = np.random.default_rng(2)
-    grids = {"mach": np.arange(2.0), "angle_of_attack": np.arange(3.0), "effector_0": np.arange(4.0)}
-    tables = [draw_table(generator, ("mach", "angle_of_attack", "effector_0"), grids) for _ in range(2)]
-    packed, rows = pack_tables(tables, {})
-    g = int(np.flatnonzero(packed.group_dimensions == 3)[0])
-    node = packed.group_start[g] + 1 * packed.group_stride[g, 0] + 2 * packed.group_stride[g, 1]
-    node += 3 * packed.group_stride[g, 2]
-    assert packed.data[node : node + 2].tolist() == [table.values[1, 2, 3] for table in tables]
-    assert (rows - packed.group_row[g]).tolist() == [0, 1]

@@ -71,9 +71,9 @@ def write_published(folder, case: str, name: str, simulator: str, times, header,
     ("case", "name", "end"),
     [
         ("13p3", "SubsonicHeadingChangeF16", 17.0),
-        ("13p4", "SubsonicLateralSideStepF16", 22.0),
+        pytest.param("13p4", "SubsonicLateralSideStepF16", 22.0, marks=pytest.mark.thorough),
         ("15", "CircleNorthPole", 20.0),
-        ("16", "CircleEquatorDateLine", 56.0),
+        pytest.param("16", "CircleEquatorDateLine", 56.0, marks=pytest.mark.thorough),
     ],
 )
 def test_files_named_as_the_publishers_are_found_and_compared(tmp_path, repository, case, name, end) -> None:
