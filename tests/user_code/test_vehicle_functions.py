@@ -136,7 +136,7 @@ def test_dispersed_flights_are_those_of_the_tables(tmp_path: Path) -> None:
     made = {}
     for name, path in (
         ("tables", CONFIGS / "vehicle" / "ghame_x.yaml"),
-        ("functions", write_ghame_x(tmp_path, "body", (0.3, -0.2))),
+        ("functions", write_ghame_x(tmp_path, "body")),
     ):
         plan = prepare(path, CONFIGS / "mission" / "s_manoeuvre.yaml", CONFIGS / "control" / "tlc.yaml", "tlc")
         made[name] = fly(plan, parameters, 100, keep_states=True)
