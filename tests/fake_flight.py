@@ -80,7 +80,7 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
     """The gain is what the controller's file holds."""
     text = controller.read_text(encoding="utf-8")
     if "gain:" not in text:
-        raise InputError(controller, 1, 1, "no gain", "gain: 1.0")
+        raise InputError(controller, "no gain", "gain: 1.0", 1, 1)
     return make_plan(name, float(text.partition("gain:")[2]), load_vehicle(vehicle))
 
 

@@ -154,11 +154,11 @@ class CampaignResults:
         for the reference. Raises InputError.
         """
         if table not in _AXES:
-            raise InputError("table", None, None, describe(table), one_of(_AXES))
+            raise InputError("table", describe(table), one_of(_AXES))
         try:
             import xarray  # noqa: F401
         except ImportError:
-            raise InputError("to_xarray", None, None, "no xarray here", "pip install 'abhv-mc[xarray]'") from None
+            raise InputError("to_xarray", "no xarray here", "pip install 'abhv-mc[xarray]'") from None
         rows = getattr(self, table)
         axes, units = list(_AXES[table]), rows.attrs.get("units", {})
         texts = {name: rows[name].astype(object) for name in ("controller", "channel") if name in rows}

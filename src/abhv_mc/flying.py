@@ -78,10 +78,10 @@ def make_document(kind: str, given: Input) -> Document:
             if not isinstance(place, dict) or name not in place:
                 known = place if isinstance(place, dict) else ()
                 found = f"no entry '{'.'.join(path[: i + 1])}'"
-                raise InputError(document.path, None, None, found, one_of(known, name) if known else "a mapping")
+                raise InputError(document.path, found, one_of(known, name) if known else "a mapping")
             place = place[name]
         if not isinstance(place, dict):
-            raise InputError(document.path, None, None, f"no entry '{key}'", "the key of a mapping")
+            raise InputError(document.path, f"no entry '{key}'", "the key of a mapping")
         place[last] = value
     return Document(document.path, data, document.value_places, document.key_places)
 
@@ -91,7 +91,7 @@ def _make_law_document(kind: str, law: Callable[..., Any]) -> Document:
     from abhv_mc.user_code.from_function import make_law_text
 
     if kind != "control":
-        raise InputError(kind, None, None, "a function", "a name, a path or a mapping")
+        raise InputError(kind, "a function", "a name, a path or a mapping")
     text = make_law_text(law)
     folder = _temporary_folder() / hashlib.sha256(text.encode()).hexdigest()[:16]
     folder.mkdir(exist_ok=True)
@@ -128,12 +128,12 @@ def make_parameters(dispersions: Mapping[str, Quantity] | None) -> "NDArray[np.f
     row = nominal_parameters()
     for name, value in check_mapping({} if dispersions is None else dispersions, "dispersions").items():
         if name not in PARAMETER_INDEX or name == PARAMETERS[0].name:
-            raise InputError("dispersions", None, None, f"parameter '{name}'", one_of(list(PARAMETER_INDEX)[1:], name))
+            raise InputError("dispersions", f"parameter '{name}'", one_of(list(PARAMETER_INDEX)[1:], name))
         try:
             dimension = dimension_of(PARAMETERS[PARAMETER_INDEX[name]].unit)
             row[0, PARAMETER_INDEX[name]] = parse_quantity(value, dimension, dimension.unit)
         except Refusal as refusal:
-            raise InputError("dispersions", None, None, f"{name}: {refusal.found}", refusal.expected) from None
+            raise InputError("dispersions", f"{name}: {refusal.found}", refusal.expected) from None
     return row
 
 
@@ -142,7 +142,7 @@ def check_delay(plan: "FlightPlan", parameters: "NDArray[np.float64]") -> None:
     from abhv_mc.flight.sensors import delays_known, find_late
 
     if late := find_late(parameters, plan.timing.tick):
-        raise InputError("dispersions", None, None, late, delays_known(plan.timing.tick))
+        raise InputError("dispersions", late, delays_known(plan.timing.tick))
 
 
 def fly(
@@ -214,7 +214,7 @@ def trim(
     document: Any = make_document("vehicle", vehicle)
     banks = [bank] if isinstance(bank, str | int | float | Real) else list(bank)
     if not banks:
-        raise InputError("bank", None, None, "no angle", "one or more")
+        raise InputError("bank", "no angle", "one or more")
 
     given = {"altitude": altitude, "speed": speed, "flight_path_angle": flight_path_angle, "latitude": latitude}
     point = {name: trim_quantity(name, value, name) for name, value in (given | {"heading": heading}).items()}
@@ -232,7 +232,7 @@ def trim_quantity(name: str, value: Quantity, called: str, bare_unit: str | None
     number = to_si(value, dimension, called, bare_unit)
     if not low <= number <= high:
         wish = f"{format_quantity(low, dimension)} to {format_quantity(high, dimension)}"
-        raise InputError(called, None, None, describe(value), wish)
+        raise InputError(called, describe(value), wish)
     return number
 
 
@@ -275,14 +275,14 @@ def check_count(value: int, least: int, name: str, most: int | None = None) -> i
     whole = isinstance(value, Integral) and not isinstance(value, bool)
     if not whole or value < least or (most is not None and value > most):
         expected = f"a whole number, {least} or more" if most is None else f"a whole number from {least} to {most}"
-        raise InputError(name, None, None, describe(value), expected)
+        raise InputError(name, describe(value), expected)
     return int(value)
 
 
 def check_mapping(value: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     """The value itself. Raises InputError, which calls it ``name``, where it is no mapping."""
     if not isinstance(value, Mapping):
-        raise InputError(name, None, None, describe(value), "a mapping")
+        raise InputError(name, describe(value), "a mapping")
     return value
 
 
@@ -291,4 +291,4 @@ def to_si(value: Quantity, dimension: Dimension, name: str, bare_unit: str | Non
     try:
         return parse_quantity(value, dimension, bare_unit or dimension.unit)
     except Refusal as refusal:
-        raise InputError(name, None, None, refusal.found, refusal.expected) from None
+        raise InputError(name, refusal.found, refusal.expected) from None

@@ -91,7 +91,7 @@ def read_setup(files: tuple[Path | Document, Path | Document, Path | Document]) 
     vehicle = load_vehicle(some[0])
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
         found = "a vehicle without control surfaces or engine"
-        raise InputError(_path(some[0]), None, None, found, "one with both, to fly it with a controller")
+        raise InputError(_path(some[0]), found, "one with both, to fly it with a controller")
     return Setup(files, vehicle, read_mission(some[1]), *read_law(some[2]))
 
 
@@ -115,19 +115,19 @@ def find_point(setup: Setup, name: str, time: "Time", bank: float, parameters: "
         except np.linalg.LinAlgError as error:
             words = f"a vehicle that its controls do not rule in steady flight ({str(error).lower()})"
             expected = "surfaces with moments of their own, and a weight that they can hold"
-            raise InputError(_path(setup.files[0]), None, None, words, expected) from None
+            raise InputError(_path(setup.files[0]), words, expected) from None
         if found.faults[0]:
             expected = "a start that this vehicle can be trimmed at, or a time of the flight instead of the trim"
-            raise InputError(_path(setup.files[1]), None, None, f"a start at which {found.faults[0]}", expected)
+            raise InputError(_path(setup.files[1]), f"a start at which {found.faults[0]}", expected)
     else:
         if not 0.0 <= time <= setup.mission.duration:
             expected = f"a time of the mission, 0 to {setup.mission.duration:g} s"
-            raise InputError(asked, None, None, f"{time:g} s", expected)
+            raise InputError(asked, f"{time:g} s", expected)
         plan = prepare(*setup.files, name)
         found = flown_points(plan, parameters, time)
         if found.faults[0].startswith("the flight"):
             expected = f"a time at which {name} still flies"
-            raise InputError(asked, None, None, f"{time:g} s: {found.faults[0]}", expected)
+            raise InputError(asked, f"{time:g} s: {found.faults[0]}", expected)
         if found.faults[0]:
             warnings.append(f"{name} at {time:g} s: {found.faults[0]}; what is linearized knows no limits")
     warnings += [f"{name}: {words}" for words in near_nodes(plan, found.points)]
@@ -137,9 +137,9 @@ def find_point(setup: Setup, name: str, time: "Time", bank: float, parameters: "
 def check_bank(bank: float, straight: bool, name: str = "bank") -> float:
     """A bank (rad) of a steady turn. Raises InputError for one that no trim can have, or that no trim asks for."""
     if bank and straight:
-        raise InputError(name, None, None, "a bank", "the point 'trim', to which alone it belongs")
+        raise InputError(name, "a bank", "the point 'trim', to which alone it belongs")
     if abs(bank) > _MOST_BANK:
-        raise InputError(name, None, None, f"{bank:g} rad", "-80 to 80 deg")
+        raise InputError(name, f"{bank:g} rad", "-80 to 80 deg")
     return bank
 
 
@@ -250,13 +250,13 @@ def fly_on(
     change = np.zeros(len(names))
     for name, value in (disturbance or {}).items():
         if name not in names:
-            raise InputError("disturbance", None, None, f"'{name}'", one_of(names, name))
+            raise InputError("disturbance", f"'{name}'", one_of(names, name))
         change[names.index(name)] = value
     tick, ticks = (
         round(to_si(time, TIME, word) / plan.timing.tick) for time, word in ((at, "at"), (duration, "duration"))
     )
     if not 0 <= tick <= plan.timing.ticks:
-        raise InputError("at", None, None, f"{at}", f"a time of the mission, 0 to {plan.timing.duration:g} s")
+        raise InputError("at", f"{at}", f"a time of the mission, 0 to {plan.timing.duration:g} s")
     parameters = make_parameters(dispersions)
     check_delay(plan, parameters)
     states = fly_disturbed(plan, parameters, tick, change, ticks)

@@ -42,7 +42,7 @@ def worst(
     from abhv_mc.search.worst import WorstSettings, find_worst
 
     if bad not in ("high", "low", None):
-        raise InputError("bad", None, None, describe(bad), "'high', 'low' or None")
+        raise InputError("bad", describe(bad), "'high', 'low' or None")
     settings = WorstSettings(metric, bad, check_count(flights, 1, "flights"), _between("box", float(box), 0.1, 8.0))
     found = find_worst(_request(campaign, output, controller, seed, workers, fresh), settings)
     write_worst_page(found, Path(output) / "report.html")
@@ -143,5 +143,5 @@ def _request(
 
 def _between(name: str, value: float, low: float, high: float) -> float:
     if not low <= value <= high:
-        raise InputError(name, None, None, f"{value:g}", f"a number from {low:g} to {high:g}")
+        raise InputError(name, f"{value:g}", f"a number from {low:g} to {high:g}")
     return value

@@ -44,4 +44,4 @@ def find_input(name: str | Path, *kinds: str) -> Path:
         if text in files:
             return files[text]
     names = sorted({shipped for files in known for shipped in files})
-    raise InputError(text, None, None, "no such file", f"a file, or {one_of(names, text)}")
+    raise InputError(text, "no such file", f"a file, or {one_of(names, text)}")

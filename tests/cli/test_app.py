@@ -48,7 +48,7 @@ def test_starting_imports_nothing_heavy() -> None:
 @pytest.mark.parametrize(
     ("error", "code", "said"),
     [
-        (InputError(Path("x.yaml"), 3, 7, "0", "more than 0"), 2, "x.yaml:3:7: 0; expected more than 0"),
+        (InputError(Path("x.yaml"), "0", "more than 0", 3, 7), 2, "x.yaml:3:7: 0; expected more than 0"),
         (KeyboardInterrupt(), 3, "interrupted"),
         (SystemExit(130), 3, "interrupted"),  # how typer reports an interrupt
         (StorageFullError("x: no space left"), 3, "x: no space left"),

@@ -176,7 +176,7 @@ def test_everything_wrong_is_said_in_order(tmp_path: Path) -> None:
 
 
 def test_errors_travel_between_processes() -> None:
-    one = InputError("x.yaml", 3, None, "a", "b")
+    one = InputError("x.yaml", "a", "b", 3)
     assert str(pickle.loads(pickle.dumps(one))) == "x.yaml:3: a; expected b"  # noqa: S301
     both = pickle.loads(pickle.dumps(InputErrors([one, one])))  # noqa: S301
     assert str(both) == f"{one}\n{one}"

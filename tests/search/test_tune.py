@@ -126,7 +126,7 @@ def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(
 def test_numbers_that_make_no_controller_are_passed_over(request_):
     def prepare_some(vehicle, mission, controller, name):
         if read_controller(controller).altitude.damping > 3.5:
-            raise InputError(controller, None, None, "too much", "less")
+            raise InputError(controller, "too much", "less")
         return prepare(vehicle, mission, controller, name)
 
     assert tune_controller(request_, Engine(prepare_some, fly, "some")).shown

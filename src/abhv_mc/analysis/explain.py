@@ -90,7 +90,7 @@ def explain_flight(
     read_checked(folder, [folder.campaign, *folder.input_files()])
     campaign = read_folder_campaign(folder)
     if controller not in campaign.model.controllers:
-        raise InputError(root, None, None, f"no controller '{controller}'", one_of(campaign.model.controllers))
+        raise InputError(root, f"no controller '{controller}'", one_of(campaign.model.controllers))
     row = find_row(folder, controller, flight)
     failure = find_failure(root, campaign, row, requirement)
     read_checked(folder, [folder.plan(controller)])
@@ -113,7 +113,7 @@ def explain_flight(
         found = shrink(len(names), severity, mildest_first(samples, values))
     except ValueError:
         wish = "the version of the program that flew it (see manifest.json)"
-        raise InputError(root, None, None, f"a flight {flight} that does not fail when flown again", wish) from None
+        raise InputError(root, f"a flight {flight} that does not fail when flown again", wish) from None
     sets = [tuple(names[i] for i in members) for members in found.sets]
     alone = np.isin(names, sets[0])
     parameters = spread(np.stack([nominal, np.where(alone, values, nominal), values]))
@@ -145,7 +145,7 @@ def find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked: 
     outcome = next(o for o in Outcome if o.code == row.outcome[0])
     if outcome == Outcome.FAILED_TO_RUN:
         found = f"flight {row.first}, which could not be computed"
-        raise InputError(root, None, None, found, "a flight that was flown")
+        raise InputError(root, found, "a flight that was flown")
     places = [i for i, name in enumerate(row.columns) if name != END_TIME.name]  # margins follow it
     columns = [row.columns[i] for i in places]
     state = np.array([int(outcome)]), row.end_time, row.values[:, places]
@@ -156,14 +156,14 @@ def find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked: 
     metrics = [failure.requirement.metric for failure in failures if failure.requirement]
     if asked is not None and asked not in metrics:
         found = f"no requirement on '{asked}'"
-        raise InputError("--requirement", None, None, found, one_of(metrics, asked) if metrics else "no requirement")
+        raise InputError("--requirement", found, one_of(metrics, asked) if metrics else "no requirement")
     candidates = [Failure(None, Bounds()), *failures] if asked is None else failures
     for failure in candidates:
         named = asked is None or (failure.requirement is not None and failure.requirement.metric == asked)
         if named and failure.severity(*state)[0] > -np.inf:
             return failure
     found = f"flight {row.first} of {row.controller}, which {f'kept {asked}' if asked else 'did not fail'}"
-    raise InputError(root, None, None, found, "a flight that ended early or missed a requirement")
+    raise InputError(root, found, "a flight that ended early or missed a requirement")
 
 
 def mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:

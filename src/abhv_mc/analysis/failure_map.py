@@ -180,5 +180,5 @@ def read_map(root: Path, digest: str | None) -> FailureMap | None:
         found = _ADAPTER.validate_json(path.read_bytes())
     except ValidationError as error:
         expected = f"what 'abhv-mc explain {root} --all' writes; it makes it again"
-        raise InputError(path, None, None, str(error.errors()[0]["msg"]), expected) from None
+        raise InputError(path, str(error.errors()[0]["msg"]), expected) from None
     return found if found.digest == digest else None

@@ -16,7 +16,7 @@ _BUILT_IN = {"tlc": TLC_GAINS, "lqr": LQR_GAINS}
 def check_gain_format(file: Path) -> None:
     """Raise InputError for a file name with an ending that is none of FORMATS."""
     if file.suffix not in FORMATS:
-        raise InputError(file, None, None, f"the ending '{file.suffix}'", "a file name that ends in .mat, .csv or .h")
+        raise InputError(file, f"the ending '{file.suffix}'", "a file name that ends in .mat, .csv or .h")
 
 
 def write_gains(file: Path, plan: FlightPlan) -> None:
@@ -27,7 +27,7 @@ def write_gains(file: Path, plan: FlightPlan) -> None:
     check_gain_format(file)
     names = _BUILT_IN.get(plan.law) or tuple(plan.gain_names.tolist())
     if not names:
-        raise InputError(file, None, None, f"the law {plan.controller}, which has no gains", "one with a design")
+        raise InputError(file, f"the law {plan.controller}, which has no gains", "one with a design")
     ticks = plan.timing.ticks + 1
     times, gains = plan.reference[:ticks, TIME], plan.gains[:ticks]
     with atomic_write(file) as temporary:

@@ -51,7 +51,7 @@ def replay_flight(
     folder = CampaignFolder(root)
     names = list(read_manifest(folder.manifest)["controllers"])
     if controller not in names:
-        raise InputError(root, None, None, f"no controller '{controller}'", one_of(names, controller))
+        raise InputError(root, f"no controller '{controller}'", one_of(names, controller))
     row = find_row(folder, controller, flight)
     read_checked(folder, [folder.campaign, folder.plan(controller), *folder.input_files()])
     plan = read_trusted_plan(folder, read_folder_campaign(folder), controller, trust_code)
@@ -94,9 +94,9 @@ def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -
                             parts = {part: getattr(rows, part)[at] for part in ("samples", "outcome", "values")}
                             found[flight] = replace(rows, first=flight, **parts)
         except DamagedFileError as error:
-            raise InputError(path, None, None, str(error), "a whole file: run the campaign again") from None
+            raise InputError(path, str(error), "a whole file: run the campaign again") from None
     for flight in flights:
         if flight not in found:
             wanted_words = "the number of a flown flight"
-            raise InputError(folder.root, None, None, f"no flight {flight} of '{controller}'", wanted_words)
+            raise InputError(folder.root, f"no flight {flight} of '{controller}'", wanted_words)
     return [found[flight] for flight in flights]

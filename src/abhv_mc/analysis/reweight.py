@@ -38,9 +38,9 @@ def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
         key, sign, value = text.partition("=")
         name, _, entry = key.strip().rpartition(".")
         if not (sign and name and entry and value.strip()):
-            raise InputError(_SET, None, None, f"'{text}'", "PARAMETER.KEY=VALUE, such as aero.drag.half_width=12%")
+            raise InputError(_SET, f"'{text}'", "PARAMETER.KEY=VALUE, such as aero.drag.half_width=12%")
         if entry in settings.get(name, {}):
-            raise InputError(_SET, None, None, f"'{key.strip()}' a second time", "each setting once")
+            raise InputError(_SET, f"'{key.strip()}' a second time", "each setting once")
         data = compose(Path(_SET), f"value: {value.strip()}\n".encode())[0]
         settings.setdefault(name, {})[entry] = data["value"] if isinstance(data, dict) else data
     return settings
@@ -51,27 +51,27 @@ def make_change(campaign: CheckedCampaign, settings: Mapping[str, Mapping[str, A
     design = campaign.model.sampling.design
     if design != INDEPENDENT:
         found = f"flights of the design '{design}', which are not independent draws"
-        raise InputError(campaign.document.path, None, None, found, f"a campaign with sampling: {INDEPENDENT}")
+        raise InputError(campaign.document.path, found, f"a campaign with sampling: {INDEPENDENT}")
     data: Any = campaign.document.data
     entries = dict(data["dispersions"] or {})
     after = {}
     for name, keys in settings.items():
         if name not in entries:
             found = f"'{name}', which the campaign did not disperse"
-            raise InputError(_SET, None, None, found, one_of(entries, name) if entries else "a dispersion")
+            raise InputError(_SET, found, one_of(entries, name) if entries else "a dispersion")
         after[name] = {**({} if "distribution" in keys else entries[name]), **keys}
     document = replace(campaign.document, data={**data, "dispersions": {**entries, **after}})
     try:
         model = validate(document, Campaign)
         marginals = {name: model.dispersions[name].make_marginal(PARAMETERS[PARAMETER_INDEX[name]]) for name in after}
     except (InputError, Refusal) as error:
-        raise InputError(_SET, None, None, error.found, error.expected) from None
+        raise InputError(_SET, error.found, error.expected) from None
     mixed = [campaign.names[column] for column in campaign.copula.columns]
     for name, marginal in marginals.items():
         _check_support(name, campaign.marginals[name], marginal)
         if name in mixed and any(isinstance(campaign.marginals[other], DiscreteMarginal) for other in mixed):
             found = f"'{name}', correlated with a discrete choice"
-            raise InputError(_SET, None, None, found, "a parameter without such a correlation")
+            raise InputError(_SET, found, "a parameter without such a correlation")
     return Change({name: dict(entries[name]) for name in after}, after, marginals)
 
 
@@ -82,21 +82,21 @@ def _check_support(name: str, old: Marginal, new: Marginal) -> None:
         return
     if isinstance(old, SometimesMarginal) != isinstance(new, SometimesMarginal):
         found = f"{name} with a probability in one case and always in the other"
-        raise InputError(_SET, None, None, found, "a probability below 1 in both, or in none")
+        raise InputError(_SET, found, "a probability below 1 in both, or in none")
     if isinstance(old, DiscreteMarginal) and isinstance(new, DiscreteMarginal):
         missing = np.setdiff1d(new.values, old.values)
         if missing.size:
             expected = f"some of {', '.join(f'{value:g}' for value in old.values)}"
-            raise InputError(_SET, None, None, f"{name} at {missing[0]:g}, where nothing was flown", expected)
+            raise InputError(_SET, f"{name} at {missing[0]:g}, where nothing was flown", expected)
         return
     if not (isinstance(old, ContinuousMarginal) and isinstance(new, ContinuousMarginal)):
         found = f"a change of {name} between a discrete choice and a continuous distribution"
-        raise InputError(_SET, None, None, found, "a distribution of the same kind")
+        raise InputError(_SET, found, "a distribution of the same kind")
     (low, high), (first, last) = old.frozen.support(), new.frozen.support()
     slack = _SLACK * (high - low) if np.isfinite(high - low) else 0.0
     if first < low - slack or last > high + slack:
         found = f"{name} from {first:g} to {last:g}, beyond what was flown"
-        raise InputError(_SET, None, None, found, f"a distribution within {low:g} .. {high:g}, or a fresh campaign")
+        raise InputError(_SET, found, f"a distribution within {low:g} .. {high:g}, or a fresh campaign")
 
 
 def weigh_flights(campaign: CheckedCampaign, change: Change, samples: Floats) -> Floats:

@@ -33,7 +33,7 @@ def command(
 
     if every == (flight is not None) or (every and (requirement or out)):
         found = "no flight" if not every and flight is None else "both a flight (or its requirement, or figure) and all"
-        raise InputError("--flight", None, None, found, "--flight NUMBER, or --all alone")
+        raise InputError("--flight", found, "--flight NUMBER, or --all alone")
     announce_compiling()
     if flight is None:
         _map_all(folder, controller, json, trust_code)
@@ -72,7 +72,7 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
 
     results = read_results(folder)
     if controller is not None and controller not in results.controllers:
-        raise InputError(folder, None, None, f"no controller '{controller}'", one_of(results.controllers, controller))
+        raise InputError(folder, f"no controller '{controller}'", one_of(results.controllers, controller))
     names = results.controllers if controller is None else (controller,)
     failed = {name: rank_failed(results, name) for name in names}
     if not any(failed.values()):

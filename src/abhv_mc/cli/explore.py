@@ -33,7 +33,7 @@ def command(
         try:
             server = ExploreServer(folder, table, make_engine(), port, trust_code)
         except OSError as error:
-            raise InputError("--port", None, None, f"{port}: {error.strerror}", "a port that is free") from None
+            raise InputError("--port", f"{port}: {error.strerror}", "a port that is free") from None
         with server:
             say(server.url, flush=True)
             if browser:

@@ -37,7 +37,7 @@ def command(
         from abhv_mc.flying import make_flight_plan
 
         if out is None:
-            raise InputError("--output", None, None, "no file", "a file that ends in .mat, .csv or .h")
+            raise InputError("--output", "no file", "a file that ends in .mat, .csv or .h")
         check_gain_format(out)
         files = find_input(mission, "mission"), find_input(vehicle, "vehicle"), find_input(controller, "control")
         write_gains(output_file(out) or out, make_flight_plan(*files))
@@ -47,10 +47,10 @@ def command(
     from abhv_mc.folder.remote import fetched, local_path
 
     if mission is not None:
-        raise InputError(mission, None, None, "a second argument", f"nothing after the folder, or '{GAINS}' before it")
+        raise InputError(mission, "a second argument", f"nothing after the folder, or '{GAINS}' before it")
     out = output_folder(out)
     if out is None and local_path(folder) is None:
-        raise InputError("--output", None, None, "nothing, for a campaign at an address", "-o DIR: where to")
+        raise InputError("--output", "nothing, for a campaign at an address", "-o DIR: where to")
     with fetched(folder) as source:
         for path in export_csv(source, out or folder / "csv"):
             say(path)

@@ -35,7 +35,7 @@ def command(
     plans = {name: prepare(*paths, file, name) for name, file in files.items()}
     announce_warnings(warning for plan in plans.values() for warning in plan.warnings.tolist())
     if out is not None and len({plan.timing.tick for plan in plans.values()}) > 1:
-        raise InputError("--output", None, None, "controllers of different rates", "one folder for each rate")
+        raise InputError("--output", "controllers of different rates", "one folder for each rate")
     nominal = nominal_parameters()
     blocks = {name: run_in_thread(partial(fly, plan, nominal, record_every=1)) for name, plan in plans.items()}
     figures = {"mission": mission.stem, "vehicle": paths[0].stem, "controllers": _make_figures(blocks)}

@@ -25,7 +25,7 @@ def campaigns(
 
     address = parse_address(folder)
     if address is None and not folder.is_dir() and folder != _DEFAULT:
-        raise InputError(folder, None, None, "no such folder", "one that holds campaigns' folders")
+        raise InputError(folder, "no such folder", "one that holds campaigns' folders")
     with fetched_manifests(folder, "*/manifest.json") as (here, describe):
         found = find_campaigns(here, describe)
     if address is not None:
@@ -101,7 +101,7 @@ def schemas(
         _show_records(rows, json)
         return
     if kind not in MODELS:
-        raise InputError("list schemas", None, None, f"'{kind}'", one_of(MODELS, kind))
+        raise InputError("list schemas", f"'{kind}'", one_of(MODELS, kind))
     show(make_schema(kind), json or Path("-"), lambda: None)
 
 

@@ -89,10 +89,10 @@ def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], flo
         else:
             times.append("trim" if each.strip() == "trim" else parse_option("--at", each, TIME, "s"))
     if one and len(times) > 1 and "trim" in times:
-        raise InputError("--at", None, None, f"'{at}'", "one point, or times such as 0s:60s:1s")
+        raise InputError("--at", f"'{at}'", "one point, or times such as 0s:60s:1s")
     for time in times:
         if time != "trim" and time < 0.0:
-            raise InputError("--at", None, None, f"{time:g} s", "trim, or a time from 0 s")
+            raise InputError("--at", f"{time:g} s", "trim, or a time from 0 s")
     angle = check_bank(parse_option("--bank", bank, ANGLE, "deg"), "trim" not in times, "--bank")
     return times, angle
 
@@ -102,7 +102,7 @@ def _read_range(ends: "list[float]") -> "list[Time]":
     first, last, step = ends
     if step <= 0.0 or last < first or last - first > _MOST_TIMES * step:
         found = f"{first:g} s to {last:g} s every {step:g} s"
-        raise InputError("--at", None, None, found, f"rising times, at most {_MOST_TIMES}, such as 0s:60s:1s")
+        raise InputError("--at", found, f"rising times, at most {_MOST_TIMES}, such as 0s:60s:1s")
     return [first + i * step for i in range(int((last - first) / step + 1e-9) + 1)]
 
 
@@ -117,7 +117,7 @@ def read_setups(
 
     paths, files = _find_files(vehicle, mission, controllers, trust_code)
     if one and len(files) > 1:
-        raise InputError("--controller", None, None, ", ".join(files), "one controller")
+        raise InputError("--controller", ", ".join(files), "one controller")
     for file in files.values():
         check_user_law(read_controller(file), trust_code)
     setups = {name: read_setup((*paths, file)) for name, file in files.items()}
@@ -144,7 +144,7 @@ def _find_files(
         names = parse_names(controllers) or tuple(known)
         for name in names:
             if name not in known:
-                raise InputError("--controllers", None, None, f"'{name}'", one_of(known, name))
+                raise InputError("--controllers", f"'{name}'", one_of(known, name))
         return (vehicle or Path(model.vehicle), Path(model.mission)), {name: known[name] for name in names}
     return (vehicle or find_input("ghame_x", "vehicle"), mission), find_controllers(controllers)
 

@@ -24,7 +24,7 @@ def command(
     from abhv_mc.campaign.file.new_campaign import write_new_campaign
 
     if language is not None and not law:
-        raise InputError(language, None, None, "a language without --law", "--law before it")
+        raise InputError(language, "a language without --law", "--law before it")
     chosen = (language or "python") if law else None
     campaign, *others = write_new_campaign(folder, source, chosen)
     say(f"{campaign} and {len(others)} files that it needs. Next:")

@@ -90,7 +90,7 @@ def parse_names(text: str | None) -> tuple[str, ...] | None:
         return None
     names = tuple(name.strip() for name in text.split(","))
     if not all(names):
-        raise InputError("--controllers", None, None, f"'{text}', which holds an empty name", "names such as tlc,lqr")
+        raise InputError("--controllers", f"'{text}', which holds an empty name", "names such as tlc,lqr")
     return names
 
 
@@ -98,7 +98,7 @@ def find_controllers(text: str | None) -> dict[str, Path]:
     """Controller files by their names; tlc and lqr without the option. Raises InputError."""
     files = [find_input(name, "control") for name in parse_names(text) or ("tlc", "lqr")]
     if len({file.stem for file in files}) < len(files):
-        raise InputError("--controllers", None, None, str(text), "files of different names")
+        raise InputError("--controllers", str(text), "files of different names")
     return {file.stem: file for file in files}
 
 
@@ -109,4 +109,4 @@ def parse_option(option: str, text: str, dimension: Any, bare_unit: str | None =
     try:
         return parse_quantity(text.strip(), dimension, bare_unit)
     except Refusal as refusal:
-        raise InputError(option, None, None, refusal.found, refusal.expected) from None
+        raise InputError(option, refusal.found, refusal.expected) from None

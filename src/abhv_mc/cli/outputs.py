@@ -22,9 +22,9 @@ def output_file(path: Path | None) -> Path | None:
     if path is None:
         return None
     if path.is_dir():
-        raise InputError(path, None, None, "a folder", "the name of a file")
+        raise InputError(path, "a folder", "the name of a file")
     if path.exists() and not path.is_file():  # root's --json /dev/null would be renamed over the device
-        raise InputError(path, None, None, "a pipe or a device", "the name of a file")
+        raise InputError(path, "a pipe or a device", "the name of a file")
     return _check(path, path.absolute().parent)
 
 
@@ -36,7 +36,7 @@ def output_file_or_stream(path: Path | None) -> Path | None:
 def json_file(path: Path | None) -> Path | None:
     """The same for figures, never in the place of an input file: two arguments are easily swapped."""
     if path is not None and path.suffix in _INPUTS and path.exists():
-        raise InputError(path, None, None, f"a {path.suffix} file that exists", "the name of a JSON file")
+        raise InputError(path, f"a {path.suffix} file that exists", "the name of a JSON file")
     return output_file_or_stream(path)
 
 
@@ -57,7 +57,7 @@ def campaign_folder_or_address(path: Path | None) -> Path | None:
 
 def _check_folder(path: Path, campaign: bool = False) -> Path:
     if path.is_file():
-        raise InputError(path, None, None, "a file", "the name of a folder")
+        raise InputError(path, "a file", "the name of a folder")
     return _check(path, path.absolute(), campaign)
 
 
@@ -65,13 +65,13 @@ def _check(path: Path, home: Path, campaign: bool = False) -> Path:
     from abhv_mc.folder.layout import find_user_place
 
     if _is_address(path):
-        raise InputError(path, None, None, "an address", "a place on this machine")
+        raise InputError(path, "an address", "a place on this machine")
     place = find_user_place(path)
     if place is not None and not (campaign and place == Path()):
-        raise InputError(path, None, None, "a place of the campaign's own files", "another name, or a place elsewhere")
+        raise InputError(path, "a place of the campaign's own files", "another name, or a place elsewhere")
     there = next(folder for folder in (home, *home.parents) if folder.exists())
     if not there.is_dir() or not os.access(there, os.W_OK):
-        raise InputError(path, None, None, f"a place in {there}, which cannot be written", "a folder that can be")
+        raise InputError(path, f"a place in {there}, which cannot be written", "a folder that can be")
     return path
 
 

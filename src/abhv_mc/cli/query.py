@@ -76,5 +76,5 @@ def _as_records(columns: list[str], rows: list[tuple[object, ...]]) -> list[dict
     twice = sorted({name for name in columns if columns.count(name) > 1})
     if twice:
         found = f"several columns named {', '.join(twice)}"
-        raise InputError("query", None, None, found, "names of their own: select ... as ..., or --csv")
+        raise InputError("query", found, "names of their own: select ... as ..., or --csv")
     return [dict(zip(columns, row, strict=True)) for row in rows]

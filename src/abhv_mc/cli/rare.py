@@ -38,7 +38,7 @@ def command(
 
     cov = parse_option("--target-cov", target_cov, FRACTION)
     if not 0.01 <= cov <= 1.0:
-        raise InputError("--target-cov", None, None, f"'{target_cov}'", "a number from 0.01 to 1")
+        raise InputError("--target-cov", f"'{target_cov}'", "a number from 0.01 to 1")
     announce_compiling()
     from abhv_mc.report.pages.rare_page import write_rare_page
     from abhv_mc.search.rare import RareSettings, find_rare

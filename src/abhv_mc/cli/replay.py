@@ -32,7 +32,7 @@ def command(
     from abhv_mc.user_code.run_in_thread import run_in_thread
 
     if out is not None and out.suffix != ".parquet":  # the only kind it writes, whatever the name promises
-        raise InputError("--output", None, None, f"'{out.name}'", "a name that ends in .parquet")
+        raise InputError("--output", f"'{out.name}'", "a name that ends in .parquet")
     announce_compiling()
     fly = make_engine().fly
     replay = run_in_thread(lambda: replay_flight(folder, controller, flight, fly, trust_code=trust_code))

@@ -173,7 +173,7 @@ def _say_together(result: "RunResult", told: TextIO | None) -> list[dict[str, An
 def _parse_shard(text: str) -> tuple[int, int]:
     i, slash, n = text.partition("/")
     if not (text.isascii() and slash and i.isdecimal() and n.isdecimal()):
-        raise InputError("--shard", None, None, f"'{text}'", "part and number of parts such as 3/8")
+        raise InputError("--shard", f"'{text}'", "part and number of parts such as 3/8")
     return int(i), int(n)
 
 

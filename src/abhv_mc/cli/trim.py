@@ -50,7 +50,7 @@ def command(
 
     packed = load_vehicle(vehicle)
     if packed.constants.surface_limit == 0.0:
-        raise InputError(vehicle, None, None, "a vehicle without surfaces", "one with them, to trim it")
+        raise InputError(vehicle, "a vehicle without surfaces", "one with them, to trim it")
     points = list(trim_rows(packed, point, banks, kilograms, rotating))
     head = {"vehicle": str(vehicle), "altitude_m": point["altitude"], "speed_mps": point["speed"]}
     head |= {"mass_kg": packed.constants.mass_start if kilograms is None else kilograms}

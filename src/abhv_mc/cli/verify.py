@@ -108,7 +108,7 @@ def _prepare(scale: float) -> float:
     from abhv_mc.cli.announce import announce_compiling
 
     if not (math.isfinite(scale) and scale > 0.0):
-        raise InputError("--tolerance-scale", None, None, f"{scale:g}", "a positive number")
+        raise InputError("--tolerance-scale", f"{scale:g}", "a positive number")
     announce_compiling()
     return scale
 

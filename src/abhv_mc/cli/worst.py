@@ -35,7 +35,7 @@ def command(
     from abhv_mc.cli.announce import announce_compiling
 
     if above and below:
-        raise InputError("--below", None, None, "both --above and --below", "one of them")
+        raise InputError("--below", "both --above and --below", "one of them")
     announce_compiling()
     from abhv_mc.report.pages.worst_page import write_worst_page
     from abhv_mc.search.search_flights import SearchRequest

@@ -30,7 +30,7 @@ def read_air_table(path: Path, columns: tuple[str, ...]) -> NDArray[np.float64]:
         for row in np.flatnonzero(rows[:, 1] <= 0.0)[:1]:
             raise table.error(int(row), DENSITY[0], f"a factor {rows[row, 1]:g}", "a factor above zero")
     if not 2 <= len(rows) <= _MAX_ROWS:
-        raise InputError(path, None, None, f"{len(rows)} rows", f"2 to {_MAX_ROWS}")
+        raise InputError(path, f"{len(rows)} rows", f"2 to {_MAX_ROWS}")
     return rows
 
 

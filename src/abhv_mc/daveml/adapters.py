@@ -66,10 +66,10 @@ def factor_to_si(model: Model, variable: Variable, quantity: str) -> float:
     try:
         factor, exponents = parse_s119_unit(variable.units)
     except Refusal as refusal:
-        raise InputError(model.path, variable.line, None, refusal.found, f"a unit of {quantity}") from None
+        raise InputError(model.path, refusal.found, f"a unit of {quantity}", variable.line) from None
     if exponents != parse_unit(SI[quantity])[1]:
         found = f"'{variable.identifier}', the {quantity}, in '{variable.units}'"
-        raise InputError(model.path, variable.line, None, found, f"a unit such as {SI[quantity]}")
+        raise InputError(model.path, found, f"a unit such as {SI[quantity]}", variable.line)
     return factor
 
 
@@ -151,7 +151,7 @@ def frame_of(model: Model) -> str:
     for frame, forces in FORCES.items():
         if any(name in outputs for name in forces if name != "CY"):
             return frame
-    raise InputError(model.path, None, None, "no force coefficients", "CX, CY, CZ or lift and drag")
+    raise InputError(model.path, "no force coefficients", "CX, CY, CZ or lift and drag")
 
 
 def write_thrust(model: Model, answers: Mapping[str, Answer]) -> str:

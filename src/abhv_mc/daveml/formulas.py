@@ -45,7 +45,7 @@ def read_formula(node: Node, path: Path) -> Expression:
     """The expression of a content element of MathML. Raises InputError for what is not in the list."""
 
     def refuse(at: Node, found: str, expected: str) -> InputError:
-        return InputError(path, at.line, at.column, found, expected)
+        return InputError(path, found, expected, at.line, at.column)
 
     def leaf(at: Node) -> Expression:
         if at.name == "ci":

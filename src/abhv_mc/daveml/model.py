@@ -95,13 +95,13 @@ def read_model(path: Path) -> Model:
     """Read a DAVE-ML file. Raises :class:`abhv_mc.io.input_error.InputError` with line and column."""
     root, content = read_xml(path)
     if root.name != "DAVEfunc":
-        raise InputError(path, root.line, root.column, f"the element '{root.name}'", "a DAVE-ML file: 'DAVEfunc'")
+        raise InputError(path, f"the element '{root.name}'", "a DAVE-ML file: 'DAVEfunc'", root.line, root.column)
     look_ups = read_look_ups(root, path)
     variables: dict[str, Variable] = {}
     for node in root.all("variableDef"):
         variable = _read_variable(node, path, look_ups)
         if variable.identifier in variables:
-            raise InputError(path, node.line, node.column, f"a second variable '{variable.identifier}'", "one")
+            raise InputError(path, f"a second variable '{variable.identifier}'", "one", node.line, node.column)
         variables[variable.identifier] = variable
     _check_references(path, variables, look_ups)
     header = root.first("fileHeader") or root
@@ -128,13 +128,13 @@ def _read_variable(node: Node, path: Path, look_ups: dict[str, LookUp]) -> Varia
         maths = calculation.first("math")
         if maths is None or len(maths.children) != 1:
             raise InputError(
-                path, calculation.line, calculation.column, "a calculation", "one MathML element in 'math'"
+                path, "a calculation", "one MathML element in 'math'", calculation.line, calculation.column
             )
         formula = read_formula(maths.children[0], path)
     look_up = look_ups.get(identifier)
     if formula is not None and look_up is not None:
         found = f"a calculation and the function '{look_up.name}', both of '{identifier}'"
-        raise InputError(path, node.line, node.column, found, "one of them")
+        raise InputError(path, found, "one of them", node.line, node.column)
     marked = any(node.first(name) is not None for name in ("isInput", "isControl", "isDisturbance", "isState"))
     initial = bound("initialValue")
     computed = formula is not None or look_up is not None
@@ -160,11 +160,11 @@ def _check_references(path: Path, variables: dict[str, Variable], look_ups: dict
         for name in variable.needs():
             if name not in variables:
                 found = f"'{variable.identifier}' computed of '{name}', which there is not"
-                raise InputError(path, variable.line, None, found, one_of(variables, name))
+                raise InputError(path, found, one_of(variables, name), variable.line)
     for name, look_up in look_ups.items():
         if name not in variables:
             found = f"the function '{look_up.name}' of '{name}', which is no variable"
-            raise InputError(path, look_up.line, None, found, one_of(variables, name))
+            raise InputError(path, found, one_of(variables, name), look_up.line)
 
 
 def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]:
@@ -180,7 +180,7 @@ def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]
                 pending.pop()
             elif waiting[0] in pending:
                 circle = " of ".join([*pending[pending.index(waiting[0]) :], waiting[0]])
-                raise InputError(path, variables[name].line, None, f"{circle}: a circle", "variables without one")
+                raise InputError(path, f"{circle}: a circle", "variables without one", variables[name].line)
             else:
                 pending.append(waiting[0])
     return done
@@ -197,7 +197,7 @@ def _read_shot(shot: Node, path: Path, variables: dict[str, Variable]) -> CheckS
             identifier = identified if identified in variables else by_name.get(name, name)
             if identifier not in variables:
                 known = one_of((*by_name, *variables), given)
-                raise InputError(path, signal.line, signal.column, f"the signal '{given}'", known)
+                raise InputError(path, f"the signal '{given}'", known, signal.line, signal.column)
             factor = _conversion(signal, variables[identifier], path)
             tolerance = signal.words("tol")
             found.append(
@@ -226,13 +226,13 @@ def _conversion(signal: Node, variable: Variable, path: Path) -> float:
         dimension, own_dimension = (1, 0, 0, 0), (0, 0, 0, 0)
     if dimension != own_dimension:
         found = f"'{variable.name}' in '{units}'"
-        raise InputError(path, signal.line, signal.column, found, f"'{variable.units}', as the variable is")
+        raise InputError(path, found, f"'{variable.units}', as the variable is", signal.line, signal.column)
     return given / own
 
 
 def _attribute(node: Node, name: str, path: Path) -> str:
     if name not in node.attributes:
-        raise InputError(path, node.line, node.column, f"'{node.name}' without {name}", "it")
+        raise InputError(path, f"'{node.name}' without {name}", "it", node.line, node.column)
     return node.attributes[name].strip()
 
 
@@ -240,4 +240,4 @@ def _number(node: Node, text: str, path: Path) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(path, node.line, node.column, f"'{text}'", "a number") from None
+        raise InputError(path, f"'{text}'", "a number", node.line, node.column) from None

@@ -39,7 +39,7 @@ def _differences(model: Model, function: Callable[..., Any], names: dict[str, st
         missing = [v.name for v in model.inputs if v.initial is None and names[v.identifier] not in given]
         if missing:
             line = shot.inputs[0].line if shot.inputs else None
-            yield InputError(model.path, line, None, f"the check shot '{shot.name}' without {', '.join(missing)}", "it")
+            yield InputError(model.path, f"the check shot '{shot.name}' without {', '.join(missing)}", "it", line)
             continue
         found_values = function(**given)
         internals = [signal for signal in shot.internals if signal.tolerance is not None]
@@ -48,4 +48,4 @@ def _differences(model: Model, function: Callable[..., Any], names: dict[str, st
             allowed = _WITHOUT_TOLERANCE * max(1.0, abs(signal.value)) if signal.tolerance is None else signal.tolerance
             if not math.isfinite(value) or abs(value - signal.value) > allowed:
                 found = f"{value!r} for '{signal.identifier}' in the check shot '{shot.name}'"
-                yield InputError(model.path, signal.line, None, found, f"{signal.value!r} within {allowed!r}")
+                yield InputError(model.path, found, f"{signal.value!r} within {allowed!r}", signal.line)

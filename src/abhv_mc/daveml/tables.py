@@ -61,7 +61,7 @@ def read_look_ups(root: Node, path: Path) -> dict[str, LookUp]:
     for node in root.all("function"):
         given, look_up = reader.read_function(node)
         if given in found:
-            raise InputError(path, node.line, node.column, f"a second function of '{given}'", "one")
+            raise InputError(path, f"a second function of '{given}'", "one", node.line, node.column)
         found[given] = look_up
     return found
 
@@ -183,7 +183,7 @@ class _Tables:
         return values.reshape(shape)
 
     def _refuse(self, node: Node, found: str, expected: str) -> InputError:
-        return InputError(self._path, node.line, node.column, found, expected)
+        return InputError(self._path, found, expected, node.line, node.column)
 
 
 def _descendants(node: Node) -> list[Node]:

@@ -53,7 +53,7 @@ def import_daveml(files: Sequence[Path], folder: Path) -> list[Path]:
     if open_ones:
         paths = _write(folder, texts)
         found = f"no value for {', '.join(open_ones)}"
-        raise InputError(paths[0], None, None, found, "numbers there, then the same command again")
+        raise InputError(paths[0], found, "numbers there, then the same command again")
     given = {name: {key: value for key, (_, value) in asked.items()} for name, asked in questions.items()}
     texts |= _write_parts(models, kinds, given)
     return _write(folder, texts)
@@ -142,7 +142,7 @@ def _vehicle(models: Sequence[Model], values: Mapping[str, float], sections: Map
     for name in ("inertia_xy", "inertia_yz", "center_of_gravity_y"):
         if abs(values.get(name, 0.0)) > 1e-9 * values["mass"]:
             found = f"a vehicle whose {name.replace('_', ' ')} is {values[name]:g}"
-            raise InputError(models[0].path, None, None, found, "one that is symmetric about its x-z plane")
+            raise InputError(models[0].path, found, "one that is symmetric about its x-z plane")
     lines = [
         f"# Imported from {', '.join(model.path.name for model in models)} (DAVE-ML, ANSI/AIAA S-119).",
         f"name: {models[0].path.stem.split('_')[0].lower()}",

@@ -46,9 +46,9 @@ def read_xml(path: Path) -> tuple[Node, bytes]:
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)
     except OSError as error:
-        raise InputError(path, None, None, f"a file that cannot be read ({error.strerror})", "a DAVE-ML file") from None
+        raise InputError(path, f"a file that cannot be read ({error.strerror})", "a DAVE-ML file") from None
     if len(content) > MAX_BYTES:
-        raise InputError(path, None, None, f"more than {MAX_BYTES} bytes", "a DAVE-ML file")
+        raise InputError(path, f"more than {MAX_BYTES} bytes", "a DAVE-ML file")
     return _Reader(path).read(content), content
 
 
@@ -72,9 +72,9 @@ class _Reader:
             self._parser.Parse(content, True)
         except expat.ExpatError as error:
             found = f"what is no XML ({expat.ErrorString(error.code)})"
-            raise InputError(self._path, error.lineno, error.offset + 1, found, "a DAVE-ML file") from None
+            raise InputError(self._path, found, "a DAVE-ML file", error.lineno, error.offset + 1) from None
         if self._root is None:  # the parser has refused such a file
-            raise InputError(self._path, 1, None, "no element", "a DAVE-ML file")
+            raise InputError(self._path, "no element", "a DAVE-ML file", 1)
         return self._root
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
@@ -98,4 +98,4 @@ class _Reader:
 
     def _refuse(self, found: str) -> int:
         place = self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1
-        raise InputError(self._path, *place, found, "a DAVE-ML file that stands alone")
+        raise InputError(self._path, found, "a DAVE-ML file that stands alone", *place)

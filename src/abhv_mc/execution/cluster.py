@@ -165,12 +165,12 @@ def connect_cluster(address: str, engine: Engine) -> Iterator[Cluster]:
         from distributed import Client
     except ImportError:
         wish = "pip install 'abhv-mc[cluster]'"
-        raise InputError("--scheduler", None, None, "no Dask in this installation", wish) from None
+        raise InputError("--scheduler", "no Dask in this installation", wish) from None
     try:
         client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
     except Exception as error:  # of any kind, as whatever listens there may say anything
         found = f"no scheduler at '{address}' ({(str(error) or type(error).__name__).splitlines()[0]})"
-        raise InputError("--scheduler", None, None, found, "an address such as tcp://host:8786") from None
+        raise InputError("--scheduler", found, "an address such as tcp://host:8786") from None
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # the command says in words what went wrong
     with client:
         told = False

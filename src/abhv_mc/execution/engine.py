@@ -48,4 +48,4 @@ def check_source(folder: CampaignFolder, manifest: dict[str, Any], engine: Engin
         device = manifest.get("machine", {}).get("device", engine.device)
         kind = "another version of the program" if device == engine.device else "another device"
         found = f"flights of {kind} (source {flown} on {device}, now {engine.source} on {engine.device})"
-        raise InputError(folder.root, None, None, found, "the same again, another folder (-o DIR), or --fresh")
+        raise InputError(folder.root, found, "the same again, another folder (-o DIR), or --fresh")

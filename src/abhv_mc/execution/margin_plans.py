@@ -24,7 +24,7 @@ def make_margin_plans(campaign: CheckedCampaign, plans: dict[str, FlightPlan], d
     vehicle, mission = load_vehicle(model.vehicle), read_mission(model.mission)
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
         found = "margins of a vehicle without control surfaces or engine"
-        raise InputError(model.vehicle, None, None, found, "one with both")
+        raise InputError(model.vehicle, found, "one with both")
     laws = {name: read_controller(model.controllers[name]) for name in plans}
     return {
         name: add_margins(

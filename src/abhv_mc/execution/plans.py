@@ -95,7 +95,7 @@ def take_plans(
     flown = manifest["inputs"]
     for place, content in inputs.hashes.items():
         if flown.get(place) != content and not place.startswith("inputs/samples/"):
-            raise InputError(root, None, None, f"plans made from another {place}", "plans of this campaign's files")
+            raise InputError(root, f"plans made from another {place}", "plans of this campaign's files")
     return {name: _declare(campaign, read_trusted_plan(source, campaign, name, trust_code)) for name in names}
 
 

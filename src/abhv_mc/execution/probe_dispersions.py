@@ -72,7 +72,7 @@ def _fly_temporary(fly: Fly, plan: FlightPlan, trials: Floats, every: int, limit
     except TimeoutError:
         found = f"first flights of '{plan.controller}' that are not done in {limit:g} s"
         wish = "a law whose loops end, or a longer 'flight_time_limit'"
-        raise InputError("controllers", None, None, found, wish) from None
+        raise InputError("controllers", found, wish) from None
 
 
 def _differs(block: FlightBlock, a: int, b: int) -> bool:

@@ -114,10 +114,10 @@ def _check_shard(request: Request, campaign: CheckedCampaign) -> None:
     i, n = request.shard
     if not 1 <= i <= n <= campaign.runs:
         found = f"shard {i}/{n} of {campaign.runs} flights"
-        raise InputError("--shard", None, None, found, f"i/n with 1 <= i <= n <= {campaign.runs}")
+        raise InputError("--shard", found, f"i/n with 1 <= i <= n <= {campaign.runs}")
     if campaign.model.stop:
         found = "shards of a campaign that stops when proven"
-        raise InputError("--shard", None, None, found, "no 'stop': no shard sees the others' flights")
+        raise InputError("--shard", found, "no 'stop': no shard sees the others' flights")
 
 
 def _resume(
@@ -173,17 +173,17 @@ def _check_same(
     """Raises InputError for a folder that holds something else than the beginning of what is asked for."""
     root, shard = flown.folder.root, flown.manifest.get("shard")
     if "search" in flown.manifest:
-        raise InputError(root, None, None, "a folder that holds a search's flights", "another folder (-o DIR)")
+        raise InputError(root, "a folder that holds a search's flights", "another folder (-o DIR)")
     if shard != (list(request.shard) if request.shard else None):
         words = "the whole campaign" if shard is None else f"shard {shard[0]}/{shard[1]}"
-        raise InputError(root, None, None, f"a folder that holds {words}", "that, or another folder (-o DIR)")
+        raise InputError(root, f"a folder that holds {words}", "that, or another folder (-o DIR)")
     changes = describe_changes(before, inputs, asked.extensible)
     if changes:
         found = "a folder that holds another campaign:\n  " + "\n  ".join(changes)
         wish = "the same campaign, another folder (-o DIR), or --fresh to delete what was flown"
-        raise InputError(root, None, None, found, wish)
+        raise InputError(root, found, wish)
     if shard and asked.runs > before.data["runs"]:
-        raise InputError(root, None, None, "a shard of fewer flights", "another folder (-o DIR): shards do not grow")
+        raise InputError(root, "a shard of fewer flights", "another folder (-o DIR): shards do not grow")
 
 
 def _fly_nominal(
@@ -225,7 +225,7 @@ def _check_drawn(folder: CampaignFolder, campaign: CheckedCampaign) -> None:
         part = first, min(first + ROW_GROUP, flown.flights)
         if not np.array_equal(flown.rows(*part), source.draw(*part)):
             found = "samples that this version of the program does not draw"
-            raise InputError(folder.samples, None, None, found, "the versions that the manifest names, or --fresh")
+            raise InputError(folder.samples, found, "the versions that the manifest names, or --fresh")
 
 
 def _new_manifest(

@@ -126,12 +126,12 @@ def parse_asked(data: Any, table: FlightTable) -> Asked:
         brushes = {str(name): (float(ends[0]), float(ends[1])) for name, ends in dict(data["brushes"]).items()}
         asked = Asked(str(data["x"]), str(data["y"]), tuple(names), str(data["outcome"]), brushes)
     except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise InputError("request", None, None, describe(str(error)), "x, y, controllers, outcome, brushes") from None
+        raise InputError("request", describe(str(error)), "x, y, controllers, outcome, brushes") from None
     for name in (asked.x, asked.y, *brushes):
         if name not in table.ranges:
-            raise InputError("request", None, None, f"no column {describe(name)}", one_of(list(table.ranges), name))
+            raise InputError("request", f"no column {describe(name)}", one_of(list(table.ranges), name))
     if asked.outcome not in _SHARES or not set(names) <= set(known):
-        raise InputError("request", None, None, "an unknown outcome or controller", f"{', '.join(_SHARES)}; {known}")
+        raise InputError("request", "an unknown outcome or controller", f"{', '.join(_SHARES)}; {known}")
     return asked
 
 

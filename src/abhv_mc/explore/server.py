@@ -105,7 +105,7 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             length = int(self.headers.get("Content-Length", "0"))
             if not 0 < length <= _MOST_BYTES:
-                raise InputError("request", None, None, f"{length} bytes", f"1 to {_MOST_BYTES}")
+                raise InputError("request", f"{length} bytes", f"1 to {_MOST_BYTES}")
             data = json.loads(self.rfile.read(length))
             if place.path == "/counts":
                 self._send_json(count_flights(self.server.table, parse_asked(data, self.server.table)))

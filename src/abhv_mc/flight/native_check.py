@@ -35,11 +35,11 @@ def check_native(plan: FlightPlan) -> None:
         same = _try_once(_is_same, plan, _TICKS)
     except LostError as lost:
         found = f"a law that does not fly the first {_TICKS} ticks of a nominal flight: {lost.words}"
-        raise InputError(str(plan.source and plan.source.file), None, None, found, "a law that returns") from None
+        raise InputError(str(plan.source and plan.source.file), found, "a law that returns") from None
     if not same:
         found = "a law that keeps memory of its own: a flight depends on those beside it or before it"
         expected = "all memory in the flight's state, and nothing in statics"
-        raise InputError(str(plan.source and plan.source.file), None, None, found, expected)
+        raise InputError(str(plan.source and plan.source.file), found, expected)
 
 
 def check_states(plan: FlightPlan) -> None:

@@ -62,16 +62,16 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
         expected = (
             "one with both, to fly a mission with this controller (a law of your own flies one without an engine)"
         )
-        raise InputError(vehicle, None, None, found, expected)
+        raise InputError(vehicle, found, expected)
     if isinstance(law, TlcController) and not has_authority(packed, asked):
         found = "deflections that do not turn the vehicle about three axes"
-        raise InputError(vehicle, None, None, found, "aileron, rudder and elevator with moments of their own")
+        raise InputError(vehicle, found, "aileron, rudder and elevator with moments of their own")
     try:
         plan = make_plan(packed, asked, law, name, mission, user_code)
     except np.linalg.LinAlgError as error:
         found = f"a mission along which {law.law} has no gains for this vehicle ({str(error).lower()})"
         expected = "one where the controls rule the flight"
-        raise InputError(mission, None, None, found, expected) from None
+        raise InputError(mission, found, expected) from None
     if plan.law in NATIVE:
         check_native(plan)
         return plan
@@ -152,7 +152,7 @@ def make_plan(
     warnings = trim_faults(nominal, reference[:, TIME])
     if nominal.status.all():
         expected = "a mission that this vehicle can fly"
-        raise InputError(mission_file or mission.name, None, None, "; ".join(warnings), expected)
+        raise InputError(mission_file or mission.name, "; ".join(warnings), expected)
     if not isinstance(controller, UserController):
         warnings += limit_faults(controller, reference)
     warnings += find_vehicle_warnings(vehicle)
@@ -168,7 +168,7 @@ def make_plan(
     loads = tighter(mission.limits.bounds(), constants.bounds)
     if loads.heat_flux < np.inf and constants.nose_radius == 0.0:
         found = "a limit on the heat flux for a vehicle whose file gives no nose radius"
-        raise InputError(mission_file or mission.name, None, None, found, "reference.nose_radius in the vehicle's file")
+        raise InputError(mission_file or mission.name, found, "reference.nose_radius in the vehicle's file")
     return FlightPlan(
         controller=name,
         law=controller.law,

@@ -143,7 +143,7 @@ def hidden_memory(plan: FlightPlan) -> InputError:
         "c": "abhv_law_state_get and abhv_law_state_set",
         "fmu": "all that it remembers in its modelDescription's Derivatives, with start values that can be set",
     }
-    return InputError(source.file, None, None, words[plan.law], f"{needed[plan.law]}, for slopes")
+    return InputError(source.file, words[plan.law], f"{needed[plan.law]}, for slopes")
 
 
 def must_fly_elsewhere(plan: FlightPlan) -> bool:
@@ -166,7 +166,7 @@ def law_memory(plan: FlightPlan) -> dict[str, tuple[int, float]]:
         defaults = getattr(law.memory, "_field_defaults", {})
         if not names or len(names) > MAX_MEMORY or not all(is_number(defaults.get(name)) for name in names):
             found = "a law in plain Python whose memory is no NamedTuple of numbers"
-            raise InputError(law.source.file, None, None, found, "such a Memory, of which slopes can be taken")
+            raise InputError(law.source.file, found, "such a Memory, of which slopes can be taken")
     rows = {name: (MEMORY + i, float(law.memory._field_defaults[name])) for i, name in enumerate(names)}
     if "onboard" in law.arguments:
         last = {

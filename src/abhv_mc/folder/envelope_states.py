@@ -139,9 +139,7 @@ class ExactCollector:
         for path, (first, stop) in sorted(self._blocks.items()):
             block = read_array(path)
             if block is None:
-                raise InputError(
-                    path, None, None, "damaged or deleted meanwhile", "the same command, which makes it anew"
-                )
+                raise InputError(path, "damaged or deleted meanwhile", "the same command, which makes it anew")
             values = block[:-2]
             seen = _widen(seen, block[-2:])
             fresh = ~taken[first:stop] & _computed(values)  # blocks of two sizes may overlap after a resume

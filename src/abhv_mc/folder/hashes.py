@@ -82,7 +82,7 @@ def read_checked(folder: CampaignFolder, paths: Iterable[Path] | None = None) ->
     for path, words in find_damage(folder, manifest, paths):
         if holder := lock_holder(folder.lock):
             found = f"a file that is not as the manifest says, while {holder} flies a campaign there"
-            raise InputError(path, None, None, found, "the end of that run, and the same command once more")
+            raise InputError(path, found, "the end of that run, and the same command once more")
         raise damage_error(path, words)
     return manifest
 
@@ -91,13 +91,13 @@ def refuse_changes(folder: CampaignFolder, manifest: Mapping[str, Any]) -> None:
     """For the end of a reading. Raises InputError where a run has replaced or removed files that ``manifest`` names."""
     if not manifest["files"].items() <= read_manifest(folder.manifest)["files"].items():
         found = "files of another campaign, or of more flights, than a moment ago: a run has written here meanwhile"
-        raise InputError(folder.root, None, None, found, "the folder opened anew, once that run is done")
+        raise InputError(folder.root, found, "the folder opened anew, once that run is done")
 
 
 def damage_error(path: Path, words: str) -> InputError:
     """The error for a damaged file, and what helps."""
     wish = "a copy of the file as it was, or the campaign flown anew: another folder (-o DIR), or --fresh"
-    return InputError(path, None, None, words, wish)
+    return InputError(path, words, wish)
 
 
 def data_files(folder: CampaignFolder, manifest: Mapping[str, Any]) -> list[Path]:

@@ -89,7 +89,7 @@ def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
     for file in files:
         copy = f"{place}/{file.relative_to(root).as_posix()}"
         if not is_inside(copy):
-            raise InputError(file, None, None, "characters in the file's name that nothing shows", "another name")
+            raise InputError(file, "characters in the file's name that nothing shows", "another name")
         copies[copy] = read_input(file)
     return f"{place}/{path.resolve().relative_to(root).as_posix()}"
 

@@ -82,10 +82,10 @@ class CampaignFolder:
         unknown = self.unknown_files()
         if unknown:
             found = f"a folder with '{unknown[0].name}', which no campaign wrote"
-            raise InputError(self.root, None, None, found, "an empty folder or a campaign's")
+            raise InputError(self.root, found, "an empty folder or a campaign's")
         if not fresh and any(self.flights.glob("*.parquet")):
             found = "flights without the manifest that says what they are"
-            raise InputError(self.root, None, None, found, "another folder (-o DIR), or --fresh to delete them")
+            raise InputError(self.root, found, "another folder (-o DIR), or --fresh to delete them")
 
     def clear(self) -> None:
         """Delete what a campaign wrote, the manifest first, so that no half of it looks whole."""
@@ -146,7 +146,7 @@ def explain_os_error(path: Path, writing: bool = False) -> Iterator[None]:
         if error.errno in (_UNWRITABLE if writing else _CLOSED):
             what = "written" if writing else "written or read"
             found, expected = f"a place that cannot be {what} ({error.strerror})", f"a place that can be {what}"
-            raise InputError(path, None, None, found, expected) from error
+            raise InputError(path, found, expected) from error
         raise
 
 

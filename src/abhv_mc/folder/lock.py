@@ -24,7 +24,7 @@ def hold_lock(path: Path) -> Iterator[None]:
             lock.acquire()
     except Timeout:
         found = f"a campaign that {_holder(path)} is flying"
-        raise InputError(path.parent, None, None, found, "its end, or another folder (-o DIR)") from None
+        raise InputError(path.parent, found, "its end, or another folder (-o DIR)") from None
     try:
         with contextlib.suppress(OSError):  # a full disk: the lock holds all the same
             path.write_text(f"process {os.getpid()} on {platform.node()}", encoding="utf-8")

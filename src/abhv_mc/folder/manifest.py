@@ -23,17 +23,17 @@ def write_manifest(path: Path, manifest: dict[str, Any]) -> None:
 def read_manifest(path: Path) -> dict[str, Any]:
     """Read it. Raises InputError where there is none, one of another format, or one that is not as it was written."""
     if not path.is_file():
-        raise InputError(path, None, None, "no such file", "the folder of a campaign")
+        raise InputError(path, "no such file", "the folder of a campaign")
     try:
         manifest = json.loads(path.read_bytes())
     except ValueError as error:
-        raise InputError(path, None, None, f"a damaged manifest ({error})", _WISH) from None
+        raise InputError(path, f"a damaged manifest ({error})", _WISH) from None
     held = manifest.get("format") if isinstance(manifest, dict) else None
     if held != FORMAT:
         found = "a folder without a format number" if held is None else f"a folder of format {held}"
-        raise InputError(path, None, None, found, f"format {FORMAT}: the version that wrote it, or the campaign anew")
+        raise InputError(path, found, f"format {FORMAT}: the version that wrote it, or the campaign anew")
     if manifest.pop(_HASH, None) != _hash(manifest):
-        raise InputError(path, None, None, "a damaged manifest (its entries have another hash)", _WISH)
+        raise InputError(path, "a damaged manifest (its entries have another hash)", _WISH)
     return manifest
 
 

@@ -27,26 +27,26 @@ def order_shards(parts: Sequence[Path]) -> list[CampaignFolder]:
     manifests = [read_manifest(folder.manifest) for folder in folders]
     for folder, manifest in zip(folders, manifests, strict=True):
         if not manifest.get("shard"):
-            raise InputError(folder.root, None, None, "no shard of a campaign", "a folder flown with --shard i/n")
+            raise InputError(folder.root, "no shard of a campaign", "a folder flown with --shard i/n")
         if manifest["state"] != COMPLETE:
-            raise InputError(folder.root, None, None, f"a shard that is {manifest['state']}", "a complete one")
+            raise InputError(folder.root, f"a shard that is {manifest['state']}", "a complete one")
         if list(manifest["controllers"]) != list(manifests[0]["controllers"]):  # requirements bind the first
             found = f"controllers in another order than in {folders[0].root}"
-            raise InputError(folder.root, None, None, found, "shards of one campaign file")
+            raise InputError(folder.root, found, "shards of one campaign file")
         for key in _SAME:
             if manifest[key] != manifests[0][key]:
                 flown = f" ({manifest[key]}, not {manifests[0][key]})" if key == "source_hash" else ""
                 found = f"another {key.replace('_', ' ')}{flown} than in {folders[0].root}"
-                raise InputError(folder.root, None, None, found, "shards of one campaign, flown by the same code")
+                raise InputError(folder.root, found, "shards of one campaign, flown by the same code")
     numbers = [tuple(manifest["shard"]) for manifest in manifests]
     count = numbers[0][1]
     for folder, number in zip(folders, numbers, strict=True):
         if number[1] != count or numbers.count(number) > 1:
             found = f"shard {number[0]}/{number[1]}" + " a second time" * (number[1] == count)
-            raise InputError(folder.root, None, None, found, f"each shard of {count} once")
+            raise InputError(folder.root, found, f"each shard of {count} once")
     missing = [str(k) for k in range(1, count + 1) if (k, count) not in numbers]
     if missing:
-        raise InputError("merge", None, None, f"no shard {', '.join(missing)} of {count}", "all shards")
+        raise InputError("merge", f"no shard {', '.join(missing)} of {count}", "all shards")
     return [folder for _, folder in sorted(zip(numbers, folders, strict=True), key=lambda pair: pair[0])]
 
 
@@ -62,7 +62,7 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
     digests = [manifest["digest"] for manifest in manifests]
     if target.manifest.exists():
         if read_manifest(target.manifest).get("merged_from") != digests:
-            raise InputError(out, None, None, "a folder that is not empty", "a new or an empty one")
+            raise InputError(out, "a folder that is not empty", "a new or an empty one")
         return
     target.refuse_strange(fresh=True)
     damaged: set[Path] = set()
@@ -89,7 +89,7 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
         try:
             merge_states([shard.envelope_states for shard in shards], target.envelope_states)
         except ValueError as error:
-            raise InputError(out, None, None, str(error), "shards of one campaign") from None
+            raise InputError(out, str(error), "shards of one campaign") from None
         write_manifest(target.manifest, merged | {"files": files.listed()})
 
 
@@ -105,10 +105,10 @@ def _check_content(first: CampaignFolder, other: CampaignFolder, controllers: li
         ours, theirs = (read_stored_parts(folder.plan(name)) for folder in (first, other))
         if {k: v.tobytes() for k, v in ours.items()} != {k: v.tobytes() for k, v in theirs.items()}:
             found = f"another plan of '{name}' than in {first.root}: another machine computes other last bits"
-            raise InputError(other.root, None, None, found, "shards flown with the first one's plans (run --plans DIR)")
+            raise InputError(other.root, found, "shards flown with the first one's plans (run --plans DIR)")
     readers = SampleReader(first.samples), SampleReader(other.samples)
     if not _same_samples(*readers):
-        raise InputError(other.root, None, None, f"other samples than in {first.root}", "shards of one campaign")
+        raise InputError(other.root, f"other samples than in {first.root}", "shards of one campaign")
 
 
 def _same_samples(a: SampleReader, b: SampleReader) -> bool:

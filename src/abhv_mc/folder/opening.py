@@ -55,7 +55,7 @@ def begin_folder(
         stack.enter_context(hold_lock(folder.lock))
         if folder.manifest.exists():
             found = "a campaign that another process has started meanwhile"
-            raise InputError(folder.root, None, None, found, "the same command once more")
+            raise InputError(folder.root, found, "the same command once more")
     folder.clear()
     files = stack.enter_context(record_hashes(folder, {}))
     inputs.write_copies(folder)

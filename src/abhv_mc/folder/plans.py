@@ -87,7 +87,7 @@ def read_plan(path: Path, vehicle: Vehicle) -> FlightPlan:
     try:
         return _rebuild_plan(read_stored_parts(path), vehicle)
     except (KeyError, ValueError, TypeError) as error:
-        raise InputError(path, None, None, f"a damaged plan ({error})", _WISH) from None
+        raise InputError(path, f"a damaged plan ({error})", _WISH) from None
 
 
 def read_stored_parts(path: Path) -> dict[str, np.ndarray]:
@@ -96,9 +96,9 @@ def read_stored_parts(path: Path) -> dict[str, np.ndarray]:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return dict(stored)
     except FileNotFoundError:
-        raise InputError(path, None, None, "no such file", _WISH) from None
+        raise InputError(path, "no such file", _WISH) from None
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(path, None, None, f"a damaged plan ({error})", _WISH) from None
+        raise InputError(path, f"a damaged plan ({error})", _WISH) from None
 
 
 def _rebuild_plan(stored: dict[str, np.ndarray], vehicle: Vehicle) -> FlightPlan:
@@ -164,7 +164,7 @@ def _take(sources: Iterable[UserSource], place: Path, digest: str, trusted: bool
         if source.hash == digest:
             check_trusted(source, trusted)
             return with_library(source)
-    raise InputError(place, None, None, "no copy of the code that was flown", _WISH)
+    raise InputError(place, "no copy of the code that was flown", _WISH)
 
 
 def _is_record(kind: Any) -> bool:

@@ -57,23 +57,23 @@ def check_pool(parts: Sequence[Path]) -> list[CampaignFolder]:
     first, taken = manifests[0], set[int]()
     for folder, manifest in zip(folders, manifests, strict=True):
         if manifest["state"] != COMPLETE or "search" in manifest:
-            raise InputError(folder.root, None, None, f"a folder that is {manifest['state']}", "a complete campaign")
+            raise InputError(folder.root, f"a folder that is {manifest['state']}", "a complete campaign")
         for key in ("question", "source_hash"):
             if manifest.get(key) != first.get(key):
                 found = f"another {key.replace('_', ' ')} than in {folders[0].root}"
-                raise InputError(folder.root, None, None, found, f"{_ONE_QUESTION}, flown by the same code")
+                raise InputError(folder.root, found, f"{_ONE_QUESTION}, flown by the same code")
         if seeds := taken & seeds_of(manifest):
             found = f"flights of seed {min(seeds)} a second time"
-            raise InputError(folder.root, None, None, found, "each seed once: its flights would be counted twice")
+            raise InputError(folder.root, found, "each seed once: its flights would be counted twice")
         taken |= seeds_of(manifest)
         sampling = read_folder_inputs(folder, manifest).data.get("sampling", INDEPENDENT)
         if sampling not in (INDEPENDENT, {"design": INDEPENDENT}):
-            raise InputError(folder.root, None, None, "a design that is not random", "independent flights")
+            raise InputError(folder.root, "a design that is not random", "independent flights")
         for name in manifest["controllers"]:
             ours, theirs = (read_stored_parts(one.plan(name)) for one in (folders[0], folder))
             if {k: v.tobytes() for k, v in ours.items()} != {k: v.tobytes() for k, v in theirs.items()}:
                 found = f"another plan of '{name}' than in {folders[0].root}: another machine computes other last bits"
-                raise InputError(folder.root, None, None, found, "campaigns flown with the first one's plans (--plans)")
+                raise InputError(folder.root, found, "campaigns flown with the first one's plans (--plans)")
         for damage in find_damage(folder, manifest):
             raise damage_error(*damage)
     return folders
@@ -87,7 +87,7 @@ def join_seeds(folders: Sequence[CampaignFolder], out: Path) -> None:
     digests = [manifest["digest"] for manifest in manifests]
     if target.manifest.exists():
         if read_manifest(target.manifest).get("merged_from") != digests:
-            raise InputError(out, None, None, "a folder that is not empty", "a new or an empty one")
+            raise InputError(out, "a folder that is not empty", "a new or an empty one")
         return
     target.refuse_strange(fresh=True)
     flown = [SampleReader(folder.samples).flights for folder in folders]

@@ -40,7 +40,7 @@ class Remote:
                 continue
             if not is_inside(name):  # an object's name is any text
                 found = f"an object named '{name}', which leads out of the folder"
-                raise InputError(self.store.address, None, None, found, "a campaign's folder, as it was written")
+                raise InputError(self.store.address, found, "a campaign's folder, as it was written")
             path = self.local / name
             path.parent.mkdir(parents=True, exist_ok=True)
             with self.store.system.open_input_stream(info.path) as source, path.open("wb") as target:
@@ -206,4 +206,4 @@ def _told_plainly(address: str) -> Iterator[None]:
     try:
         yield
     except (OSError, pa.ArrowException) as error:
-        raise InputError(address, None, None, str(error).splitlines()[0], "an address that can be reached") from error
+        raise InputError(address, str(error).splitlines()[0], "an address that can be reached") from error

@@ -46,4 +46,4 @@ def ask(folder: Path, sql: str, take: "Callable[[DuckDBPyRelation], T]") -> T | 
         raise
     except (duckdb.Error, ArithmeticError, ValueError) as error:  # the last two: of values that Python cannot hold
         words = str(error).partition("\nTraceback")[0]  # duckdb adds one where Python lacks what a type needs
-        raise InputError("query", None, None, words, "SQL that duckdb can answer") from None
+        raise InputError("query", words, "SQL that duckdb can answer") from None

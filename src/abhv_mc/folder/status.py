@@ -20,7 +20,7 @@ def read_status(root: Path, seen: tuple[str | None, int] | None = None) -> dict[
     folder = CampaignFolder(root)
     manifest = read_manifest(folder.manifest)
     if "search" in manifest:
-        raise InputError(root, None, None, "the flights of a search", "the folder of a campaign")
+        raise InputError(root, "the flights of a search", "the folder of a campaign")
     holder, size = seen or (lock_holder(folder.lock), _size(root))
     if manifest["state"] == RUNNING and holder is None:
         manifest["state"] = INTERRUPTED

@@ -69,5 +69,5 @@ def open_store(address: str) -> Store:
         system, base = pyarrow_fs.FileSystem.from_uri(address)
     except (pa.ArrowException, OSError, ValueError) as error:
         found = f"'{address}' ({str(error).splitlines()[0]})"
-        raise InputError("address", None, None, found, "s3://bucket/folder, gs://bucket/folder or a path") from None
+        raise InputError("address", found, "s3://bucket/folder, gs://bucket/folder or a path") from None
     return Store(address, system, base.rstrip("/"))

@@ -30,27 +30,27 @@ _TAG = "tag:yaml.org,2002:"
 def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
     """Data, places of the values and places of the keys of a file's bytes. Raises :class:`InputError`."""
     if len(raw) > MAX_BYTES:
-        raise InputError(path, None, None, f"more than {MAX_BYTES} bytes", f"a YAML file of at most {MAX_BYTES} bytes")
+        raise InputError(path, f"more than {MAX_BYTES} bytes", f"a YAML file of at most {MAX_BYTES} bytes")
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line, column = _place_of(raw[: error.start].decode("utf-8"))
-        raise InputError(path, line, column, f"the byte 0x{raw[error.start]:02x}", "text in UTF-8") from None
+        raise InputError(path, f"the byte 0x{raw[error.start]:02x}", "text in UTF-8", line, column) from None
     yaml = YAML(typ="safe", pure=True)
     yaml.Composer = _Bounded
     try:
         root = yaml.compose(text)
     except ReaderError as error:
         line, column = _place_of(text[: error.position])
-        raise InputError(path, line, column, f"the character {text[error.position]!r}", "printable text") from None
+        raise InputError(path, f"the character {text[error.position]!r}", "printable text", line, column) from None
     except _TooMuchError as error:
-        raise InputError(path, *error.place, error.found, error.expected) from None
+        raise InputError(path, error.found, error.expected, *error.place) from None
     except MarkedYAMLError as error:
         _refuse_syntax(path, error)
     except (YAMLError, ValueError, OverflowError) as error:  # the last: the escape of a character beyond all
-        raise InputError(path, None, None, str(error).splitlines()[0], "YAML 1.2") from None
+        raise InputError(path, str(error).splitlines()[0], "YAML 1.2") from None
     if root is None:
-        raise InputError(path, 1, 1, "an empty file", "a YAML mapping")
+        raise InputError(path, "an empty file", "a YAML mapping", 1, 1)
     builder = _Builder(path)
     return builder.build(root, ()), builder.values, builder.keys
 
@@ -65,11 +65,11 @@ def _refuse_syntax(path: Path, error: MarkedYAMLError) -> NoReturn:
     line, column = (mark.line + 1, mark.column + 1) if mark else (None, None)
     problem = error.problem or error.context or "something"
     if "'\\t'" in problem:
-        raise InputError(path, line, column, "a tab", "spaces, as YAML indents by spaces only") from None
+        raise InputError(path, "a tab", "spaces, as YAML indents by spaces only", line, column) from None
     if "another document" in problem:
-        raise InputError(path, line, column, "a second document", "one document in a file") from None
+        raise InputError(path, "a second document", "one document in a file", line, column) from None
     expected = f"YAML 1.2 ({error.context})" if error.context else "YAML 1.2"
-    raise InputError(path, line, column, problem.removeprefix("found "), expected) from None
+    raise InputError(path, problem.removeprefix("found "), expected, line, column) from None
 
 
 class _TooMuchError(Exception):
@@ -110,7 +110,7 @@ class _Builder:
         self.keys: Places = {}
 
     def refuse(self, node: Node, found: str, expected: str) -> NoReturn:
-        raise InputError(self.path, *_start(node), found, expected)
+        raise InputError(self.path, found, expected, *_start(node))
 
     def build(self, node: Node, keys: tuple[str | int, ...]) -> Plain:
         self.values[keys] = _start(node)

@@ -69,11 +69,11 @@ class Document:
 
     def error(self, keys: tuple[Key, ...], found: str, expected: str) -> InputError:
         """What to raise when the value at ``keys`` is wrong."""
-        return InputError(self.path, *self.position(*keys), found, expected)
+        return InputError(self.path, found, expected, *self.position(*keys))
 
     def key_error(self, keys: tuple[Key, ...], found: str, expected: str) -> InputError:
         """What to raise when the key that ends ``keys`` is wrong."""
-        return InputError(self.path, *self.key_position(*keys), found, expected)
+        return InputError(self.path, found, expected, *self.key_position(*keys))
 
     def resolve(self, text: str | Path) -> Path:
         """A path written in the file, which is relative to the file's folder."""
@@ -91,13 +91,13 @@ def read_document(path: "str | Path | Document") -> Document:
     try:
         raw = read_input(path)
     except FileNotFoundError:
-        raise InputError(path, None, None, "no such file", "a YAML file") from None
+        raise InputError(path, "no such file", "a YAML file") from None
     except ValueError:
-        raise InputError(path, None, None, "a name with a null character", "a YAML file") from None
+        raise InputError(path, "a name with a null character", "a YAML file") from None
     except IsADirectoryError:
-        raise InputError(path, None, None, "a folder", "a YAML file") from None
+        raise InputError(path, "a folder", "a YAML file") from None
     except OSError as error:
-        raise InputError(path, None, None, f"a file that cannot be read ({error.strerror})", "a YAML file") from None
+        raise InputError(path, f"a file that cannot be read ({error.strerror})", "a YAML file") from None
     if raw not in _composed:  # a campaign's files are read again from its folder
         if len(_composed) >= _MOST_COMPOSED:
             _composed.clear()
@@ -118,7 +118,7 @@ def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
 
     def represent_other(representer: SafeRepresenter, value: Any) -> Any:
         if type(value).__module__ != "numpy" or getattr(value, "ndim", False):
-            raise InputError(path, None, None, f"a value of the type {type(value).__name__}", "plain data")
+            raise InputError(path, f"a value of the type {type(value).__name__}", "plain data")
         return representer.represent_data(value.item())
 
     Representer.add_representer(None, represent_other)
@@ -133,7 +133,7 @@ def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
     try:
         yaml.dump(data, text)
     except RecursionError:
-        raise InputError(path, None, None, "data nested too deeply", f"at most {MAX_DEPTH} levels") from None
+        raise InputError(path, "data nested too deeply", f"at most {MAX_DEPTH} levels") from None
     Path(path).write_text(text.getvalue(), encoding="utf-8")  # only now: refused data leave a file as it is
 
 
@@ -202,7 +202,7 @@ def validate(document: Document, model: type[M]) -> M:
     errors.sort(key=lambda error: (error.line or 0, error.column or 0))
     if len(found) > _SAID:
         more = f"{len(found) - _SAID} more mistakes"
-        errors.append(InputError(document.path, None, None, more, "the ones above to be corrected first"))
+        errors.append(InputError(document.path, more, "the ones above to be corrected first"))
     raise InputErrors(errors) from None
 
 

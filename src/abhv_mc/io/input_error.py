@@ -9,8 +9,10 @@ from pathlib import Path
 class InputError(Exception):
     """Bad input: the place, what was found there and what is expected. The command line prints it and exits 2."""
 
-    def __init__(self, file: str | Path, line: int | None, column: int | None, found: str, expected: str) -> None:
-        super().__init__(file, line, column, found, expected)
+    def __init__(
+        self, file: str | Path, found: str, expected: str, line: int | None = None, column: int | None = None
+    ) -> None:
+        super().__init__(file, found, expected, line, column)
         self.file = str(file)
         self.line = line
         self.column = column
@@ -27,7 +29,7 @@ class InputErrors(InputError):
 
     def __init__(self, errors: Sequence[InputError]) -> None:
         first = errors[0]
-        super().__init__(first.file, first.line, first.column, first.found, first.expected)
+        super().__init__(first.file, first.found, first.expected, first.line, first.column)
         self.args = (tuple(errors),)
         self.errors = tuple(errors)
 

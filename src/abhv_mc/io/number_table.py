@@ -34,7 +34,7 @@ class NumberTable:
         header = next(reader)
         cells = next(cells for cells in reader if reader.line_num >= line)
         place = [cell.strip() for cell in header].index(name)
-        return InputError(self.path, line, _column(cells, place), found, expected)
+        return InputError(self.path, found, expected, line, _column(cells, place))
 
     def check_rising(self, name: str, unit: str) -> None:
         """Raise :class:`InputError` at the first number under that name that is not above the one before."""
@@ -53,7 +53,7 @@ def read_number_table(
     is larger.
     """
     if path.stat().st_size > max_bytes:
-        raise InputError(path, None, None, "a very large file", f"at most {max_bytes // 1_000_000} MB")
+        raise InputError(path, "a very large file", f"at most {max_bytes // 1_000_000} MB")
     rows: list[list[float]] = []
     lines: list[int] = []
     try:
@@ -62,20 +62,20 @@ def read_number_table(
         names = tuple(header if expected is None else expected)
         missing = [name for name in names if name not in header]
         if missing:
-            raise InputError(path, 1, 1, f"no column {', '.join(missing)}", f"the columns {', '.join(names)}")
+            raise InputError(path, f"no column {', '.join(missing)}", f"the columns {', '.join(names)}", 1, 1)
         twice = [name for name in names if header.count(name) > 1]
         if twice:
-            raise InputError(path, 1, None, f"the column {twice[0]} twice", "each column once")
+            raise InputError(path, f"the column {twice[0]} twice", "each column once", 1)
         places = [(header.index(name), math.inf if expected is None else expected[name]) for name in names]
         for cells in reader:
             if not cells:
                 continue
             if expected is None and len(cells) != len(header):
-                raise InputError(path, reader.line_num, None, f"{len(cells)} cells", f"{len(header)} cells")
+                raise InputError(path, f"{len(cells)} cells", f"{len(header)} cells", reader.line_num)
             rows.append([_number(path, reader.line_num, cells, place, most) for place, most in places])
             lines.append(reader.line_num)
     except (UnicodeDecodeError, csv.Error, OSError) as error:
-        raise InputError(path, None, None, str(error), "a CSV file of numbers in UTF-8") from None
+        raise InputError(path, str(error), "a CSV file of numbers in UTF-8") from None
     return NumberTable(path, names, np.array(rows, dtype=np.float64).reshape(len(rows), len(names)), tuple(lines))
 
 
@@ -87,9 +87,9 @@ def _number(path: Path, line: int, cells: list[str], place: int, most: float) ->
     text = cells[place].strip() if place < len(cells) else ""
     value = float(text) if _DECIMAL.fullmatch(text) else math.nan
     if not math.isfinite(value):
-        raise InputError(path, line, _column(cells, place), f"'{text}'", "a finite number")
+        raise InputError(path, f"'{text}'", "a finite number", line, _column(cells, place))
     if abs(value) > most:
-        raise InputError(path, line, _column(cells, place), f"'{text}'", f"a magnitude of at most {most:g}")
+        raise InputError(path, f"'{text}'", f"a magnitude of at most {most:g}", line, _column(cells, place))
     return value
 
 

@@ -97,7 +97,7 @@ def _scaled(entry: Any, factor: float) -> str | float:
     """The entry times a factor, to six digits, with its unit."""
     match = _NUMBER.match(str(entry))
     if match is None:
-        raise InputError("tune", None, None, str(entry), "a number")
+        raise InputError("tune", str(entry), "a number")
     value = f"{float(match[1]) * factor:.6g}"
     return f"{value} {match[2]}" if match[2] else float(value)
 

@@ -106,7 +106,7 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
     chains = choose_chains(settings.flights)
     least = FEWEST * SubsetPlan(1, 0.0, 0, chains).size
     if settings.flights < least:
-        raise InputError("--flights", None, None, f"{settings.flights}", f"at least {least}")
+        raise InputError("--flights", f"{settings.flights}", f"at least {least}")
     criterion = Criterion(settings.requirement, "high", limits)
     early = requirement.ended_early == "failure"
     with open_search(request, {"kind": "rare", **vars(settings)}, settings.flights, engine or make_engine()) as search:

@@ -287,14 +287,14 @@ def _check_same(flown: FlownFolder, settings: dict[str, Any], asked: FolderInput
     before = manifest.get("search")
     wish = "the same search, another folder (-o DIR), or --fresh to delete what was flown"
     if before is None:
-        raise InputError(root, None, None, "a folder that holds a campaign's flights", wish)
+        raise InputError(root, "a folder that holds a campaign's flights", wish)
     parts = (asked, read_folder_inputs(flown.folder, manifest))
     axes = [list(part.data.get("dispersions") or ()) for part in parts]  # of the search, in their order
     if manifest["campaign_hash"] != asked.identity or axes[0] != axes[1]:
-        raise InputError(root, None, None, "a folder that holds a search of another campaign", wish)
+        raise InputError(root, "a folder that holds a search of another campaign", wish)
     changes = [f"{key}: {before.get(key)} -> {value}" for key, value in settings.items() if before.get(key) != value]
     if len(changes) == 1 and changes[0].startswith("flights:"):
         wish = "another folder (-o DIR): where a search goes depends on how many flights it has from its beginning"
     if changes:
-        raise InputError(root, None, None, "a folder that holds another search: " + ", ".join(changes), wish)
+        raise InputError(root, "a folder that holds another search: " + ", ".join(changes), wish)
     check_source(flown.folder, manifest, engine)

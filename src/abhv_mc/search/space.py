@@ -100,7 +100,7 @@ class Space:
         found = int(self._inside(drawn, bounds).sum())
         if found < _FEWEST_INSIDE:
             words = f"{box:g}: {found} of {_TRIED} random flights lie inside, with {len(self.names)} dispersions"
-            raise InputError("--box", None, None, words, "a larger one")
+            raise InputError("--box", words, "a larger one")
 
     def _inside(self, drawn: Floats, bounds: Floats) -> NDArray[np.bool_]:
         absent = np.array([m.nominal if isinstance(m, SometimesMarginal) else np.nan for m in self.marginals])

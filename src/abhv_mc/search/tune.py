@@ -191,9 +191,9 @@ def _tune(request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None
     block, document, where = read_tune_block(campaign, request.block)
     if request.out.suffix in (_KEPT, _PAGE):
         words = f"the ending '{request.out.suffix}' of what tuning writes beside it"
-        raise InputError(request.out, None, None, words, "-o NEW.yaml")
+        raise InputError(request.out, words, "-o NEW.yaml")
     if request.out.exists():
-        raise InputError(request.out, None, None, "a file that is there already", "a new file (-o NEW.yaml)")
+        raise InputError(request.out, "a file that is there already", "a new file (-o NEW.yaml)")
     numbers = read_controller_numbers(model.controllers[name], block.free, document, where)
     space = make_space(campaign)
     if any(limit.is_margin for limit in block.limits):

@@ -99,18 +99,14 @@ class WorstFound:
 def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine | None = None) -> WorstFound:
     """Search, then fly as many random flights in the same box. Raises InputError for a request that is wrong."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
-    metric = find_metric(
-        campaign, settings.metric, lambda found, expected: InputError("--metric", None, None, found, expected)
-    )
+    metric = find_metric(campaign, settings.metric, lambda found, expected: InputError("--metric", found, expected))
     criterion = Criterion(metric.name, settings.bad or metric.bad, None if settings.bad else metric.band)
     space = make_space(campaign)
     bounds = space.bounds(settings.box)
     space.refuse_small(bounds, settings.box)
     least = least_evaluations(len(space.names), choose_batch(settings.flights))
     if settings.flights < least:
-        raise InputError(
-            "--flights", None, None, f"{settings.flights}", f"at least {least} for {len(space.names)} dispersions"
-        )
+        raise InputError("--flights", f"{settings.flights}", f"at least {least} for {len(space.names)} dispersions")
     held = {"kind": "worst", **vars(settings)}
     with open_search(
         request, held, 2 * settings.flights, engine or make_engine(), metric.name in MARGIN_NAMES

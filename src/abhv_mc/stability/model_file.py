@@ -127,4 +127,4 @@ def check_format(file: Path) -> None:
     """Raise InputError for a file name with an ending that is none of FORMATS."""
     if file.suffix not in FORMATS:
         found = f"the ending '{file.suffix}'"
-        raise InputError(file, None, None, found, "a file name that ends in .npz, .mat or .json")
+        raise InputError(file, found, "a file name that ends in .npz, .mat or .json")

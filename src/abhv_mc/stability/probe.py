@@ -184,7 +184,7 @@ def check_linear(plan: FlightPlan) -> None:
     drive_axes(plan.vehicle)
     if plan.source is not None and plan.law == "python" and commands_effectors(plan.source):
         expected = "a law that commands aileron, rudder and elevator alone, for margins and linear models"
-        raise InputError(plan.source.file, None, None, "a law that commands effectors", expected)
+        raise InputError(plan.source.file, "a law that commands effectors", expected)
 
 
 def begin(plan: FlightPlan, kept: Kept) -> tuple[Floats, Floats]:

@@ -52,7 +52,7 @@ def load_library(source: UserSource) -> CLibrary:
     if not may_run_here():
         raise RuntimeError("native code of a user's is run by workers and the child alone")
     if (words := refuse_platform(source)) is not None:
-        raise InputError(source.file, None, None, words, "a law built for this platform")
+        raise InputError(source.file, words, "a law built for this platform")
     recipe: Any = recipe_of(source)
     path = unpack(source) / (recipe["library"] or BUILT)
     before = _mapped()
@@ -60,7 +60,7 @@ def load_library(source: UserSource) -> CLibrary:
         handle = ctypes.CDLL(str(path), mode=os.RTLD_NOW | os.RTLD_LOCAL)
     except OSError as error:
         words = str(error).replace(str(path.parent) + os.sep, "")
-        raise InputError(source.file, None, None, f"a library that does not load ({words})", _expected(words)) from None
+        raise InputError(source.file, f"a library that does not load ({words})", _expected(words)) from None
     _check_links(source, path.parent, _mapped() - before)
 
     def find(name: str, needed: bool) -> int:
@@ -68,20 +68,20 @@ def load_library(source: UserSource) -> CLibrary:
             return int(ctypes.cast(getattr(handle, name), ctypes.c_void_p).value or 0)
         except AttributeError:
             if needed:
-                raise InputError(source.file, None, None, f"a library without {name}", "that of abhv_law.h") from None
+                raise InputError(source.file, f"a library without {name}", "that of abhv_law.h") from None
             return 0
 
     size, init, step = (find(f"abhv_law_{name}", True) for name in ("state_size", "init", "step"))
     get, put = (find(f"abhv_law_{name}", False) for name in ("state_get", "state_set"))
     if (get == 0) != (put == 0):
         found = f"a library with abhv_law_state_{'get' if get else 'set'} alone"
-        raise InputError(source.file, None, None, found, "both of abhv_law_state_get and _set, or none")
+        raise InputError(source.file, found, "both of abhv_law_state_get and _set, or none")
     if address := find("abhv_law_interface", False):
         told = ctypes.string_at(address).decode(errors="replace")
         expected = f"{interface()} {describe_layout(recipe['settings'])}"
         if told != expected:
             found = f"a library built with other headers ({told})"
-            raise InputError(source.file, None, None, found, f"one built with those of this controller ({expected})")
+            raise InputError(source.file, found, f"one built with those of this controller ({expected})")
     return CLibrary(init, step, get, put, int(ctypes.CFUNCTYPE(ctypes.c_size_t)(size)()), handle)
 
 
@@ -100,7 +100,7 @@ def _check_links(source: UserSource, folder: Path, loaded: set[str]) -> None:
     for path in sorted(loaded):
         if not path.startswith(allowed):
             found = f"a library that links to {path}, which it does not declare"
-            raise InputError(source.file, None, None, found, f"files: [{Path(path).name}] in its controller file")
+            raise InputError(source.file, found, f"files: [{Path(path).name}] in its controller file")
 
 
 def _expected(words: str) -> str:
@@ -124,11 +124,11 @@ def inspect_library(source: UserSource, settings: Floats, first: Floats) -> CFac
     given = np.append(settings, 0.0)
     call = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
     if call(library.init)(given.ctypes.data, np.ascontiguousarray(first).ctypes.data, state.ctypes.data):
-        raise InputError(source.file, None, None, "a law whose abhv_law_init fails", "0 from it")
+        raise InputError(source.file, "a law whose abhv_law_init fails", "0 from it")
     read = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(library.get)
     count = read(state.ctypes.data, None)
     if not 0 <= count <= MAX_MEMORY:
-        raise InputError(source.file, None, None, f"a memory of {count} numbers", f"0 to {MAX_MEMORY}")
+        raise InputError(source.file, f"a memory of {count} numbers", f"0 to {MAX_MEMORY}")
     values = np.zeros(count + 1)
     read(state.ctypes.data, values.ctypes.data)
     return CFacts(library.state_size, tuple(values[:count].tolist()))

@@ -42,7 +42,7 @@ def find_compiler() -> str:
         told = subprocess.run(["cc", "--version"], capture_output=True, text=True, timeout=60.0, check=True)  # noqa: S607
     except (OSError, subprocess.SubprocessError) as error:
         found = f"no C compiler here ({error})"
-        raise InputError("cc", None, None, found, "the system's compiler, or 'library' in place of 'sources'") from None
+        raise InputError("cc", found, "the system's compiler, or 'library' in place of 'sources'") from None
     return told.stdout.splitlines()[0]
 
 
@@ -84,7 +84,7 @@ def read_c_source(controller: CController) -> UserSource:
     try:
         files = tuple((name, path.read_bytes()) for name, path in paths.items())
     except OSError as error:
-        raise InputError(str(error.filename), None, None, f"a file that cannot be read ({error})", "a file") from None
+        raise InputError(str(error.filename), f"a file that cannot be read ({error})", "a file") from None
     names = list(paths)
     recipe = {
         "law": "c",
@@ -132,7 +132,7 @@ def _build(source: UserSource, sources: Sequence[str], flags: Sequence[str], lay
                 [*command, *sources, "-lm"], cwd=folder, capture_output=True, text=True, timeout=_LONGEST, check=False
             )
         except subprocess.TimeoutExpired:
-            raise InputError(source.file, None, None, f"a build of more than {_LONGEST:g} s", "C code") from None
+            raise InputError(source.file, f"a build of more than {_LONGEST:g} s", "C code") from None
         if told.returncode:
             raise _explain(source, told.stderr)
         return (folder / BUILT).read_bytes()
@@ -144,11 +144,11 @@ def _explain(source: UserSource, told: str) -> InputError:
     match = _ERROR.search(told)
     if match is None:
         words = next((line for line in told.splitlines() if "error" in line or "undefined" in line), told[-200:])
-        return InputError(source.file, None, None, f"what cc does not link ({words.strip():.300})", "C that links")
+        return InputError(source.file, f"what cc does not link ({words.strip():.300})", "C that links")
     missing = re.match(r"([\w./-]+): No such file", match["words"])
     expected = f"files: [{missing[1]}] in its controller file" if missing else "C that cc compiles"
     column = int(match["column"]) if match["column"] else None
-    return InputError(root / match["file"], int(match["line"]), column, f"'{match['words']:.300}'", expected)
+    return InputError(root / match["file"], f"'{match['words']:.300}'", expected, int(match["line"]), column)
 
 
 def recipe_of(source: UserSource) -> dict[str, Any] | None:

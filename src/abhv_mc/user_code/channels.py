@@ -42,7 +42,7 @@ def compile_channels(source: UserSource, width: int) -> Any:
     with refuse_in_words(source, "channels", "plain functions"):
         functions = module.marked(MARK)
         if not 1 <= len(functions) <= MAX_CHANNELS:
-            raise InputError(source.file, None, None, f"{len(functions)} channels", f"1 to {MAX_CHANNELS}")
+            raise InputError(source.file, f"{len(functions)} channels", f"1 to {MAX_CHANNELS}")
         tree = ast.parse(source.text)
         nodes = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
         for function in functions.values():
@@ -51,7 +51,7 @@ def compile_channels(source: UserSource, width: int) -> Any:
             for argument in inspect.signature(function).parameters:
                 if argument not in _ARGUMENTS:
                     expected = one_of(_ARGUMENTS, argument)
-                    raise InputError(source.file, node.lineno, None, f"the argument '{argument}'", expected)
+                    raise InputError(source.file, f"the argument '{argument}'", expected, node.lineno)
         names = compiled_names(module)
         for name in functions:
             names[f"_channel_{name}"] = names[name]

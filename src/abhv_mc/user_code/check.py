@@ -69,20 +69,20 @@ def check_law(law: Law) -> None:
         known = [*(law.settings._fields if law.settings else ()), *(law.commands._fields if law.commands else ())]
         if name not in known:
             expected = one_of(known, name) if known else "a field of Settings"
-            raise InputError(source.file, node.lineno, None, f"a unit of '{name}'", expected)
+            raise InputError(source.file, f"a unit of '{name}'", expected, node.lineno)
         if not isinstance(unit, str):
-            raise InputError(source.file, node.lineno, None, f"the unit {unit!r:.40} of '{name}'", "text such as 'deg'")
+            raise InputError(source.file, f"the unit {unit!r:.40} of '{name}'", "text such as 'deg'", node.lineno)
         try:
             parse_unit(unit)
         except Refusal as refusal:
-            raise InputError(source.file, node.lineno, None, refusal.found, refusal.expected) from None
+            raise InputError(source.file, refusal.found, refusal.expected, node.lineno) from None
     if not law.mark.compiled:
         return
     if "memory" in law.arguments:
         check_defaults(law, law.memory, "Memory", True, line_of)
         if len(law.memory._fields) > MAX_MEMORY:
             found = f"a memory of {len(law.memory._fields)} numbers"
-            raise InputError(source.file, line_of("Memory", ""), None, found, f"at most {MAX_MEMORY}")
+            raise InputError(source.file, found, f"at most {MAX_MEMORY}", line_of("Memory", ""))
     check_functions(source.file, node, functions, law.module.names)
     _check_fields(law, node)
     _check_returns(law, node)
@@ -93,7 +93,7 @@ def find_function(file: str, functions: dict[str, ast.FunctionDef], function: An
     found = functions.get(getattr(function, "__name__", ""))
     if found is None:
         words = f"a decorator on '{getattr(function, '__name__', function)}', which is no function of the file"
-        raise InputError(file, None, None, words, "one above 'def' at the left margin")
+        raise InputError(file, words, "one above 'def' at the left margin")
     return found
 
 
@@ -102,7 +102,7 @@ def _check_arguments(law: Law, node: ast.FunctionDef) -> None:
     for argument in node.args.args + node.args.kwonlyargs:
         if argument.arg not in ARGUMENTS:
             place = argument.lineno, argument.col_offset + 1
-            raise InputError(file, *place, f"the argument '{argument.arg}'", one_of(ARGUMENTS, argument.arg))
+            raise InputError(file, f"the argument '{argument.arg}'", one_of(ARGUMENTS, argument.arg), *place)
         name = CLASSES.get(argument.arg)
         missing = (argument.arg == "gains" and law.design is None) or (
             argument.arg in ("memory", "settings", "commands") and getattr(law, argument.arg) is None
@@ -110,7 +110,7 @@ def _check_arguments(law: Law, node: ast.FunctionDef) -> None:
         if missing:
             expected = "design(model, settings) that returns them" if name == "gains" else f"class {name}(NamedTuple)"
             place = argument.lineno, argument.col_offset + 1
-            raise InputError(file, *place, f"'{argument.arg}' in a file without it", expected)
+            raise InputError(file, f"'{argument.arg}' in a file without it", expected, *place)
 
 
 def check_functions(
@@ -124,7 +124,7 @@ def check_functions(
             refused = _find_refused(node, names, _locals(function))
             if refused is not None:
                 place = getattr(node, "lineno", function.lineno), getattr(node, "col_offset", 0) + 1
-                raise InputError(file, *place, refused[0], refused[1])
+                raise InputError(file, refused[0], refused[1], *place)
             if isinstance(node, ast.Name) and node.id in functions and node.id not in seen:
                 seen.add(node.id)
                 pending.append(functions[node.id])
@@ -180,7 +180,7 @@ def _check_returns(law: Law, function: ast.FunctionDef) -> None:
         expected = "return Command(...), Memory(...)"
     if not _always_returns(function.body):
         last = function.body[-1]
-        raise InputError(file, last.lineno, last.col_offset + 1, "a way through the law without 'return'", expected)
+        raise InputError(file, "a way through the law without 'return'", expected, last.lineno, last.col_offset + 1)
     for node in _walk(function):
         if isinstance(node, ast.Return):
             value = node.value
@@ -190,7 +190,7 @@ def _check_returns(law: Law, function: ast.FunctionDef) -> None:
             alone = isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id == "Command"
             if lone or (pair and "memory" not in law.arguments) or (alone and "memory" in law.arguments):
                 text = ast.unparse(node)
-                raise InputError(file, node.lineno, node.col_offset + 1, f"'{text:.60}'", expected)
+                raise InputError(file, f"'{text:.60}'", expected, node.lineno, node.col_offset + 1)
 
 
 def _always_returns(body: list[ast.stmt]) -> bool:

@@ -35,7 +35,7 @@ def check_closure(source: UserSource) -> None:
         in_child(_run_watched, source, limit=_LONGEST)
     except LostError as lost:
         found = f"a file that does not run: {lost.words}"
-        raise InputError(source.file, None, None, found, "a file that runs on its own") from None
+        raise InputError(source.file, found, "a file that runs on its own") from None
     note.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     with atomic_write(note) as temporary:
         temporary.write_text("", encoding="utf-8")
@@ -65,7 +65,7 @@ def _design(law: NativeLaw | UserSource, model: DesignModel, settings: Floats) -
         if isinstance(law, NativeLaw):
             design, given = run_module(source).names.get("design"), law.make_settings(settings)
             if not isinstance(design, FunctionType):
-                raise InputError(source.file, None, None, "no function design", "def design(model, settings)")
+                raise InputError(source.file, "no function design", "def design(model, settings)")
             return design_gains(source, design, model, given)
         loaded = load_law(law)
         given = loaded.settings(*settings.tolist()) if loaded.settings is not None else None

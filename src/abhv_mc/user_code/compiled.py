@@ -260,6 +260,6 @@ def _explain(module: Module, error: Uncompilable) -> InputError:
     useful = [text for text in words if text and not _NOISE.match(text)]
     said = next((text for text in useful if "Unknown attribute 'aileron'" in text), None)
     if said is not None:
-        return InputError(source.file, line, None, "a law that returns something else", "return Command(...)")
+        return InputError(source.file, "a law that returns something else", "return Command(...)", line)
     found_words = "; ".join(useful[:3]) or "code that does not compile"
-    return InputError(source.file, line, None, f"what does not compile ({found_words:.300})", WANTED)
+    return InputError(source.file, f"what does not compile ({found_words:.300})", WANTED, line)

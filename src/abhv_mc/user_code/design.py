@@ -135,14 +135,14 @@ def design_gains(source: UserSource, design: Any, model: DesignModel, given: Any
         line = design.__code__.co_firstlineno
         if not (isinstance(made, tuple) and hasattr(made, "_fields")):
             expected = f"a named tuple of numbers or arrays [{ticks}]"
-            raise InputError(file, line, None, f"a design that returns {type(made).__name__}", expected)
+            raise InputError(file, f"a design that returns {type(made).__name__}", expected, line)
         columns = np.empty((ticks, len(made)))
         for i, (name, value) in enumerate(zip(made._fields, made, strict=True)):
             try:
                 columns[:, i] = np.asarray(value, dtype=np.float64)
             except (TypeError, ValueError):
                 found = f"the gain '{name}' of the shape {np.shape(value)}"
-                raise InputError(file, line, None, found, f"a number, or an array [{ticks}]") from None
+                raise InputError(file, found, f"a number, or an array [{ticks}]", line) from None
             if not np.isfinite(columns[:, i]).all():
-                raise InputError(file, line, None, f"the gain '{name}' with what is not a number", "finite numbers")
+                raise InputError(file, f"the gain '{name}' with what is not a number", "finite numbers", line)
         return make_gains_class(made._fields)._fields, columns

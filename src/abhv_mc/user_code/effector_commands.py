@@ -40,7 +40,7 @@ def parse_law(source: UserSource) -> ast.Module:
     for call, given in calls:
         keys = [key.value if isinstance(key, ast.Constant) else None for key in getattr(given, "keys", ())]
         if not isinstance(given, ast.Dict) or tuple(sorted(map(str, keys))) != names:
-            raise InputError(source.file, call.lineno, call.col_offset + 1, "other effectors in a Command", _EXPECTED)
+            raise InputError(source.file, "other effectors in a Command", _EXPECTED, call.lineno, call.col_offset + 1)
         values = dict(zip(keys, given.values, strict=True))
         numbers: list[ast.expr] = [
             ast.Call(ast.Name("float", ast.Load()), [values[name]], [])
@@ -70,7 +70,7 @@ def drive_commanded(vehicle: Vehicle, source: UserSource) -> Vehicle:
     known = name_effectors(vehicle)
     for name in find_commanded(source):
         if name not in known:
-            raise InputError(source.file, None, None, f"the effector '{name}'", one_of(known, name))
+            raise InputError(source.file, f"the effector '{name}'", one_of(known, name))
     return drive_all(vehicle)
 
 

@@ -63,26 +63,26 @@ def load_fmu(source: UserSource) -> Fmu:
     if not may_run_here():
         raise RuntimeError("native code of a user's is run by workers and the child alone")
     if (words := refuse_platform(source)) is not None:
-        raise InputError(source.file, None, None, words, "an FMU flown where it was read")
+        raise InputError(source.file, words, "an FMU flown where it was read")
     try:
         import fmpy
     except ImportError:
         wish = "pip install 'abhv-mc[fmu]'"
-        raise InputError(source.file, None, None, "no fmpy in this installation", wish) from None
+        raise InputError(source.file, "no fmpy in this installation", wish) from None
     recipe: Any = recipe_of(source)
     try:
         folder = _unzip(source, recipe["file"])
         described = fmpy.read_model_description(str(folder), validate=False)
     except Exception as error:  # of zipfile, lxml and fmpy alike
-        raise InputError(source.file, None, None, f"no FMU that can be read ({error})", "an FMU") from None
+        raise InputError(source.file, f"no FMU that can be read ({error})", "an FMU") from None
     version = int(described.fmiVersion[0])
     simulation = described.coSimulation
     if version not in _FUNCTIONS or simulation is None:
         found = f"an FMU of FMI {described.fmiVersion}{'' if simulation else ' without co-simulation'}"
-        raise InputError(source.file, None, None, found, "co-simulation of FMI 2.0 or 3.0")
+        raise InputError(source.file, found, "co-simulation of FMI 2.0 or 3.0")
     if simulation.canBeInstantiatedOnlyOncePerProcess:
         found = "an FMU that can be instantiated only once a process"
-        raise InputError(source.file, None, None, found, "one instance a flight, many side by side")
+        raise InputError(source.file, found, "one instance a flight, many side by side")
     wiring = _Wiring(source, described, version)
     platform = fmpy.platform if version == 2 else fmpy.platform_tuple
     library = folder / "binaries" / platform / f"{simulation.modelIdentifier}{fmpy.sharedLibraryExtension}"
@@ -92,7 +92,7 @@ def load_fmu(source: UserSource) -> Fmu:
             getattr(dll, f"fmi{version}{name}")
     except (OSError, AttributeError) as error:
         found = f"an FMU whose library does not load here ({error})"
-        raise InputError(source.file, None, None, found, "one with binaries for this platform") from None
+        raise InputError(source.file, found, "one with binaries for this platform") from None
     inputs = tuple(wiring.wire(name, wired) for name, wired in recipe["inputs"].items())
     outputs = tuple(wiring.wire(name, field) for field, name in recipe["outputs"].items())
     return Fmu(
@@ -157,10 +157,10 @@ class _Wiring:
         variables = {variable.name: variable for variable in self.described.modelVariables}
         variable = variables.get(name)
         if variable is None:
-            raise InputError(self.source.file, None, None, f"no variable '{name}'", one_of(variables, name))
+            raise InputError(self.source.file, f"no variable '{name}'", one_of(variables, name))
         if variable.type not in ("Real", "Float64") or variable.shape:
             found = f"the variable '{name}' of the type {variable.type}"
-            raise InputError(self.source.file, None, None, found, "a scalar floating point number")
+            raise InputError(self.source.file, found, "a scalar floating point number")
         unit = variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
         factor, offset = self._find_unit(name, unit, find_unit(wired)) if unit else (1.0, 0.0)
         return Wire(wired, int(variable.valueReference), factor, offset)
@@ -171,9 +171,9 @@ class _Wiring:
             factor, exponents = parse_unit(unit) if base is None else (base.factor, (base.m, base.kg, base.s, base.rad))
         except Refusal:
             found = f"the unit '{unit}' of '{name}', which the FMU does not define"
-            raise InputError(self.source.file, None, None, found, "a unit with its base units") from None
+            raise InputError(self.source.file, found, "a unit with its base units") from None
         if expected is not None and exponents[:3] != parse_unit(expected)[1][:3]:  # radians are often left out
-            raise InputError(self.source.file, None, None, f"'{name}' in {unit}", f"a quantity in {expected}")
+            raise InputError(self.source.file, f"'{name}' in {unit}", f"a quantity in {expected}")
         return factor, 0.0 if base is None else base.offset
 
 
@@ -208,15 +208,13 @@ def open_fmu(
     places = width if memory_in_rows else places
     unknown = [wire.name for wire in fmu.inputs if wire.name.startswith("gains.") and wire.name[6:] not in gains]
     if unknown:
-        raise InputError(
-            source.file, None, None, f"an input from '{unknown[0]}'", one_of([f"gains.{g}" for g in gains])
-        )
+        raise InputError(source.file, f"an input from '{unknown[0]}'", one_of([f"gains.{g}" for g in gains]))
     recipe: Any = recipe_of(source)
     remade = len(states) if memory_in_rows else None
     loop = compile_fmu_adapter(fmu.version, fmu.inputs, fmu.outputs, len(fmu.params), gains, width, remade)
     instances = np.array([fmu.instantiate() for _ in range(places)], np.int64)
     if not instances.all():
-        raise InputError(source.file, None, None, "an FMU that makes no instance", "one for each of many flights")
+        raise InputError(source.file, "an FMU that makes no instance", "one for each of many flights")
     starts = [
         (value - wire.offset) / wire.factor for wire, value in zip(fmu.params, recipe["params"].values(), strict=True)
     ]

@@ -21,7 +21,7 @@ def read_fmu_source(controller: FmuController) -> UserSource:
     try:
         files = tuple((name, path.read_bytes()) for name, path in paths.items())
     except OSError as error:
-        raise InputError(str(error.filename), None, None, f"a file that cannot be read ({error})", "a file") from None
+        raise InputError(str(error.filename), f"a file that cannot be read ({error})", "a file") from None
     params = {name: parse_numbers(value, ("params", name))[0] for name, value in controller.params.items()}
     recipe: dict[str, Any] = {
         "law": "fmu",
@@ -44,10 +44,10 @@ def _check_names(controller: FmuController) -> None:
         if not known:
             choices = [f"{each}.{entry}" for each, entries in _GROUPS.items() for entry in entries]
             found = f"'{source}' for the input '{name}'"
-            raise InputError(controller.file, None, None, found, one_of([*choices, "gains.NAME", "time"], source))
+            raise InputError(controller.file, found, one_of([*choices, "gains.NAME", "time"], source))
     for name in controller.outputs:
         if name not in COMMAND_FIELDS:
-            raise InputError(controller.file, None, None, f"the output '{name}'", one_of(COMMAND_FIELDS, name))
+            raise InputError(controller.file, f"the output '{name}'", one_of(COMMAND_FIELDS, name))
     missing = [name for name in _NEEDED if name not in controller.outputs]
     if missing:
-        raise InputError(controller.file, None, None, f"no output for {', '.join(missing)}", "all four controls")
+        raise InputError(controller.file, f"no output for {', '.join(missing)}", "all four controls")

@@ -19,7 +19,7 @@ def make_law_text(function: Callable[..., Any]) -> str:
     Raises InputError for what no text can be made of, such as an array: ``design`` returns arrays.
     """
     if not isinstance(function, types.FunctionType):
-        raise InputError("controller", None, None, f"{function!r:.60}", "a function, or a controller's name or file")
+        raise InputError("controller", f"{function!r:.60}", "a function, or a controller's name or file")
     made: dict[str, str] = {}
     arguments = inspect.signature(function).parameters
     for argument, name in (CLASSES | {"gains": "design"}).items():
@@ -49,14 +49,14 @@ def _take(name: str, value: Any, law: types.FunctionType, made: dict[str, str]) 
         try:
             made[name] = textwrap.dedent(inspect.getsource(value))
         except OSError:
-            raise InputError(name, None, None, "a function without its text", "one of a cell or a file") from None
+            raise InputError(name, "a function without its text", "one of a cell or a file") from None
     elif isinstance(value, int | float | str | tuple):
         made[name] = f"{name} = {value!r}\n"
     elif hasattr(value, "__module__") and hasattr(value, "__name__"):
         made[name] = f"from {value.__module__} import {value.__name__} as {name}\n"
     else:
         found = f"'{name}', a {type(value).__name__}, in the law {law.__name__}"
-        raise InputError("controller", None, None, found, "numbers, functions and named tuples; arrays from design()")
+        raise InputError("controller", found, "numbers, functions and named tuples; arrays from design()")
 
 
 def _names(code: types.CodeType) -> list[str]:

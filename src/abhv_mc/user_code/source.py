@@ -77,11 +77,11 @@ def read_source(path: Path, files: Mapping[str, Path] | None = None) -> UserSour
     try:
         content = read_input(path)
         if len(content) > MAX_BYTES:
-            raise InputError(path, None, None, f"more than {MAX_BYTES} bytes", "a Python file")
+            raise InputError(path, f"more than {MAX_BYTES} bytes", "a Python file")
         declared = tuple((name, read_input(place)) for name, place in (files or {}).items())
         return UserSource(content.decode(), str(path), declared if len(declared) > 1 else ())
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, None, None, f"a file that cannot be read ({error})", "a Python file") from None
+        raise InputError(path, f"a file that cannot be read ({error})", "a Python file") from None
 
 
 @functools.lru_cache(maxsize=64)
@@ -102,7 +102,7 @@ def compile_text(source: UserSource, flags: int = 0) -> Any:
         return compile(source.text, source.file, "exec", flags, dont_inherit=True)
     except (SyntaxError, ValueError, MemoryError, RecursionError) as error:  # the last three: zero bytes, deep nesting
         at = (error.lineno, error.offset) if isinstance(error, SyntaxError) else (None, None)
-        raise InputError(source.file, *at, f"'{getattr(error, 'msg', error)}'", "Python") from None
+        raise InputError(source.file, f"'{getattr(error, 'msg', error)}'", "Python", *at) from None
 
 
 @contextlib.contextmanager
@@ -119,10 +119,10 @@ def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[No
         line = _line_in(error, source.file)
         if (missed := _undeclared(source, error)) is not None:
             found = f"{what} that {missed[0]}, which it does not declare"
-            raise InputError(source.file, line, None, found, f"files: [{missed[1]}] in its controller file") from None
+            raise InputError(source.file, found, f"files: [{missed[1]}] in its controller file", line) from None
         if line is None and isinstance(error, OSError | MemoryError):
             raise
-        raise InputError(source.file, line, None, f"{what} that raises {_describe(error)}", expected) from None
+        raise InputError(source.file, f"{what} that raises {_describe(error)}", expected, line) from None
 
 
 def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
@@ -183,7 +183,7 @@ def load_law(source: UserSource) -> Law:
         found = module.marked(CONTROLLER)
         if len(found) != 1:
             words = f"{len(found)} functions with @controller" if found else "no function with @controller"
-            raise InputError(source.file, None, None, words, "one: from abhv_mc.extend import controller")
+            raise InputError(source.file, words, "one: from abhv_mc.extend import controller")
         (function,) = found.values()
         mark: ControllerMark = getattr(function, CONTROLLER)
         law = Law(
@@ -205,17 +205,17 @@ def check_defaults(law: Law, kind: Any, words: str, needed: bool, line_of: Calla
     file = law.source.file
     if not (isinstance(kind, type) and hasattr(kind, "_fields")):
         line = line_of(words, "")
-        raise InputError(file, line, None, f"{words} that is no NamedTuple", f"class {words}(NamedTuple)")
+        raise InputError(file, f"{words} that is no NamedTuple", f"class {words}(NamedTuple)", line)
     fields: Any = kind
     defaults = fields._field_defaults
     for name in fields._fields:
         value = defaults.get(name, 0.0)
         if name not in defaults and needed:
             found = f"no value for '{name}' at the start"
-            raise InputError(file, line_of(words, name), None, found, f"{name}: float = 0.0")
+            raise InputError(file, found, f"{name}: float = 0.0", line_of(words, name))
         if not is_number(value):
             found = f"{value!r:.40} for '{name}'"
-            raise InputError(file, line_of(words, name), None, found, "a finite number")
+            raise InputError(file, found, "a finite number", line_of(words, name))
 
 
 def is_number(value: object) -> bool:
@@ -228,4 +228,4 @@ def is_number(value: object) -> bool:
 
 def field_error(file: str, line: int | None, column: int | None, of: str, name: str, known: Any) -> InputError:
     """What to raise for a name that a named tuple does not have."""
-    return InputError(file, line, column, f"{of}.{name}, which there is not", one_of(known, name))
+    return InputError(file, f"{of}.{name}, which there is not", one_of(known, name), line, column)

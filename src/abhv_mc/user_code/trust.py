@@ -45,7 +45,7 @@ def check_trusted(source: UserSource, trusted: bool = False) -> None:
         _trusted_now.add(source.hash)
     if source.hash not in _trusted_now and not is_trusted(source):
         found = "Python code that you have not flown from a file of your own: it would run with your rights"
-        raise InputError(source.file, None, None, found, "a look at it, then --trust-code")
+        raise InputError(source.file, found, "a look at it, then --trust-code")
 
 
 def is_in_a_folder(file: Path) -> bool:

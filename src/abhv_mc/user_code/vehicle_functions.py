@@ -62,9 +62,9 @@ def _load(path: str | Path) -> Vehicle:
         found = (
             f"tables that fill {rows} rows (those on equal axes share rows in eights; slopes with deflections count)"
         )
-        raise InputError(file.path, None, None, found, f"at most {s.MAX_TABLE_ROWS}")
+        raise InputError(file.path, found, f"at most {s.MAX_TABLE_ROWS}")
     if axes > s.MAX_AXES:
-        raise InputError(file.path, None, None, f"tables on {axes} different grids", f"at most {s.MAX_AXES}")
+        raise InputError(file.path, f"tables on {axes} different grids", f"at most {s.MAX_AXES}")
     if file.code is None:
         return vehicle
     check_vehicle_trusted(path)
@@ -129,12 +129,12 @@ def _prepare(
         function = module.names.get(of.function)
         nodes = {node.name: node for node in ast.parse(source.text).body if isinstance(node, ast.FunctionDef)}
         if of.function not in nodes or not callable(function):
-            raise InputError(source.file, None, None, f"no function '{of.function}'", one_of(nodes, of.function))
+            raise InputError(source.file, f"no function '{of.function}'", one_of(nodes, of.function))
         given = tuple(inspect.signature(function).parameters)
         for name in given:
             if name not in arguments:
                 line = nodes[of.function].lineno
-                raise InputError(source.file, line, None, f"the argument '{name}'", one_of(arguments, name))
+                raise InputError(source.file, f"the argument '{name}'", one_of(arguments, name), line)
         check_functions(source.file, nodes[of.function], nodes, module.names)
         settings = _settings(module, of)
         names = compiled_names(module)
@@ -156,23 +156,21 @@ def _settings(module: Module, of: FunctionCode) -> tuple[float, ...] | None:
     given = dict(of.settings)
     if kind is None:
         if given:
-            raise InputError(
-                file, None, None, f"settings {', '.join(given)}", "a class Settings(NamedTuple) in the file"
-            )
+            raise InputError(file, f"settings {', '.join(given)}", "a class Settings(NamedTuple) in the file")
         return None
     units = module.names.get("UNITS", {})
     values = []
     for name in given:
         if name not in kind._fields:
-            raise InputError(file, None, None, f"the setting '{name}'", one_of(kind._fields, name))
+            raise InputError(file, f"the setting '{name}'", one_of(kind._fields, name))
     for name in kind._fields:
         value = given.get(name, kind._field_defaults.get(name))
         try:
             number = value if name not in given else parse_in_unit(value, units.get(name, "-"))
         except Refusal as refusal:
-            raise InputError(file, None, None, f"{name}: {refusal.found}", refusal.expected) from None
+            raise InputError(file, f"{name}: {refusal.found}", refusal.expected) from None
         if not is_number(number):
-            raise InputError(file, None, None, f"no number for the setting '{name}'", "one, or a default")
+            raise InputError(file, f"no number for the setting '{name}'", "one, or a default")
         values.append(float(number))
     return tuple(values)
 

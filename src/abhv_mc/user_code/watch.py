@@ -105,7 +105,8 @@ def _check(watch: _Watch, event: str, arguments: tuple[Any, ...]) -> None:
     verb = "opens" if event == "open" and not real.endswith((".py", ".pyc")) else "loads"
     short = path if bare else _shorten(watch, path)
     found = f"code that {verb} '{short}', which it does not declare"
-    watch.refused = InputError(*place, None, found, f"files: [{short}] in its controller file")
+    file, line = place
+    watch.refused = InputError(file, found, f"files: [{short}] in its controller file", line)
     raise watch.refused
 
 

@@ -131,7 +131,7 @@ def evaluate_functions(
     """
     digest = vehicle.foreign.digest.tobytes()
     if digest not in _evaluators:
-        raise InputError("vehicle", None, None, "functions that were not loaded", "load_vehicle, which runs their file")
+        raise InputError("vehicle", "functions that were not loaded", "load_vehicle, which runs their file")
     shape = variables.shape[1:]
     points = variables.reshape(len(variables), -1)
     if density is None or speed is None:

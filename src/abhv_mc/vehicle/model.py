@@ -136,7 +136,7 @@ def drive_axes(vehicle: Vehicle) -> Vehicle:
     other = next((i for i, kind in enumerate(kinds) if kind != kinds[0]), None)
     if other is not None:
         found = f"actuators that differ: {names[0]} ({_lag(kinds[0])}), {names[other]} ({_lag(kinds[other])})"
-        raise InputError("vehicle", None, None, found, "one bandwidth and damping of all surfaces, for a linear model")
+        raise InputError("vehicle", found, "one bandwidth and damping of all surfaces, for a linear model")
     bandwidth, damping, ideal = kinds[0]
     constants = c._replace(surface_bandwidth=bandwidth, surface_damping=damping, ideal_surfaces=ideal)
     return follow_axes(vehicle)._replace(constants=constants)

@@ -69,7 +69,7 @@ class Rows:
         """What to raise about a cell; ``row`` None is the header, ``column`` None the whole line."""
         line, texts = (self.header_line, self.header) if row is None else (self.lines[row], self.cells[row])
         place = None if column is None else 1 + sum(len(text) + 1 for text in texts[:column])
-        return InputError(self.path, line, place, found, expected)
+        return InputError(self.path, found, expected, line, place)
 
     def numbers(self, column: int) -> Floats:
         """One column as finite numbers ``[row]``. Raises :class:`InputError`."""
@@ -87,9 +87,9 @@ def read_rows(path: Path) -> Rows:
     try:
         text = read_input(path).decode("utf-8-sig")
     except OSError as error:
-        raise InputError(path, None, None, f"a file that cannot be read ({error.strerror})", "a CSV file") from None
+        raise InputError(path, f"a file that cannot be read ({error.strerror})", "a CSV file") from None
     except UnicodeDecodeError:
-        raise InputError(path, None, None, "bytes that are not UTF-8 text", "a CSV file") from None
+        raise InputError(path, "bytes that are not UTF-8 text", "a CSV file") from None
     return split_rows(path, text)
 
 
@@ -97,11 +97,11 @@ def split_rows(path: Path, text: str) -> Rows:
     """Cells of equal count from a CSV file's text. Raises :class:`InputError`."""
     numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if len(numbered) < 2:
-        raise InputError(path, 1, None, "no rows", "a header and rows of numbers")
+        raise InputError(path, "no rows", "a header and rows of numbers", 1)
     try:
         (header, *cells) = [_split(line) for _, line in numbered]
     except csv.Error as error:
-        raise InputError(path, None, None, str(error), "a CSV file of numbers") from None
+        raise InputError(path, str(error), "a CSV file of numbers") from None
     header_line, *lines = [i for i, _ in numbered]
     rows = Rows(path, [name.strip() for name in header], header_line, cells, lines)
     for row, found in enumerate(rows.cells):

@@ -40,7 +40,7 @@ def find_files(folder: Path) -> dict[tuple[str, str], Path]:
     A second file of the same case and simulator goes by its place. Raises :class:`InputError` where there is none.
     """
     if not folder.is_dir():
-        raise InputError(folder, None, None, "no such folder", "a folder of check-cases")
+        raise InputError(folder, "no such folder", "a folder of check-cases")
     found: dict[tuple[str, str], Path] = {}
     known = {*(f"{number:02d}" for number in CASES), *read_aircraft_cases()}
     links = (path for path in folder.iterdir() if path.is_symlink())
@@ -53,7 +53,7 @@ def find_files(folder: Path) -> dict[tuple[str, str], Path]:
             found[key if key not in found else (key[0], f"{key[1]} {path.relative_to(folder)}")] = path
     if not found:
         expected = "Atmos_NN_Name/Atmos_NN_sim_MM.csv of one of the cases 01 to 16"
-        raise InputError(folder, None, None, "no check-case", expected)
+        raise InputError(folder, "no check-case", expected)
     return dict(sorted(found.items()))
 
 
@@ -80,7 +80,7 @@ def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
         check_times(path, times)
         if times[0] < 0.0 or times[-1] > _LONGEST:
             found = f"times {times[0]:g} to {times[-1]:g} s"
-            raise InputError(path, None, None, found, f"times from 0 to at most {_LONGEST:g} s")
+            raise InputError(path, found, f"times from 0 to at most {_LONGEST:g} s")
     rows: list[Row] = []
     for name in sorted({case for case, _ in data}):
         given = {simulator: columns for (case, simulator), columns in data.items() if case == name}

@@ -30,7 +30,7 @@ def read_columns(path: Path, names: Iterable[str]) -> dict[str, Floats]:
             raise rows.error(None, None, f"{len(places)} columns {name} that differ", "one")
         columns[name] = rows.numbers(places[0])
     if len(rows.cells) < 2:
-        raise InputError(path, None, None, f"{len(rows.cells)} rows of numbers", "at least 2")
+        raise InputError(path, f"{len(rows.cells)} rows of numbers", "at least 2")
     return columns
 
 
@@ -43,13 +43,13 @@ def _read_text(path: Path) -> str:
             with path.open("rb") as file:
                 raw = file.read(_MOST_BYTES + 1)
         if len(raw) > _MOST_BYTES:
-            raise InputError(path, None, None, "a very large file", f"at most {_MOST_BYTES // 1_000_000} MB")
+            raise InputError(path, "a very large file", f"at most {_MOST_BYTES // 1_000_000} MB")
         return raw.decode("utf-8-sig")
     except (OSError, EOFError, zlib.error) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(path, None, None, f"a file that cannot be read ({reason})", "a CSV file") from None
+        raise InputError(path, f"a file that cannot be read ({reason})", "a CSV file") from None
     except UnicodeDecodeError:
-        raise InputError(path, None, None, "bytes that are not UTF-8 text", "a CSV file") from None
+        raise InputError(path, "bytes that are not UTF-8 text", "a CSV file") from None
 
 
 def stack_columns(columns: dict[str, Floats], names: list[str]) -> Floats:
@@ -62,10 +62,10 @@ def check_times(path: Path, times: Floats, uniform: bool = False) -> None:
     steps = np.diff(times)
     falling = np.flatnonzero(steps <= 0.0)
     if falling.size:
-        raise InputError(path, int(falling[0]) + 3, None, f"the time {times[falling[0] + 1]:g} s", "times that rise")
+        raise InputError(path, f"the time {times[falling[0] + 1]:g} s", "times that rise", int(falling[0]) + 3)
     if uniform:
         step = float(np.median(steps))
         off = np.flatnonzero(np.abs(steps - step) > _EVEN * step)
         if off.size:
             found = f"{steps[off[0]]:g} s since the row before"
-            raise InputError(path, int(off[0]) + 3, None, found, f"evenly spaced rows, {step:g} s apart")
+            raise InputError(path, found, f"evenly spaced rows, {step:g} s apart", int(off[0]) + 3)

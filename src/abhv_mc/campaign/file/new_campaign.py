@@ -39,14 +39,14 @@ def write_new_campaign(folder: Path, name: str = DEFAULT, law: str | None = None
     Raises :class:`InputError` for an unknown name, or where the folder holds something already.
     """
     if law is not None and law not in LAWS:
-        raise InputError("--law", None, None, f"'{law}'", one_of(LAWS, law))
+        raise InputError("--law", f"'{law}'", one_of(LAWS, law))
     known = shipped_files("campaign")
     if name not in known:
-        raise InputError("--from", None, None, f"'{name}'", one_of(known, name))
+        raise InputError("--from", f"'{name}'", one_of(known, name))
     if folder.exists() and not folder.is_dir():
-        raise InputError(folder, None, None, "a file", "a new or an empty folder")
+        raise InputError(folder, "a file", "a new or an empty folder")
     if folder.is_dir() and any(folder.iterdir()):
-        raise InputError(folder, None, None, "a folder that is not empty", "a new or an empty one")
+        raise InputError(folder, "a folder that is not empty", "a new or an empty one")
     source = known[name]
     campaign = read_campaign(source).model
     named = (campaign.vehicle, campaign.mission, *campaign.controllers.values())

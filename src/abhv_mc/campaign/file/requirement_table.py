@@ -38,21 +38,21 @@ def _read_table(path: Path) -> Document:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
-        raise InputError(path, None, None, f"a file that cannot be read ({error})", "a CSV file in UTF-8") from None
+        raise InputError(path, f"a file that cannot be read ({error})", "a CSV file in UTF-8") from None
     reader = csv.reader(text.splitlines())
     heads = [head.strip() for head in next(reader, [])]
     for column, head in enumerate(heads, 1):
         if head not in _COLUMNS:
-            raise InputError(path, 1, column, f"the column '{head}'", one_of(_COLUMNS, head))
+            raise InputError(path, f"the column '{head}'", one_of(_COLUMNS, head), 1, column)
     if "metric" not in heads:
-        raise InputError(path, 1, 1, "no column 'metric'", "a first line with the names of the columns")
+        raise InputError(path, "no column 'metric'", "a first line with the names of the columns", 1, 1)
     entries: list[Any] = []
     places: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
     for cells in reader:
         if not any(cell.strip() for cell in cells):
             continue
         if len(cells) > len(heads):
-            raise InputError(path, reader.line_num, len(heads) + 1, "more cells than columns", "a cell for each column")
+            raise InputError(path, "more cells than columns", "a cell for each column", reader.line_num, len(heads) + 1)
         entry: dict[str, Any] = {}
         place = ("requirements", len(entries))
         places[place] = (reader.line_num, 1)

@@ -37,8 +37,8 @@ def try_law(file: Path, controller: UserController, vehicle: Path | None, missio
         block = run_in_thread(lambda: fly(one_tick, nominal_parameters()), _LONGEST)
     except TimeoutError:
         found = f"a law whose first tick is not done in {_LONGEST:g} s"
-        raise InputError(place, None, None, found, "a law whose loops end") from None
+        raise InputError(place, found, "a law whose loops end") from None
     broken = _BROKEN.get(Outcome(int(block.outcome[0])))
     if broken is not None:
-        raise InputError(place, None, None, broken, "finite commands")
+        raise InputError(place, broken, "finite commands")
     return []

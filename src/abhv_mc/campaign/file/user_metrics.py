@@ -170,11 +170,11 @@ def find_user_channels(path: Path) -> tuple[tuple[str, str], ...]:
                 if isinstance(mark, ast.Call) and isinstance(mark.func, ast.Name) and mark.func.id == "channel":
                     units = [word.value for word in mark.keywords if word.arg == "unit"]
                     if len(units) != 1 or not isinstance(units[0], ast.Constant):
-                        raise InputError(path, mark.lineno, None, "@channel without a unit", '@channel(unit="deg")')
+                        raise InputError(path, "@channel without a unit", '@channel(unit="deg")', mark.lineno)
                     if node.name in SOURCES or node.name in FUNCTIONS or node.name in ("min", "max"):
                         found_name = f"'{node.name}', a name of the program"
-                        raise InputError(path, node.lineno, None, found_name, "another name")
+                        raise InputError(path, found_name, "another name", node.lineno)
                     found.append((node.name, str(units[0].value)))
     if not found:
-        raise InputError(path, None, None, "no function with @channel", 'one: @channel(unit="deg")')
+        raise InputError(path, "no function with @channel", 'one: @channel(unit="deg")')
     return tuple(found)

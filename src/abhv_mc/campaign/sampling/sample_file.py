@@ -33,18 +33,18 @@ def read_sample_file(path: Path, known: Sequence[str]) -> SampleFile:
     names = tuple(name for name in table if name != "flight")
     for name in names:
         if name not in known:
-            raise InputError(path, 1, None, f"a column '{name}'", f"a parameter: {one_of(known, name)}")
+            raise InputError(path, f"a column '{name}'", f"a parameter: {one_of(known, name)}", 1)
     if not names:
-        raise InputError(path, 1, None, "no column of a parameter", "at least one")
+        raise InputError(path, "no column of a parameter", "at least one", 1)
     values = np.column_stack([table[name] for name in names])
     if not len(values):
-        raise InputError(path, 1, None, "no rows", "one row per flight")
+        raise InputError(path, "no rows", "one row per flight", 1)
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
         row, column = bad[0]
-        raise InputError(path, int(row) + 2, None, f"{names[column]} that is not finite", "finite numbers")
+        raise InputError(path, f"{names[column]} that is not finite", "finite numbers", int(row) + 2)
     if "flight" in table and not np.array_equal(table["flight"], np.arange(len(values))):
-        raise InputError(path, 2, None, "a column 'flight' that does not count up from 0", "0, 1, 2, ...")
+        raise InputError(path, "a column 'flight' that does not count up from 0", "0, 1, 2, ...", 2)
     return SampleFile(names, values)
 
 
@@ -56,7 +56,7 @@ def _read_parquet(path: Path) -> dict[str, NDArray[np.float64]]:
         table = pq.read_table(pa.BufferReader(read_input(path)))
         return {name: table[name].cast(pa.float64()).to_numpy() for name in table.column_names}
     except (pa.ArrowException, OSError) as error:
-        raise InputError(path, None, None, str(error).splitlines()[0], "a Parquet file of numbers") from None
+        raise InputError(path, str(error).splitlines()[0], "a Parquet file of numbers") from None
 
 
 def _read_csv(path: Path) -> dict[str, NDArray[np.float64]]:

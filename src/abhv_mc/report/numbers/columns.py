@@ -21,7 +21,7 @@ _CHUNK = 16_384  # rows written at once
 
 def missing_file(path: Path, expected: str) -> InputError:
     """The error for a file that is not there."""
-    return InputError(path, None, None, "no such file", expected)
+    return InputError(path, "no such file", expected)
 
 
 @contextmanager
@@ -32,7 +32,7 @@ def _open(path: Path, expected: str) -> Iterator[pq.ParquetFile]:
         with pq.ParquetFile(path) as file:
             yield file
     except (pa.ArrowInvalid, OSError) as error:
-        raise InputError(path, None, None, str(error).splitlines()[0], expected) from None
+        raise InputError(path, str(error).splitlines()[0], expected) from None
 
 
 def read_table(path: Path, expected: str, columns: Sequence[str] | None = None) -> pa.Table:

@@ -29,10 +29,10 @@ def require_same_samples(mine: Mapping[str, Floats], theirs: Mapping[str, Floats
     expected = f"the samples of {folder}"
     for name in mine:
         if name not in theirs:
-            raise InputError(path, None, None, f"no column '{name}'", expected)
+            raise InputError(path, f"no column '{name}'", expected)
     for name in theirs:
         if name not in mine:
-            raise InputError(path, None, None, f"a column '{name}'", f"{expected}, which have none")
+            raise InputError(path, f"a column '{name}'", f"{expected}, which have none")
     for name, values in mine.items():
         others = theirs[name]
         both = min(values.size, others.size)
@@ -40,7 +40,7 @@ def require_same_samples(mine: Mapping[str, Floats], theirs: Mapping[str, Floats
         if differ.size:
             k = int(differ[0])
             found = f"{name} = {float(others[k])!r} in flight {k}"
-            raise InputError(path, None, None, found, f"{float(values[k])!r} as in {folder}")
+            raise InputError(path, found, f"{float(values[k])!r} as in {folder}")
 
 
 def check_baseline(campaign: CheckedCampaign, baseline: Path) -> None:
@@ -65,9 +65,9 @@ def parse_margins(texts: Sequence[str]) -> dict[str, float]:
         except Refusal:
             margin = -1.0
         if margin < 0.0:
-            raise InputError("--fail-if-worse", None, None, f"'{text}'", "METRIC=SHARE, a share from 0 such as 5%")
+            raise InputError("--fail-if-worse", f"'{text}'", "METRIC=SHARE, a share from 0 such as 5%")
         if metric.strip() in margins:
-            raise InputError("--fail-if-worse", None, None, f"'{metric.strip()}' a second time", "each metric once")
+            raise InputError("--fail-if-worse", f"'{metric.strip()}' a second time", "each metric once")
         margins[metric.strip()] = margin
     return margins
 
@@ -93,7 +93,7 @@ def compare_results(
     records = a.campaign.metrics
     for metric in margins or {}:
         if metric not in metrics:
-            raise InputError("--fail-if-worse", None, None, f"unknown metric '{metric}'", one_of(metrics, metric))
+            raise InputError("--fail-if-worse", f"unknown metric '{metric}'", one_of(metrics, metric))
     requirements = tuple(item for item in a.campaign.requirements if item.metric in metrics)
     independent = a.campaign.independent
     pairs = []
@@ -106,7 +106,7 @@ def compare_results(
             failed = compare_any_failures(*flights, requirements)
             pairs.append({**found, "controllers": [one, other], "any_failure": failed, "not_worse": gates})
     if not pairs:
-        raise InputError(b.folder, None, None, "no flight that both campaigns flew", f"flights of {a.folder}")
+        raise InputError(b.folder, "no flight that both campaigns flew", f"flights of {a.folder}")
     return {
         "requirements": [requirement_words(item, records) for item in requirements],
         "words": {name: records[name].as_words() for name in metrics},
@@ -148,15 +148,15 @@ def _pairs(a: Results, b: Results, controllers: Sequence[str]) -> Iterator[tuple
     if controllers:
         if len(controllers) != 2:
             found = f"{len(controllers)} controllers"
-            raise InputError("--controllers", None, None, found, "two: the first folder's and the second's")
+            raise InputError("--controllers", found, "two: the first folder's and the second's")
         for name, results in zip(controllers, (a, b), strict=True):
             if name not in results.flights:
                 expected = " or ".join(results.controllers)
-                raise InputError(results.folder, None, None, f"no flights of '{name}'", expected)
+                raise InputError(results.folder, f"no flights of '{name}'", expected)
         yield controllers[0], controllers[1]
         return
     common = [name for name in a.controllers if name in b.flights]
     if not common:
         found = f"the controllers {', '.join(b.controllers)}"
-        raise InputError(b.folder, None, None, found, f"one of {', '.join(a.controllers)}")
+        raise InputError(b.folder, found, f"one of {', '.join(a.controllers)}")
     yield from ((name, name) for name in common)

@@ -222,7 +222,7 @@ def read_results(root: Path) -> Results:
     manifest = read_checked(folder)
     if manifest.get("shard"):
         found = "shard {}/{} of a campaign".format(*manifest["shard"])
-        raise InputError(root, None, None, found, "all of it: 'abhv-mc merge' joins its shards")
+        raise InputError(root, found, "all of it: 'abhv-mc merge' joins its shards")
     samples = FileColumns(folder.samples, "the samples of a campaign", without="flight")
     campaign = read_facts(folder.campaign)
     flights = read_flights(folder.flights, data_files(folder, manifest), campaign.metrics)

@@ -63,11 +63,11 @@ def _refuse_too_little(root: Path, effective: float, unseen: Unseen, flights: Co
     most = max(unseen.single, unseen.joint)
     if most > MOST_UNSEEN:
         found = f"{100.0 * most:.2g} % of the probability beyond all {total} flights"
-        raise InputError(root, None, None, found, f"at most {100.0 * MOST_UNSEEN:g} %: fly a fresh campaign")
+        raise InputError(root, found, f"at most {100.0 * MOST_UNSEEN:g} %: fly a fresh campaign")
     if effective < FEWEST_EFFECTIVE:
         found = f"flights worth {effective:.0f}, of {total} flown"
         expected = f"an effective number of at least {FEWEST_EFFECTIVE:g}: a smaller change, more flights, or a fresh"
-        raise InputError(root, None, None, found, f"{expected} campaign")
+        raise InputError(root, found, f"{expected} campaign")
 
 
 def _requirements(results: Results, flights: ControllerFlights, weights: Floats, unseen: float) -> list[dict[str, Any]]:

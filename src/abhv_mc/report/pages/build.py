@@ -98,7 +98,7 @@ def build_report(folder: Path, format: Format = "html", baseline: Path | None = 
     Raises InputError where a file is missing or unreadable, and for another format.
     """
     if format not in get_args(Format):
-        raise InputError("format", None, None, describe(format), one_of(get_args(Format)))
+        raise InputError("format", describe(format), one_of(get_args(Format)))
     from abhv_mc.folder.layout import write_text
     from abhv_mc.report.figures.style import write_png, write_svg
     from abhv_mc.report.numbers.report_numbers import make_numbers

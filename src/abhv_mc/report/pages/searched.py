@@ -13,7 +13,7 @@ def refuse_search(root: Path, manifest: dict[str, Any]) -> None:
     """Raise InputError for a search's folder, naming the command that makes its page again."""
     if "search" in manifest:
         expected = f"the search's own command, which makes its page again from them: {search_command(root, manifest)}"
-        raise InputError(root, None, None, "the flights of a search, of which there is no campaign's report", expected)
+        raise InputError(root, "the flights of a search, of which there is no campaign's report", expected)
 
 
 def search_command(root: Path, manifest: dict[str, Any]) -> str:

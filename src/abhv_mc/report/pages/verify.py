@@ -25,7 +25,7 @@ def verify_campaign(root: Path) -> Iterator[str]:
     folder = CampaignFolder(root)
     manifest = read_manifest(folder.manifest)
     if holder := lock_holder(folder.lock):
-        raise InputError(root, None, None, f"a campaign that {holder} is flying", "the end of that run")
+        raise InputError(root, f"a campaign that {holder} is flying", "the end of that run")
     yield from (f"{path.relative_to(folder.root).as_posix()}: {found}" for path, found in find_damage(folder, manifest))
     if "search" not in manifest:
         yield from _report_differences(root)
@@ -34,12 +34,12 @@ def verify_campaign(root: Path) -> Iterator[str]:
 def _report_differences(root: Path) -> Iterator[str]:
     path = root / "report.json"
     if not path.is_file():
-        raise InputError(path, None, None, "no such file", f"a report: abhv-mc report {root}")
+        raise InputError(path, "no such file", f"a report: abhv-mc report {root}")
     try:
         written: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         files, pages, pictures = (written.pop(name) for name in ("files", "pages", "pictures"))
     except (ValueError, KeyError) as error:
-        raise InputError(path, None, None, f"no report's numbers ({error})", f"abhv-mc report {root}") from None
+        raise InputError(path, f"no report's numbers ({error})", f"abhv-mc report {root}") from None
     written.pop("key", None)
     yield from differences(files, hash_files(root), "files")
     yield from differences(pages, hash_pages(root, pages), "pages")
