@@ -4,7 +4,7 @@
 
 The default campaign's TLC and LQR by one thread of this process. A flight's time is the difference of a larger and a
 smaller campaign over the difference of their flights, so that nothing that comes once is in it; the kernel flies the
-same samples in turns with them.
+same samples in turns with them. Flights a second and core are told per GFLOP/s of the core's peak.
 """
 
 import argparse
@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 from statistics import median
 
+from abhv_mc.bench.peak import measure_peak
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.engine import make_engine
@@ -58,12 +59,14 @@ def main() -> None:
     kernel()  # loads or compiles
     run(64)
     for words, (few, many) in SIZES.items():
-        ratios = []
+        ratios, rates = [], []
         for _ in range(rounds):
             before, small, between, large, after = kernel(), run(few), kernel(), run(many), kernel()
             flight = (large - small) / ((many - few) * len(LAWS))
             ratios.append(flight / median((before, between, after)))
-        print(f"{words}: {median(ratios):.3f} x the kernel ({min(ratios):.3f} to {max(ratios):.3f})", flush=True)
+            rates.append(1e9 / (flight * measure_peak()))
+        print(f"{words}: {median(ratios):.3f} x the kernel ({min(ratios):.3f} to {max(ratios):.3f}), ", end="")
+        print(f"{median(rates):.1f} flights/s per GFLOP/s ({min(rates):.1f} to {max(rates):.1f})", flush=True)
 
 
 if __name__ == "__main__":

@@ -120,8 +120,9 @@ def check_functions(
     seen, pending = {first.name}, [first]
     while pending:
         function = pending.pop()
+        local = _locals(function)
         for node in _walk(function):
-            refused = _find_refused(node, names, _locals(function))
+            refused = _find_refused(node, names, local)
             if refused is not None:
                 place = getattr(node, "lineno", function.lineno), getattr(node, "col_offset", 0) + 1
                 raise InputError(file, refused[0], refused[1], *place)
