@@ -11,7 +11,8 @@ those of TLC with Table 1, and 16 corners of the wide box with 40 ms of delay, w
 Two searches of 14 free entries start from different files and share nothing; on the other vehicles also from what each
 found on the first. Each step is a CMA-ES for one aim, from the best candidate so far for it: small errors within a
 budget of usage, or small errors at the usage of that design of the other law that is nearest. A step is a file in
-``--work``: the command goes on where it stopped. A round takes 0.2 to 0.4 hours a vehicle; then ``fronts_results.py``.
+``--work``: the command goes on where it stopped. The first round takes 0.2 to 0.3 hours of a core a vehicle, a later
+one 0.3 to 0.9; then ``fronts_results.py``.
 """
 
 import argparse

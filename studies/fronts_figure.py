@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from fronts import ANGLES, LAWS, SEARCHES
+from fronts import AGREE, ANGLES, LAWS, SEARCHES
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -71,13 +71,14 @@ def draw_shipped(axes: Axes, shipped: dict[str, Any], column: int, ends: tuple[f
             beyond = [f"error {value:.2g}"] if value != at[1] else []
             beyond += [f"usage {usage:.2g}"] if usage != at[0] else []
             down = "bottom" if value < ends[0] else "top"
+            left = at[0] < 0.3  # where there is no room
             axes.annotate(
                 ", ".join(beyond),
                 at,
-                (-5, -8 if law == "tlc" else 0),
+                (5 if left else -5, -8 if law == "tlc" else 0),
                 size=5.5,
                 textcoords="offset points",
-                ha="right",
+                ha="left" if left else "right",
                 va=down,
             )
 
@@ -128,7 +129,7 @@ def plot_fronts(results: dict[str, Any]) -> Figure:
                     if designs := found["fronts"].get(f"{law} {search}"):
                         draw_front(axes, designs, column, law, search)
             draw_shipped(axes, found["shipped"], column, (low, high))
-            draw_pairs(axes, [pair for pair in found["pairs"] if pair["budget"]], column)
+            draw_pairs(axes, [pair for pair in found["pairs"] if pair["mismatch"] <= AGREE - 1.0], column)
             axes.set_xscale("log")
             axes.set_yscale("log")
             axes.minorticks_off()
