@@ -20,7 +20,8 @@ ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "reports/example"
 HASHES = {"digest", "digests", "files", "key", "pages", "pictures"}
 _ROW_OF_ONE_MACHINE = re.compile(
-    r"^\| (started|wall time s|command|commit|compiler|(source|manifest) hash|(machine|versions|digests?)\b.*?) \|"
+    r"^\| (started|wall time s|command|commit|compiler|flown by|(source|manifest) hash"
+    r"|(machine|versions|digests?)\b.*?) \|"
 )
 
 

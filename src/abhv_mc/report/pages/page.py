@@ -115,7 +115,7 @@ def _provenance(results: Results) -> list[tuple[str, str]]:
     for key, value in results.manifest.items():
         if key in ("controllers", "requirements", "files", "inputs"):  # in tables of their own
             continue
-        label = key.replace("_", " ")
+        label = "question hash" if key == "question" else key.replace("_", " ")
         if isinstance(value, dict):
             rows += [(f"{label}: {inner.replace('_', ' ')}", _plain_words(item)) for inner, item in value.items()]
         else:
