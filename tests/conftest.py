@@ -25,6 +25,8 @@ os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(Path(__file__).pare
 _THOROUGH = (
     "benchmarks",
     "campaign/test_flipped_bits.py",
+    "control/design/test_retuned.py",
+    "control/design/test_robust.py",
     "docs",
     "execution/test_cluster.py",
     "execution/test_faults.py",
@@ -41,6 +43,7 @@ _THOROUGH = (
     "studies",
     "test_public_numba.py",
     "test_wheel.py",
+    "verification/test_step_study.py",
 )
 _CAMPAIGNS_FLY = (
     "analysis",

@@ -38,6 +38,7 @@ print(call(1.0), call(2.0))
 """
 
 
+@pytest.mark.thorough
 def test_a_change_in_another_file_reaches_cached_code(source, tmp_path):
     (source / "world" / "called.py").write_text(
         "from abhv_mc.jit import scalar\n@scalar\ndef add(x):\n    return x + 1.0\n"
@@ -53,6 +54,7 @@ def test_a_change_in_another_file_reaches_cached_code(source, tmp_path):
     assert run(CALLER, source, tmp_path / "cache") == ["compiling", "6.0", "7.0"]
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(jit.compiler() == "public", reason="numba's own cache")
 def test_a_flipped_bit_in_the_cache_is_not_executed(source, tmp_path):
     """It gave other numbers, killed the process or ended in a traceback, at each start until somebody deleted it."""
@@ -67,6 +69,7 @@ def test_a_flipped_bit_in_the_cache_is_not_executed(source, tmp_path):
     assert run(CALLER, source, tmp_path / "cache") == ["2.0", "3.0"]
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(jit.compiler() == "public", reason="numba's own cache")
 def test_a_kernel_for_another_kind_of_array_joins_the_first(source, tmp_path):
     (source / "world" / "caller.py").write_text(ADD_ONE)
@@ -236,6 +239,7 @@ subprocess.run([sys.executable, "-W", "error", "-c", "from abhv_mc import jit; p
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "change",
     ["", "del numba.core.codegen.JITCodeLibrary", "numba.core.codegen.JITCodeLibrary = type('Another', (), dict())"],

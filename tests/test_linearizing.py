@@ -37,7 +37,12 @@ def test_a_gain_sweep_of_margins_needs_no_files():
 
 
 @pytest.mark.parametrize(
-    ("controller", "pole", "end"), [("tlc", 8.55, 22.5), ("tlc_robust", 4.08, 25.0), ("lqr_robust", None, 60.0)]
+    ("controller", "pole", "end"),
+    [
+        ("tlc", 8.55, 22.5),
+        pytest.param("tlc_robust", 4.08, 25.0, marks=pytest.mark.thorough),
+        ("lqr_robust", None, 60.0),
+    ],
 )
 def test_a_stuck_aileron_is_lost_where_the_loop_without_it_grows(controller, pole, end):
     """The table of docs/how-to/failures.md."""

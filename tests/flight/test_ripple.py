@@ -119,9 +119,12 @@ CYCLING = {
     "s": ("s_manoeuvre", "lqr_robust", {}, "bank", 0.0, 0.0),
     "climb": ("climb", "tlc", {}, "bank", 0.0, 0.0),
 }
+EACH_KIND = ("rudder", "chatter_aileron", "slow", "paper", "turn", "s")
 
 
-@pytest.mark.parametrize("case", CYCLING)
+@pytest.mark.parametrize(
+    "case", [case if case in EACH_KIND else pytest.param(case, marks=pytest.mark.thorough) for case in CYCLING]
+)
 def test_flights_that_cycle_and_flights_that_do_not(case: str) -> None:
     mission, controller, dispersions, angle, size, frequency = CYCLING[case]
     metrics = flying.fly(mission, "ghame_x", controller, dispersions, every=100).attrs["metrics"]

@@ -12,7 +12,10 @@ from abhv_mc.plant.parameters import PARAMETER_INDEX
 BOX = {"atmosphere.density": 0.10, "aero.lift": 0.10, "aero.drag": 0.15}
 
 
-@pytest.mark.parametrize("mission", ["level", "turn", "level_mach15", "turn_mach15"])
+@pytest.mark.parametrize(
+    "mission",
+    [*(pytest.param(each, marks=pytest.mark.thorough) for each in ("level", "turn", "level_mach15")), "turn_mach15"],
+)
 def test_flies_level_and_turns_at_both_points(repository, mission):
     """The nominal flight and the corners of the paper's box, with the gains of the paper's Table 1."""
     configs = repository / "configs"

@@ -134,7 +134,14 @@ def test_a_banked_trim_turns_as_its_reference_does():
     np.testing.assert_allclose(rates[0, path.CHI], plan.reference[0, 7], atol=1e-10)
 
 
-@pytest.mark.parametrize(("controller", "delay"), [("lqr_retuned", 0.0), ("tlc", 0.03), ("lqr", 0.02)])
+@pytest.mark.parametrize(
+    ("controller", "delay"),
+    [
+        pytest.param("lqr_retuned", 0.0, marks=pytest.mark.thorough),
+        ("tlc", 0.03),
+        pytest.param("lqr", 0.02, marks=pytest.mark.thorough),
+    ],
+)
 def test_a_small_disturbance_flies_as_the_linear_model_says(controller, delay):
     # Without fuel flow: a difference of the throttle is one of the mass too, which is no state of the model.
     dispersions = parameters(sensor__delay=delay, propulsion__specific_impulse=1e9)
@@ -146,8 +153,8 @@ NEUTRAL = [
     ("ghame_x", "level", "lqr_retuned", "aileron", "gain_high"),
     # TLC's slope over its last deflections is nothing here: steps of any size must stay in the tables' cells.
     ("winged_cone", "level_mach15", "tlc", "rudder", "gain_low"),
-    ("winged_cone", "level_mach15", "tlc", "rudder", "gain_high"),
-    ("winged_cone", "level_mach15", "tlc", "aileron", "gain_high"),
+    pytest.param("winged_cone", "level_mach15", "tlc", "rudder", "gain_high", marks=pytest.mark.thorough),
+    pytest.param("winged_cone", "level_mach15", "tlc", "aileron", "gain_high", marks=pytest.mark.thorough),
 ]
 
 

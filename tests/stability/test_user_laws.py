@@ -87,7 +87,7 @@ def test_the_lqr_as_a_file_has_the_margins_of_the_built_in(time, tmp_path):
     np.testing.assert_allclose(own.poles[0], built_in.poles[0], rtol=1e-8, atol=1e-12)
 
 
-@pytest.mark.parametrize("law", ["inversion", "filtered"])
+@pytest.mark.parametrize("law", [pytest.param("inversion", marks=pytest.mark.thorough), "filtered"])
 def test_a_small_disturbance_of_an_own_laws_flight_follows_its_linear_model(law, tmp_path):
     plan, _ = plans(CONFIGS / "inversion.yaml" if law == "inversion" else write_law(tmp_path))
     # The fuel's mass is no state of the model.

@@ -117,6 +117,7 @@ def _corner(inputs, chance, seed):
     return (inputs[:, 4] > 0.4) & (inputs[:, 9] < -0.2) & (draw < chance)
 
 
+@pytest.mark.thorough
 def test_a_corner_of_two_inputs_is_found_in_95_of_100_seeds():
     found = 0
     for seed in range(100):
@@ -178,6 +179,7 @@ def test_a_difference_rides_on_no_real_input():
             assert {c.input for c in rules[0].conditions} <= {4, 9}
 
 
+@pytest.mark.thorough
 def test_no_rule_of_any_kind_where_failures_fall_at_random():
     false_alarms = 0
     for seed in range(60):

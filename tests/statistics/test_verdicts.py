@@ -89,6 +89,7 @@ def test_at_the_limit_hardly_any_system_ever_passes_or_fails():
     assert 0.07 < passed / systems <= 0.105 + 0.02 and 0.03 < failed / systems <= 0.105
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("user", ["extend", "new_seed", "follow"])
 def test_impatient_users_pass_hardly_more_bad_systems(user):
     """Ten rounds each; 24.9 % by extensions and 34.6 % by advised new campaigns were brought to a PASS."""

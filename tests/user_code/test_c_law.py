@@ -118,6 +118,7 @@ def test_lqr_in_c_is_the_built_in_lqr_to_the_bit_and_has_its_margins(repository)
         np.testing.assert_allclose(one, other, rtol=1e-6, err_msg=name)
 
 
+@pytest.mark.thorough
 def test_it_sees_all_that_a_law_in_python_may_ask_for(make):
     used = "bank += 0.01 * (m->mach - 6.0) + 0.1 * m->pitch + 1e-5 * m->cross_track;"
     c = PLAIN.replace("    c->equivalence_ratio", f"    {used}\n    c->equivalence_ratio", 1)
@@ -207,6 +208,7 @@ def test_what_is_no_law_is_refused_in_words(make, words):
         assert refused.value.expected.startswith("files: [helper.h]")
 
 
+@pytest.mark.thorough
 def test_declared_headers_are_found_and_hashed(make, tmp_path):
     text = '#include "helper.h"\n' + PLAIN.replace("-0.26", "-HELPED")
     (tmp_path / "helper.h").write_text("#define HELPED 0.26\n")

@@ -36,7 +36,7 @@ def make(repository, tmp_path):
     return make_plan
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", [pytest.param(2, marks=pytest.mark.thorough), 3])
 def test_lqr_as_an_fmu_is_the_built_in_lqr_to_the_bit(make, version):
     parameters = disperse(300)  # more than share a compaction: instances are reset and flown again
     one = fly(make(version, 6.0), parameters, 50)
@@ -44,6 +44,7 @@ def test_lqr_as_an_fmu_is_the_built_in_lqr_to_the_bit(make, version):
     assert (one.outcome != Outcome.OK).any()
 
 
+@pytest.mark.thorough
 def test_units_of_the_model_description_are_heeded(make):
     """A parameter of 70 deg in a variable in degrees is the number 70, which the FMU takes for radians: no limit."""
     parameters = disperse(3)
@@ -78,7 +79,7 @@ def test_an_error_of_a_step_ends_the_flight(make):
     assert outcomes[1] == Outcome.LAW_FAILED and Outcome.LAW_FAILED not in (outcomes[0], outcomes[2])
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", [pytest.param(2, marks=pytest.mark.thorough), 3])
 def test_slopes_are_those_of_the_built_in_lqr_and_of_the_states_that_it_names(make, version):
     """Commanded is less throttle for the integral of the speed error, which a step has moved on already."""
     parameters, at = disperse(2)[1:], 0.5
@@ -101,7 +102,7 @@ def test_slopes_of_an_fmu_that_hides_what_it_remembers_are_refused_by_name(make)
         flown_points(make(2, 3.0, memory="hidden"), nominal_parameters(), 0.5)
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", [pytest.param(2, marks=pytest.mark.thorough), 3])
 def test_a_thousand_flights_leak_neither_memory_nor_handles(make, version):
     memory, handles = in_child(measure_leak, make(version, 0.05), 64)  # 2048 flights
     assert handles == 0
