@@ -5,13 +5,11 @@ v_N = q v_B q*. Yaw, pitch, roll are the 3-2-1 angles from NED to body. Formulas
 the compiler shares them between calls with the same quaternion.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.jit import scalar
-from abhv_mc.numerics.lane_math import atan2, sincos
+from abhv_mc.numerics.lane_math import sincos
 
 
 @scalar
@@ -58,36 +56,6 @@ def quaternion_rate(
         0.5 * (q0 * q + q3 * p - q1 * r),
         0.5 * (q0 * r + q1 * q - q2 * p),
     )
-
-
-@scalar
-def normalise(q0: float, q1: float, q2: float, q3: float) -> tuple[float, float, float, float]:
-    """The quaternion scaled to length 1 (a zero quaternion stays zero)."""
-    square = q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3
-    inverse = 1.0 / math.sqrt(square if square != 0.0 else 1.0)
-    return q0 * inverse, q1 * inverse, q2 * inverse, q3 * inverse
-
-
-@scalar
-def to_euler(q0: float, q1: float, q2: float, q3: float) -> tuple[float, float, float]:
-    """(yaw, pitch, roll), rad. At a pitch of +-90 deg only yaw -+ roll is determined, and it stays exact.
-
-    From half the sum and half the difference of yaw and roll: Bernardes and Viollet, PLoS ONE 17 (2022) e0276302.
-    """
-    sum_y, sum_x = q3 + q1, q0 - q2
-    difference_y, difference_x = q3 - q1, q0 + q2
-    half_sum = atan2(sum_y, sum_x)
-    half_difference = atan2(difference_y, difference_x)
-    yaw = half_sum + half_difference
-    roll = half_sum - half_difference
-    yaw = yaw - 2.0 * math.pi if yaw > math.pi else yaw
-    yaw = yaw + 2.0 * math.pi if yaw <= -math.pi else yaw
-    roll = roll - 2.0 * math.pi if roll > math.pi else roll
-    roll = roll + 2.0 * math.pi if roll <= -math.pi else roll
-    # lengths: the cosine of half the pitch plus and minus its sine
-    plus = math.sqrt(difference_x * difference_x + difference_y * difference_y)
-    minus = math.sqrt(sum_x * sum_x + sum_y * sum_y)
-    return yaw, 2.0 * atan2(plus - minus, plus + minus), roll
 
 
 @scalar

@@ -5,55 +5,10 @@ import math
 from abhv_mc.jit import lanes, scalar
 from abhv_mc.numerics.lane_math import is_shallow, reciprocals, shallow_angles, sincos, two_angles
 from abhv_mc.numerics.quaternion import rotate_meridional, rotate_to_body
+from abhv_mc.plant import state as s
 from abhv_mc.plant.effectors import place_effectors
-from abhv_mc.plant.state import (
-    AILERON,
-    AIR_U,
-    AIR_V,
-    AIR_W,
-    AIRSPEED,
-    ALTITUDE,
-    COS_ALPHA,
-    COS_BETA,
-    COS_LAT,
-    DENSITY_PROFILE,
-    EARTH_X,
-    EARTH_Y,
-    EARTH_Z,
-    EFFECT,
-    ELEVATOR,
-    ETA,
-    GUST_P,
-    GUST_Q,
-    GUST_R,
-    GUST_U,
-    GUST_V,
-    GUST_W,
-    LATITUDE,
-    MASS,
-    PER_MASS_FACTOR,
-    PITCH_RATE,
-    Q0,
-    Q1,
-    Q2,
-    Q3,
-    Q_BAR,
-    RHO,
-    ROLL_RATE,
-    RUDDER,
-    SIN_ALPHA,
-    SIN_BETA,
-    SIN_LAT,
-    XS,
-    YAW_RATE,
-    U,
-    V,
-    W,
-    parameter_row,
-    variable_row,
-)
+from abhv_mc.plant.state import XS, parameter_row, variable_row
 from abhv_mc.world.atmosphere import atmosphere_lanes
-from abhv_mc.world.wind import wind_ned
 
 _DENSITY = parameter_row("atmosphere.density")
 _WIND_NORTH = parameter_row("wind.north")
@@ -99,38 +54,34 @@ def flow_angles(Z, width, alpha_row, beta_row):
     """
     is_large = False
     for lane in range(width):
-        shallow = is_shallow(Z[SIN_ALPHA, lane], Z[COS_ALPHA, lane]) and is_shallow(
-            Z[SIN_BETA, lane], Z[COS_BETA, lane]
+        shallow = is_shallow(Z[s.SIN_ALPHA, lane], Z[s.COS_ALPHA, lane]) and is_shallow(
+            Z[s.SIN_BETA, lane], Z[s.COS_BETA, lane]
         )
         is_large |= not shallow
     if is_large:
         for lane in range(width):
             Z[alpha_row, lane], Z[beta_row, lane] = two_angles(
-                Z[SIN_ALPHA, lane], Z[COS_ALPHA, lane], Z[SIN_BETA, lane], Z[COS_BETA, lane]
+                Z[s.SIN_ALPHA, lane], Z[s.COS_ALPHA, lane], Z[s.SIN_BETA, lane], Z[s.COS_BETA, lane]
             )
     else:
         for lane in range(width):
             Z[alpha_row, lane], Z[beta_row, lane] = shallow_angles(
-                Z[SIN_ALPHA, lane], Z[COS_ALPHA, lane], Z[SIN_BETA, lane], Z[COS_BETA, lane]
+                Z[s.SIN_ALPHA, lane], Z[s.COS_ALPHA, lane], Z[s.SIN_BETA, lane], Z[s.COS_BETA, lane]
             )
 
 
 @lanes
 def move_air(Z, width):
-    """Velocity of the air at the stage's state ``XS``: wind, and the gusts of the tick."""
+    """Velocity of the air at the stage's state ``XS``: wind, linear in the altitude, and the gusts of the tick."""
     for lane in range(width):
-        wind_n, wind_e = wind_ned(
-            Z[XS + ALTITUDE, lane],
-            Z[_WIND_NORTH, lane],
-            Z[_WIND_EAST, lane],
-            Z[_SHEAR_NORTH, lane],
-            Z[_SHEAR_EAST, lane],
-        )
-        q0, q1, q2, q3 = Z[XS + Q0, lane], Z[XS + Q1, lane], Z[XS + Q2, lane], Z[XS + Q3, lane]
+        altitude = Z[XS + s.ALTITUDE, lane]
+        wind_n = Z[_WIND_NORTH, lane] + Z[_SHEAR_NORTH, lane] * altitude
+        wind_e = Z[_WIND_EAST, lane] + Z[_SHEAR_EAST, lane] * altitude
+        q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
         wind_u, wind_v, wind_w = rotate_to_body(q0, q1, q2, q3, wind_n, wind_e, 0.0)
-        Z[AIR_U, lane] = wind_u + Z[GUST_U, lane]
-        Z[AIR_V, lane] = wind_v + Z[GUST_V, lane]
-        Z[AIR_W, lane] = wind_w + Z[GUST_W, lane]
+        Z[s.AIR_U, lane] = wind_u + Z[s.GUST_U, lane]
+        Z[s.AIR_V, lane] = wind_v + Z[s.GUST_V, lane]
+        Z[s.AIR_W, lane] = wind_w + Z[s.GUST_W, lane]
 
 
 @lanes
@@ -140,38 +91,40 @@ def air_data(Z, width, vehicle, earth):
     The damping terms feel the body rates relative to the air, which turns with the Earth and in rotary gusts.
     """
     constants = vehicle.constants
-    atmosphere_lanes(Z, width, XS + ALTITUDE, RHO, _MACH)  # 1 / speed of sound, until the Mach number is known
+    atmosphere_lanes(Z, width, XS + s.ALTITUDE, s.RHO, _MACH)  # 1 / speed of sound, until the Mach number is known
     for lane in range(width):
-        q0, q1, q2, q3 = Z[XS + Q0, lane], Z[XS + Q1, lane], Z[XS + Q2, lane], Z[XS + Q3, lane]
-        altitude = Z[XS + ALTITUDE, lane]
+        q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
+        altitude = Z[XS + s.ALTITUDE, lane]
         speed, per_speed, sin_alpha, cos_alpha, sin_beta, cos_beta = flow_direction(
-            Z[XS + U, lane] - Z[AIR_U, lane], Z[XS + V, lane] - Z[AIR_V, lane], Z[XS + W, lane] - Z[AIR_W, lane]
+            Z[XS + s.U, lane] - Z[s.AIR_U, lane],
+            Z[XS + s.V, lane] - Z[s.AIR_V, lane],
+            Z[XS + s.W, lane] - Z[s.AIR_W, lane],
         )
-        rho = Z[RHO, lane] * (Z[_DENSITY, lane] * Z[DENSITY_PROFILE, lane])
-        Z[RHO, lane] = rho
-        Z[Q_BAR, lane] = 0.5 * rho * speed * speed
-        Z[AIRSPEED, lane] = speed
-        Z[SIN_ALPHA, lane] = sin_alpha
-        Z[COS_ALPHA, lane] = cos_alpha
-        Z[SIN_BETA, lane] = sin_beta
-        Z[COS_BETA, lane] = cos_beta
-        sin_lat, cos_lat = sincos(Z[XS + LATITUDE, lane])
+        rho = Z[s.RHO, lane] * (Z[_DENSITY, lane] * Z[s.DENSITY_PROFILE, lane])
+        Z[s.RHO, lane] = rho
+        Z[s.Q_BAR, lane] = 0.5 * rho * speed * speed
+        Z[s.AIRSPEED, lane] = speed
+        Z[s.SIN_ALPHA, lane] = sin_alpha
+        Z[s.COS_ALPHA, lane] = cos_alpha
+        Z[s.SIN_BETA, lane] = sin_beta
+        Z[s.COS_BETA, lane] = cos_beta
+        sin_lat, cos_lat = sincos(Z[XS + s.LATITUDE, lane])
         earth_x, earth_y, earth_z = rotate_meridional(
             q0, q1, q2, q3, earth.rotation_rate * cos_lat, -earth.rotation_rate * sin_lat
         )
-        Z[SIN_LAT, lane] = sin_lat
-        Z[COS_LAT, lane] = cos_lat
-        Z[EARTH_X, lane] = earth_x
-        Z[EARTH_Y, lane] = earth_y
-        Z[EARTH_Z, lane] = earth_z
+        Z[s.SIN_LAT, lane] = sin_lat
+        Z[s.COS_LAT, lane] = cos_lat
+        Z[s.EARTH_X, lane] = earth_x
+        Z[s.EARTH_Y, lane] = earth_y
+        Z[s.EARTH_Z, lane] = earth_z
         half_inverse = 0.5 * per_speed if speed > 1e-9 else 0.0
         Z[_ONE, lane] = 1.0
         Z[_MACH, lane] = speed * Z[_MACH, lane]
-        Z[_P_HAT, lane] = (Z[XS + ROLL_RATE, lane] - earth_x - Z[GUST_P, lane]) * constants.span * half_inverse
-        Z[_Q_HAT, lane] = (Z[XS + PITCH_RATE, lane] - earth_y - Z[GUST_Q, lane]) * constants.chord * half_inverse
-        Z[_R_HAT, lane] = (Z[XS + YAW_RATE, lane] - earth_z - Z[GUST_R, lane]) * constants.span * half_inverse
+        Z[_P_HAT, lane] = (Z[XS + s.ROLL_RATE, lane] - earth_x - Z[s.GUST_P, lane]) * constants.span * half_inverse
+        Z[_Q_HAT, lane] = (Z[XS + s.PITCH_RATE, lane] - earth_y - Z[s.GUST_Q, lane]) * constants.chord * half_inverse
+        Z[_R_HAT, lane] = (Z[XS + s.YAW_RATE, lane] - earth_z - Z[s.GUST_R, lane]) * constants.span * half_inverse
         Z[_ALTITUDE, lane] = altitude
-        Z[_MASS, lane] = Z[XS + MASS, lane] * Z[PER_MASS_FACTOR, lane]
+        Z[_MASS, lane] = Z[XS + s.MASS, lane] * Z[s.PER_MASS_FACTOR, lane]
     flow_angles(Z, width, _ALPHA, _BETA)
 
 
@@ -182,8 +135,8 @@ def deflections(Z, A, width, vehicle, failing):
     ``failing`` as in :func:`abhv_mc.plant.effectors.place_effectors`.
     """
     for lane in range(width):
-        Z[_DELTA_A, lane] = Z[EFFECT, lane] * Z[XS + AILERON, lane]
-        Z[_DELTA_R, lane] = Z[EFFECT + 1, lane] * Z[XS + RUDDER, lane]
-        Z[_DELTA_E, lane] = Z[EFFECT + 2, lane] * Z[XS + ELEVATOR, lane]
-        Z[_ETA, lane] = Z[XS + ETA, lane]
+        Z[_DELTA_A, lane] = Z[s.EFFECT, lane] * Z[XS + s.AILERON, lane]
+        Z[_DELTA_R, lane] = Z[s.EFFECT + 1, lane] * Z[XS + s.RUDDER, lane]
+        Z[_DELTA_E, lane] = Z[s.EFFECT + 2, lane] * Z[XS + s.ELEVATOR, lane]
+        Z[_ETA, lane] = Z[XS + s.ETA, lane]
     place_effectors(Z, A, width, vehicle, failing)
