@@ -5,11 +5,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, RootModel, Tag, model_validator
 
-from abhv_mc.control.law_file import CController, FmuController, PythonController, UserController
+from abhv_mc.control.law_file import CController, ControllerModel, FmuController, PythonController, UserController
 from abhv_mc.io.documents import Document, Refusal, StrictModel, describe, one_of, read_document, validate
 from abhv_mc.io.units import Angle, AngularRate, Frequency, Pressure, Time
 
 Positive = Field(gt=0.0)
+Weight = Annotated[float, Field(ge=0.0)]
+InputWeight = Annotated[float, Positive]
 
 
 class TimePoint(StrictModel):
@@ -125,7 +127,7 @@ class CommandLimits(StrictModel):
         return self
 
 
-class TlcController(StrictModel):
+class TlcController(ControllerModel):
     """Trajectory linearization control."""
 
     law: Literal["tlc"] = Field(description="the control law")
@@ -163,24 +165,18 @@ class TlcController(StrictModel):
 class GuidanceStates(StrictModel):
     """Weights of the deviations, SI and radians."""
 
-    altitude: Annotated[float, Field(ge=0.0)] = Field(
-        description="weight of the squared deviation of the altitude, 1/m2"
-    )
-    flight_path_angle: Annotated[float, Field(ge=0.0)] = Field(
-        description="weight of the squared deviation of the flight path angle, 1/rad2"
-    )
-    heading: Annotated[float, Field(ge=0.0)] = Field(
-        description="weight of the squared deviation of the heading, 1/rad2"
-    )
-    speed: Annotated[float, Field(ge=0.0)] = Field(description="weight of the squared deviation of the speed, s2/m2")
+    altitude: Weight = Field(description="weight of the squared deviation of the altitude, 1/m2")
+    flight_path_angle: Weight = Field(description="weight of the squared deviation of the flight path angle, 1/rad2")
+    heading: Weight = Field(description="weight of the squared deviation of the heading, 1/rad2")
+    speed: Weight = Field(description="weight of the squared deviation of the speed, s2/m2")
 
 
 class GuidanceInputs(StrictModel):
     """Weights of the inputs, radians."""
 
-    angle_of_attack: Annotated[float, Positive] = Field(description="weight of the squared angle of attack, 1/rad2")
-    bank: Annotated[float, Positive] = Field(description="weight of the squared bank, 1/rad2")
-    equivalence_ratio: Annotated[float, Positive] = Field(description="weight of the squared equivalence ratio")
+    angle_of_attack: InputWeight = Field(description="weight of the squared angle of attack, 1/rad2")
+    bank: InputWeight = Field(description="weight of the squared bank, 1/rad2")
+    equivalence_ratio: InputWeight = Field(description="weight of the squared equivalence ratio")
 
 
 class GuidanceWeights(StrictModel):
@@ -193,18 +189,14 @@ class GuidanceWeights(StrictModel):
 class LongitudinalStates(StrictModel):
     """Weights of the deviations, radians."""
 
-    angle_of_attack: Annotated[float, Field(ge=0.0)] = Field(
-        description="weight of the squared deviation of the angle of attack, 1/rad2"
-    )
-    pitch_rate: Annotated[float, Field(ge=0.0)] = Field(
-        description="weight of the squared deviation of the pitch rate, s2/rad2"
-    )
+    angle_of_attack: Weight = Field(description="weight of the squared deviation of the angle of attack, 1/rad2")
+    pitch_rate: Weight = Field(description="weight of the squared deviation of the pitch rate, s2/rad2")
 
 
 class LongitudinalInputs(StrictModel):
     """Weight of the input in degrees."""
 
-    elevator: Annotated[float, Positive] = Field(description="weight of the squared elevator, 1/deg2")
+    elevator: InputWeight = Field(description="weight of the squared elevator, 1/deg2")
 
 
 class LongitudinalWeights(StrictModel):
@@ -217,23 +209,17 @@ class LongitudinalWeights(StrictModel):
 class LateralStates(StrictModel):
     """Weights of the deviations, radians."""
 
-    bank: Annotated[float, Field(ge=0.0)] = Field(description="weight of the squared deviation of the bank, 1/rad2")
-    sideslip: Annotated[float, Field(ge=0.0)] = Field(
-        description="weight of the squared deviation of the sideslip, 1/rad2"
-    )
-    roll_rate: Annotated[float, Field(ge=0.0)] = Field(
-        description="weight of the squared deviation of the roll rate, s2/rad2"
-    )
-    yaw_rate: Annotated[float, Field(ge=0.0)] = Field(
-        description="weight of the squared deviation of the yaw rate, s2/rad2"
-    )
+    bank: Weight = Field(description="weight of the squared deviation of the bank, 1/rad2")
+    sideslip: Weight = Field(description="weight of the squared deviation of the sideslip, 1/rad2")
+    roll_rate: Weight = Field(description="weight of the squared deviation of the roll rate, s2/rad2")
+    yaw_rate: Weight = Field(description="weight of the squared deviation of the yaw rate, s2/rad2")
 
 
 class LateralInputs(StrictModel):
     """Weights of the inputs in degrees."""
 
-    aileron: Annotated[float, Positive] = Field(description="weight of the squared aileron, 1/deg2")
-    rudder: Annotated[float, Positive] = Field(description="weight of the squared rudder, 1/deg2")
+    aileron: InputWeight = Field(description="weight of the squared aileron, 1/deg2")
+    rudder: InputWeight = Field(description="weight of the squared rudder, 1/deg2")
 
 
 class LateralWeights(StrictModel):
@@ -243,7 +229,7 @@ class LateralWeights(StrictModel):
     inputs: LateralInputs = Field(description="R, by the input that is weighted")
 
 
-class LqrController(StrictModel):
+class LqrController(ControllerModel):
     """Linear quadratic regulator along the reference."""
 
     law: Literal["lqr"] = Field(description="the control law")
@@ -253,10 +239,6 @@ class LqrController(StrictModel):
     lateral: LateralWeights = Field(description="weights of the roll and yaw regulator")
     spacing: Annotated[Time, Field(gt=0.0)] = Field(1.0, description="time between the points where gains are computed")
     limits: CommandLimits = Field(CommandLimits(), description="limits of the guidance's commands")
-
-    def warnings(self) -> list[str]:
-        """Nothing that a file alone shows."""
-        return []
 
 
 Controller = TlcController | LqrController | UserController

@@ -17,7 +17,15 @@ _FILES = "data and modules beside the law that it reads: names, patterns such as
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
-class PythonController(StrictModel):
+class ControllerModel(StrictModel):
+    """A controller file."""
+
+    def warnings(self) -> list[str]:
+        """Sentences on what the file alone shows."""
+        return []
+
+
+class PythonController(ControllerModel):
     """A user law in a Python file."""
 
     law: Literal["python"] = Field(description="the control law")
@@ -34,12 +42,8 @@ class PythonController(StrictModel):
         find_files(self)
         return self
 
-    def warnings(self) -> list[str]:
-        """Nothing that a file alone shows."""
-        return []
 
-
-class CController(StrictModel):
+class CController(ControllerModel):
     """A user law in C, by the interface of abhv_law.h."""
 
     law: Literal["c"] = Field(description="the control law")
@@ -74,12 +78,8 @@ class CController(StrictModel):
         """The settings one after another, SI."""
         return [number for name, value in self.settings.items() for number in parse_numbers(value, ("settings", name))]
 
-    def warnings(self) -> list[str]:
-        """Nothing that a file alone shows."""
-        return []
 
-
-class FmuController(StrictModel):
+class FmuController(ControllerModel):
     """A user law as a Functional Mock-up Unit for co-simulation."""
 
     law: Literal["fmu"] = Field(description="the control law")
@@ -99,10 +99,6 @@ class FmuController(StrictModel):
             parse_numbers(value, ("params", name))
         find_files(self)
         return self
-
-    def warnings(self) -> list[str]:
-        """Nothing that a file alone shows."""
-        return []
 
 
 def parse_numbers(value: Any, keys: tuple[str | int, ...]) -> list[float]:

@@ -201,12 +201,7 @@ class EarthNumbers(StrictModel):
     )
 
 
-def _earth_kind(value: Any) -> str:
-    return "name" if isinstance(value, str) else "numbers"
-
-
-def _table_kind(value: Any) -> str:
-    return "name" if isinstance(value, str) else "table"
+_BY_NAME = Discriminator(lambda value: "name" if isinstance(value, str) else "given")
 
 
 class Mission(StrictModel):
@@ -219,15 +214,15 @@ class Mission(StrictModel):
     manoeuvre: Manoeuvre = Field(description="what is flown")
     limits: MissionLimits = Field(MissionLimits(), description="a flight ends outside")
     earth: Annotated[
-        Annotated[Literal["wgs84"], Tag("name")] | Annotated[EarthNumbers, Tag("numbers")],
-        Discriminator(_earth_kind),
+        Annotated[Literal["wgs84"], Tag("name")] | Annotated[EarthNumbers, Tag("given")],
+        _BY_NAME,
     ] = Field("wgs84", description="wgs84, or numbers of its own")
     end: End = Field(End(), description="conditions that end a flight before its duration")
-    wind: Annotated[
-        Annotated[Literal["none"], Tag("name")] | Annotated[WindTable, Tag("table")], Discriminator(_table_kind)
-    ] = Field("none", description="of the nominal flight, added to wind.north and so on; nominal controls know none")
+    wind: Annotated[Annotated[Literal["none"], Tag("name")] | Annotated[WindTable, Tag("given")], _BY_NAME] = Field(
+        "none", description="of the nominal flight, added to wind.north and so on; nominal controls know none"
+    )
     density: Annotated[
-        Annotated[Literal["standard"], Tag("name")] | Annotated[DensityTable, Tag("table")], Discriminator(_table_kind)
+        Annotated[Literal["standard"], Tag("name")] | Annotated[DensityTable, Tag("given")], _BY_NAME
     ] = Field("standard", description="density of the nominal air")
     sensing: SensingKeys = Field(SensingKeys(), description="what instruments measure; left out: what the vehicle's do")
     step: Annotated[Time, Field(ge=1e-4, le=0.1)] = Field(0.01, description="time step of the integrator")

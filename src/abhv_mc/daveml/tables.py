@@ -1,7 +1,6 @@
 """Functions of a DAVE-ML file: gridded and ungridded tables over breakpoints, and how far each argument goes."""
 
 import itertools
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -163,12 +162,13 @@ class _Tables:
         return self._parse(node, node.text)
 
     def _parse(self, node: Node, text: str) -> Floats:
-        words = [word for word in re.split(r"[\s,;]+", text) if word]
-        try:
-            return np.array([float(word) for word in words], dtype=np.float64)
-        except ValueError:
-            bad = next(word for word in words if not _is_number(word))
-            raise self._refuse(node, f"'{bad}'", "numbers") from None
+        numbers = []
+        for word in text.replace(",", " ").replace(";", " ").split():
+            try:
+                numbers.append(float(word))
+            except ValueError:
+                raise self._refuse(node, f"'{word}'", "numbers") from None
+        return np.array(numbers)
 
     def _rising(self, node: Node, points: Floats) -> Floats:
         if points.size < 2 or not (np.diff(points) > 0.0).all():
@@ -191,11 +191,3 @@ def _descendants(node: Node) -> list[Node]:
     for child in node.children:
         found += [child, *_descendants(child)]
     return found
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

@@ -81,10 +81,6 @@ def describe_layout(layout: Layout) -> str:
 def read_c_source(controller: CController) -> UserSource:
     """A law's files with what they are built by and for; nothing is built. Raises InputError."""
     paths = find_files(controller)
-    try:
-        files = tuple((name, path.read_bytes()) for name, path in paths.items())
-    except OSError as error:
-        raise InputError(str(error.filename), f"a file that cannot be read ({error})", "a file") from None
     names = list(paths)
     recipe = {
         "law": "c",
@@ -97,6 +93,15 @@ def read_c_source(controller: CController) -> UserSource:
         "settings": controller.layout,
         "design": find_name(paths, controller.design),
     }
+    return read_native_source(recipe, paths)
+
+
+def read_native_source(recipe: dict[str, Any], paths: Mapping[str, Path]) -> UserSource:
+    """The source of a law in C or an FMU: its recipe as text and its files, the law itself first. Raises InputError."""
+    try:
+        files = tuple((name, path.read_bytes()) for name, path in paths.items())
+    except OSError as error:
+        raise InputError(str(error.filename), f"a file that cannot be read ({error})", "a file") from None
     return UserSource(json.dumps(recipe), str(next(iter(paths.values()))), files)
 
 

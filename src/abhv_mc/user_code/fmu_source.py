@@ -1,12 +1,11 @@
 """A law as an FMU, as a controller file names it: read and hashed with what is wired to it, not unpacked or run."""
 
-import json
 from typing import Any
 
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.law_file import FmuController, find_files, parse_numbers
 from abhv_mc.io.input_error import InputError, one_of
-from abhv_mc.user_code.c_source import describe_platform, find_name
+from abhv_mc.user_code.c_source import describe_platform, find_name, read_native_source
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured
 from abhv_mc.user_code.source import UserSource
 
@@ -18,14 +17,10 @@ def read_fmu_source(controller: FmuController) -> UserSource:
     """An FMU's file with what its inputs, outputs and parameters are wired to. Raises InputError."""
     _check_names(controller)
     paths = find_files(controller)
-    try:
-        files = tuple((name, path.read_bytes()) for name, path in paths.items())
-    except OSError as error:
-        raise InputError(str(error.filename), f"a file that cannot be read ({error})", "a file") from None
     params = {name: parse_numbers(value, ("params", name))[0] for name, value in controller.params.items()}
     recipe: dict[str, Any] = {
         "law": "fmu",
-        "file": files[0][0],
+        "file": next(iter(paths)),
         "library": None,
         "inputs": controller.inputs,
         "outputs": controller.outputs,
@@ -34,7 +29,7 @@ def read_fmu_source(controller: FmuController) -> UserSource:
         "settings": [],
         "design": find_name(paths, controller.design),
     }
-    return UserSource(json.dumps(recipe), str(next(iter(paths.values()))), files)
+    return read_native_source(recipe, paths)
 
 
 def _check_names(controller: FmuController) -> None:

@@ -126,16 +126,8 @@ def _check_mass(document: Document, content: VehicleDocument, points: Sequence[M
         raise document.error(("mass", "start"), found, expected)
 
 
-def read_vehicle(path: str | Path, factor_index: Mapping[str, int]) -> Vehicle:
-    """Read and pack a vehicle. ``factor_index`` gives the parameter of a name such as ``aero.lift.elevator``.
-
-    Raises :class:`abhv_mc.io.documents.InputError` for anything wrong with the file or its tables.
-    """
-    return pack_vehicle(read_vehicle_file(path), factor_index)
-
-
 def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
-    """The packed vehicle of a file; ``factor_index`` as in :func:`read_vehicle`."""
+    """The packed vehicle of a file; ``factor_index`` gives the parameter of a name such as ``aero.lift.elevator``."""
     content = file.content
     entries: list[Table] = []
     entry_of: dict[tuple[str, float], int] = {}

@@ -16,7 +16,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.verification.nesc_cases import CASES, FOOT, CheckCase, Tolerances, tolerances
+from abhv_mc.verification.nesc_cases import CASES, FOOT, CheckCase, tolerances
 from abhv_mc.verification.nesc_f16 import RATE, fly_aircraft, read_aircraft_cases
 from abhv_mc.verification.recording import check_times, read_columns, stack_columns
 from abhv_mc.verification.replay import at_times, make_motion, make_replay_plan, make_start, replay, wrap_degrees
@@ -88,15 +88,10 @@ def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
         if name in read_aircraft_cases():
             step, allowed, states = 1.0 / RATE, allowed_difference(list(given.values())), fly_aircraft(name, duration)
         else:
-            step, allowed, states = STEP, _tolerances_of(tolerances(int(name))), fly_case(CASES[int(name)], duration)
+            step, allowed, states = STEP, tolerances(int(name)), fly_case(CASES[int(name)], duration)
         for simulator, columns in given.items():
             rows.extend(_compare(name, simulator, columns, at_times(step, states, columns["time"]), allowed, scale))
     return rows
-
-
-def _tolerances_of(given: Tolerances) -> tuple[float, ...]:
-    """In the order of :func:`_differences`."""
-    return given.altitude, given.velocity, given.position, given.position, given.euler, given.rates
 
 
 def allowed_difference(given: list[dict[str, Floats]]) -> tuple[float, ...]:
@@ -115,7 +110,7 @@ def allowed_difference(given: list[dict[str, Floats]]) -> tuple[float, ...]:
         second = {name: column[place[common]] for name, column in other.items()}
         apart = _differences(_published(first), _published(second))
         largest = np.maximum(largest, [np.abs(difference).max() for difference in apart])
-    return tuple(_NEEDED * largest + _tolerances_of(tolerances(_LIKE)))
+    return tuple(_NEEDED * largest + tolerances(_LIKE))
 
 
 def _published(columns: dict[str, Floats]) -> list[Floats]:

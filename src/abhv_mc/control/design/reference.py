@@ -14,8 +14,7 @@ from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth, radii
 
-COLUMNS = REFERENCE
-COLUMN_INDEX = {name: i for i, name in enumerate(COLUMNS)}
+COLUMN_INDEX = {name: i for i, name in enumerate(REFERENCE)}
 
 SETTLING = 5.0  # s after a step of the reference that "settled" metrics leave out
 
@@ -30,7 +29,7 @@ def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
 def solve_reference(
     mission: Mission, vehicle: Vehicle, trim_tables: Tables, tick: float, ticks: int
 ) -> tuple[Floats, GuidanceTrim]:
-    """The reference, ``[tick, column]`` in the order of COLUMNS for ticks 0..ticks of ``tick`` seconds, SI and radians.
+    """The reference, ``[tick, column]`` as REFERENCE, for ticks 0..ticks of ``tick`` seconds, SI and radians.
 
     At a step of the reference a tick takes the value right of it. The nominal controls are those of an Earth that
     does not turn, as in (1): its attraction at the reference's place, no centrifugal and no Coriolis acceleration.
@@ -83,12 +82,8 @@ def solve_reference(
         "track_north": np.full(ticks + 1, np.sin(heading)),
         "track_east": np.full(ticks + 1, -np.cos(heading)),
         **places._asdict(),
-        "density": places.density,
-        "sound_speed": places.sound_speed,
-        "gravity": places.gravity,
-        "radius": places.radius,
     }
-    return np.ascontiguousarray(np.stack([column[name] for name in COLUMNS], axis=1)), nominal
+    return np.ascontiguousarray(np.stack([column[name] for name in REFERENCE], axis=1)), nominal
 
 
 def make_track(mission: Mission, earth: Earth, half_ticks: Profile, tick: float) -> tuple[Floats, Floats, Floats]:
