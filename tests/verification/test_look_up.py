@@ -18,12 +18,11 @@ from abhv_mc.vehicle.evaluate import evaluate_tables
 from abhv_mc.verification.rows import Row
 
 POINTS = 4000
-_LANES = 16
 
 
 @kernel
-def _look_up_points(tables: Any, cells: Any, variables: Any, rows: Any) -> None:
-    """Table rows ``[row, point]`` of variables ``[variable, point]``, abreast as in flight."""
+def look_up_points(tables: Any, cells: Any, variables: Any, rows: Any) -> None:
+    """Table rows ``[row, point]`` of variables ``[variable, point]``, 16 abreast as in flight."""
     Z = np.zeros((s.LAW, 16))
     T = np.zeros((s.MAX_TABLE_ROWS, 16))
     for first in range(0, variables.shape[1], 16):
@@ -36,19 +35,10 @@ def _look_up_points(tables: Any, cells: Any, variables: Any, rows: Any) -> None:
                 rows[i, first + lane] = T[i, lane]
 
 
-def look_up_points(tables: Tables, variables: Floats) -> Floats:
-    """Table rows ``[row, point]`` by the compiled look-up; any number of points."""
-    points = variables.shape[1]
-    padded = np.pad(variables, ((0, 0), (0, -points % _LANES)), mode="edge")
-    rows = np.empty((tables.n_rows, padded.shape[1]))
-    _look_up_points(tables, make_cells(_LANES), np.ascontiguousarray(padded), rows)
-    return rows[:, :points]
-
-
-def draw_points(tables: Tables, where: str, points: int = POINTS) -> Floats:
+def draw_points(tables: Tables, where: str) -> Floats:
     """Variables ``[variable, point]``: ``inside`` the grids, on their ``nodes``, or up to half a range ``outside``."""
     generator = np.random.default_rng(["inside", "nodes", "outside"].index(where))
-    variables = np.zeros((len(VARIABLES), points))
+    variables = np.zeros((len(VARIABLES), POINTS))
     variables[0] = 1.0
     for variable in np.unique(tables.axis_variable):
         if variable == 0:
@@ -57,10 +47,10 @@ def draw_points(tables: Tables, where: str, points: int = POINTS) -> Floats:
         nodes = np.unique(np.concatenate(grids))
         low, high = nodes[0], nodes[-1]
         if where == "nodes":
-            variables[variable] = generator.choice(nodes, points)
+            variables[variable] = generator.choice(nodes, POINTS)
         else:
             margin = 0.5 * (high - low) if where == "outside" else 0.0
-            variables[variable] = generator.uniform(low - margin, high + margin, points)
+            variables[variable] = generator.uniform(low - margin, high + margin, POINTS)
     return variables
 
 
@@ -94,7 +84,8 @@ def test_look_up(name: str) -> None:
     tables = load_vehicle(shipped_configs() / "vehicle" / f"{name}.yaml").tables
     for where in ("inside", "nodes", "outside"):
         variables = draw_points(tables, where)
-        compiled = look_up_points(tables, variables)
+        compiled = np.empty((tables.n_rows, POINTS))
+        look_up_points(tables, make_cells(16), variables, compiled)
         for other, evaluate in (("scipy", evaluate_by_scipy), ("numpy", evaluate_tables)):
             expected = evaluate(tables, variables)
             scale = np.maximum(np.abs(expected).max(axis=1, keepdims=True), 1e-300)

@@ -109,19 +109,6 @@ def test_the_response_is_the_promised_one(case: Case) -> None:
     check([Row("response, loops apart", "promised poles", case.name, "of the error", off, _TOLERANCE)])
 
 
-def test_the_promise_is_the_second_order_loop_with_its_integral():
-    times = np.linspace(0.0, 10.0, 1001)
-    found = promised(2.4, 0.5, times)
-    assert found[0] == pytest.approx(1.0)
-    # x' = -a2 x - a1 z, z' = x: integrated by Heun's method
-    x, z, step = 1.0, 0.0, times[1]
-    for value in found[1:]:
-        dx, dz = -2.4 * x - 0.25 * z, x
-        dx2, dz2 = -2.4 * (x + step * dx) - 0.25 * (z + step * dz), x + step * dx
-        x, z = x + 0.5 * step * (dx + dx2), z + 0.5 * step * (dz + dz2)
-        assert value == pytest.approx(x, abs=1e-4)
-
-
 def test_a_response_starts_with_its_error_and_table_1_is_not_separated():
     vehicle = load_vehicle(shipped_configs() / "vehicle" / "ghame_x.yaml")
     case = CASES[0]

@@ -26,21 +26,6 @@ MASS = 1372.0
 SPEED = 1400.0
 
 
-def literal_pass(normal_slope: float, vertical: float, lateral: float, alpha: float, passes: int) -> list[float]:
-    """Section 4.3 as the paper words it: errors of the angle of attack, pass by pass, thrust fixed.
-
-    ``N(alpha) = normal_slope alpha``, which must satisfy ``N cos s = vertical`` and ``N sin s = lateral``. A pass
-    solves the third equation for the bank s with alpha fixed, then the second for alpha with that bank.
-    """
-    root = np.hypot(vertical, lateral) / normal_slope
-    errors = []
-    for _ in range(passes):
-        bank = np.arcsin(np.clip(lateral / (normal_slope * alpha), -1.0, 1.0))
-        alpha = vertical / (np.cos(bank) * normal_slope)
-        errors.append(float(alpha - root))
-    return errors
-
-
 def points(
     axial: Floats | float = 0.0,
     vertical: Floats | float = 0.0,
@@ -186,21 +171,3 @@ def test_fuel_leaves_the_vehicle_on_the_way(vehicle: Vehicle, trim_tables: Table
     assert found.mass[0] == MASS
     assert (found.mass[0] - found.mass[1]) / 0.5 == pytest.approx(start.fuel_flow, rel=0.01)
     assert (np.diff(found.angle_of_attack) < 0.0).all()  # lighter needs less
-
-
-@pytest.mark.parametrize(("bank_deg", "converges"), [(30.0, True), (44.0, True), (46.0, False), (60.0, False)])
-def test_the_papers_pass_stops_converging_at_45_deg(
-    vehicle: Vehicle, trim_tables: Tables, bank_deg: float, converges: bool
-) -> None:
-    """Each pass multiplies the error by ``-tan^2 bank``; the nested search does not care."""
-    vertical = 9.0
-    lateral = vertical * np.tan(np.deg2rad(bank_deg))
-    exact = np.hypot(vertical, lateral) / 130.0
-    errors = literal_pass(130.0, vertical, lateral, exact * (1.0 + 1e-6), 6)
-    factor = errors[1] / errors[0]
-    assert factor == pytest.approx(-(np.tan(np.deg2rad(bank_deg)) ** 2), rel=1e-3)
-    assert (abs(errors[-1]) < abs(errors[0])) == converges
-    carried = vertical + SPEED**2 / AROUND.radius - AROUND.gravity
-    found = trim_along(vehicle, trim_tables, points(vertical=carried, lateral=lateral, heading=0.0), MASS)
-    assert found.status[0] == 0
-    assert np.rad2deg(found.bank[0]) == pytest.approx(bank_deg, abs=1e-6)
