@@ -1,5 +1,6 @@
 """SQL over a campaign's tables; what is wrong with it is bad input."""
 
+import contextlib
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -40,7 +41,8 @@ def ask(folder: Path, sql: str, take: "Callable[[DuckDBPyRelation], T]") -> T | 
     except KeyboardInterrupt:
         for _ in range(_INTERRUPTS):  # until it heeds one, as it knows none of before it begins
             for database in opened:
-                database.interrupt()
+                with contextlib.suppress(duckdb.Error):  # it may have ended and been closed this moment
+                    database.interrupt()
             if ended.wait(_PAUSE):
                 break
         raise
