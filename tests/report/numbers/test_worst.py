@@ -1,5 +1,8 @@
 """The worst flights: what is told of each."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from fake_flight import ENGINE
 from fake_flight import write_campaign as write_fake
@@ -7,6 +10,7 @@ from report.synthetic import write_campaign
 
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.numbers.tables import worst_tables
@@ -39,3 +43,21 @@ def test_the_flights_that_are_listed_are_those_with_histories(tmp_path):
         assert sorted(entry["flight"] for entry in entries) == list(range(0, 300, 40))
         beyond = [entry["beyond"] for entry in entries if entry["outcome"] == "ok"]
         assert beyond == sorted(beyond, reverse=True)
+
+
+def test_a_settled_error_of_a_flight_lost_before_anything_settled_is_none(tmp_path):
+    """It read 0: the best value in the table of the worst flights."""
+    results = read_results(write_campaign(tmp_path / "c", runs=30))
+    flights = results.flights["tlc"]
+    metric = next(name for name in flights.metrics if flights.records[name].settled)
+    values = np.zeros(flights.flight.size)
+    values[::2] = 1.5
+    campaign = replace(results.campaign, asked=(metric,))
+
+    def found(outcome):
+        each = replace(flights, metrics={**flights.metrics, metric: values}, outcome=np.full(values.size, outcome))
+        (entries, *_) = worst_numbers(replace(results, campaign=campaign, flights={"tlc": each})).values()
+        return {(entry["flight"] % 2, entry["metrics"][metric]) for entry in entries}
+
+    assert found(Outcome.OK) <= {(0, 1.5), (1, 0.0)}
+    assert found(Outcome.BANK_LIMIT) == {(0, 1.5), (1, None)}

@@ -96,6 +96,13 @@ def _largest(samples: Mapping[str, float], spread: Mapping[str, tuple[float, flo
     return sorted(moved, key=lambda entry: -np.inf if entry["sigma"] is None else -abs(entry["sigma"]))[:_LARGEST]
 
 
+def _counted(flights: ControllerFlights, metric: str, rows: NDArray[np.intp]) -> Floats:
+    """Values [row] of a metric; not-a-number where a flight was lost before the stretches that it counts."""
+    record, values = flights.records[metric], flights.metrics[metric][rows]
+    nothing = flights.failed[rows] & record.settled & (values == record.empty)
+    return np.where(nothing, np.nan, values)
+
+
 def worst_numbers(results: Results) -> dict[str, Any]:
     """The worst flights of each controller, those whose histories are kept, with what they were worst in."""
     worst = {}
@@ -105,7 +112,7 @@ def worst_numbers(results: Results) -> dict[str, Any]:
         rows = np.array(listed_worst(results, name), dtype=np.intp)
         beyond, which = distance_beyond(flights, criteria)
         numbers = flights.flight[rows]
-        metrics = {m: flights.metrics[m][rows] for m in results.compared}
+        metrics = {m: _counted(flights, m, rows) for m in results.compared}
         samples = {key: value[numbers] for key, value in results.samples.items()}
         moments = {key: _moments(column) for key, column in results.samples.items() if not is_seed(key)}
         worst[name] = [
