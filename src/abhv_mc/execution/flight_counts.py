@@ -21,8 +21,7 @@ from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.statistics.judgement import Pair, judge_pairs
 from abhv_mc.statistics.ranking import Criterion, choose_worst
-from abhv_mc.statistics.verdict_words import verdict_words
-from abhv_mc.statistics.verdicts import Verdict
+from abhv_mc.statistics.verdicts import Verdict, verdict_words
 
 _OK, _FAILED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.statistics.judgement import Pair, judge_pairs
-from abhv_mc.statistics.verdict_words import verdict_words
+from abhv_mc.statistics.verdicts import verdict_words
 
 _ASKED = ("metric", "below", "above", "probability", "controller")
 

@@ -1,9 +1,14 @@
-"""All verdicts of a campaign together: the manifest and the report judge with this, so that they cannot disagree."""
+"""All verdicts of a campaign together: the manifest and the report judge with this, so that they cannot disagree.
+
+How likely any of them is a false PASS, and how to keep that within one risk, is Holm's procedure (1979). It does not
+need the verdicts to be independent, and those on the same flights are not.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from abhv_mc.statistics.family import hold_family
+import numpy as np
+
 from abhv_mc.statistics.verdicts import Verdict, judge
 
 
@@ -30,3 +35,36 @@ def judge_pairs(pairs: Sequence[Pair], independent: bool = True, family_risk: fl
     if not independent:
         return [replace(verdict, status="ESTIMATE", E_pass=0.0, E_fail=0.0) for verdict in verdicts]
     return verdicts if family_risk is None else hold_family(verdicts, family_risk)
+
+
+def holm(p_values: Sequence[float], risk: float) -> list[bool]:
+    """Which hypotheses are rejected so that any false rejection has a chance of at most `risk`, in their order."""
+    if not 0.0 < risk < 1.0:
+        raise ValueError(f"risk must lie between 0 and 1, found {risk}")
+    rejected = [False] * len(p_values)
+    for rank, k in enumerate(np.argsort(p_values, kind="stable").tolist()):
+        if p_values[k] > risk / (len(p_values) - rank):
+            break
+        rejected[k] = True
+    return rejected
+
+
+def hold_family(verdicts: Sequence[Verdict], risk: float) -> list[Verdict]:
+    """Verdicts with the chance of any false PASS at most `risk`: a PASS that Holm drops is NOT SHOWN.
+
+    FAIL stands: nothing is accepted by it. What is not shown is to be shown at Bonferroni's share of the risk, with
+    which Holm keeps a PASS whatever the others are.
+    """
+    if not verdicts:
+        return []
+    kept = holm([verdict.p_value for verdict in verdicts], risk)
+    held = []
+    note = f"PASS alone, but not with a chance of at most {100.0 * risk:g} % of any false PASS"
+    note += f" among {len(verdicts)} verdicts"
+    for verdict, stands in zip(verdicts, kept, strict=True):
+        share = min(verdict.consumer_risk, risk / len(verdicts))
+        if verdict.status == "PASS" and not stands:
+            held.append(replace(verdict, status="NOT SHOWN", note=note, consumer_risk=share))
+        else:
+            held.append(replace(verdict, consumer_risk=share) if verdict.status == "NOT SHOWN" else verdict)
+    return held

@@ -28,9 +28,8 @@ from abhv_mc.report.numbers.stability import stability_numbers
 from abhv_mc.report.numbers.worst import worst_numbers
 from abhv_mc.statistics.binomial import clopper_pearson, success_lower_bound
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
-from abhv_mc.statistics.family import hold_family
-from abhv_mc.statistics.verdict_words import advice_words, verdict_words
-from abhv_mc.statistics.verdicts import Verdict
+from abhv_mc.statistics.judgement import hold_family
+from abhv_mc.statistics.verdicts import Verdict, advice_words, verdict_words
 
 FORMAT = 1
 FAMILY_RISK = 0.10  # at which the report asks which PASSes would stand together

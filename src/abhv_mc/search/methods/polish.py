@@ -1,10 +1,10 @@
 """The last steps to a maximum in a box: slopes and curvatures, then the steps that they suggest."""
 
 import numpy as np
+from scipy.optimize import minimize
 
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import make_generator, round_up
-from abhv_mc.search.methods.quadratic import find_top
 from abhv_mc.search.methods.record import Record
 
 _LEAST_STEP = 1e-3  # half widths of the box
@@ -12,6 +12,8 @@ _REACHES = (2.0, 8.0)  # steps: how far away the top of a fitted quadratic may b
 _SPREADS = (1.2, 2.0, 4.0)  # points of a fit for each coefficient: from a narrow neighbourhood to a wide one
 _FAR_ENOUGH = 0.3  # steps: the best place moved at least so far where the step stays
 _NEAR_BOUND = 0.9  # beyond it, the bound itself is tried
+_NEAR = 0.05  # squared distance, of the furthest point's, within which all points count about the same
+_RIDGE = 1e-9  # of the points' weight: keeps the fit unique where they are fewer than the coefficients
 
 
 def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> None:
@@ -81,3 +83,34 @@ def _suggest(place: Floats, best: float, compass: Floats, values: Floats, step: 
     ]
     corner = np.where(gradient > 0.0, 1.0, np.where(gradient < 0.0, -1.0, place))
     return [*found, *snapped, corner]
+
+
+def find_top(points: Floats, values: Floats, place: Floats, radius: float, spread: float = 2.0) -> Floats:
+    """The highest place ``[dimension]`` of a quadratic fitted to the points, within ``radius`` in each dimension.
+
+    It sees a ridge that lies across the dimensions, as slopes and curvatures along each of them do not.
+    ``points`` [point, dimension] lie in the box -1 .. 1, their ``values`` [point] are finite. The nearest take part,
+    ``spread`` for each coefficient; the nearer, the more they count.
+    """
+    dimension = len(place)
+    rows, columns = np.triu_indices(dimension)
+    number = 1 + dimension + len(rows)
+    apart = ((points - place) ** 2).sum(axis=1)
+    near = np.argsort(apart, kind="stable")[: round(spread * number)]
+    size = float(np.sqrt(apart[near[-1]])) or 1.0
+    moved = (points[near] - place) / size
+    terms = np.column_stack([np.ones(len(near)), moved, moved[:, rows] * moved[:, columns]])
+    weights = 1.0 / (_NEAR + (moved**2).sum(axis=1))
+    normal = terms.T @ (weights[:, None] * terms) + _RIDGE * weights.sum() * np.eye(number)
+    coefficients = np.linalg.solve(normal, terms.T @ (weights * (values[near] - values[near].max())))
+    slope, curvature = coefficients[1 : dimension + 1], np.zeros((dimension, dimension))
+    curvature[rows, columns] = coefficients[dimension + 1 :]
+    curvature += curvature.T
+
+    def fall(step: Floats) -> tuple[float, Floats]:
+        return -float(slope @ step + 0.5 * step @ curvature @ step), -(slope + curvature @ step)
+
+    low, high = np.maximum(-1.0, place - radius), np.minimum(1.0, place + radius)
+    bounds = np.column_stack([low - place, high - place]) / size
+    found = minimize(fall, np.zeros(dimension), jac=True, bounds=bounds, method="L-BFGS-B")
+    return np.clip(place + size * found.x, low, high)

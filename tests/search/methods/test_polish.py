@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.search.methods.quadratic import find_top
+from abhv_mc.search.methods.polish import find_top
 
 
 def ridge(dimension):

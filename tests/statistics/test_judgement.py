@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.statistics.family import hold_family, holm
-from abhv_mc.statistics.judgement import Pair, judge_pairs
+from abhv_mc.statistics.judgement import Pair, hold_family, holm, judge_pairs
 from abhv_mc.statistics.verdicts import judge
 
 AT = 0.9, 0.10
