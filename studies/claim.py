@@ -21,6 +21,7 @@ from abhv_mc.report.figures.style import write_png
 RESULTS = ROOT / "studies/fronts/results.json"
 PICTURE = ROOT / "docs/images/claim_fronts.png"
 ANGLES = ("angle of attack", "sideslip", "bank")
+SHOWN = (0.4, 0.55, 0.75, 1.0)  # budgets of the mean usage
 HEAD = """# Does TLC track better with nearly the same control usage?
 
 ![Error against control usage of TLC and LQR on three vehicles](../images/claim_fronts.png)
@@ -29,7 +30,7 @@ HEAD = """# Does TLC track better with nearly the same control usage?
 command, median of 400 flights under the paper's dispersions. Usage: the mean of six numbers, rms from the trim and \
 travel of aileron, elevator and rudder. Both over those of TLC with Table 1 (star). Lines join the best \
 designs that keep the same stability margins, from two searches of each law; the first column is what was made \
-small, the root mean square of the three ratios to its right. Bars: 95 % intervals of the medians. Diamonds: a pair \
+small, the root mean square of the three ratios to its right. Bars: 95 % intervals of the medians (the two searches differ by more). Diamonds: a pair \
 that uses every surface alike. Star, cross and triangle do not keep the limits.*
 
 **At the same mean usage TLC lies below LQR in the three angles together from about half of Table 1's usage on: at \
@@ -47,7 +48,7 @@ in tracking angle of attack, sideslip angle and bank angle commands".
 The errors are TLC's over LQR's with 95 % intervals, then who is closer. **On `ghame` two designs within the margins \
 use each surface alike within 5 % (rms and travel): TLC is closer in angle of attack by 23 %, in sideslip by 59 %, LQR \
 in bank by 11 %, TLC in all three together by 11 %.** The TLC stands 1 % above its front and the LQR 10 %, which is \
-most of it: on the fronts TLC is closer by 4 % at this mean usage. The files are in `studies/fronts`.
+most of it: the fronts differ by 4 % there. The files are in `studies/fronts`.
 
 {pairs}
 
@@ -77,10 +78,9 @@ resumes, and `studies/fronts_results.py` flies the results on seeds of their own
 
 {agreement}
 
-The intervals of the medians, about ±0.3 %, are narrower than that: what the searches differ by is how well the \
-fronts are known. The order holds by either: from 0.55 on the worse TLC lies below the better LQR, at 0.4 the worse \
-LQR below the better TLC, on all three vehicles. Both searches of the other vehicles also begin with what the same \
-search found on `ghame_x`.
+That, not the medians' intervals of about ±0.3 %, is how well the fronts are known. The order holds by either: from \
+0.55 on the worse TLC lies below the better LQR, at 0.4 the worse LQR below the better TLC, on all three vehicles. \
+Both searches of the other vehicles also begin with what the same search found on `ghame_x`.
 
 ## Table 1, the printed weights and the shipped designs
 
@@ -132,7 +132,7 @@ def front_table(results: dict[str, Any]) -> Iterator[str]:
     yield "| vehicle, budget | TLC, search 1 | TLC, search 2 | LQR, search 1 | LQR, search 2 | best TLC / best LQR |"
     yield "|---|---|---|---|---|---|"
     for vehicle, found in results.items():
-        for budget in (0.4, 0.55, 0.75, 1.0):
+        for budget in SHOWN:
             cells = []
             for law in LAWS:
                 for search in SEARCHES:
@@ -152,7 +152,7 @@ def agreement(results: dict[str, Any]) -> str:
     for vehicle, found in results.items():
         for law in LAWS:
             apart = []
-            for budget in (0.4, 0.55, 0.75, 1.0):
+            for budget in SHOWN:
                 a, b = (best(found, law, budget, search) for search in SEARCHES)
                 apart += [abs(np.log(a["error"][0] / b["error"][0]))] if a and b else []
             said.append(f"{law.upper()} {100 * np.expm1(max(apart)):.1f} % on `{vehicle}`")

@@ -1,6 +1,7 @@
 """Error against control usage for both laws within the same margins: searches that resume, and what they found.
 
-    OPENBLAS_NUM_THREADS=1 python studies/fronts.py [--vehicle NAME ...] [--rounds R] [--no-matching] [--work DIR]
+    OPENBLAS_NUM_THREADS=1 python studies/fronts.py [--vehicle NAME ...] [--law LAW ...] [--search N ...] [--rounds R]
+        [--no-matching] [--work DIR]
 
 Of every candidate: the margins in level flight, 16 flights of the paper's box, whose medians give errors and usage over
 those of TLC with Table 1, and 16 corners of the wide box with 40 ms of delay, which are neither lost nor cycle.
@@ -8,11 +9,11 @@ those of TLC with Table 1, and 16 corners of the wide box with 40 ms of delay, w
 - *Usage*: the mean of six ratios, rms from the trim and travel of each surface.
 - *Path*: no error of altitude, speed or heading above ``PATH`` times Table 1's; or a law would follow commands that
   it makes easy.
-Two searches of 14 free entries start from different files and share nothing; on the other vehicles also from what each
-found on the first. Each step is a CMA-ES for one aim, from the best candidate so far for it: small errors within a
-budget of usage, or small errors at the usage of that design of the other law that is nearest. A step is a file in
-``--work``: the command goes on where it stopped. The first round takes 0.2 to 0.3 hours of a core a vehicle, a later
-one 0.3 to 0.9; then ``fronts_results.py``.
+Three searches of 14 free entries share nothing: two start from different files, the third from random points and
+without matching; on the other vehicles also from what each found on the first. Each step is a CMA-ES for one aim, from
+the best candidate so far for it: small errors within a budget of usage, or small errors at the usage of that design of
+the other law that is nearest. A step is a file in ``--work``: the command goes on where it stopped. The first round
+takes 0.2 to 0.3 hours of a core a vehicle, a later one 0.3 to 0.9; then ``fronts_results.py``.
 """
 
 import argparse
@@ -38,7 +39,9 @@ from abhv_mc.stability.analysis import margins_of_flights
 
 VEHICLES = ("ghame_x", "ghame_x_coupled", "ghame")
 LAWS = ("tlc", "lqr")
-SEARCHES = (1, 2)
+SEARCHES = (1, 2, 3)
+RANDOM = 3  # the search that begins with random points
+DRAWN = 128  # of them
 BUDGETS = (1.0, 0.7, 0.5, 0.35)  # mean usage over Table 1's
 MATCHED = (0.7, 1.0, 0.5)  # budgets within which the laws try to match each other
 PATH = 1.5
@@ -227,8 +230,11 @@ class Archive:
         return tried_of(np.vstack([nothing, *(np.load(file)["table"] for file in files)]))
 
     def starts(self, trials: Trials, law: str, search: int) -> Floats:
-        """Points that a search begins with: its file's, and what the same search found on the first vehicle."""
-        points = [trials.place(starts(self.vehicle, law)[search - 1])]
+        """Points that a search begins with: its file's or random ones, and its own finds on the first vehicle."""
+        if search == RANDOM:
+            points = list(np.random.default_rng(1000 * search).uniform(-0.5, 0.5, (DRAWN, len(KEYS[law]))))
+        else:
+            points = [trials.place(starts(self.vehicle, law)[search - 1])]
         if self.vehicle != VEHICLES[0]:
             found = Archive(self.folder.parent, VEHICLES[0]).tried(law, (search,))
             points += [found.points[int(np.argmin(found.within(budget).rank()))] for budget in BUDGETS]
@@ -273,7 +279,7 @@ def run_step(trials: Trials, archive: Archive, search: int, step: tuple[int, str
         measure(archive.starts(trials, law, search))
     else:
         start = before.points[int(np.argmin(scores(before).rank()))]
-        longer = 1 if number <= len(BUDGETS) + 1 else LONGER
+        longer = 1 if number <= len(BUDGETS) + 1 and search != RANDOM else LONGER
         tune(measure, start, longer * CANDIDATES[archive.vehicle], seed=1000 * search + number, step=STEP)
     table = np.vstack([part.table for part in parts])
     with tempfile.NamedTemporaryFile(dir=archive.folder, suffix=".tmp", delete=False) as into:
@@ -293,18 +299,19 @@ def main() -> None:
     """Search, and go on where a search stopped."""
     parser = argparse.ArgumentParser(description="Fronts of error against usage for TLC and LQR.")
     parser.add_argument("--vehicle", nargs="+", choices=VEHICLES, default=VEHICLES)
+    parser.add_argument("--law", nargs="+", choices=LAWS, default=LAWS)
+    parser.add_argument("--search", nargs="+", type=int, choices=SEARCHES, default=SEARCHES)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--no-matching", action="store_true", help="the fronts alone, no pairs")
     parser.add_argument("--work", type=Path, default=ROOT / "build/fronts")
     arguments = parser.parse_args()
     for vehicle in arguments.vehicle:
         archive = Archive(arguments.work, vehicle)
-        trials = {law: Trials(vehicle, law) for law in LAWS}
+        trials = {law: Trials(vehicle, law) for law in arguments.law}
         for step in steps(arguments.rounds):
-            if step[2] == "match" and arguments.no_matching:
-                continue
-            for search in SEARCHES:
-                run_step(trials[step[1]], archive, search, step)
+            for search in arguments.search:
+                if step[1] in arguments.law and (step[2] != "match" or not (search == RANDOM or arguments.no_matching)):
+                    run_step(trials[step[1]], archive, search, step)
 
 
 if __name__ == "__main__":
