@@ -18,7 +18,7 @@ SHIPPED = {
     "lqr_robust": ("lqr", "s", "LQR robust (shipped)"),
 }
 HEADS = ("all three angles (rms)", "angle of attack", "sideslip", "bank")
-SEARCH_LINES = {1: ("-", True), 2: ("--", False)}
+SEARCH_LINES = {1: ("-", True), 2: ("--", False), 3: (":", False)}
 TICKS_X = (0.2, 0.3, 0.5, 0.7, 1.0, 1.5)
 TICKS_Y = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.4, 1.7, 2.0, 2.5)
 TICKS_WIDE = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4)
@@ -75,7 +75,7 @@ def draw_shipped(axes: Axes, shipped: dict[str, Any], column: int, ends: tuple[f
             axes.annotate(
                 ", ".join(beyond),
                 at,
-                (5 if left else -5, -8 if law == "tlc" else 0),
+                (-4 if left else -5, -4 if left else -8 if law == "tlc" else 0),  # under a square at the left
                 size=5.5,
                 textcoords="offset points",
                 ha="left" if left else "right",

@@ -20,6 +20,7 @@ from fronts import (
     AGREE,
     AIMED,
     ANGLES,
+    BUDGETS,
     LAWS,
     MATCHED,
     PATHS,
@@ -43,7 +44,7 @@ from abhv_mc.statistics.paired import median_ratio
 from abhv_mc.statistics.winner import decide
 
 FOLDER = ROOT / "studies/fronts"
-GRID = (0.3, 0.4, 0.5, 0.6, 0.75, 1.0)  # budgets of the mean usage
+GRID = tuple(sorted({*BUDGETS, 0.42, 0.6, 0.85}))  # budgets of the mean usage: those searched and some between
 PAPER_SEED, WIDE_SEED = 3014, 3015
 FLIGHTS = 400
 WIDE = {"ghame_x": 500, "ghame_x_coupled": 200, "ghame": 200}
@@ -236,7 +237,11 @@ def main() -> None:
         shipped = {"tlc": "tlc", "lqr": "lqr", "tlc_robust": "tlc_robust", "lqr_robust": "lqr_robust"}
         shipped["lqr_retuned"] = retuned(vehicle)
         told: dict[str, Any] = {"hours": round(archive.seconds() / 3600.0, 2), "candidates": {}, "fronts": {}}
-        told["seeds"] = {"search": [1000, 2000], "paper_box": PAPER_SEED, "wide_box": WIDE_SEED}
+        told["seeds"] = {
+            "search": [1000 * search for search in SEARCHES],
+            "paper_box": PAPER_SEED,
+            "wide_box": WIDE_SEED,
+        }
         told["table_1"] = {"errors": rounded(judge.references[0]), "usage": rounded(judge.references[1])}
         told["shipped"] = {
             name: judge.told(judge.fly(ROOT / f"configs/control/{file}.yaml")) for name, file in shipped.items()
