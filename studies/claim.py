@@ -37,9 +37,9 @@ with Table 1: at 0.7 of its usage by 8 % on `ghame_x`, 10 % on `ghame_x_coupled`
 and 5 %. At 0.5 TLC lies 6, 3 and 2 % lower, hardly more than searches differ by; at 0.35 LQR lies below by \
 3 and 9 %, and on `ghame` no TLC keeps the limits. TLC gains through sideslip (0.4 to 0.6 of LQR's at 0.7 and 1); \
 bank is about even at 0.7 (0.92 to 1.03), and TLC closer on the first two at 1 (0.8); in angle of attack LQR is \
-as close or closer on the first two (TLC's 1.0 to 1.2 of LQR's) and TLC on `ghame` (0.92 to 0.95).** So the paper's sentence \
-holds for sideslip, for bank where the surfaces move as much as with Table 1, and for angle of attack on one vehicle \
-of three.
+as close or closer on the first two (TLC's 1.0 to 1.2 of LQR's) and TLC on `ghame` (0.92 to 0.95).** So the \
+paper's sentence holds for sideslip, for bank where the surfaces move as much as with Table 1, and for angle of attack \
+on one vehicle of three.
 
 Zhu and Shen (2014) close with: "with nearly the same amount of control surface usage, TLC has a better performance \
 in tracking angle of attack, sideslip angle and bank angle commands".
