@@ -90,6 +90,7 @@ print(call(1.0))
 """
 
 
+@pytest.mark.thorough
 def test_code_of_a_source_edited_meanwhile_is_not_kept(source, tmp_path):
     (source / "world" / "caller.py").write_text(ADD_ONE)
     assert run(EDITED, source, tmp_path / "cache") == ["2.0"]

@@ -23,6 +23,7 @@ def test_margins_are_a_table_by_loop_with_units():
     assert any("near the node 1.0000" in words for words in table.attrs["warnings"])
 
 
+@pytest.mark.thorough
 def test_a_gain_sweep_of_margins_needs_no_files():
     def rudder(damping, **more):
         controller = {"base": "tlc", "attitude.sideslip.bandwidth": damping}

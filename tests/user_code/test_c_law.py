@@ -144,6 +144,7 @@ def test_a_law_with_a_state_does_not_depend_on_lanes_company_or_compaction(make)
     assert np.array_equal(abreast.metrics[some], fly(plan, parameters[some]).metrics, equal_nan=True)
 
 
+@pytest.mark.thorough
 def test_its_memory_is_linearised_as_that_of_a_law_in_python(make):
     parameters = disperse(2)
     parameters[0, PARAMETER_INDEX["initial.angle_of_attack"]] = 0.0
@@ -229,6 +230,7 @@ def build(folder: Path, text: str, layout, name: str, *flags: str) -> None:
     subprocess.run(command, cwd=folder, check=True)
 
 
+@pytest.mark.thorough
 def test_a_library_flies_and_what_it_links_to_is_declared(make, tmp_path):
     layout = [("path", 2), ("limit", 0)]
     (tmp_path / "lib").mkdir()

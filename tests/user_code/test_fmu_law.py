@@ -102,6 +102,7 @@ def test_slopes_of_an_fmu_that_hides_what_it_remembers_are_refused_by_name(make)
         flown_points(make(2, 3.0, memory="hidden"), nominal_parameters(), 0.5)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("version", [pytest.param(2, marks=pytest.mark.thorough), 3])
 def test_a_thousand_flights_leak_neither_memory_nor_handles(make, version):
     memory, handles = in_child(measure_leak, make(version, 0.05), 64)  # 2048 flights
