@@ -70,7 +70,7 @@ def test_numbers(flown):
     assert median.value == pytest.approx(np.quantile(values, 0.5, method="linear"))
     assert median.low < median.value < median.high
     assert set(results.verdicts.status) <= {"PASS", "FAIL", "NOT SHOWN"}
-    assert results.answer[-1].startswith("Based on 200 flights")
+    assert results.summary[-1].startswith("Based on 200 flights")
 
 
 def test_tables_over_time_have_named_axes(flown):

@@ -94,12 +94,12 @@ class CampaignResults:
         return numbers
 
     @property
-    def answer(self) -> list[str]:
-        """The campaign's answer in sentences."""
-        from abhv_mc.report.numbers.confidence import sureness_sentence
+    def summary(self) -> list[str]:
+        """The campaign in sentences, as the report begins."""
+        from abhv_mc.report.numbers.confidence import confidence_sentence
         from abhv_mc.report.numbers.summary import summary_sentences
 
-        return [*summary_sentences(self.numbers), sureness_sentence(self.numbers)]
+        return [*summary_sentences(self.numbers), confidence_sentence(self.numbers)]
 
     @property
     def verdicts(self) -> "pd.DataFrame":

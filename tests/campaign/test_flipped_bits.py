@@ -12,9 +12,9 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign_results import open_results
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.folder.database import open_database
 from abhv_mc.folder.export import export_csv
 from abhv_mc.folder.lock import hold_lock
+from abhv_mc.folder.sql import open_database
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.numbers.whatif import make_whatif

@@ -73,7 +73,7 @@ def test_exit_codes(error: BaseException, code: int | None, said: str, capsys: p
 def test_interrupt_leaves_with_incomplete(moment: str, number: str) -> None:
     code = (
         "import os, signal, sys, time\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell ignores it in what it runs aside
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored in a background job
         "from abhv_mc.cli import app\n"
         f"def wait():\n    {moment.format(f'os.kill(os.getpid(), signal.{number}); time.sleep(60)')}\n"
         "app.app.command('wait')(wait)\n"

@@ -133,7 +133,7 @@ from abhv_mc.cli.app import main
 from abhv_mc.folder.manifest import write_manifest
 from abhv_mc.folder import sql
 
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in what it runs aside
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a background job
 original = sql.open_database
 
 @contextmanager

@@ -28,7 +28,7 @@ SERVER = multiprocessing.get_context("forkserver")
 
 def fly_in_child(campaign, out, exact, isolation=THREADS):
     os.setsid()  # its workers are found by it
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in what it runs aside
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a background job
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     collector.EXACT_FLIGHTS = exact
     run_campaign(Request(campaign, out, workers=2), replace(SLOW_ENGINE, isolation=isolation))
@@ -115,7 +115,7 @@ def test_random_kills_lose_nothing(tmp_path, seed, monkeypatch, capfd):
         assert done.manifest["digest"] == whole["digest"], said
         for name in ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet"):
             assert pq.read_table(out / name).equals(pq.read_table(tmp_path / "whole" / name)), said
-        assert not list(out.rglob("*.aside")), said
+        assert not list(out.rglob("*.temporary")), said
     print(f"seed {seed}, {folders} folders, kills: {campaign.kills}")
 
 
@@ -171,7 +171,7 @@ def test_a_disk_that_fills_up_anywhere_loses_nothing(tmp_path, capfd):
         child.start()
         child.join()
         codes.append(child.exitcode)
-        assert not list((tmp_path / "out").rglob("*.aside"))
+        assert not list((tmp_path / "out").rglob("*.temporary"))
     assert codes.count(3) > 5 and set(codes) <= {0, 3}
     done = run_campaign(Request(campaign, tmp_path / "out"), ENGINE)
     assert done.complete and done.manifest["digest"] == whole["digest"]

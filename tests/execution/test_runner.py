@@ -229,7 +229,7 @@ def test_a_full_disk_keeps_what_was_flown(campaign, tmp_path, monkeypatch):
         with pytest.raises(StorageFullError, match="make room and run the same command again"):
             run(campaign, tmp_path / "b")
         assert json.loads((tmp_path / "b/manifest.json").read_text())["state"] == "interrupted"
-        assert not list((tmp_path / "b").rglob("*.aside"))
+        assert not list((tmp_path / "b").rglob("*.temporary"))
     monkeypatch.undo()
     assert run(campaign, tmp_path / "b").manifest["digest"] == digest
 

@@ -6,7 +6,7 @@ from fake_flight import ENGINE, write_campaign
 
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.folder.database import open_database
+from abhv_mc.folder.sql import open_database
 
 
 @pytest.fixture(scope="module")

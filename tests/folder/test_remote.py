@@ -63,7 +63,7 @@ def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path, monkeypatch):
     assert code == 0 and f"folder    {address}" in out
     held = names(store, base)
     assert kept < held and {"report.html", "envelopes.parquet", "samples.parquet"} < held
-    assert not any(name.startswith("envelope_states") or name.endswith((".aside", ".lock")) for name in held)
+    assert not any(name.startswith("envelope_states") or name.endswith((".temporary", ".lock")) for name in held)
     whole = json.loads((tmp_path / "whole/manifest.json").read_text())
     assert manifest_of(store, base)["digest"] == whole["digest"]
     code, out, _ = abhv_mc("query", address, "select count(*) as n from flights", "--json", "-")

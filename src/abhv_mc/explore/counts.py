@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from abhv_mc.folder.database import open_database
+from abhv_mc.folder.sql import open_database
 from abhv_mc.io.input_error import InputError, describe, one_of
 from abhv_mc.report.numbers.labels import full_labels
 from abhv_mc.report.numbers.parameters import axis_unit, spoken_name

@@ -1,1 +1,1 @@
-"""A campaign's folder: Parquet, manifest, plans, provenance. Every file is written aside and renamed."""
+"""A campaign's folder: Parquet, manifest, plans, provenance. Files are written under a temporary name and renamed."""

@@ -7,9 +7,9 @@ import pyarrow as pa
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
 
-from abhv_mc.folder.database import table_files
 from abhv_mc.folder.hashes import read_checked, refuse_changes
 from abhv_mc.folder.layout import CampaignFolder, write_whole
+from abhv_mc.folder.sql import table_files
 from abhv_mc.io.input_error import InputError
 
 

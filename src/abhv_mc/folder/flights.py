@@ -15,9 +15,9 @@ from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.failure_case import failure_cases
 from abhv_mc.flight.metrics import ENGINE_FAILED, METRICS, Metric
 from abhv_mc.flight.outcome import SENTENCES, Outcome
-from abhv_mc.folder.columns import column_values
 from abhv_mc.folder.digest import Digest, digest_rows
 from abhv_mc.folder.layout import write_whole
+from abhv_mc.io.parquet_columns import column_values
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")

@@ -58,7 +58,7 @@ class Remote:
             self._delete(_MANIFEST)
         names = [p.relative_to(self.local).as_posix() for p in sorted(self.local.rglob("*")) if p.is_file()]
         for name in names:
-            if name not in (_MANIFEST, LEASE_NAME) and not name.endswith(".aside"):
+            if name not in (_MANIFEST, LEASE_NAME) and not name.endswith(".temporary"):
                 self._upload(name)
         if content is not None:
             self._write(_MANIFEST, content)
@@ -107,7 +107,7 @@ def fetched(path: Path) -> Iterator[Path]:
         return
     address = str(parse_address(path))
     with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder:
-        with _told_plainly(address):
+        with _explain_store_error(address):
             Remote(open_store(address), Path(folder)).pull()
         yield Path(folder)
 
@@ -129,7 +129,7 @@ def fetched_manifests(
         holder, _ = read_holder(one) or (None, "")
         return holder, sum(info.size or 0 for info in one.find())
 
-    with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder, _told_plainly(address):
+    with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder, _explain_store_error(address):
         Remote(store, Path(folder)).pull(pattern)
         yield Path(folder), describe
 
@@ -157,7 +157,7 @@ def mirrored(path: Path, staging: Path | None = None) -> Iterator[Path]:
     keep, ended = False, threading.Event()
     pushing = threading.Thread(target=_push, args=(remote, ended), daemon=True)
     try:
-        with _told_plainly(address):
+        with _explain_store_error(address):
             lease.take()
             remote.pull()
         pushing.start()
@@ -201,7 +201,7 @@ def _push_at_last(remote: Remote, lease: Lease) -> None:
 
 
 @contextlib.contextmanager
-def _told_plainly(address: str) -> Iterator[None]:
+def _explain_store_error(address: str) -> Iterator[None]:
     """What a store says, as bad input."""
     try:
         yield

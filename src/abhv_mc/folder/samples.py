@@ -9,9 +9,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from abhv_mc.array_types import Floats
-from abhv_mc.folder.columns import column_values
 from abhv_mc.folder.flights import make_field
 from abhv_mc.folder.layout import write_whole
+from abhv_mc.io.parquet_columns import column_values
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 
 ROW_GROUP = 65536  # flights drawn, written and read at once

@@ -1,12 +1,13 @@
-"""SQL over a campaign's tables; what is wrong with it is bad input."""
+"""SQL over a campaign's tables, in a database that reaches nothing else; what is wrong with it is bad input."""
 
 import contextlib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from abhv_mc.folder.database import open_database
+from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
+from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.run_in_thread import run_in_thread
 
@@ -15,6 +16,47 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _INTERRUPTS, _PAUSE = 300, 0.1  # and s between them: what duckdb may take to heed one
+_CLOSED: dict[str, str | bool | int | float | list[str]] = {
+    "enable_external_access": "false",
+    "python_enable_replacements": "false",
+    "lock_configuration": "true",
+}
+
+
+def table_files(folder: CampaignFolder, manifest: Mapping[str, Any]) -> dict[str, list[Path]]:
+    """The files of every table that the folder holds."""
+    tables: dict[str, list[Path]] = {
+        name: [] for name in ("flights", "samples", "histories", "envelopes", "nominal", "reference")
+    }
+    for path in data_files(folder, manifest):
+        if path.suffix != ".parquet":
+            continue
+        tables[path.parent.name if path.parent != folder.root else path.stem].append(path)
+    return {name: files for name, files in tables.items() if files}
+
+
+@contextlib.contextmanager
+def open_database(root: Path) -> "Iterator[DuckDBPyConnection]":
+    """A database in memory with the campaign's tables. SQL can neither read nor write a file, nor load an extension.
+
+    Raises InputError where there is no campaign, or a file of it is damaged, and at its end where a run has changed the
+    folder meanwhile.
+    """
+    import duckdb
+    from pyarrow import dataset
+
+    folder = CampaignFolder(root)
+    manifest = read_checked(folder)
+    Path.cwd()  # where the working folder has been deleted this raises, and duckdb would end the process
+    with duckdb.connect(config=_CLOSED) as connection:
+        for name, files in table_files(folder, manifest).items():
+            connection.register(name, dataset.dataset([str(file) for file in files], format="parquet"))
+        try:
+            yield connection
+        except duckdb.Error:
+            refuse_changes(folder, manifest)  # which tells more
+            raise
+    refuse_changes(folder, manifest)
 
 
 def ask(folder: Path, sql: str, take: "Callable[[DuckDBPyRelation], T]") -> T | None:

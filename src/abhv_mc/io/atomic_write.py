@@ -6,7 +6,7 @@ import secrets
 from collections.abc import Iterator
 from pathlib import Path
 
-TEMPORARY = ".aside"  # ending of a file that is being written
+TEMPORARY = ".temporary"  # ending of a file that is being written
 
 
 @contextlib.contextmanager

@@ -221,7 +221,7 @@ def add_engines_out(Z, width, vehicle, user_code, stage):
 
 @lanes
 def has_fuel(Z, lane, constants):
-    """Whether there is fuel at the stage whose mass was put aside; a vehicle without an empty mass keeps its engine."""
+    """Whether there is fuel at the stage whose mass was stored; a vehicle without an empty mass keeps its engine."""
     return Z[s.F_MASS, lane] > constants.mass_empty * Z[_K_MASS, lane] or constants.burns_fuel == 0.0
 
 

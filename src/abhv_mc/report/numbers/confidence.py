@@ -6,7 +6,7 @@ from typing import Any
 from abhv_mc.report.numbers.words import fixed, joined, percent
 
 
-def sureness_sentence(numbers: Mapping[str, Any]) -> str:
+def confidence_sentence(numbers: Mapping[str, Any]) -> str:
     """What the intervals and verdicts rest on."""
     campaign = numbers["campaign"]
     flown = {counts["flown"] for counts in numbers["flights"].values()}

@@ -18,7 +18,7 @@ from markupsafe import Markup
 from abhv_mc.report.figures.channels import FigureText
 from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.numbers import tables
-from abhv_mc.report.numbers.confidence import sureness_sentence
+from abhv_mc.report.numbers.confidence import confidence_sentence
 from abhv_mc.report.numbers.failure_cases import failure_case_rows, failure_case_sentence
 from abhv_mc.report.numbers.failure_map import failure_map_tables
 from abhv_mc.report.numbers.labels import controller_label
@@ -154,7 +154,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "wins": [*parts.lost, *parts.wins],
         "moved": parts.drivers,
         "summary": summary_sentences(numbers),
-        "sureness": sureness_sentence(numbers),
+        "confidence": confidence_sentence(numbers),
         "verdicts": tables.verdict_rows(numbers),
         "headline": tables.headline_rows(numbers),
         "groups": list(tables.metric_groups(numbers)),

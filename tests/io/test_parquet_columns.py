@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from abhv_mc.folder.columns import column_values
+from abhv_mc.io.parquet_columns import column_values
 
 
 @pytest.mark.parametrize(
