@@ -1,7 +1,5 @@
 """Margins of a campaign's flights: columns that depend on nothing but the flight, and what is refused."""
 
-from dataclasses import replace
-
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -13,8 +11,6 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.metrics import MARGIN_NAMES
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import shipped_configs
 
@@ -69,26 +65,6 @@ def test_the_first_flights_have_them_whatever_flies_the_blocks(engine, tmp_path)
     assert (lqr["margin_points_unstable"][:12] == 2).all() and (lqr["phase_margin_min_deg"][:12] == 0.0).all()
     replay = replay_flight(first.folder, "tlc", 3, engine.fly)
     assert replay.differences == ()
-
-
-@pytest.mark.thorough
-def test_flights_that_are_tried_again_have_their_margins(engine, tmp_path):
-    """The campaign could never go on: it ended in an error of numpy's."""
-    path = _write(tmp_path / "a.yaml", "{at: [trim], flights: 12}", batch="8")
-    request = Request(path, tmp_path / "b", workers=1, controllers=("tlc",))
-    whole = run_campaign(replace(request, out=tmp_path / "a"), engine)
-
-    def fail(plan, parameters, every=None):
-        block = engine.fly(plan, parameters, every)
-        if len(parameters) > 1:  # no trial
-            block.outcome[2] = Outcome.FAILED_TO_RUN
-        return block
-
-    run_campaign(request, replace(engine, fly=fail))
-    lost = read_manifest(tmp_path / "b/manifest.json")["controllers"]["tlc"]["failed_to_run"]
-    assert min(lost) < 12 < max(lost), "with margins and without"
-    again = run_campaign(request, engine)
-    assert again.manifest["digest"] == whole.manifest["digest"]
 
 
 @pytest.fixture(scope="module")

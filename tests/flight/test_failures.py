@@ -168,11 +168,6 @@ def test_the_glide_after_a_flame_out_is_that_of_an_independent_integration() -> 
     assert block.metrics[0, METRIC_INDEX["engine_failed_s"]] == pytest.approx(18.0, abs=0.02)
 
 
-def test_the_engine_comes_back_after_its_duration(plan: FlightPlan) -> None:
-    block = _fly(plan, {"failure.engine.time": 2.0, "failure.engine.duration": 3.0})
-    assert block.metrics[0, METRIC_INDEX["engine_failed_s"]] == pytest.approx(3.0, abs=1e-9)
-
-
 def test_a_measurement_freezes_at_its_last_value_or_is_off() -> None:
     Z = np.zeros((s.LAW, 2))
     for lane in range(2):
@@ -187,13 +182,6 @@ def test_a_measurement_freezes_at_its_last_value_or_is_off() -> None:
         assert np.all(Z[s.M_ALTITUDE] == 100.0 + tick)
     assert np.array_equal(np.array(seen)[:, 0], [100.0, 101.0, 101.0, 101.0, 101.0])
     assert np.array_equal(np.array(seen)[:, 1], [100.0, 101.0, 109.0, 110.0, 111.0])
-
-
-def test_an_altimeter_that_freezes_leaves_the_flight_to_the_rest(plan: FlightPlan) -> None:
-    block = _fly(plan, {}, {"failure.sensor.altitude.time": 5.0})
-    differs = (block.states[0] != block.states[1]).any(axis=1)
-    assert not differs[:501].any()
-    assert differs[510:].all()
 
 
 def test_an_inlet_out_of_its_range_is_an_engine_failure_from_the_next_tick(plan: FlightPlan) -> None:

@@ -7,18 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import EndBounds, Outcome
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.prepare import make_plan
 from abhv_mc.flying import make_flight_plan
 from abhv_mc.io.documents import InputError, read_document, validate
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.shipped import find_input
-from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.document import FlightLimits
 from abhv_mc.vehicle.limits import LoadBounds, tighter
 
@@ -100,33 +96,13 @@ def test_the_files_say_them(tmp_path: Path) -> None:
         validate(read_document(path), FlightLimits)
 
 
-def _mission(tmp_path: Path, text: str, name: str = "s_manoeuvre") -> Mission:
-    path = tmp_path / "mission.yaml"
-    shipped = find_input(name, "mission").read_text(encoding="utf-8")
-    replaced = {line.split(":")[0] for line in text.splitlines()}
-    kept, key = [], ""
-    for line in shipped.splitlines():
-        key = line.split(":")[0] if line[:1].isalpha() else key
-        kept += [] if key in replaced else [line]
-    path.write_text("\n".join([*kept, text]), encoding="utf-8")
-    return read_mission(path)
-
-
-def _made(mission: Mission, controller: str = "tlc") -> FlightPlan:
-    from abhv_mc.control.controller_file import read_controller
-
-    law = read_controller(find_input(controller, "control"))
-    return make_plan(load_vehicle(find_input("ghame_x", "vehicle")), mission, law, controller)
-
-
-def test_a_heat_flux_limit_needs_a_nose(tmp_path: Path) -> None:
-    mission = _mission(tmp_path, "limits: {heat_flux: 1 MW/m2}\n")
+def test_a_heat_flux_limit_needs_a_nose() -> None:
     with pytest.raises(InputError, match="nose radius"):
-        _made(mission)
+        make_flight_plan({"base": "s_manoeuvre", "limits": {"heat_flux": "1 MW/m2"}})
 
 
-def test_a_mission_ends_by_condition_and_has_been_flown(tmp_path: Path) -> None:
-    plan = _made(_mission(tmp_path, "end: {altitude_above: 20.5 km}\n", "climb"))
+def test_a_mission_ends_by_condition_and_has_been_flown() -> None:
+    plan = make_flight_plan({"base": "climb", "end": {"altitude_above": "20.5 km"}})
     assert plan.limits.end == EndBounds(altitude=(-math.inf, 20500.0))
     block, ended, last = _ended(plan)
     altitude = block.history[0, :, CHANNEL_INDEX["altitude_m"]]
@@ -141,9 +117,8 @@ def test_a_limit_outranks_the_end(plan: FlightPlan) -> None:
     assert _ended(both)[1] is Outcome.LOAD_FACTOR_LIMIT
 
 
-def test_it_starts_in_a_bank_in_steady_turning_flight(tmp_path: Path) -> None:
-    plan = _made(_mission(tmp_path, "start: {altitude: 20 km, speed: 1400 m/s, heading: 90 deg, latitude: 29.3 deg, "
-                          "longitude: -78 deg, bank: 40 deg}\n", "level"))  # fmt: skip
+def test_it_starts_in_a_bank_in_steady_turning_flight() -> None:
+    plan = make_flight_plan({"base": "level", "start.bank": "40 deg"})
     block = fly(plan, nominal_parameters(), record_every=1)
     history = block.history[0].astype(np.float64)
     assert history[0, CHANNEL_INDEX["bank_deg"]] == pytest.approx(40.0, abs=1e-5)
@@ -155,9 +130,8 @@ def test_it_starts_in_a_bank_in_steady_turning_flight(tmp_path: Path) -> None:
     assert abs(np.diff(history[:2, CHANNEL_INDEX["angle_of_attack_deg"]])[0]) < 0.002
 
 
-def test_it_starts_in_a_climb_and_keeps_it(tmp_path: Path) -> None:
-    plan = _made(_mission(tmp_path, "start: {altitude: 20 km, speed: 1400 m/s, heading: 90 deg, latitude: 29.3 deg, "
-                          "longitude: -78 deg, flight_path_angle: 2 deg}\nduration: 20 s\n", "level"))  # fmt: skip
+def test_it_starts_in_a_climb_and_keeps_it() -> None:
+    plan = make_flight_plan({"base": "level", "start.flight_path_angle": "2 deg", "duration": "20 s"})
     block = fly(plan, nominal_parameters(), record_every=1)
     height = block.history[0, :, CHANNEL_INDEX["altitude_m"]]
     assert block.history[0, 0, CHANNEL_INDEX["flight_path_angle_deg"]] == pytest.approx(2.0, abs=1e-5)
@@ -168,8 +142,9 @@ def test_it_starts_in_a_climb_and_keeps_it(tmp_path: Path) -> None:
 def test_a_wind_table_is_the_wind_that_a_parameter_would_make(tmp_path: Path) -> None:
     (tmp_path / "wind.csv").write_text("altitude_m,wind_north_mps,wind_east_mps\n0,0,5\n40000,40,5\n")
     (tmp_path / "air.csv").write_text("altitude_m,density_factor\n10000,1.03\n30000,1.03\n")
-    mission = _mission(tmp_path, "wind: {file: wind.csv}\ndensity: {file: air.csv}\nduration: 15 s\n", "turn")
-    plan = _made(mission)
+    turn = {"base": "turn", "duration": "15 s"}
+    air = {"wind": {"file": str(tmp_path / "wind.csv")}, "density": {"file": str(tmp_path / "air.csv")}}
+    plan = make_flight_plan({**turn, **air})
     parameters = nominal_parameters(1)
     block = fly(plan, parameters, record_every=1)
     for name, value in (("shear_north", 1e-3), ("east", 5.0)):
@@ -181,5 +156,5 @@ def test_a_wind_table_is_the_wind_that_a_parameter_would_make(tmp_path: Path) ->
         assert mine == pytest.approx(theirs, rel=1e-6, abs=1e-6)
     assert abs(block.history[0, 0, CHANNEL_INDEX["sideslip_deg"]]) > 0.5  # 20 m/s across
     # The controllers know the density: the reference has it.
-    known = _made(_mission(tmp_path, "duration: 15 s\n", "turn"))
+    known = make_flight_plan(turn)
     assert plan.reference[:, 19] == pytest.approx(1.03 * known.reference[:, 19])

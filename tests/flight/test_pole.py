@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from verification.independent import FT, World, fly_sphere
 
-from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import Timing
-from abhv_mc.flight.prepare import prepare
+from abhv_mc.flight.plan import FlightPlan, Timing
+from abhv_mc.flying import make_flight_plan
 from abhv_mc.io.documents import InputErrors
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant import state as s
@@ -42,35 +41,30 @@ def test_a_body_flies_past_the_pole_as_in_cartesian_coordinates() -> None:
     assert np.abs(motion.velocity_ned / FT - wanted[:, 3:6]).max() < 1e-3
 
 
-def write_mission(folder, heading: float, latitude: float, longitude: float = 0.0):
-    path = folder / "mission.yaml"
-    path.write_text(
-        f"name: there\nstart: {{altitude: 20 km, speed: 1400 m/s, heading: {heading} deg, latitude: {latitude} deg, "
-        f"longitude: {longitude} deg}}\nduration: 20 s\nmanoeuvre: {{kind: level}}\n",
-        encoding="utf-8",
-    )
-    return path
+def plan_from(heading: float, latitude: float, longitude: float = 0.0) -> FlightPlan:
+    """Level flight for 20 s from there, in degrees."""
+    place = {"heading": heading, "latitude": latitude, "longitude": longitude}
+    start = {f"start.{name}": f"{value} deg" for name, value in place.items()}
+    return make_flight_plan({"base": "level", "duration": "20 s", **start})
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_flight_over_the_pole_ends_with_an_outcome_of_its_own(tmp_path, sign: int) -> None:
-    mission = write_mission(tmp_path, 0.0 if sign > 0 else 180.0, sign * 89.9)
-    plan = prepare(CONFIGS / "vehicle" / "ghame_x.yaml", mission, CONFIGS / "control" / "tlc.yaml", "tlc")
+def test_a_flight_over_the_pole_ends_with_an_outcome_of_its_own(sign: int) -> None:
+    plan = plan_from(0.0 if sign > 0 else 180.0, sign * 89.9)
     block = fly(plan, nominal_parameters(), 100, keep_states=True)
     assert block.outcome.tolist() == [Outcome.POLE_LIMIT]
     assert block.end_time[0] == pytest.approx(math.radians(0.095) * 6.42e6 / 1400.0, abs=0.1)
     assert np.isfinite(block.states[0, : int(block.end_time[0]) + 1]).all()
 
 
-def test_a_mission_starts_up_to_89_99_deg(tmp_path) -> None:
-    assert read_mission(write_mission(tmp_path, 0.0, 89.99)).start.latitude == math.radians(89.99)
+def test_a_mission_starts_up_to_89_99_deg() -> None:
+    assert plan_from(0.0, 89.99).initial_state[s.LATITUDE] == math.radians(89.99)
     with pytest.raises((InputError, InputErrors), match=r"89\.995"):
-        read_mission(write_mission(tmp_path, 0.0, -89.995))
+        plan_from(0.0, -89.995)
 
 
-def test_the_date_line_changes_longitude_alone(tmp_path) -> None:
-    files = CONFIGS / "vehicle" / "ghame_x.yaml", CONFIGS / "control" / "tlc.yaml"
-    here, there = (prepare(files[0], write_mission(tmp_path, 90.0, 10.0, lon), files[1], "tlc") for lon in (0, 179.9))
+def test_the_date_line_changes_longitude_alone() -> None:
+    here, there = (plan_from(90.0, 10.0, longitude) for longitude in (0.0, 179.9))
     states = [fly(plan, nominal_parameters(), 100, keep_states=True).states[0] for plan in (here, there)]
     rest = [i for i in range(s.N_STATES) if i != s.LONGITUDE]
     assert np.array_equal(states[0][:, rest], states[1][:, rest])

@@ -61,24 +61,22 @@ def compute(vehicle, cells, variables, parameters, coefficients):
                 coefficients[c, first + lane] = Z[s.COEF + c, lane]
 
 
-def write_table(generator, path, columns):
-    """A random table over these columns; returns its look-up by scipy in the file's own units."""
+def write_table(generator, path, columns, state):
+    """A random table over these columns, a node of each at the first point; returns its values by scipy."""
     grids = []
     for column in columns:
         low, high = AXES[column][2]
         low, high = low + 0.1 * (high - low), high - 0.1 * (high - low)  # points lie outside, too
-        inner = generator.uniform(low, high, generator.integers(0, 4))
-        grids.append(np.sort(np.concatenate([[low, high], inner])))
+        inner = [x for x in state[column][:1] if low < x < high]
+        grids.append(np.sort([low, high, *inner, *generator.uniform(low, high, generator.integers(0, 4))]))
     values = generator.normal(size=[grid.size for grid in grids])
     rows = [
         ",".join(repr(float(x)) for x in (*point, value))
         for point, value in zip(itertools.product(*grids), values.ravel(), strict=True)
     ]
     path.write_text("\n".join([",".join([*columns, "value"]), *rows]) + "\n")
-    interpolator = RegularGridInterpolator(grids, values)
-    return lambda *points: interpolator(
-        np.stack([np.clip(x, g[0], g[-1]) for x, g in zip(points, grids, strict=True)], axis=-1)
-    )
+    points = [np.clip(state[column], grid[0], grid[-1]) for column, grid in zip(columns, grids, strict=True)]
+    return RegularGridInterpolator(grids, values)(np.stack(points, axis=-1))
 
 
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -105,7 +103,7 @@ def test_any_vehicle_file_is_what_scipy_makes_of_it(seed, tmp_path):
         tuple(generator.permutation(list(AXES))[: generator.integers(1, 4)]) for _ in range(generator.integers(2, 9))
     ]
     for i, columns in enumerate(chosen):
-        value = write_table(generator, tmp_path / f"t{i}.csv", columns)(*(state[column] for column in columns))
+        value = write_table(generator, tmp_path / f"t{i}.csv", columns, state)
         tables.append(f"  t{i}: {{file: t{i}.csv, unit: UNIT}}")
         c = 0 if columns == ("eta",) else int(generator.integers(len(COEFFICIENTS)))
         factor = str(generator.choice(FACTORS)) if generator.random() < 0.5 and columns != ("eta",) else None

@@ -19,7 +19,6 @@ from abhv_mc.stability.steady import make_steady_plan, trim_points
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "control"
-LQR = Path(__file__).parents[1] / "user_code" / "lqr_law.yaml"
 
 # Level flight with an integral of the speed error and a filtered pitch rate: a memory that moves the loop.
 FILTERED = """\
@@ -63,28 +62,6 @@ def plans(file, name="own", seconds=3.0):
 def stability(plan, points, dispersions):
     assert points.faults == [""] * len(dispersions)
     return analyse(linearize(plan, points.points), 1000)
-
-
-@pytest.mark.parametrize("time", [None, 2.0])
-def test_the_lqr_as_a_file_has_the_margins_of_the_built_in(time, tmp_path):
-    retuned = read("lqr_retuned")[2]
-    text = LQR.with_name("lqr_law.py").read_text()
-    start, end = text.index("WEIGHTS = {"), text.index("class Settings")
-    weights = retuned.model_dump(include={"law", "guidance", "longitudinal", "lateral"})
-    (tmp_path / "lqr_law.py").write_text(f"{text[:start]}WEIGHTS = {weights!r}\n\n\n{text[end:]}")
-    (tmp_path / "lqr_law.yaml").write_text(LQR.read_text())
-    found = []
-    for file in (tmp_path / "lqr_law.yaml", CONFIGS / "lqr_retuned.yaml"):
-        plan, steady = plans(file)
-        dispersions = parameters(2, aero__lift=np.array([1.0, 0.95]))
-        of = steady if time is None else plan
-        points = trim_points(of, dispersions) if time is None else flown_points(of, dispersions, time)
-        found.append(stability(of, points, dispersions))
-    own, built_in = found
-    assert own.stable.all()
-    for name, mine, theirs in zip(own.margins._fields, own.margins, built_in.margins, strict=True):
-        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-12, err_msg=name)
-    np.testing.assert_allclose(own.poles[0], built_in.poles[0], rtol=1e-8, atol=1e-12)
 
 
 @pytest.mark.parametrize("law", [pytest.param("inversion", marks=pytest.mark.thorough), "filtered"])

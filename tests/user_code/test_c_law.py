@@ -161,22 +161,6 @@ def test_memory_that_is_not_given_is_refused_by_name_where_slopes_are_taken(make
         flown_points(plan, nominal_parameters(), 0.5)
 
 
-@pytest.mark.thorough
-def test_a_crash_costs_its_flight_alone(make, capfd):
-    """SIGSEGV in one flight of six, not in the launching process; the rest is as without it."""
-    crash = "if (m->bank > 0.35) { volatile int *nowhere = 0; *nowhere = 1; }"
-    plan, whole = make(HEAD + INIT + STEP % crash), make(PLAIN)
-    parameters = nominal_parameters(6)
-    parameters[:, PARAMETER_INDEX["aero.lift"]] += np.linspace(-0.05, 0.05, 6)
-    parameters[4, PARAMETER_INDEX["initial.bank"]] = 0.4
-    block, sound = fly(plan, parameters, 10), fly(whole, parameters, 10)
-    assert [Outcome(code) for code in block.outcome] == [Outcome.OK] * 4 + [Outcome.LAW_CRASHED] + [Outcome.OK]
-    rest = np.arange(6) != 4
-    assert np.array_equal(block.metrics[rest], sound.metrics[rest]) and np.isnan(block.metrics[4]).all()
-    assert np.array_equal(block.history[rest], sound.history[rest], equal_nan=True) and np.isnan(block.history[4]).all()
-    assert "SIGSEGV" in capfd.readouterr().err
-
-
 def test_a_law_that_returns_an_error_or_no_number_ends_its_flight(make):
     failing = make(HEAD + INIT + STEP % "if (m->bank > 0.35 && own->ticks == 3) return 1;")
     parameters = nominal_parameters(3)

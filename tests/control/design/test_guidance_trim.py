@@ -1,9 +1,8 @@
-"""Guidance trim: the equations hold over the envelope, as scipy finds them, and limits are said."""
+"""Guidance trim: the equations hold over the envelope, and limits are said."""
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.optimize import brentq, root
 
 from abhv_mc.control.design.design_model import Environment, guidance_rates
 from abhv_mc.control.design.guidance_trim import (
@@ -83,38 +82,6 @@ def test_equations_hold_over_the_envelope(vehicle: Vehicle, trim_tables: Tables)
     assert error.max() < 1e-7  # m/s2
     # Where the status says that an equation fails, it does; no point is lost silently.
     assert (np.abs(rates(vehicle, trim_tables, where, found) - wanted).max(axis=0)[~good] > 1e-6).all()
-
-
-def test_agrees_with_scipy(vehicle: Vehicle, trim_tables: Tables) -> None:
-    """The same root as Powell's hybrid method on all three equations, and as brentq on each alone."""
-    where = envelope(60)
-    found = trim_along(vehicle, trim_tables, where, MASS)
-    compared = 0
-    for k in np.flatnonzero(found.status == 0):
-        here = GuidancePoints(*(x[k : k + 1] for x in where))
-        wanted = np.array([here.axial[0], here.longitudinal[0], here.lateral[0]])
-
-        def residual(controls: Floats, here: GuidancePoints = here, wanted: Floats = wanted) -> Floats:
-            alpha, bank, eta = (np.atleast_1d(x) for x in controls)
-            trim = GuidanceTrim(alpha, bank, eta, alpha, alpha, np.zeros(1, int), np.zeros(1, int))
-            return rates(vehicle, trim_tables, here, trim)[:, 0] - wanted
-
-        ours = np.array([found.angle_of_attack[k], found.bank[k], found.equivalence_ratio[k]])
-        hybrid = root(residual, ours + np.array([0.003, 0.02, -0.02]), tol=1e-13)
-        if hybrid.success and np.abs(hybrid.fun).max() < 1e-9:  # kinks of the tables stop it now and then
-            np.testing.assert_allclose(ours, hybrid.x, atol=1e-8)
-            compared += 1
-        for i, width in ((0, 0.01), (1, 0.05), (2, 0.05)):
-            alone = brentq(
-                lambda x, i=i, ours=ours, residual=residual: residual(np.where(np.arange(3) == i, x, ours))[
-                    (1, 2, 0)[i]
-                ],
-                ours[i] - width,
-                ours[i] + width,
-                xtol=1e-13,
-            )
-            assert alone == pytest.approx(ours[i], abs=1e-8)
-    assert compared > 30
 
 
 def test_warm_start_saves_iterations_and_changes_nothing(vehicle: Vehicle, trim_tables: Tables) -> None:

@@ -8,12 +8,9 @@ import pytest
 from abhv_mc.control.design.design_model import Environment
 from abhv_mc.control.design.design_tables import table_rows, variables_at
 from abhv_mc.control.design.trim_tables import TRIM_ROWS, make_trim_tables, trim_elevator
-from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.arrays import VARIABLES
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.atmosphere import atmosphere
-from abhv_mc.world.earth import WGS84
 
 ALTITUDE = 20e3
 VEHICLES = Path(__file__).parents[3] / "configs" / "vehicle"
@@ -72,21 +69,6 @@ def trim_at(vehicle: Vehicle, speed: float, alpha: float, eta: float, elevator: 
     return {"lift": float(c[0]), "drag": float(c[1]), "thrust": thrust}
 
 
-def test_the_trim_point_of_the_full_tables_lies_on_them(vehicle: Vehicle) -> None:
-    """Steady 1 g flight solved on the full tables: the trim tables give its elevator, lift, drag and thrust."""
-    tables = make_trim_tables(vehicle, ALTITUDE, (1400.0, 1400.0))
-    point = trim(vehicle, WGS84._replace(rotation_rate=0.0), FlightPoint(ALTITUDE, 1400.0, latitude=0.5))
-    variables = variables_at(
-        vehicle, mach=point.mach, angle_of_attack=point.angle_of_attack, equivalence_ratio=point.equivalence_ratio
-    )
-    elevator, lift, drag, thrust = table_rows(tables, variables)[:4]
-    q_area = point.dynamic_pressure * vehicle.constants.area
-    assert np.rad2deg(elevator) == pytest.approx(np.rad2deg(point.elevator), abs=0.01)
-    assert lift * q_area == pytest.approx(point.lift, rel=5e-4)
-    assert drag * q_area == pytest.approx(point.drag, rel=5e-4)
-    assert thrust * q_area == pytest.approx(point.thrust, rel=5e-4)
-
-
 def test_a_node_without_trim_is_marked_and_clamped(vehicle: Vehicle) -> None:
     limit = np.deg2rad(1.0)
     weak = vehicle._replace(constants=vehicle.constants._replace(surface_limit=limit))
@@ -98,12 +80,3 @@ def test_a_node_without_trim_is_marked_and_clamped(vehicle: Vehicle) -> None:
     assert (np.abs(elevator[untrimmed == 0.0]) < limit).all()
     strong = make_trim_tables(vehicle, ALTITUDE, (1400.0, 1400.0)).data.reshape(-1, tables.group_width[0])[:, 0]
     np.testing.assert_array_equal(np.sign(elevator), np.sign(strong))  # the end nearest to the trim
-
-
-def test_layout_that_the_compiled_law_reads(vehicle: Vehicle) -> None:
-    tables = make_trim_tables(vehicle, ALTITUDE, (1400.0, 1400.0))
-    assert [VARIABLES[v] for v in tables.axis_variable] == ["mach", "angle_of_attack", "equivalence_ratio"]
-    assert tables.group_start.size == 1
-    assert tables.data.nbytes < 400_000
-    own = [np.deg2rad(3.0), np.deg2rad(6.0)]  # the vehicle's nodes stay nodes
-    assert np.isin(np.round(own, 9), np.round(tables.grid, 9)).all()
