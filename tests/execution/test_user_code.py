@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from execution.test_cluster import Dask
 from report.few_figures import build_with
+from user_code.test_vehicle_functions import write_ghame_x
 
 from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.replay import replay_flight
@@ -36,7 +37,7 @@ from abhv_mc.user_code.source import load_law, run_module
 
 CAMPAIGN = """\
 name: own
-vehicle: {configs}/vehicle/ghame_x.yaml
+vehicle: {vehicle}
 mission: mission.yaml
 controllers: {{mine: law.yaml, lqr: {configs}/control/lqr.yaml}}
 runs: {runs}
@@ -65,7 +66,7 @@ def twist(actual, command):
 
 @pytest.fixture
 def study(repository, tmp_path, monkeypatch):
-    """A user's folder; ``write(runs)`` makes the campaign."""
+    """A user's folder; ``write(runs)`` makes the campaign, ``write(runs, vehicle)`` one of another vehicle."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     configs = repository / "configs"
     mission = (configs / "mission" / "s_manoeuvre.yaml").read_text()
@@ -76,8 +77,8 @@ def study(repository, tmp_path, monkeypatch):
     (tmp_path / "law.yaml").write_text(text)
     (tmp_path / "channels.py").write_text(CHANNELS.format(line=""))
 
-    def write(runs=40):
-        (tmp_path / "campaign.yaml").write_text(CAMPAIGN.format(configs=configs, runs=runs))
+    def write(runs=40, vehicle=configs / "vehicle" / "ghame_x.yaml"):
+        (tmp_path / "campaign.yaml").write_text(CAMPAIGN.format(configs=configs, runs=runs, vehicle=vehicle))
         return tmp_path / "campaign.yaml"
 
     write()
@@ -89,12 +90,15 @@ def threads():
 
 
 def test_workers_resume_and_replay_give_the_same_digest(study, tmp_path):
-    one = run_campaign(Request(study(), tmp_path / "one", workers=1), threads()).manifest
-    two = run_campaign(Request(study(24), tmp_path / "two"), make_engine()).manifest  # processes
+    """With a law, channels and a vehicle of the user's own."""
+    vehicle = write_ghame_x(tmp_path, "body")
+    one = run_campaign(Request(study(40, vehicle), tmp_path / "one", workers=1), threads()).manifest
+    two = run_campaign(Request(study(24, vehicle), tmp_path / "two"), make_engine()).manifest  # processes
     assert two["digest"] != one["digest"]
-    two = run_campaign(Request(study(40), tmp_path / "two"), make_engine()).manifest
+    two = run_campaign(Request(study(40, vehicle), tmp_path / "two"), make_engine()).manifest
     assert two["digest"] == one["digest"]
-    assert {"inputs/controllers/mine/law.py", "inputs/channels/channels.py"} <= set(two["inputs"])
+    own = {"inputs/controllers/mine/law.py", "inputs/channels/channels.py", "inputs/vehicle/own.py"}
+    assert own <= set(two["inputs"])
     assert replay_flight(tmp_path / "two", "mine", 7, fly).differences == ()
     results = read_results(tmp_path / "two")
     assert {"late_bank_swing_deg", "twist_max"} <= set(results.metrics)
@@ -133,8 +137,8 @@ def test_a_law_that_hangs_on_one_parameter_set_loses_that_flight_alone(study, tm
 
 
 def test_shards_give_the_same_digest(study, tmp_path, capfd):
-    """With margins, whose steady flight needs the law, too; the merging user must have flown it, or trust it."""
-    file = study(32)
+    """With margins, whose steady flight needs law and vehicle, too; the merging user must have flown or trust them."""
+    file = study(32, write_ghame_x(tmp_path, "body"))
     file.write_text(file.read_text() + "margins: {at: [trim, 1 s], flights: 20}\n")
     whole = run_campaign(Request(file, tmp_path / "whole", workers=1), threads()).manifest
     parts = [tmp_path / "part1", tmp_path / "part2"]

@@ -20,7 +20,9 @@ from abhv_mc.user_code.design import DesignModel, design_gains
 from abhv_mc.user_code.native import NativeLaw
 from abhv_mc.user_code.source import Law, UserSource, load_law, run_module
 from abhv_mc.user_code.unpack import in_its_folder
+from abhv_mc.user_code.vehicle_functions import find_code, load_functions
 from abhv_mc.user_code.watch import watching
+from abhv_mc.vehicle.foreign import VehicleCode
 
 _LONGEST = 600.0  # s that a file may run
 
@@ -56,10 +58,15 @@ def watched_design(law: Law | NativeLaw, model: DesignModel, settings: Floats) -
         return (), np.empty((len(model.table), 0))
     if isinstance(law, NativeLaw) and not str(law.design).endswith(".py"):
         return law.read_gains(model.time)
-    return in_child(_design, law if isinstance(law, NativeLaw) else law.source, model, settings)
+    given = law if isinstance(law, NativeLaw) else law.source
+    return in_child(_design, given, model, settings, find_code(model.vehicle))
 
 
-def _design(law: NativeLaw | UserSource, model: DesignModel, settings: Floats) -> tuple[tuple[str, ...], Floats]:
+def _design(
+    law: NativeLaw | UserSource, model: DesignModel, settings: Floats, code: VehicleCode | None
+) -> tuple[tuple[str, ...], Floats]:
+    if code is not None:
+        load_functions(code, model.vehicle)
     source = law.design_source() if isinstance(law, NativeLaw) else law
     with in_its_folder(source), watching(source):
         if isinstance(law, NativeLaw):
