@@ -85,14 +85,6 @@ def test_a_law_does_not_depend_on_lanes_company_or_compaction(make):
     assert np.array_equal(abreast.metrics[some], alone.metrics, equal_nan=True)
 
 
-def test_plain_python_flies_the_same_bits_and_follows_its_memory_through_compaction(make):
-    seconds = 1.3 * COMPACTION / 100
-    compiled = make(CASCADE.format(compiled=""), seconds=seconds)
-    plain = make(CASCADE.format(compiled=", compiled=False"), seconds=seconds)
-    parameters = disperse(LANES + 8)
-    assert_same(fly(compiled, parameters, 100), fly(plain, parameters, 100))
-
-
 MATHS = (
     HEAD
     + """
@@ -102,7 +94,7 @@ surface = table([0.0, 1.0, 2.0], [-1.0, 1.0], [[1.0, 2.0], [0.3, -4.0], [5.0, 0.
 def helper(x, y=2.0):
     return clamp(x * y, -1.0, 1.0)
 
-@controller
+@controller(units={{}}{compiled})
 def law(measured, reference, time):
     s, c = sincos(measured.heading)
     x = atan2(measured.sideslip, measured.angle_of_attack) + exp(-abs(measured.bank)) * log(measured.speed)
@@ -113,39 +105,13 @@ def law(measured, reference, time):
 )
 
 
-def test_one_lane_32_lanes_and_plain_python_agree_on_ten_thousand_inputs(make):
-    """The compiled loops are called at their address on a block of lanes; plain Python gets the same numbers."""
-    import ctypes
-
-    from abhv_mc.control.columns import REFERENCE
-    from abhv_mc.flight.memory import Z_ROWS
-    from abhv_mc.plant import state as s
-    from abhv_mc.user_code.compiled import COMMAND_ROWS, compile_law
-    from abhv_mc.user_code.plain import PlainLaw
-    from abhv_mc.user_code.source import load_law
-
-    plan = make(MATHS)
-    kind = ctypes.CFUNCTYPE(None, *5 * [ctypes.c_void_p], ctypes.c_int64, ctypes.c_double)
-    generator = np.random.default_rng(10)
-    inputs = generator.uniform(-3.0, 3.0, (10_016, s.N_MEASURED))
-    inputs[:, 1] = generator.uniform(100.0, 3000.0, len(inputs))
-    row = np.zeros(len(REFERENCE))
-
-    def run(law, width):
-        out = []
-        call = kind(law.address)
-        for first in range(0, len(inputs), width):
-            Z = np.zeros((Z_ROWS, width))
-            Z[s.MEASURED : s.MEASURED + s.N_MEASURED] = inputs[first : first + width].T
-            call(None, Z.ctypes.data, row.ctypes.data, row.ctypes.data, row.ctypes.data, 0, 0.01)
-            out.append(Z[list(COMMAND_ROWS)].T.copy())
-        return np.concatenate(out)
-
-    abreast = run(compile_law(plan.source, (), LANES), LANES)
-    assert np.isfinite(abreast).all()
-    assert len(np.unique(abreast[:, 0])) > 1000
-    assert np.array_equal(abreast, run(compile_law(plan.source, (), 1), 1))
-    assert np.array_equal(abreast, run(PlainLaw(load_law(plan.source), (), LANES), LANES))
+@pytest.mark.parametrize("law", [CASCADE, MATHS], ids=["a memory", "all functions"])
+def test_plain_python_flies_the_same_bits_and_follows_its_memory_through_compaction(make, law):
+    seconds = 1.3 * COMPACTION / 100
+    compiled = make(law.format(compiled=""), seconds=seconds)
+    plain = make(law.format(compiled=", compiled=False"), seconds=seconds)
+    parameters = disperse(LANES + 8)
+    assert_same(fly(compiled, parameters, 10), fly(plain, parameters, 10))
 
 
 def test_a_command_that_is_no_number_ends_the_flight(make):

@@ -1,8 +1,7 @@
 """How far the whole plant's Jacobian lies from the design model's: a table without a tolerance.
 
-The plant is the compiled flight itself: a few ticks of 0.1 ms with surfaces and engine held, from states a little
-apart. What the design model leaves out is then taken away, the damping by the rates and the Earth's rotation and shape,
-to see what each is worth.
+The plant is the compiled one, asked at states a little apart. What the design model leaves out is then taken away, the
+damping by the rates and the Earth's rotation and shape, to see what each is worth.
 """
 
 from collections.abc import Iterator
@@ -25,30 +24,19 @@ from verification.nominals import (
 
 from abhv_mc.array_types import Floats
 from abhv_mc.control.design.trim_tables import trim_elevator
-from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.fly import fly_until, nominal_parameters
 from abhv_mc.flight.plan import Timing
-from abhv_mc.numerics.quaternion import from_euler
-from abhv_mc.plant import state as s
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.stability import path_coordinates as path
+from abhv_mc.stability.probe import ask_plant, begin
 from abhv_mc.vehicle.arrays import VARIABLES, BuildUp
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.verification.replay import make_replay_plan
 from abhv_mc.world.earth import WGS84, Earth
 
 NOMINALS = 40
-_TICK = 1e-4  # s
-_COORDINATES = {  # in this order, with the steps of the differences
-    "flight_path_angle": 1e-5,
-    "heading": 1e-5,
-    "speed": 1e-2,
-    "angle_of_attack": 1e-5,
-    "sideslip": 1e-5,
-    "bank": 1e-5,
-    "roll_rate": 1e-5,
-    "pitch_rate": 1e-5,
-    "yaw_rate": 1e-5,
-}
-_CONTROL_STEP = 1e-4  # rad, and of the equivalence ratio
+_COORDINATES = [path.GAMMA, path.CHI, path.SPEED, path.ALPHA, path.BETA, path.BANK, path.P, path.Q, path.R]
+_MOVED = [*_COORDINATES, len(path.COORDINATES) + 2, len(path.COORDINATES) + 3]  # and the elevator and the engine
+_STEPS = np.eye(len(path.COORDINATES) + 4)[_MOVED] * np.where(np.array(_MOVED) == path.SPEED, 1e-2, 1e-5)[:, np.newaxis]
 _RATES_OF_TABLES = ("roll_rate_hat", "pitch_rate_hat", "yaw_rate_hat")
 LOOPS = ("2 velocity", "3 attitude", "4 body rates")
 
@@ -134,20 +122,17 @@ def _shift(poles: NDArray[Any], promised: NDArray[Any]) -> float:
 
 def plant_jacobian(nominal: Nominal, vehicle: Vehicle, earth: Earth) -> Floats:
     """[9, 11]: rates of _COORDINATES over these, the elevator and the equivalence ratio at a nominal."""
-    parameters = nominal_parameters(2 * len(_COORDINATES))
-    for i, (name, step) in enumerate(_COORDINATES.items()):
-        parameters[2 * i, PARAMETER_INDEX[f"initial.{name}"]] = step
-        parameters[2 * i + 1, PARAMETER_INDEX[f"initial.{name}"]] = -step
-    controls = np.array([nominal.elevator, nominal.values["equivalence_ratio"]])
-    at, rates = _fly(nominal, vehicle, earth, controls, parameters)
-    moved, answer = at[::2] - at[1::2], rates[::2] - rates[1::2]
-    # An initial error moves more than one coordinate (sideslip turns the bank too): solve for each one alone.
-    by_state = np.linalg.solve(moved, answer).T
-    by_control = []
-    for step in _CONTROL_STEP * np.eye(2):
-        ends = [_fly(nominal, vehicle, earth, controls + way, nominal_parameters())[1][0] for way in (step, -step)]
-        by_control.append((ends[0] - ends[1]) / (2.0 * _CONTROL_STEP))
-    return np.column_stack([by_state, *by_control])
+    values = nominal.values | dict(zip(("roll_rate", "pitch_rate", "yaw_rate"), nominal.rates, strict=True))
+    at = [values.get(name, 0.0) for name in path.COORDINATES]  # without sideslip
+    controls = [0.0, 0.0, nominal.elevator, values["equivalence_ratio"]]
+    points = np.array([*at, *controls]) + np.concatenate([_STEPS, -_STEPS])
+    latitude, mass = (np.full(len(points), values[name]) for name in ("latitude", "mass"))
+    states = path.make_states(points[:, : len(at)], points[:, len(at) :], latitude, mass)
+    plan = make_replay_plan(vehicle, earth, states[0], np.tile(controls, (2, 1)), Timing(0.01, 1, 1))
+    lane, _ = begin(plan, fly_until(plan, nominal_parameters(), 0))
+    rates = path.path_rates(states, ask_plant(plan, lane, 0, np.zeros(len(states), np.int64), states).rates)
+    upward, downward = np.split(rates[:, _COORDINATES], 2)
+    return ((upward - downward) / (2.0 * _STEPS.sum(axis=1)[:, np.newaxis])).T
 
 
 def trim_slopes(vehicle: Vehicle, nominal: Nominal) -> Floats:
@@ -157,50 +142,3 @@ def trim_slopes(vehicle: Vehicle, nominal: Nominal) -> Floats:
     points = np.vstack([at + np.diag(steps), at - np.diag(steps)])
     elevator, _ = trim_elevator(vehicle, nominal.around, *points.T)
     return np.asarray((elevator[:3] - elevator[3:]) / (2.0 * steps))
-
-
-def _fly(
-    nominal: Nominal, vehicle: Vehicle, earth: Earth, controls: Floats, parameters: Floats
-) -> tuple[Floats, Floats]:
-    """Coordinates and their rates at the start, each [flight, coordinate], with (elevator, eta) held."""
-    held = np.tile([0.0, 0.0, *controls], (3, 1))
-    plan = make_replay_plan(vehicle, earth, _start(nominal), held, Timing(_TICK, 1, 2))
-    states = fly(plan, parameters, record_every=1, keep_states=True).states
-    now, next_one, last = (_coordinates(states[:, tick]) for tick in range(3))
-    return now, (4.0 * next_one - last - 3.0 * now) / (2.0 * _TICK)
-
-
-def _start(nominal: Nominal) -> Floats:
-    """The nominal as a state, without sideslip."""
-    values = nominal.values
-    x = np.zeros(s.N_STATES)
-    x[s.ALTITUDE], x[s.LATITUDE], x[s.MASS] = values["altitude"], values["latitude"], values["mass"]
-    alpha = values["angle_of_attack"]
-    x[s.U], x[s.W] = values["speed"] * np.cos(alpha), values["speed"] * np.sin(alpha)
-    wind = from_euler(values["heading"], values["flight_path_angle"], values["bank"])
-    x[s.Q0 : s.Q3 + 1] = _turned(np.array(wind), alpha)
-    x[s.ROLL_RATE : s.YAW_RATE + 1] = nominal.rates
-    return x
-
-
-def _turned(attitude: Floats, pitch: float) -> Floats:
-    """A quaternion after the body has pitched up about its own y axis."""
-    from scipy.spatial.transform import Rotation
-
-    turned = Rotation.from_quat(attitude, scalar_first=True) * Rotation.from_euler("y", pitch)
-    return np.asarray(turned.as_quat(scalar_first=True))
-
-
-def _coordinates(states: Floats) -> Floats:
-    """[flight, coordinate] from states [flight, state]; angles near the nominal's, so that none wraps."""
-    from scipy.spatial.transform import Rotation
-
-    velocity = states[:, s.U : s.W + 1]
-    attitude = Rotation.from_quat(states[:, s.Q0 : s.Q3 + 1], scalar_first=True)
-    north, east, down = attitude.apply(velocity).T
-    speed = np.linalg.norm(velocity, axis=1)
-    alpha, beta = np.arctan2(velocity[:, 2], velocity[:, 0]), np.arcsin(velocity[:, 1] / speed)
-    wind = attitude * Rotation.from_euler("YZ", np.column_stack([-alpha, beta]))
-    bank = wind.as_euler("ZYX")[:, 2]
-    rates = states[:, s.ROLL_RATE : s.YAW_RATE + 1].T
-    return np.stack([np.arcsin(-down / speed), np.arctan2(east, north), speed, alpha, beta, bank, *rates], axis=1)

@@ -13,7 +13,7 @@ from verification.nominals import (
 )
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.columns import REFERENCE, TLC_K1, TLC_K2
+from abhv_mc.control.columns import REFERENCE, TLC_ATTITUDE, TLC_K1, TLC_K2, TLC_RATE
 from abhv_mc.control.design.design_model import body_rate_rates
 from abhv_mc.control.design.tlc_design import make_tlc_gains, pd_spectrum
 from abhv_mc.control.laws.tlc_loops import (
@@ -59,8 +59,8 @@ class Gains(NamedTuple):
     altitude_spectrum: tuple[float, float]
 
 
-def tlc_gains(design: Design, nominal: Nominal, inertia: Floats) -> Gains:
-    """The product's own gains; Table 1 for the outer loops."""
+def tlc_gains(design: Design, nominal: Nominal, inertia: Floats, inner: Spectrum | None = None) -> Gains:
+    """The product's own gains; Table 1, but ``inner`` for attitude and body rates where it is given."""
     tlc, values, around = design.tlc, nominal.values, nominal.around
     row = dict(zip(REFERENCE, design.reference[0].tolist(), strict=True)) | {
         name: values[name] for name in REFERENCE if name in values
@@ -72,7 +72,8 @@ def tlc_gains(design: Design, nominal: Nominal, inertia: Floats) -> Gains:
     names = ("flight_path_angle", "heading", "speed")
     pairs = [pd_spectrum(getattr(tlc.velocity, name), np.zeros(2), np.ones(2)) for name in names]
     a1, a2 = pd_spectrum(tlc.altitude, np.zeros(2), np.ones(2))
-    spectra = (Spectrum(*(float(part[0]) for pair in pairs for part in pair)), _DIFFERENT, _DIFFERENT)
+    table_1 = (Spectrum(*gains[first : first + 6].tolist()) for first in (TLC_ATTITUDE, TLC_RATE))
+    spectra = (Spectrum(*(float(part[0]) for pair in pairs for part in pair)), *((inner, inner) if inner else table_1))
     p, _, r = nominal.rates
     attitude = np.array(attitude_gains(nominal.attitude, p, r, spectra[1])).reshape(3, 6)
     return Gains(
@@ -102,7 +103,7 @@ def verify_tlc_loops(design: Design, nominals: list[Nominal]) -> list[Row]:
     inverse = 0.0
     for nominal in nominals:
         inertia = inertia_of(design, nominal)
-        gains = tlc_gains(design, nominal, inertia)
+        gains = tlc_gains(design, nominal, inertia, _DIFFERENT)
         J = velocity_jacobian(design, nominal)
         a1, a2 = gains.altitude_spectrum
         off = np.abs(J[0, 1] * gains.altitude / np.array([a1, a2]) - 1.0).max()

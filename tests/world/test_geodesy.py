@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from abhv_mc.world.earth import WGS84, Earth
+from abhv_mc.world.earth import WGS84
 from abhv_mc.world.geodesy import (
     earth_fixed_from_inertial,
     ecef_from_geodetic,
@@ -40,15 +40,6 @@ def test_geodetic_round_trip(latitude: float, longitude: float, altitude: float)
     assert again[2] == pytest.approx(altitude, abs=4e-9 + 1e-15 * abs(altitude))
     assert again[0] == pytest.approx(latitude, abs=1e-15)
     assert ecef_from_geodetic(WGS84, *again) == pytest.approx(position, abs=4e-9 + 1e-15 * abs(altitude))
-
-
-@given(LATITUDES, LONGITUDES, ALTITUDES)
-def test_sphere_is_plain_trigonometry(latitude: float, longitude: float, altitude: float) -> None:
-    sphere = Earth(6371000.0, 0.0, 1.0, 0.0, 0.0)
-    radius = 6371000.0 + altitude
-    position = ecef_from_geodetic(sphere, latitude, longitude, altitude)
-    assert math.hypot(*position) == pytest.approx(radius, rel=1e-15)
-    assert position[2] == pytest.approx(radius * math.sin(latitude), rel=1e-14, abs=1e-8)
 
 
 def test_poles_and_arrays() -> None:
