@@ -7,7 +7,7 @@ import pytest
 
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.prepare import prepare
+from abhv_mc.flying import make_flight_plan
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from benchmarks.peers.twin import compile_twin, fly_twin
@@ -20,14 +20,8 @@ AGREEMENT = 1e-8  # m, m/s, rad, kg over 60 s: rounding and libm; 2e-10 found. P
 
 
 @pytest.fixture(scope="module")
-def plan(repository):
-    configs = repository / "configs"
-    return prepare(
-        configs / "vehicle" / "ghame_x.yaml",
-        configs / "mission" / "s_manoeuvre.yaml",
-        configs / "control" / "lqr.yaml",
-        "lqr",
-    )
+def plan():
+    return make_flight_plan("s_manoeuvre", controller="lqr")
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.prepare import prepare
+from abhv_mc.flying import make_flight_plan
 
 
 @pytest.fixture(scope="module")
@@ -21,10 +21,8 @@ def arrow(repository, tmp_path_factory):
 
 
 @pytest.mark.parametrize(("mission", "altitude_error"), [("level", 5.0), ("turn", 10.0)])
-def test_it_flies(repository, arrow, mission, altitude_error):
-    configs = repository / "configs"
-    plan = prepare(arrow, configs / f"mission/{mission}.yaml", configs / "control/tlc.yaml", "tlc")
-    block = fly(plan, nominal_parameters())
+def test_it_flies(arrow, mission, altitude_error):
+    block = fly(make_flight_plan(mission, str(arrow)), nominal_parameters())
     metric = {name: block.metrics[0, i] for name, i in METRIC_INDEX.items()}
     assert block.outcome[0] == Outcome.OK
     assert metric["altitude_error_max_m"] < altitude_error

@@ -6,7 +6,7 @@ import pytest
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.prepare import prepare
+from abhv_mc.flying import make_flight_plan
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 
 BOX = {"atmosphere.density": 0.10, "aero.lift": 0.10, "aero.drag": 0.15}
@@ -16,11 +16,9 @@ BOX = {"atmosphere.density": 0.10, "aero.lift": 0.10, "aero.drag": 0.15}
     "mission",
     [*(pytest.param(each, marks=pytest.mark.thorough) for each in ("level", "turn", "level_mach15")), "turn_mach15"],
 )
-def test_flies_level_and_turns_at_both_points(repository, mission):
+def test_flies_level_and_turns_at_both_points(mission):
     """The nominal flight and the corners of the paper's box, with the gains of the paper's Table 1."""
-    configs = repository / "configs"
-    vehicle, controller = configs / "vehicle/winged_cone.yaml", configs / "control/tlc.yaml"
-    plan = prepare(vehicle, configs / f"mission/{mission}.yaml", controller, "tlc")
+    plan = make_flight_plan(mission, "winged_cone")
     parameters = nominal_parameters(9)
     for corner in range(8):
         for bit, (name, half_width) in enumerate(BOX.items()):

@@ -7,23 +7,14 @@ from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.prepare import prepare
+from abhv_mc.flying import make_flight_plan
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 
 
-def level(repository, vehicle):
-    configs = repository / "configs"
-    return prepare(vehicle, configs / "mission/level.yaml", configs / "control/tlc.yaml", "tlc")
-
-
-def test_without_an_empty_mass_the_engine_runs_and_the_mass_stays(repository, tmp_path):
+def test_without_an_empty_mass_the_engine_runs_and_the_mass_stays():
     """It flew with its engine off, and nothing said so."""
-    (tmp_path / "ghame").symlink_to(repository / "configs/vehicle/ghame")
-    text = (repository / "configs/vehicle/ghame_x.yaml").read_text()
-    file = tmp_path / "vehicle.yaml"
-    file.write_text("\n".join(line for line in text.splitlines() if not line.strip().startswith("empty:")))
-    plan = level(repository, file)
+    plan = make_flight_plan("level", {"base": "ghame_x", "mass.empty": None})
     block = fly(plan, nominal_parameters(), 100)
     assert block.outcome[0] == Outcome.OK
     assert np.ptp(block.history[0, :, CHANNEL_INDEX["mass_kg"]]) == 0.0
@@ -34,9 +25,9 @@ def test_without_an_empty_mass_the_engine_runs_and_the_mass_stays(repository, tm
 
 
 @pytest.mark.parametrize(("parameter", "ratio"), [("propulsion.thrust", 1.0), ("propulsion.specific_impulse", 1.05)])
-def test_thrust_is_dispersed_at_the_same_fuel_flow(repository, parameter, ratio):
+def test_thrust_is_dispersed_at_the_same_fuel_flow(parameter, ratio):
     """In the first control period the engine has not yet answered: both flights burn at the same equivalence ratio."""
-    plan = level(repository, repository / "configs/vehicle/ghame_x.yaml")
+    plan = make_flight_plan("level")
     parameters = nominal_parameters(2)
     parameters[1, PARAMETER_INDEX[parameter]] = 1.05
     states = fly(plan, parameters, 1, keep_states=True).states

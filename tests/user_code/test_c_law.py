@@ -12,7 +12,7 @@ from user_code.test_user_law import CASCADE
 
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.prepare import prepare
+from abhv_mc.flying import make_flight_plan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.numerics.angles import clamp, wrap
 from abhv_mc.numerics.lane_math import sincos
@@ -85,10 +85,8 @@ def make(tmp_path):
 
 
 def test_lqr_in_c_is_the_built_in_lqr_to_the_bit_and_has_its_margins(repository):
-    configs = repository / "configs"
-    files = configs / "vehicle" / "ghame_x_coupled.yaml", configs / "mission" / "s_manoeuvre.yaml"
-    mine = prepare(*files, configs / "control" / "lqr_c" / "lqr_c.yaml", "mine")
-    built_in = prepare(*files, configs / "control" / "lqr.yaml", "lqr")
+    laws = str(repository / "configs/control/lqr_c/lqr_c.yaml"), "lqr"
+    mine, built_in = (make_flight_plan("s_manoeuvre", "ghame_x_coupled", law) for law in laws)
     parameters = disperse(70)
     assert_same(fly(mine, parameters, 50), fly(built_in, parameters, 50))
     some = nominal_parameters(2)

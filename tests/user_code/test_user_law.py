@@ -7,12 +7,17 @@ import numpy as np
 import pytest
 from short_flights import assert_same, disperse, short_plan
 
+from abhv_mc.control.design.design_model import wrench_at
+from abhv_mc.control.design.lqr_design import make_nominal
+from abhv_mc.control.mission import read_mission
+from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.kernel import COMPACTION
 from abhv_mc.flight.memory import TOGETHER
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import LANES
-from abhv_mc.flight.prepare import prepare
+from abhv_mc.flying import make_flight_plan
 from abhv_mc.folder.plans import read_plan, write_plan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
@@ -63,11 +68,9 @@ def make(tmp_path):
     return make_plan
 
 
-def test_lqr_as_a_file_is_the_built_in_lqr_to_the_bit(repository):
-    configs = repository / "configs"
-    files = configs / "vehicle" / "ghame_x_coupled.yaml", configs / "mission" / "s_manoeuvre.yaml"
-    own = prepare(*files, HERE / "lqr_law.yaml", "own")
-    built_in = prepare(*files, configs / "control" / "lqr.yaml", "lqr")
+def test_lqr_as_a_file_is_the_built_in_lqr_to_the_bit():
+    laws = str(HERE / "lqr_law.yaml"), "lqr"
+    own, built_in = (make_flight_plan("s_manoeuvre", "ghame_x_coupled", law) for law in laws)
     parameters = disperse(70)
     assert_same(fly(own, parameters, 50), fly(built_in, parameters, 50))
 
@@ -149,8 +152,6 @@ def test_memory_of_any_kind_in_plain_python(make):
     parameters = nominal_parameters(3)
     parameters[:, PARAMETER_INDEX["initial.bank"]] = [0.0, 0.01, 0.02]
     block = fly(plan, parameters, 1)
-    from abhv_mc.flight.channels import CHANNEL_INDEX
-
     command = block.history[:, -1, CHANNEL_INDEX["aileron_command_deg"]]
     assert np.allclose(command, -np.rad2deg([0.0, 0.01, 0.02]), atol=1e-3)
 
@@ -159,8 +160,6 @@ def test_commands_are_clamped_and_missing_ones_are_the_references(make):
     text = HEAD + "@controller\ndef law():\n    return Command(9.0, -9.0, 9.0, -5.0)\n"
     plan = make(text, seconds=0.05)
     history = fly(plan, nominal_parameters(), 1).history[0, 1]
-    from abhv_mc.flight.channels import CHANNEL_INDEX
-
     limit = np.rad2deg(plan.vehicle.constants.surface_limit)
     names = ("aileron", "rudder", "elevator")
     assert np.allclose([history[CHANNEL_INDEX[f"{n}_command_deg"]] for n in names], [limit, -limit, limit])
@@ -189,11 +188,6 @@ def test_onboard_is_the_nominal_vehicle(make):
     text = HEAD + "@controller\ndef law(onboard, reference):\n"
     text += "    return Command(0.0, 0.01, reference.elevator, reference.equivalence_ratio,\n"
     text += "        1e-6 * onboard.{0}, onboard.{1} * 1e-9, onboard.{2} * 1e-9)\n"
-    from abhv_mc.control.design.design_model import wrench_at
-    from abhv_mc.control.design.lqr_design import make_nominal
-    from abhv_mc.control.mission import read_mission
-    from abhv_mc.flight.channels import CHANNEL_INDEX
-
     names = ["dynamic_pressure", "moment.pitch", "moment_by_elevator.pitch", "moment_by_aileron.roll",
              "moment_by_rudder.yaw", "thrust_by_equivalence_ratio", "thrust", "lift_by_angle_of_attack",
              "inertia.yy"]  # fmt: skip
@@ -235,15 +229,11 @@ def test_onboard_is_the_nominal_vehicle(make):
 
 
 def test_inversion_with_the_vehicle_on_board_flies_the_s_in_sixty_lines(repository):
-    configs = repository / "configs"
-    law = (configs / "control" / "inversion.py").read_text()
+    law = (repository / "configs" / "control" / "inversion.py").read_text()
     body = law[law.index("@controller") :]
     assert len(body.splitlines()) <= 60
-    files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
-    block = fly(prepare(*files, configs / "control" / "inversion.yaml", "own"), nominal_parameters())
+    block = fly(make_flight_plan("s_manoeuvre", controller="inversion"), nominal_parameters())
     assert block.outcome[0] == Outcome.OK
-    from abhv_mc.flight.metrics import METRIC_INDEX
-
     assert block.metrics[0, METRIC_INDEX["altitude_error_max_m"]] < 20.0
 
 
@@ -264,8 +254,6 @@ def test_design_gives_gains_and_the_linear_plant(make):
     )
     plan = make(text, "{scale: 50 %}", seconds=0.05)
     assert plan.gain_names.tolist() == ["pitch", "constant"]
-    from abhv_mc.flight.channels import CHANNEL_INDEX
-
     history = fly(plan, nominal_parameters(), 1).history[0, 1]
     assert np.isclose(history[CHANNEL_INDEX["aileron_command_deg"]], np.rad2deg(0.005), rtol=1e-4)
 

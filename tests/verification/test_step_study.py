@@ -1,20 +1,14 @@
 """What the integrator's default step costs: the metrics of dispersed flights at 10 ms against 5 ms."""
 
-from pathlib import Path
-
 import numpy as np
 from verification.shown import check
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.controller_file import read_controller
-from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.flight.prepare import make_plan
+from abhv_mc.flying import make_flight_plan
 from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.shipped import shipped_configs
-from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.verification.rows import Row
 
 # Zhu & Shen (2014), section 7: uniform, half widths.
@@ -32,19 +26,15 @@ def draw_parameters(flights: int, seed: int = 2014) -> Floats:
     return parameters
 
 
-def fly_at(step: float, parameters: Floats, controller: Path) -> FlightBlock:
-    """The S manoeuvre with an integrator step (s)."""
-    configs = shipped_configs()
-    mission = read_mission(configs / "mission" / "s_manoeuvre.yaml").model_copy(update={"step": step})
-    vehicle = load_vehicle(configs / "vehicle" / "ghame_x.yaml")
-    return fly(make_plan(vehicle, mission, read_controller(controller), controller.stem), parameters)
+def fly_at(step: float, parameters: Floats) -> FlightBlock:
+    """TLC's S manoeuvre with an integrator step (s)."""
+    return fly(make_flight_plan({"base": "s_manoeuvre", "step": f"{step} s"}), parameters)
 
 
 def test_half_the_step_moves_every_metric_by_less_than_one_percent_of_its_spread() -> None:
-    controller = shipped_configs() / "control" / "tlc.yaml"
-    default = read_mission(shipped_configs() / "mission" / "s_manoeuvre.yaml").step
+    default = make_flight_plan("s_manoeuvre").timing.step
     parameters = draw_parameters(FLIGHTS)
-    coarse, fine = (fly_at(step, parameters, controller) for step in (default, 0.5 * default))
+    coarse, fine = (fly_at(step, parameters) for step in (default, 0.5 * default))
     flown = f"tlc, {FLIGHTS} flights"
     changed = float((coarse.outcome != fine.outcome).sum())
     rows = [Row("half the step", flown, "outcomes that change", "-", changed, 0.0)]

@@ -57,6 +57,10 @@ class Document:
     value_places: Mapping[tuple[Key, ...], Place] = field(repr=False)
     key_places: Mapping[tuple[Key, ...], Place] = field(repr=False)
 
+    def __str__(self) -> str:
+        """The file that it stands for, as messages name it."""
+        return str(self.path)
+
     def position(self, *keys: Key) -> Place:
         """Line and column (from 1) of the value at ``keys``, or of the nearest thing around it that exists."""
         while keys not in self.value_places:

@@ -5,10 +5,9 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from abhv_mc.control.columns import LQR_ELEVATOR, LQR_GAINS, LQR_GUIDANCE, LQR_LATERAL
-from abhv_mc.control.controller_file import LqrController, read_controller
+from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.design.lqr_design import (
     attitude_slopes,
     gains_at,
@@ -19,48 +18,35 @@ from abhv_mc.control.design.lqr_design import (
     make_models,
     make_nominal,
 )
-from abhv_mc.control.mission import Mission
 from abhv_mc.plant.trim import FlightPoint, trim
-from abhv_mc.vehicle.arrays import Tables
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
-from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import WGS84
 
-Floats = NDArray[np.float64]
 CONFIGS = Path(__file__).parents[3] / "configs"
-KNOTS = [0, 700, 2500, 4999, 5000, 6000]
 
 
 @pytest.fixture(scope="module")
-def controller() -> LqrController:
-    found = read_controller(CONFIGS / "control" / "lqr.yaml")
-    assert isinstance(found, LqrController)
-    return found
+def controller():
+    return read_controller(CONFIGS / "control" / "lqr.yaml")
 
 
 @pytest.fixture(scope="module")
-def gains(
-    controller: LqrController, mission: Mission, reference: Floats, vehicle: Vehicle, trim_tables: Tables
-) -> Floats:
+def gains(controller, mission, reference, vehicle, trim_tables):
     return make_lqr_gains(controller, mission, reference, vehicle, trim_tables)
 
 
-def models(
-    mission: Mission, reference: Floats, vehicle: Vehicle, trim_tables: Tables, knot: int
-) -> list[tuple[Floats, Floats]]:
-    """A and B of guidance, longitudinal and lateral; deflections in degrees as the paper's weights want them."""
-    nominal = make_nominal(mission, reference[knot])
-    slopes = attitude_slopes(vehicle, nominal)
-    attitude = [(A, B * np.pi / 180.0) for A, B in (longitudinal_model(slopes), lateral_model(slopes))]
-    return [guidance_model(vehicle, trim_tables, nominal), *attitude]
+@pytest.fixture(scope="module")
+def nominal_at(mission, reference):
+    return lambda knot: make_nominal(mission, reference[knot])
 
 
-def weights(controller: LqrController) -> list[tuple[Floats, Floats]]:
+def weights(controller):
     parts = (controller.guidance, controller.longitudinal, controller.lateral)
-    return [tuple(np.diag([v for _, v in part]) for part in (p.states, p.inputs)) for p in parts]  # type: ignore[misc]
+    return [tuple(np.diag([v for _, v in part]) for part in (p.states, p.inputs)) for p in parts]
 
 
-def split(row: Floats) -> list[Floats]:
+def split(row):
     """The three gain matrices, deflections in degrees."""
     degrees = 180.0 / np.pi
     return [
@@ -70,17 +56,12 @@ def split(row: Floats) -> list[Floats]:
     ]
 
 
-@pytest.mark.parametrize("knot", KNOTS)
-def test_gains_satisfy_their_riccati_equations(
-    knot: int,
-    controller: LqrController,
-    mission: Mission,
-    reference: Floats,
-    vehicle: Vehicle,
-    trim_tables: Tables,
-    gains: Floats,
-) -> None:
-    systems = models(mission, reference, vehicle, trim_tables, knot)
+@pytest.mark.parametrize("knot", [0, 700, 2500, 4999, 5000, 6000])
+def test_gains_satisfy_their_riccati_equations(knot, controller, nominal_at, vehicle, trim_tables, gains):
+    slopes = attitude_slopes(vehicle, nominal_at(knot))
+    # The paper's weights are of degrees.
+    attitude = [(A, B * np.pi / 180.0) for A, B in (longitudinal_model(slopes), lateral_model(slopes))]
+    systems = [guidance_model(vehicle, trim_tables, nominal_at(knot)), *attitude]
     for (A, B), (Q, R), K in zip(systems, weights(controller), split(gains[knot]), strict=True):
         poles = np.linalg.eigvals(A - B @ K)
         assert poles.real.max() < 0.0
@@ -88,20 +69,13 @@ def test_gains_satisfy_their_riccati_equations(
         np.testing.assert_allclose(theirs, K, rtol=1e-8, atol=1e-10 * np.abs(K).max())
 
 
-def test_gains_are_not_interpolated_across_a_step(
-    controller: LqrController,
-    mission: Mission,
-    reference: Floats,
-    vehicle: Vehicle,
-    trim_tables: Tables,
-    gains: Floats,
-) -> None:
+def test_gains_are_not_interpolated_across_a_step(controller, nominal_at, reference, vehicle, trim_tables, gains):
     """At 50 s the bank steps by 46 deg, and the bank's share of the path error with it."""
     assert gains.shape == (len(reference), len(LQR_GAINS))
     for knot in (0, 4999, 5000, 6000):
-        exact = gains_at(controller, make_models(vehicle, trim_tables, make_nominal(mission, reference[knot])))
+        exact = gains_at(controller, make_models(vehicle, trim_tables, nominal_at(knot)))
         np.testing.assert_allclose(gains[knot], exact, rtol=1e-12)
-    between = gains_at(controller, make_models(vehicle, trim_tables, make_nominal(mission, reference[2350])))
+    between = gains_at(controller, make_models(vehicle, trim_tables, nominal_at(2350)))
     np.testing.assert_allclose(gains[2350], between, rtol=0.02, atol=0.02 * np.abs(between).max())
     jump = np.abs(gains[5000] - gains[4999])
     usual = np.abs(np.diff(gains[:5000], axis=0)).max(axis=0)
@@ -109,9 +83,9 @@ def test_gains_are_not_interpolated_across_a_step(
     assert jump[moved] > 100.0 * usual[moved]
 
 
-def test_attitude_slopes_by_hand(mission: Mission, reference: Floats, vehicle: Vehicle) -> None:
+def test_attitude_slopes_by_hand(nominal_at, vehicle):
     """Entries that textbooks give: damping and effectiveness over the inertia, from the real-valued tables."""
-    nominal = make_nominal(mission, reference[2500])
+    nominal = nominal_at(2500)
     A, B = longitudinal_model(attitude_slopes(vehicle, nominal))
     constants = vehicle.constants
     q_bar = 0.5 * nominal.around.density * nominal.speed**2
@@ -137,13 +111,11 @@ def test_attitude_slopes_by_hand(mission: Mission, reference: Floats, vehicle: V
     assert B[0, 0] < 0.0  # more lift, less rate of angle of attack
 
 
-def test_published_effectiveness_of_the_full_scale_vehicle(mission: Mission, reference: Floats) -> None:
+def test_published_effectiveness_of_the_full_scale_vehicle(nominal_at):
     """GHAME's slow elevator: 0.31 deg/s2 per degree at 20 km and 1400 m/s."""
-    from abhv_mc.user_code.vehicle_functions import load_vehicle
-
     ghame = load_vehicle(CONFIGS / "vehicle" / "ghame.yaml")
     point = trim(ghame, WGS84._replace(rotation_rate=0.0), FlightPoint(20e3, 1400.0, latitude=0.511))
-    nominal = make_nominal(mission, reference[0])._replace(
+    nominal = nominal_at(0)._replace(
         mass=ghame.constants.mass_start,
         bank=0.0,
         angle_of_attack=point.angle_of_attack,

@@ -1,4 +1,4 @@
-"""Every manoeuvre: its rates are the derivatives of what it asks for, and it ends where it should."""
+"""Manoeuvres, alone or in phases: rates are the derivatives of what is asked for, and each ends where it should."""
 
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ TIMES = np.arange(0.0, 60.0 + STEP / 2.0, STEP)
 
 
 def make_mission(manoeuvre: dict[str, Any], **others: Any) -> Mission:
-    data = {"name": "test", "start": START, "manoeuvre": manoeuvre, **others}
+    data = {"name": "test", "start": START, "manoeuvre": manoeuvre} | others
     return validate(Document(Path("test.yaml"), data, {(): (1, 1)}, {}), Mission)
 
 
@@ -46,13 +46,24 @@ MANOEUVRES: dict[str, dict[str, Any]] = {
         ],
     },
     "recorded": {"kind": "recorded"},
+    "phases": {
+        "kind": "phases",
+        "phases": [
+            {"kind": "climb", "altitude_change": "200 m", "length": "20 s", "speed_change": "50 m/s"},
+            {"kind": "level", "length": "5 s"},
+            {"kind": "turn", "heading_change": "4 deg", "length": "10 s"},
+            {"kind": "s_manoeuvre", "offset": "500 m", "length": "10 s"},
+            {"kind": "pull_up", "flight_path_angle": "1 deg", "length": "5 s"},
+        ],
+    },
 }
 
 
 @pytest.mark.parametrize("kind", MANOEUVRES)
 def test_rates_are_derivatives(kind: str, tmp_path: Path) -> None:
     manoeuvre = recorded(tmp_path) if kind == "recorded" else MANOEUVRES[kind]
-    mission = make_mission(manoeuvre, start_time="0 s" if kind == "recorded" else "5 s")
+    start = START | {"flight_path_angle": "-0.5 deg"} if kind == "phases" else START
+    mission = make_mission(manoeuvre, start_time="0 s" if kind == "recorded" else "5 s", start=start)
     profile = make_profile(mission, TIMES)
     smooth = np.ones(TIMES.size - 2, dtype=bool)
     for step in step_times(mission):
@@ -80,6 +91,19 @@ def test_where_they_end() -> None:
     assert s.heading.max() > start  # to the right
     sideways = np.sum(s.speed * np.sin(s.heading - start)) * STEP
     assert sideways == pytest.approx(3000.0, rel=1e-4)
+
+
+def test_what_a_phase_leaves_is_held() -> None:
+    mission = make_mission(MANOEUVRES["phases"], start_time="5 s")
+    profile = make_profile(mission, np.array([0.0, 25.0, 30.0, 40.0, 50.0]))
+    assert profile.altitude == pytest.approx([20e3, *4 * [20.2e3]])
+    assert profile.speed == pytest.approx([1400.0, *4 * [1450.0]])
+    assert np.rad2deg(profile.heading) == pytest.approx([90.0, 90.0, 90.0, 94.0, 94.0])
+    assert step_times(mission) == (40.0, 50.0)
+    times = np.linspace(40.0, 50.0, 10001)
+    s = make_profile(mission, times)
+    left = np.trapezoid(s.speed * np.sin(np.deg2rad(94.0) - s.heading), times)
+    assert left == pytest.approx(500.0, rel=1e-3)  # at the speed that it is flown with
 
 
 def test_a_recorded_heading_runs_on_through_north(tmp_path: Path) -> None:
@@ -119,6 +143,7 @@ def test_a_bad_trajectory_is_refused_with_its_line(
     [
         ("manoeuvre: {kind: loop}", "kind 'loop'"),
         ("manoeuvre: {kind: climb, altitude_change: 30 km, length: 40 s}", "a climb to 50000 m"),
+        ("manoeuvre: {kind: phases, phases: [{kind: climb, altitude_change: 30 km, length: 9 s}]}", "to 50000 m"),
         ("manoeuvre: {kind: s_manoeuvre, offset: 50 km, length: 50 s}", "sideways"),
         ("manoeuvre: {kind: level}\nlimits: {altitude: [30 km, 40 km]}", "20000 m"),
     ],
