@@ -16,9 +16,9 @@ from abhv_mc.folder.histogram import Histograms
 
 T = TypeVar("T")
 Recorded = Recording | int | None  # as flight.fly takes it
-Asked = Counting | Recorded
+ToRecord = Counting | Recorded
 Fly = Callable[[FlightPlan, Floats, Recorded], FlightBlock]  # in one call
-FlyBlocks = Callable[[FlightPlan, Floats, Asked], FlightBlock]  # by whoever flies blocks
+FlyBlocks = Callable[[FlightPlan, Floats, ToRecord], FlightBlock]  # by whoever flies blocks
 
 _BLOCK = 256  # flights of one: enough for every lane, few enough to lose
 _COUNTED = 8192  # flights of a block that comes back counted, some ten seconds of work: what a kill costs a worker
@@ -52,7 +52,7 @@ def choose_counted(flights: int, workers: int, batch: int) -> int:
 
 
 def fly_recorded(
-    fly: Fly, plan: FlightPlan, parameters: Floats, recorded: Asked, begin: Callable[[], None] = lambda: None
+    fly: Fly, plan: FlightPlan, parameters: Floats, recorded: ToRecord, begin: Callable[[], None] = lambda: None
 ) -> FlightBlock:
     """What every worker does; ``begin`` is called before each call of ``fly``."""
     if isinstance(recorded, Counting):
@@ -78,7 +78,7 @@ def fly_counted(
     return CountedBlock(**parts, counts=histograms.counts, ends=histograms.extremes())
 
 
-def at_once(parameters: Floats, recorded: Asked) -> int:
+def at_once(parameters: Floats, recorded: ToRecord) -> int:
     """Flights of one call of ``fly``."""
     return min(len(parameters), recorded.batch) if isinstance(recorded, Counting) else len(parameters)
 
@@ -108,7 +108,7 @@ def _uniform_runs(rows: Mask, envelope: Mask, size: int, cut: int) -> Iterator[t
 
 
 def fly_block(
-    fly: FlyBlocks, plan: FlightPlan, block: Block, parameters: Floats, recorded: Asked
+    fly: FlyBlocks, plan: FlightPlan, block: Block, parameters: Floats, recorded: ToRecord
 ) -> tuple[Block, FlightBlock]:
     """What a worker does: nothing but flying; it touches no file."""
     return block, fly(plan, parameters, recorded if block.envelope else None)

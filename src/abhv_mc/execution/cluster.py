@@ -19,7 +19,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.attest import Attestation, Check, sign
-from abhv_mc.execution.blocks import Asked, Fly, at_once, fly_recorded
+from abhv_mc.execution.blocks import Fly, ToRecord, at_once, fly_recorded
 from abhv_mc.execution.engine import Engine
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, make_failed, time_limit
 from abhv_mc.flight.fly import nominal_parameters
@@ -60,7 +60,7 @@ def with_code(plan: FlightPlan, code: Code) -> FlightPlan:
 
 
 def fly_remote(
-    fly: Fly, source: str, arrays: Arrays, code: Code, parameters: Floats, recorded: Asked, limit: float
+    fly: Fly, source: str, arrays: Arrays, code: Code, parameters: Floats, recorded: ToRecord, limit: float
 ) -> FlightBlock:
     """What a worker of the cluster does: the block, signed.
 
@@ -120,7 +120,7 @@ class Cluster:
         """Blocks to have under way."""
         return max(_FEWEST, _PER_THREAD * sum(self._client.nthreads().values()))
 
-    def fly(self, plan: FlightPlan, parameters: Floats, recorded: Asked = None) -> FlightBlock:
+    def fly(self, plan: FlightPlan, parameters: Floats, recorded: ToRecord = None) -> FlightBlock:
         """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
         return fly_with_retries(partial(self._attempt, plan), plan, parameters, recorded)
 
@@ -135,7 +135,7 @@ class Cluster:
                 self._plans[id(plan)] = held, plan
             return held
 
-    def _attempt(self, plan: FlightPlan, parameters: Floats, recorded: Asked) -> FlightBlock:
+    def _attempt(self, plan: FlightPlan, parameters: Floats, recorded: ToRecord) -> FlightBlock:
         from distributed import CancelledError, KilledWorker
 
         engine, limit = self._engine, time_limit(at_once(parameters, recorded), self.limit)

@@ -16,9 +16,9 @@ _FIRST_JUDGED = 64  # flights after which a campaign that stops when proven is j
 class Completion:
     """The flights that a folder holds, counted; what is not among them is missing."""
 
-    def __init__(self, campaign: CheckedCampaign, part: tuple[int, int], asked: tuple[str, ...]) -> None:
-        """``part``: first flight of this folder's shard and the one after its last; ``asked``: controllers to fly."""
-        self.campaign, self.asked = campaign, asked
+    def __init__(self, campaign: CheckedCampaign, part: tuple[int, int], to_fly: tuple[str, ...]) -> None:
+        """``part``: first flight of this folder's shard and the one after its last; ``to_fly``: controllers to fly."""
+        self.campaign, self.to_fly = campaign, to_fly
         self.first, self.stop = part
         self.all_counts: dict[str, FlightCounts] = make_flight_counts(campaign)
         self.done = {name: np.zeros(campaign.runs, bool) for name in self.all_counts}
@@ -56,7 +56,7 @@ class Completion:
         numbers = np.arange(self.campaign.runs)
         below = (numbers >= self.first) & (numbers < self.goal())
         for name, done in self.done.items():
-            expected = ~done & below & (name in self.asked)  # what was flown and is in no envelope is wanted anyhow
+            expected = ~done & below & (name in self.to_fly)  # what was flown and is in no envelope is wanted anyhow
             computed = ~self.all_counts[name].uncomputed  # the others have nothing for the envelopes
             missing[name] = expected, ~collectors[name].covered & (done & computed | expected)
         return missing if any(mask.any() for masks in missing.values() for mask in masks) else {}

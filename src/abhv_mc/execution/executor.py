@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES, Execution
 from abhv_mc.execution.attest import Attestation, sign
-from abhv_mc.execution.blocks import Asked, FlyBlocks, choose_batch, fly_recorded
+from abhv_mc.execution.blocks import FlyBlocks, ToRecord, choose_batch, fly_recorded
 from abhv_mc.execution.cluster import Cluster
 from abhv_mc.execution.engine import Engine
 from abhv_mc.execution.pool import WorkerPool
@@ -63,8 +63,8 @@ def open_executor(
 
 
 def _in_this_process(engine: Engine) -> FlyBlocks:
-    def fly(plan: FlightPlan, parameters: Floats, recorded: Asked = None) -> FlightBlock:
-        def attempt(rows: Floats, recorded: Asked) -> FlightBlock:
+    def fly(plan: FlightPlan, parameters: Floats, recorded: ToRecord = None) -> FlightBlock:
+        def attempt(rows: Floats, recorded: ToRecord) -> FlightBlock:
             try:
                 return sign(fly_recorded(engine.fly, plan, rows, recorded), engine.device)
             except Exception as error:

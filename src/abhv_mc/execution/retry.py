@@ -12,14 +12,14 @@ from functools import partial
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.blocks import Asked, Recorded, fly_counted
+from abhv_mc.execution.blocks import Recorded, ToRecord, fly_counted
 from abhv_mc.flight.lost import make_lost
 from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, recording_of
 from abhv_mc.folder.counted import Counting
 from abhv_mc.stability.metrics import count_metrics
 
-Attempt = Callable[[Floats, Asked], FlightBlock]
+Attempt = Callable[[Floats, ToRecord], FlightBlock]
 
 PIECE = 16  # flights of the first smaller pieces, and those that one time limit holds for
 _told: set[str] = set()  # losses that were said already
@@ -43,7 +43,7 @@ def time_limit(flights: int, one: float) -> float:
     return one * math.ceil(flights / PIECE)
 
 
-def fly_with_retries(attempt: Attempt, plan: FlightPlan, parameters: Floats, recorded: Asked) -> FlightBlock:
+def fly_with_retries(attempt: Attempt, plan: FlightPlan, parameters: Floats, recorded: ToRecord) -> FlightBlock:
     """What ``attempt`` makes of the rows, with ``failed_to_run`` for those that are lost alone, too.
 
     A block that is to be counted is flown batch by batch then, and counted here. Raises UnusableError where not one of

@@ -90,7 +90,7 @@ class _Run:
         self.manifest, self.engine = opened.manifest, engine
         self.files = opened.files
         model = self.campaign.model
-        self.completion = Completion(self.campaign, opened.part, opened.asked)
+        self.completion = Completion(self.campaign, opened.part, opened.to_fly)
         self.sharded = "shard" in self.manifest
         self.fly, self.workers = executor.fly, executor.workers
         self.batch = model.execution.batch or engine.batch or choose_batch(self.campaign.runs, self.workers)

@@ -60,7 +60,7 @@ class OpenCampaign:
     campaign: CheckedCampaign  # as the folder holds it
     plans: dict[str, FlightPlan]
     manifest: dict[str, Any]
-    asked: tuple[str, ...]  # controllers to fly now
+    to_fly: tuple[str, ...]  # controllers
     files: FileHashes
     margin_plans: dict[str, MarginPlan]  # where the campaign asks for margins
 
@@ -77,29 +77,29 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     Raises InputError before anything is written when something is wrong.
     """
     stack.enter_context(reading_once())
-    asked = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
-    folder = CampaignFolder(request.out or Path("reports") / asked.model.name)
-    for source in check_user_code(asked, request.trust_code):
+    requested = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
+    folder = CampaignFolder(request.out or Path("reports") / requested.model.name)
+    for source in check_user_code(requested, request.trust_code):
         trust(source)  # his own file: he has flown it
-    _check_shard(request, asked)
-    inputs = collect_inputs(asked)
+    _check_shard(request, requested)
+    inputs = collect_inputs(requested)
     flown = open_folder(folder, request.fresh, stack)
     if flown is not None:
-        return _resume(flown, asked, inputs, engine, request)
+        return _resume(flown, requested, inputs, engine, request)
     _start_workers(request, engine)
-    plans = take_plans(request.plans_from, asked, inputs, engine, request.trust_code)
-    plans = plans or make_plans(asked, asked.model.controllers, engine)
-    nominal = _fly_nominal(asked, plans, engine)
-    margin_plans = make_margin_plans(asked, plans, engine.device)
+    plans = take_plans(request.plans_from, requested, inputs, engine, request.trust_code)
+    plans = plans or make_plans(requested, requested.model.controllers, engine)
+    nominal = _fly_nominal(requested, plans, engine)
+    margin_plans = make_margin_plans(requested, plans, engine.device)
     files = begin_folder(folder, inputs, plans, stack)
-    _write_samples(folder, asked)
-    _write_nominal(folder, asked, plans, nominal)
-    manifest = _new_manifest(asked, inputs, engine, plans) | {"warnings": find_warnings(plans, asked)}
+    _write_samples(folder, requested)
+    _write_nominal(folder, requested, plans, nominal)
+    manifest = _new_manifest(requested, inputs, engine, plans) | {"warnings": find_warnings(plans, requested)}
     if request.shard is not None:
         manifest["shard"] = list(request.shard)
     manifest["files"] = files.listed()
     write_manifest(folder.manifest, manifest)
-    return OpenCampaign(folder, asked, plans, manifest, tuple(plans), files, margin_plans)
+    return OpenCampaign(folder, requested, plans, manifest, tuple(plans), files, margin_plans)
 
 
 def _start_workers(request: Request, engine: Engine) -> None:
@@ -121,14 +121,14 @@ def _check_shard(request: Request, campaign: CheckedCampaign) -> None:
 
 
 def _resume(
-    flown: FlownFolder, asked: CheckedCampaign, inputs: FolderInputs, engine: Engine, request: Request
+    flown: FlownFolder, requested: CheckedCampaign, inputs: FolderInputs, engine: Engine, request: Request
 ) -> OpenCampaign:
     """Go on with a folder that holds the same campaign, perhaps with fewer flights or controllers."""
     folder, manifest, files = flown.folder, flown.manifest, flown.files
     before = read_folder_inputs(folder, manifest)
-    _check_same(flown, before, asked, inputs, request)
-    added = [name for name in asked.model.controllers if name not in before.data["controllers"]]
-    longer = asked.runs > before.data["runs"]
+    _check_same(flown, before, requested, inputs, request)
+    added = [name for name in requested.model.controllers if name not in before.data["controllers"]]
+    longer = requested.runs > before.data["runs"]
     merged = merge_inputs(before, inputs, selected=request.controllers is not None)
     judged_anew = next(iter(merged.data["controllers"])) != next(iter(before.data["controllers"]))
     changed = added or longer or judged_anew or not files.knows(folder.campaign)  # the last: killed while it grew
@@ -136,14 +136,14 @@ def _resume(
     if added or longer or not with_nominal or manifest["state"] != COMPLETE:
         check_source(folder, manifest, engine)
         _start_workers(request, engine)
-    new = make_plans(asked, added, engine)
+    new = make_plans(requested, added, engine)
     if new:
-        _fly_nominal(asked, new, engine)  # refuses what cannot fly, before anything is written
+        _fly_nominal(requested, new, engine)  # refuses what cannot fly, before anything is written
     if longer and files.knows(folder.samples):
-        _check_drawn(folder, asked)
+        _check_drawn(folder, requested)
     if changed:
         grow_folder(flown, inputs, merged, new, longer)
-    campaign = _join(asked, inputs, merged if changed else before)
+    campaign = _join(requested, inputs, merged if changed else before)
     if not files.knows(folder.samples):
         _write_samples(folder, campaign)
     flying = campaign.model.controllers
@@ -156,19 +156,19 @@ def _resume(
         manifest["files"] = files.listed()
         write_manifest(folder.manifest, manifest)
     margin_plans = make_margin_plans(campaign, plans, engine.device)
-    return OpenCampaign(folder, campaign, plans, manifest, tuple(asked.model.controllers), files, margin_plans)
+    return OpenCampaign(folder, campaign, plans, manifest, tuple(requested.model.controllers), files, margin_plans)
 
 
-def _join(asked: CheckedCampaign, inputs: FolderInputs, merged: FolderInputs) -> CheckedCampaign:
+def _join(requested: CheckedCampaign, inputs: FolderInputs, merged: FolderInputs) -> CheckedCampaign:
     """The campaign of the folder, with the controllers that were flown before."""
     if (merged.data, list(merged.data["controllers"])) == (inputs.data, list(inputs.data["controllers"])):
-        return asked
+        return requested
     campaign = check_campaign(merged.document)
-    return replace(campaign, model=campaign.model.model_copy(update={"execution": asked.model.execution}))
+    return replace(campaign, model=campaign.model.model_copy(update={"execution": requested.model.execution}))
 
 
 def _check_same(
-    flown: FlownFolder, before: FolderInputs, asked: CheckedCampaign, inputs: FolderInputs, request: Request
+    flown: FlownFolder, before: FolderInputs, requested: CheckedCampaign, inputs: FolderInputs, request: Request
 ) -> None:
     """Raises InputError for a folder that holds something else than the beginning of what is asked for."""
     root, shard = flown.folder.root, flown.manifest.get("shard")
@@ -177,12 +177,12 @@ def _check_same(
     if shard != (list(request.shard) if request.shard else None):
         words = "the whole campaign" if shard is None else f"shard {shard[0]}/{shard[1]}"
         raise InputError(root, f"a folder that holds {words}", "that, or another folder (-o DIR)")
-    changes = describe_changes(before, inputs, asked.extensible)
+    changes = describe_changes(before, inputs, requested.extensible)
     if changes:
         found = "a folder that holds another campaign:\n  " + "\n  ".join(changes)
         wish = "the same campaign, another folder (-o DIR), or --fresh to delete what was flown"
         raise InputError(root, found, wish)
-    if shard and asked.runs > before.data["runs"]:
+    if shard and requested.runs > before.data["runs"]:
         raise InputError(root, "a shard of fewer flights", "another folder (-o DIR): shards do not grow")
 
 
