@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
+from abhv_mc.control.controller_file import LqrController, read_controller
 from abhv_mc.io.documents import write_document
 from abhv_mc.io.input_error import InputError
 
@@ -51,6 +51,7 @@ def test_the_papers_gains_give_no_warning_and_a_fast_outer_loop_does(tmp_path: P
     ("old", "new", "line", "words"),
     [
         ("law: tlc", "law: pid", 5, "one of tlc, lqr"),
+        ("law: tlc", "law: lqr", None, "guidance"),
         ("0.03 rad/s", "0.03", 9, "without a unit"),
         ("damping: 2.4, bandwidth: 0.1", "damping: -2.4, bandwidth: 0.1", 13, "more than 0"),
         ("[-1 deg, 12 deg]", "[12 deg, -1 deg]", None, "empty range"),
@@ -66,11 +67,3 @@ def test_a_bad_file_is_refused_in_its_place(tmp_path: Path, old: str, new: str, 
     assert words in str(caught.value)
     if line:
         assert caught.value.line == line
-
-
-def test_models_are_the_laws(tmp_path: Path) -> None:
-    assert isinstance(read_controller(CONFIGS / "tlc.yaml"), TlcController)
-    path = tmp_path / "mixed.yaml"
-    path.write_text(TLC.replace("law: tlc", "law: lqr"))
-    with pytest.raises(InputError, match="guidance"):
-        read_controller(path)

@@ -31,28 +31,15 @@ class Settings(NamedTuple):
     bank: float = 1.2217304763960306
 
 
-class Vehicle(NamedTuple):
-    """What the law needs besides its gains."""
-
-    lowest_ratio: float
-    highest_ratio: float
-    earth_radius: float
-    gravitational_parameter: float
-
-
-Gains = NamedTuple("Gains", [(name, np.ndarray) for name in (*LQR_GAINS, *Vehicle._fields)])
+OTHERS = ("lowest_ratio", "highest_ratio", "earth_radius", "gravitational_parameter")
+Gains = NamedTuple("Gains", [(name, np.ndarray) for name in (*LQR_GAINS, *OTHERS)])
 
 
 def design(model, settings):
     gains = make_lqr_gains(LqrController(**WEIGHTS), model.mission, model.table, model.vehicle, model.trim_tables)
     constants, earth = model.vehicle.constants, model.earth
-    vehicle = Vehicle(
-        constants.equivalence_ratio_min,
-        constants.equivalence_ratio_max,
-        earth.equatorial_radius,
-        earth.gravitational_parameter,
-    )
-    return Gains(*gains.T, *vehicle)
+    limits = constants.equivalence_ratio_min, constants.equivalence_ratio_max
+    return Gains(*gains.T, *limits, earth.equatorial_radius, earth.gravitational_parameter)
 
 
 @controller(units={"lowest": "rad", "highest": "rad", "bank": "rad"})

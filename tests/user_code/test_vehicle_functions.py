@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from short_flights import rows_of
 
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.prepare import prepare
+from abhv_mc.flight.fly import fly
+from abhv_mc.flying import make_flight_plan
 from abhv_mc.io.input_error import InputError
-from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
@@ -121,25 +121,18 @@ def test_coefficients_and_trims_are_those_of_the_tables(tmp_path: Path) -> None:
 
 
 def test_dispersed_flights_are_those_of_the_tables(tmp_path: Path) -> None:
-    parameters = nominal_parameters(7)
-    for i, (name, value) in enumerate(
-        (
-            ("aero.lift", 1.1),
-            ("aero.rolling_moment.roll_rate", 0.7),
-            ("control.elevator_effectiveness", 0.8),
-            ("aero.yawing_moment.sideslip", 0.6),
-            ("propulsion.thrust", 0.9),
-            ("mass.center_of_gravity_x", 0.02),
-        )
-    ):
-        parameters[i + 1, PARAMETER_INDEX[name]] = value
+    cases = {
+        "aero.lift": 1.1,
+        "aero.rolling_moment.roll_rate": 0.7,
+        "control.elevator_effectiveness": 0.8,
+        "aero.yawing_moment.sideslip": 0.6,
+        "propulsion.thrust": 0.9,
+        "mass.center_of_gravity_x": 0.02,
+    }
+    parameters = rows_of({}, *({name: value} for name, value in cases.items()))
     made = {}
-    for name, path in (
-        ("tables", CONFIGS / "vehicle" / "ghame_x.yaml"),
-        ("functions", write_ghame_x(tmp_path, "body")),
-    ):
-        plan = prepare(path, CONFIGS / "mission" / "s_manoeuvre.yaml", CONFIGS / "control" / "tlc.yaml", "tlc")
-        made[name] = fly(plan, parameters, 100, keep_states=True)
+    for name, vehicle in (("tables", "ghame_x"), ("functions", str(write_ghame_x(tmp_path, "body")))):
+        made[name] = fly(make_flight_plan("s_manoeuvre", vehicle), parameters, 100, keep_states=True)
     assert (made["tables"].outcome == made["functions"].outcome).all()
     altitude = [made[name].states[:, :, 0] for name in ("tables", "functions")]
     assert np.nanmax(np.abs(altitude[0] - altitude[1])) < 1e-6

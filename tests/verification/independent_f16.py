@@ -110,17 +110,8 @@ class F16:
         speed, alpha, beta = self._air(x)
         air = Atmosphere(h)
         p, q, r = omega - body.T @ self.world.omega
-        moving = {
-            "vt": speed / FT,
-            "alpha": alpha,
-            "beta": beta,
-            "p": p,
-            "q": q,
-            "r": r,
-            "el": el,
-            "ail": ail,
-            "rdr": rdr,
-        }
+        moving = {"vt": speed / FT, "alpha": alpha, "beta": beta, "p": p, "q": q, "r": r}
+        moving |= {"el": el, "ail": ail, "rdr": rdr}
         c = self.graphs["aero"].evaluate(moving)
         pressure = 0.5 * air.density[0] * speed**2 * 300.0 * FT**2
         engine = {"PWR": power, "ALT": h / FT, "RMACH": speed / air.speed_of_sound[0]}

@@ -72,14 +72,8 @@ def compare_linear_plant(count: int = NOMINALS) -> Iterator[Distance]:
     for name, (vehicle, earth) in plants.items():
         found = np.array([_distances(design, nominal, vehicle, earth) for nominal in nominals])
         for loop, (entries, poles) in zip(LOOPS, np.moveaxis(found, 0, -1), strict=True):
-            yield Distance(
-                loop,
-                name,
-                float(np.median(entries)),
-                float(entries.max()),
-                float(np.median(poles)),
-                float(poles.max()),
-            )
+            numbers = np.median(entries), entries.max(), np.median(poles), poles.max()
+            yield Distance(loop, name, *(float(number) for number in numbers))
 
 
 def _distances(design: Design, nominal: Nominal, vehicle: Vehicle, earth: Earth) -> Floats:

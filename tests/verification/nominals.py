@@ -144,23 +144,14 @@ def velocity_jacobian(design: Design, nominal: Nominal) -> Floats:
 
 def attitude_jacobian(design: Design, nominal: Nominal) -> Floats:
     """[3, 6]: rates of alpha, beta, bank over these and p, q, r, from (13); forces do not feel the rates."""
-    values = nominal.values
+    values, around = nominal.values, nominal.around
+    mass, speed = values["mass"], values["speed"]
 
     def rates_of(x: Numbers) -> Numbers:
-        wrench = wrench_at(
-            design.vehicle,
-            nominal.around,
-            values["mass"],
-            values["speed"],
-            x[0],
-            x[1],
-            _STILL,
-            (0.0, 0.0, nominal.elevator),
-            values["equivalence_ratio"],
-        )
-        gamma = values["flight_path_angle"]
-        gravity = nominal.around.gravity
-        return attitude_rates(wrench.force, values["mass"], values["speed"], gravity, gamma, x[:3], x[3:])
+        deflections, eta = (0.0, 0.0, nominal.elevator), values["equivalence_ratio"]
+        flow = mass, speed, x[0], x[1], _STILL
+        force = wrench_at(design.vehicle, around, *flow, deflections, eta).force
+        return attitude_rates(force, mass, speed, around.gravity, values["flight_path_angle"], x[:3], x[3:])
 
     return slope(rates_of, [values["angle_of_attack"], 0.0, values["bank"], *nominal.rates])
 

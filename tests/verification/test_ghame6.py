@@ -6,8 +6,7 @@ import pytest
 
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant import state as s
-from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.verification.ghame6 import CADAC_EARTH, fly_recording, read_recording, verify_ghame6
+from abhv_mc.verification.ghame6 import CADAC_EARTH, read_recording, verify_ghame6
 from abhv_mc.world.earth import WGS84, gravity_ned
 
 NAME = "sturn50_total_h1e-4.csv.gz"
@@ -95,16 +94,3 @@ def test_uneven_rows_are_refused(frame, tmp_path):
     with pytest.raises(InputError, match="evenly spaced") as refused:
         verify_ghame6(file)
     assert refused.value.line == 22
-
-
-def test_surfaces_follow_the_recording(path):
-    recording = read_recording(path)
-    states = fly_recording(load_vehicle_ghame(), recording)
-    assert states[1:-1, s.ELEVATOR] == pytest.approx(recording.controls[1:-1, 2], abs=1e-15)
-    assert states[1:-1, s.ETA] == pytest.approx(recording.controls[1:-1, 3], abs=1e-15)
-
-
-def load_vehicle_ghame():
-    from abhv_mc.shipped import shipped_configs
-
-    return load_vehicle(shipped_configs() / "vehicle" / "ghame.yaml")

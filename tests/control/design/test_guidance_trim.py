@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from abhv_mc.control.design.design_model import Environment, guidance_rates
 from abhv_mc.control.design.guidance_trim import (
@@ -10,48 +9,24 @@ from abhv_mc.control.design.guidance_trim import (
     NO_BANK,
     NO_EQUIVALENCE_RATIO,
     GuidancePoints,
-    GuidanceTrim,
     trim_along,
     trim_faults,
 )
 from abhv_mc.plant.trim import FlightPoint, trim
-from abhv_mc.vehicle.arrays import Tables
-from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import WGS84
 
-Floats = NDArray[np.float64]
 AROUND = Environment(20e3, 0.08891, 295.07, 9.757, 6.376e6, 0.511)
 MASS = 1372.0
 SPEED = 1400.0
 
 
-def points(
-    axial: Floats | float = 0.0,
-    vertical: Floats | float = 0.0,
-    lateral: Floats | float = 0.0,
-    speed: Floats | float = SPEED,
-    gamma: Floats | float = 0.0,
-    heading: float = 1.5,
-) -> GuidancePoints:
-    a = AROUND
-    return GuidancePoints(
-        *np.broadcast_arrays(
-            np.atleast_1d(speed),
-            a.density,
-            a.sound_speed,
-            a.gravity,
-            a.radius,
-            a.latitude,
-            gamma,
-            heading,
-            axial,
-            vertical,
-            lateral,
-        )
-    )
+def points(axial=0.0, vertical=0.0, lateral=0.0, speed=SPEED, gamma=0.0, heading=1.5):
+    air = AROUND.density, AROUND.sound_speed, AROUND.gravity, AROUND.radius, AROUND.latitude
+    given = np.broadcast_arrays(np.atleast_1d(speed), *air, gamma, heading, axial, vertical, lateral)
+    return GuidancePoints(*given)
 
 
-def rates(vehicle: Vehicle, tables: Tables, where: GuidancePoints, found: GuidanceTrim) -> Floats:
+def rates(vehicle, tables, where, found):
     """V', V gamma' and V chi' of the design model under the controls found, [3, point]."""
     controls = np.stack([found.angle_of_attack, found.bank, found.equivalence_ratio])
     state = np.stack([np.full_like(where.speed, AROUND.altitude), where.flight_path_angle, where.heading, where.speed])
@@ -59,7 +34,7 @@ def rates(vehicle: Vehicle, tables: Tables, where: GuidancePoints, found: Guidan
     return np.real(np.stack([speed_rate, where.speed * gamma_rate, where.speed * chi_rate]))
 
 
-def envelope(count: int) -> GuidancePoints:
+def envelope(count):
     """Random accelerations up to 75 deg of bank, climbing and sinking, Mach 4.4 to 5."""
     generator = np.random.default_rng(3)
     bank = generator.uniform(np.deg2rad(-75.0), np.deg2rad(75.0), count)
@@ -71,7 +46,7 @@ def envelope(count: int) -> GuidancePoints:
     return points(axial, vertical, up * np.tan(bank) / np.cos(gamma), speed, gamma)
 
 
-def test_equations_hold_over_the_envelope(vehicle: Vehicle, trim_tables: Tables) -> None:
+def test_equations_hold_over_the_envelope(vehicle, trim_tables):
     where = envelope(2000)
     found = trim_along(vehicle, trim_tables, where, MASS, warm_start=False)
     good = found.status == 0
@@ -84,7 +59,7 @@ def test_equations_hold_over_the_envelope(vehicle: Vehicle, trim_tables: Tables)
     assert (np.abs(rates(vehicle, trim_tables, where, found) - wanted).max(axis=0)[~good] > 1e-6).all()
 
 
-def test_warm_start_saves_iterations_and_changes_nothing(vehicle: Vehicle, trim_tables: Tables) -> None:
+def test_warm_start_saves_iterations_and_changes_nothing(vehicle, trim_tables):
     lateral = 9.8 * np.cos(np.linspace(0.0, np.pi, 1001))  # the S
     warm = trim_along(vehicle, trim_tables, points(lateral=lateral), MASS)
     cold = trim_along(vehicle, trim_tables, points(lateral=lateral), MASS, warm_start=False)
@@ -94,7 +69,7 @@ def test_warm_start_saves_iterations_and_changes_nothing(vehicle: Vehicle, trim_
     assert cold.iterations.max() <= 12
 
 
-def test_warm_start_survives_a_step_of_the_reference(vehicle: Vehicle, trim_tables: Tables) -> None:
+def test_warm_start_survives_a_step_of_the_reference(vehicle, trim_tables):
     lateral = np.array([0.0, 0.0, 9.8, -9.8, 0.0])
     found = trim_along(vehicle, trim_tables, points(lateral=lateral), MASS)
     assert not found.status.any()
@@ -102,7 +77,7 @@ def test_warm_start_survives_a_step_of_the_reference(vehicle: Vehicle, trim_tabl
     assert found.angle_of_attack[4] == pytest.approx(found.angle_of_attack[0], abs=1e-9)
 
 
-def test_an_interval_without_a_root_gives_its_nearest_end(vehicle: Vehicle, trim_tables: Tables) -> None:
+def test_an_interval_without_a_root_gives_its_nearest_end(vehicle, trim_tables):
     high = vehicle.constants.equivalence_ratio_max
     too_fast = trim_along(vehicle, trim_tables, points(axial=20.0), MASS)
     assert too_fast.status[0] == NO_EQUIVALENCE_RATIO
@@ -120,7 +95,7 @@ def test_an_interval_without_a_root_gives_its_nearest_end(vehicle: Vehicle, trim
     assert down.status[0] & (NO_BANK | NO_ANGLE_OF_ATTACK)
 
 
-def test_with_speed_held_the_axial_equation_can_be_skipped(vehicle: Vehicle, trim_tables: Tables) -> None:
+def test_with_speed_held_the_axial_equation_can_be_skipped(vehicle, trim_tables):
     where = points(lateral=np.array([0.0, 5.0]))
     full = trim_along(vehicle, trim_tables, where, MASS)
     held = trim_along(vehicle, trim_tables, where, MASS, held_equivalence_ratio=float(full.equivalence_ratio[0]))
@@ -131,7 +106,7 @@ def test_with_speed_held_the_axial_equation_can_be_skipped(vehicle: Vehicle, tri
     assert not held.iterations.any()
 
 
-def test_fuel_leaves_the_vehicle_on_the_way(vehicle: Vehicle, trim_tables: Tables) -> None:
+def test_fuel_leaves_the_vehicle_on_the_way(vehicle, trim_tables):
     where = points(axial=np.zeros(101))
     found = trim_along(vehicle, trim_tables, where, MASS, tick=0.5)
     start = trim(vehicle, WGS84._replace(rotation_rate=0.0), FlightPoint(20e3, SPEED, latitude=0.511), MASS)

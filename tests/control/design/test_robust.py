@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from short_flights import rows_of
 
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.mission import read_mission
@@ -45,19 +46,9 @@ def test_margins_are_kept_nominally_and_at_the_corners_of_the_papers_box(setup, 
 @pytest.mark.parametrize("name", ["tlc_robust", "lqr_robust"])
 def test_wrong_effectiveness_and_delay_are_borne_at_no_more_usage(setup, name):
     """Table 1 cycles where the rudder is 1.2 times as effective; the settled bank error of these stays as it was."""
-    parameters = nominal_parameters(6)
-    for row, (key, value) in zip(
-        parameters[1:],
-        [
-            ("control.rudder_effectiveness", 1.2),
-            ("control.rudder_effectiveness", 0.8),
-            ("control.aileron_effectiveness", 0.8),
-            ("control.elevator_effectiveness", 0.8),
-            ("sensor.delay", 0.04),
-        ],
-        strict=True,
-    ):
-        row[PARAMETER_INDEX[key]] = value
+    factors = {"rudder": (1.2, 0.8), "aileron": (0.8,), "elevator": (0.8,)}
+    cases = [{f"control.{surface}_effectiveness": x} for surface, each in factors.items() for x in each]
+    parameters = rows_of({}, *cases, {"sensor.delay": 0.04})
     block = fly(make_plan(*setup, _read(name), name), parameters)
     table_1 = fly(make_plan(*setup, _read("tlc"), "tlc"), parameters[:2])
     settled = METRIC_INDEX["bank_error_settled_max_deg"]
