@@ -2,7 +2,7 @@
 
     python -m benchmarks.kernels.run [--processes 3] [--json FILE]      or, of one process and to the screen, --once
 
-Writes ``benchmarks/results/kernels.json`` and a table of ``docs/explanation/performance.md``.
+Writes ``benchmarks/results/kernels.json`` and prints it as a table.
 """
 
 import json
@@ -12,7 +12,7 @@ from typing import Any
 
 from abhv_mc.bench.speed import make_work
 from abhv_mc.flight.plan import LANES
-from benchmarks.document import replace_part, write_json
+from benchmarks.document import write_json
 from benchmarks.kernels.functions import PAIRS, measure_function
 from benchmarks.kernels.look_up import COMPARED, measure_look_up
 from benchmarks.spread import Spread, describe_machine, find_spreads, make_note, make_parser, repeat
@@ -20,7 +20,6 @@ from benchmarks.watch import measure_gain
 
 ROOT = Path(__file__).parents[2]
 RESULT = ROOT / "benchmarks" / "results" / "kernels.json"
-DOCUMENT = ROOT / "docs" / "explanation" / "performance.md"
 
 
 def measure_ratios() -> dict[str, float]:
@@ -60,9 +59,7 @@ def main() -> None:
     ratios = find_spreads(repeat(options.processes, "benchmarks.kernels.run", "--once"))
     machine = describe_machine(load)
     write_json(options.json, make_record(machine, options.processes, ratios))
-    table = make_table(machine, options.processes, ratios)
-    replace_part(DOCUMENT, "kernels", table)
-    print(table)
+    print(make_table(machine, options.processes, ratios))
 
 
 if __name__ == "__main__":
