@@ -8,7 +8,8 @@ from typing import Any
 from abhv_mc.daveml.model import Model
 from abhv_mc.daveml.writer import MODEL, python_names, write_module
 from abhv_mc.io.input_error import InputError, InputErrors
-from abhv_mc.user_code.source import UserSource, run_module
+from abhv_mc.user_code.module import run_module
+from abhv_mc.user_code.source import UserSource
 
 _WITHOUT_TOLERANCE = 1e-6  # of a value for which the file gives none
 

@@ -37,9 +37,10 @@ from abhv_mc.user_code.compiled import split_columns
 from abhv_mc.user_code.design import DesignModel
 from abhv_mc.user_code.effector_commands import drive_commanded
 from abhv_mc.user_code.law_source import read_trusted_law
+from abhv_mc.user_code.load_law import load_law
+from abhv_mc.user_code.module import Law
 from abhv_mc.user_code.native import NativeLaw
 from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands, make_user_settings
-from abhv_mc.user_code.source import Law, load_law
 from abhv_mc.user_code.vehicle_functions import find_code, load_vehicle
 from abhv_mc.vehicle.limits import tighter
 from abhv_mc.vehicle.model import Vehicle

@@ -13,13 +13,16 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant import state as s
 from abhv_mc.user_code.channels import compile_channels
+from abhv_mc.user_code.check import is_number
 from abhv_mc.user_code.child import in_child, may_run_here
 from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.effector_commands import commands_effectors
 from abhv_mc.user_code.law_interface import Measured
+from abhv_mc.user_code.load_law import load_law
+from abhv_mc.user_code.module import Law
 from abhv_mc.user_code.native import NativeLaw, find_memory, open_native
 from abhv_mc.user_code.plain import PlainLaw
-from abhv_mc.user_code.source import Law, UserSource, is_number, load_law
+from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.vehicle_functions import compile_functions
 from abhv_mc.vehicle.model import name_effectors
 

@@ -13,8 +13,9 @@ from abhv_mc.plant.state import X, variable_row
 from abhv_mc.user_code.check import check_functions, find_function
 from abhv_mc.user_code.compiled import COMMAND_ROWS, build, compiled_names
 from abhv_mc.user_code.law_interface import Measured, MixedCommand, Reference
-from abhv_mc.user_code.source import CHANNEL as MARK
-from abhv_mc.user_code.source import UserSource, refuse_in_words, run_module
+from abhv_mc.user_code.module import CHANNEL as MARK
+from abhv_mc.user_code.module import refuse_in_words, run_module
+from abhv_mc.user_code.source import UserSource
 
 # Rows of the true values, in the order of Measured.
 _ACTUAL = (

@@ -1,8 +1,9 @@
 """What keeps a law from being compiled, found in its text and said in its user's terms, with line and column."""
 
 import ast
+import math
 import types
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_unit
 from abhv_mc.user_code.effector_commands import parse_law
 from abhv_mc.user_code.law_interface import ARGUMENTS, CLASSES, GIVEN
-from abhv_mc.user_code.source import Law, check_defaults, field_error
+from abhv_mc.user_code.module import Law
 
 _REFUSED: dict[type[ast.AST], tuple[str, str]] = {
     ast.List: ("a list", "separate numbers, or a named tuple: lists are not allowed in a compiled law"),
@@ -86,6 +87,37 @@ def check_law(law: Law) -> None:
     check_functions(source.file, node, functions, law.module.names)
     _check_fields(law, node)
     _check_returns(law, node)
+
+
+def check_defaults(law: Law, kind: Any, words: str, needed: bool, line_of: Callable[[str, str], int | None]) -> None:
+    """A class of numbers: a NamedTuple whose defaults are finite. Raises InputError."""
+    file = law.source.file
+    if not (isinstance(kind, type) and hasattr(kind, "_fields")):
+        line = line_of(words, "")
+        raise InputError(file, f"{words} that is no NamedTuple", f"class {words}(NamedTuple)", line)
+    fields: Any = kind
+    defaults = fields._field_defaults
+    for name in fields._fields:
+        value = defaults.get(name, 0.0)
+        if name not in defaults and needed:
+            found = f"no value for '{name}' at the start"
+            raise InputError(file, found, f"{name}: float = 0.0", line_of(words, name))
+        if not is_number(value):
+            found = f"{value!r:.40} for '{name}'"
+            raise InputError(file, found, "a finite number", line_of(words, name))
+
+
+def is_number(value: object) -> bool:
+    """Whether a default is a finite number."""
+    try:
+        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # a whole number beyond all floats
+        return False
+
+
+def field_error(file: str, line: int | None, column: int | None, of: str, name: str, known: Any) -> InputError:
+    """What to raise for a name that a named tuple does not have."""
+    return InputError(file, f"{of}.{name}, which there is not", one_of(known, name), line, column)
 
 
 def find_function(file: str, functions: dict[str, ast.FunctionDef], function: Any) -> ast.FunctionDef:

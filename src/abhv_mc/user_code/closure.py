@@ -17,8 +17,10 @@ from abhv_mc.jit import compiler
 from abhv_mc.user_code.child import LostError, in_child
 from abhv_mc.user_code.compiled import own_hash
 from abhv_mc.user_code.design import DesignModel, design_gains
+from abhv_mc.user_code.load_law import load_law
+from abhv_mc.user_code.module import Law, run_module
 from abhv_mc.user_code.native import NativeLaw
-from abhv_mc.user_code.source import Law, UserSource, load_law, run_module
+from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import in_its_folder
 from abhv_mc.user_code.vehicle_functions import find_code, load_functions
 from abhv_mc.user_code.watch import watching

@@ -31,8 +31,10 @@ from abhv_mc.user_code.law_interface import (
     Reference,
     Thrust,
 )
+from abhv_mc.user_code.load_law import load_law
+from abhv_mc.user_code.module import MODULE, Law, Module, refuse_in_words
 from abhv_mc.user_code.scattered import Scattered
-from abhv_mc.user_code.source import MODULE, Law, Module, UserSource, load_law, refuse_in_words
+from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.table import Table
 from abhv_mc.user_code.unpack import unpack
 

@@ -14,7 +14,8 @@ from abhv_mc.control.mission import Mission
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.compiled import make_gains_class
 from abhv_mc.user_code.law_interface import Reference
-from abhv_mc.user_code.source import UserSource, refuse_in_words
+from abhv_mc.user_code.module import refuse_in_words
+from abhv_mc.user_code.source import UserSource
 from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.world.earth import Earth

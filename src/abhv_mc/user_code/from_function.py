@@ -8,7 +8,7 @@ from typing import Any
 
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.law_interface import CLASSES
-from abhv_mc.user_code.source import CONTROLLER
+from abhv_mc.user_code.module import CONTROLLER
 
 _HEAD = "from typing import NamedTuple\n\nfrom abhv_mc.extend import controller\n"
 

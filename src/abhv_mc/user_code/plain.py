@@ -13,7 +13,7 @@ from abhv_mc.control.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
 from abhv_mc.plant import state as s
 from abhv_mc.user_code.compiled import COMMAND_ROWS, make_gains_class, split_columns
 from abhv_mc.user_code.law_interface import Command, Measured, Onboard, Reference, command_rows
-from abhv_mc.user_code.source import Law
+from abhv_mc.user_code.module import Law
 from abhv_mc.user_code.unpack import in_its_folder
 from abhv_mc.user_code.watch import watching
 

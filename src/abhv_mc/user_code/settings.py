@@ -9,7 +9,7 @@ from abhv_mc.control.law_file import PythonController
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of
 from abhv_mc.io.units import TIME, parse_in_unit, parse_quantity
 from abhv_mc.user_code.compiled import COMMANDS
-from abhv_mc.user_code.source import Law
+from abhv_mc.user_code.module import Law
 
 
 def make_user_settings(document: Document, controller: PythonController, law: Law) -> Floats:

@@ -11,13 +11,10 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
 
 from abhv_mc.compiler_target import code_folder
 from abhv_mc.jit import compiler
-
-if TYPE_CHECKING:
-    from abhv_mc.user_code.source import UserSource
+from abhv_mc.user_code.source import UserSource
 
 BUILT = "abhv_built_law.so"  # name of the library that is built of a law's sources
 _modules: dict[str, dict[str, ModuleType]] = {}  # of each law's own, by hash: taken out of Python's while it rests
@@ -25,7 +22,7 @@ _lock = threading.RLock()
 
 
 @functools.lru_cache(maxsize=64)
-def unpack(source: "UserSource") -> Path:
+def unpack(source: UserSource) -> Path:
     """The folder that holds exactly the source's files, in this user's cache of compiled code."""
     laws = code_folder(compiler()) / "laws"
     folder = laws / f"files_{source.hash[:24]}"
@@ -43,11 +40,11 @@ def unpack(source: "UserSource") -> Path:
     return folder if _holds(folder, source) else made
 
 
-def _contents(source: "UserSource") -> tuple[tuple[str, bytes], ...]:
+def _contents(source: UserSource) -> tuple[tuple[str, bytes], ...]:
     return (*source.files, (BUILT, source.library)) if source.library else source.files
 
 
-def _holds(folder: Path, source: "UserSource") -> bool:
+def _holds(folder: Path, source: UserSource) -> bool:
     try:
         return all((folder / name).read_bytes() == content for name, content in _contents(source))
     except OSError:
@@ -55,7 +52,7 @@ def _holds(folder: Path, source: "UserSource") -> bool:
 
 
 @contextlib.contextmanager
-def in_its_folder(source: "UserSource") -> Iterator[None]:
+def in_its_folder(source: UserSource) -> Iterator[None]:
     """Run a law's code: its own modules can be imported, and plain names of files are those that it declares.
 
     Modules of its own are no other law's: they are Python's only meanwhile.

@@ -20,10 +20,11 @@ from abhv_mc.plant import state as s
 from abhv_mc.plant.effectiveness import count_rows
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.state import variable_row
-from abhv_mc.user_code.check import check_functions
+from abhv_mc.user_code.check import check_functions, is_number
 from abhv_mc.user_code.compiled import build, compiled_names
 from abhv_mc.user_code.law_interface import Air, Rates
-from abhv_mc.user_code.source import Module, UserSource, is_number, refuse_in_words, run_module
+from abhv_mc.user_code.module import Module, refuse_in_words, run_module
+from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.vehicle.arrays import COEFFICIENTS, VARIABLES
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file

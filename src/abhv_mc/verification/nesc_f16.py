@@ -20,8 +20,10 @@ from abhv_mc.plant import state as s
 from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.law_interface import Measured
+from abhv_mc.user_code.load_law import load_law
+from abhv_mc.user_code.module import Law
 from abhv_mc.user_code.settings import CommandSteps
-from abhv_mc.user_code.source import Law, load_law, read_source
+from abhv_mc.user_code.source import read_source
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.verification.nesc_cases import ELLIPSOID

@@ -1,0 +1,130 @@
+"""A user's Python file run once as a module, and what it defines."""
+
+import contextlib
+import functools
+import linecache
+import os
+import re
+import traceback
+import types
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from abhv_mc.io.input_error import InputError
+from abhv_mc.user_code.source import UserSource, compile_text
+from abhv_mc.user_code.unpack import in_its_folder, unpack
+
+MODULE = "abhv_mc_own_"  # how the modules that are made of such files are called
+CONTROLLER, CHANNEL = "_abhv_mc_controller", "_abhv_mc_channel"  # attributes that the decorators set
+
+
+@dataclass(frozen=True)
+class ControllerMark:
+    """What the decorator ``controller`` says."""
+
+    units: dict[str, str] = field(default_factory=dict)  # of settings
+    compiled: bool = True
+
+
+@dataclass(frozen=True)
+class ChannelMark:
+    """What the decorator ``channel`` says."""
+
+    unit: str
+    name: str
+    doc: str
+
+
+@dataclass(frozen=True)
+class Module:
+    """A user's file that was run."""
+
+    source: UserSource
+    names: dict[str, Any]  # its globals
+
+    def marked(self, mark: str) -> dict[str, Callable[..., Any]]:
+        """The functions with a decorator of ours, by name."""
+        functions = {name: value for name, value in self.names.items() if type(value) is types.FunctionType}
+        return {name: function for name, function in functions.items() if mark in function.__dict__}
+
+
+@dataclass(frozen=True)
+class Law:
+    """The controller of a file: the function, what it names and what it is made of."""
+
+    module: Module
+    function: Callable[..., Any]
+    mark: ControllerMark
+    arguments: tuple[str, ...]
+    memory: Any  # class of its memory, None without
+    settings: Any  # class of its settings, None without
+    commands: Any  # class of its commands, None without
+    design: Callable[..., Any] | None
+
+    @property
+    def source(self) -> UserSource:
+        return self.module.source
+
+
+@functools.lru_cache(maxsize=64)
+def run_module(source: UserSource) -> Module:
+    """Run a user's file. Raises InputError, with the line, for whatever it raises."""
+    linecache.cache[source.file] = (len(source.text), None, source.text.splitlines(keepends=True), source.file)
+    module = types.ModuleType(f"{MODULE}{source.hash[:16]}")
+    module.__file__ = str(unpack(source) / source.files[0][0]) if source.files else source.file
+    code = compile_text(source)
+    with refuse_in_words(source, "a file", "a file that runs on its own"), in_its_folder(source):
+        exec(code, module.__dict__)  # the user's own file
+    return Module(source, module.__dict__)
+
+
+@contextlib.contextmanager
+def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[None]:
+    """Make an InputError, with the line, of whatever a user's code raises where it is run or looked at.
+
+    A full disk or memory, met elsewhere than in his code, is none of that.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        line = _line_in(error, source.file)
+        if (missed := _undeclared(source, error)) is not None:
+            found = f"{what} that {missed[0]}, which it does not declare"
+            raise InputError(source.file, found, f"files: [{missed[1]}] in its controller file", line) from None
+        if line is None and isinstance(error, OSError | MemoryError):
+            raise
+        raise InputError(source.file, f"{what} that raises {_describe(error)}", expected, line) from None
+
+
+def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
+    """What a missing file or module that lies beside the law is to it in words, and the entry of ``files`` for it."""
+    beside = Path(source.file).parent
+    if isinstance(error, ModuleNotFoundError):
+        top = str(error.name).partition(".")[0]
+        entry = next((name for name in (f"{top}.py", f"{top}/") if (beside / name).exists()), None)
+        return (f"imports '{error.name}'", entry) if entry else None
+    if isinstance(error, FileNotFoundError):  # numpy's says the name in words alone
+        words = [str(error.filename), *re.findall(r"[\w./-]+\w", _describe(error))]
+        named = (os.path.relpath(beside / word, beside) for word in words)
+        entry = next((name for name in named if (beside / name).is_file() and not name.startswith("..")), None)
+        return (f"opens '{entry}'", entry) if entry else None
+    return None
+
+
+def _describe(error: Exception) -> str:
+    """What it is and says, as far as it can say it: its words are the user's code, too."""
+    name = type(error).__name__
+    try:
+        return f"{name}: {error!s:.300}"
+    except Exception:
+        return name
+
+
+def _line_in(error: Exception, file: str) -> int | None:
+    """The last line of ``file`` in a traceback."""
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    return lines[-1] if lines else None
