@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import ENGINE, write_campaign
+from fake_flight import ENGINE, interrupted_after, write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.merge import merge_campaign
@@ -94,14 +94,27 @@ def test_siblings_are_counted_once(tmp_path):
         ["seed2", "seed3"], ["seed3", "seed2"])  # fmt: skip
 
 
+def test_what_cannot_be_joined_is_not_judged_together(tmp_path):
+    """Two Latin hypercubes, each an ESTIMATE, were a PASS together; other code and half a campaign counted, too."""
+    campaign, (first,) = fly(tmp_path, (1,))
+    run_campaign(Request(campaign, tmp_path / "other_code", seed=2), replace(ENGINE, source="other"))
+    run_campaign(Request(campaign, tmp_path / "half", seed=3), interrupted_after(5))
+    _, (cube, _) = fly(tmp_path / "lhs", (1, 2), sampling="lhs")
+    assert find_siblings(tmp_path / "seed1", first) == find_siblings(tmp_path / "lhs/seed1", cube) == []
+
+
 def test_run_ends_with_the_words_and_the_code_of_all_together(abhv_mc, tmp_path, monkeypatch):
     """Ten new seeds, each judged alone, give 63 % false PASS."""
     monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
     campaign = write_campaign(tmp_path / "f", requirements=ASKED.replace("0.93", "0.99"), runs="400")
     codes = []
     for seed in (1, 2):
-        code, out, _ = abhv_mc("run", campaign, "-o", tmp_path / f"s{seed}", "--seed", seed, "--no-report")
+        words = ("-o", tmp_path / f"s{seed}", "--seed", seed, "--no-report", "--junit", tmp_path / f"s{seed}.xml")
+        code, out, _ = abhv_mc("run", campaign, *words)
         codes.append(code)
     counts = [json.loads((tmp_path / f"s{s}/manifest.json").read_text())["requirements"][0]["failures"] for s in (1, 2)]
     assert codes[1] == 1 and "s1 (400 flights). All together:" in out
     assert f"{sum(counts)} failures in 800 flights" in out.splitlines()[-2] + out.splitlines()[-1]
+    assert f"{sum(counts)} failures in 800 flights" in (tmp_path / "s2.xml").read_text()
+    _, out, _ = abhv_mc("run", campaign, *words, "--json", "-")
+    assert json.loads(out)["requirements"][0]["flights"] == 800

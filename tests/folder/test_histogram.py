@@ -66,7 +66,7 @@ def test_order_and_block_size_change_nothing(size, order):
     values = draw(5000)
     one, two = collect(values, 64), collect(values, size, order)
     np.testing.assert_array_equal(one.counts, two.counts)
-    np.testing.assert_array_equal(one.extremes(), two.extremes())
+    np.testing.assert_array_equal(one.tails(), two.tails())
 
 
 def test_merging_equals_counting_together():
@@ -75,11 +75,11 @@ def test_merging_equals_counting_together():
     parts = [Histograms(*bins) for _ in range(2)]
     parts[0].add(values[:150])
     parts[1].add(values[150:])
-    parts[0].merge(parts[1].counts, parts[1].extremes())
+    parts[0].merge(parts[1].counts, parts[1].tails())
     parts[0].add(values[:0])
     whole = collect(values, 64)
     np.testing.assert_array_equal(parts[0].counts, whole.counts)
-    np.testing.assert_array_equal(parts[0].extremes(), whole.extremes())
+    np.testing.assert_array_equal(parts[0].tails(), whole.tails())
 
 
 def test_values_outside_the_bins_are_bounded_by_the_kept_extremes():

@@ -1,3 +1,3 @@
-"""Campaigns: the file, the samples, the run that loses nothing, the envelopes, and what is found out afterwards."""
+"""Campaigns: the file, read and checked, and the samples drawn for it."""
 
 MOST_WORKERS = 1024  # flights in parallel on one machine

@@ -1,4 +1,4 @@
-"""Say on standard error what a user should know about a flight before it is flown."""
+"""What a user should know beside the results, on standard error: that code is compiled, what looks doubtful."""
 
 import sys
 from collections.abc import Iterable

@@ -125,11 +125,13 @@ def finish(
 
     named = parse_address(place or "") or str(result.folder)
     told = beside(json)
-    show(result.manifest | {"folder": named}, json, lambda: _print_result(result, named))
+    siblings, entries = _judge_together(result)
+    shown = result.manifest | {"folder": named, "requirements": entries}
+    show(shown, json, lambda: _print_result(result, named))
     if junit is not None:
         from abhv_mc.report.pages.matrix import make_junit, verdict_cases
 
-        junit.write_text(make_junit(result.manifest["name"], verdict_cases(result.manifest["requirements"])), "utf-8")
+        junit.write_text(make_junit(result.manifest["name"], verdict_cases(entries)), "utf-8")
     announce_warnings(result.manifest["warnings"])
     if not result.complete:
         say("incomplete: the same command goes on where this one ended", file=sys.stderr)
@@ -145,29 +147,28 @@ def finish(
         count = "1 flight" if lost == 1 else f"{lost} flights"
         say(f"{count} could not be computed: the same command tries again", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
-    entries = _say_together(result, told) or result.manifest["requirements"]
+    if siblings:
+        say(f"The same question, other flights beside this folder: {siblings}. All together:", file=told)
+        print_requirements(entries, told)
     if any(entry["verdict"] == "FAIL" for entry in entries):
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _say_together(result: "RunResult", told: TextIO | None) -> list[dict[str, Any]]:
-    """Name campaigns of the same question beside the folder, and what all of them together show; empty without."""
+def _judge_together(result: "RunResult") -> tuple[str, list[dict[str, Any]]]:
+    """Campaigns of the same question beside the folder by name, and what they and it show together; itself alone."""
     from abhv_mc.folder.pool import find_siblings
 
     manifest = result.manifest
-    siblings = find_siblings(result.folder, manifest) if manifest["requirements"] else []
+    siblings = find_siblings(result.folder, manifest) if result.complete and manifest["requirements"] else []
     if not siblings:
-        return []
+        return "", manifest["requirements"]
     from abhv_mc.execution.pooled import judge_together
     from abhv_mc.folder.inputs import read_folder_campaign
     from abhv_mc.folder.layout import CampaignFolder
 
     campaign = read_folder_campaign(CampaignFolder(result.folder))
-    entries = judge_together(campaign, [manifest, *(other for _, other in siblings)])
     named = ", ".join(f"{place.name} ({other['runs_done']} flights)" for place, other in siblings)
-    say(f"The same question, other flights beside this folder: {named}. All together:", file=told)
-    print_requirements(entries, told)
-    return entries
+    return named, judge_together(campaign, [manifest, *(other for _, other in siblings)])
 
 
 def _parse_shard(text: str) -> tuple[int, int]:

@@ -75,7 +75,7 @@ def fly_counted(
         blocks.append(replace(flown, history=flown.history[:, :0], low=low, high=high))
     whole = join_blocks(blocks)
     parts = {name: getattr(whole, name) for name in FlightBlock.__dataclass_fields__}
-    return CountedBlock(**parts, counts=histograms.counts, ends=histograms.extremes())
+    return CountedBlock(**parts, counts=histograms.counts, ends=histograms.tails())
 
 
 def at_once(parameters: Floats, recorded: ToRecord) -> int:
@@ -110,7 +110,7 @@ def _uniform_runs(rows: Mask, envelope: Mask, size: int, cut: int) -> Iterator[t
 def fly_block(
     fly: FlyBlocks, plan: FlightPlan, block: Block, parameters: Floats, recorded: ToRecord
 ) -> tuple[Block, FlightBlock]:
-    """What a worker does: nothing but flying; it touches no file."""
+    """A block and its flights, from a thread of the launching process that hands it to whoever flies blocks."""
     return block, fly(plan, parameters, recorded if block.envelope else None)
 
 

@@ -1,6 +1,6 @@
 """What flies the blocks: worker processes, threads of this process, or a cluster's workers.
 
-Worker processes are the default: a crash in compiled code ends its process. Threads start a second sooner and stand
+Worker processes are the default: a crash in compiled code ends its process. Threads start a second sooner and survive
 only flights that raise an exception.
 """
 

@@ -106,7 +106,7 @@ class FlightCounts:
 
 
 def make_flight_counts(campaign: CheckedCampaign) -> dict[str, FlightCounts]:
-    """An empty counts for each controller."""
+    """Empty counts for each controller."""
     model = campaign.model
     number, criteria = worst_asked(campaign), ranking_criteria(campaign)
     first = next(iter(model.controllers))

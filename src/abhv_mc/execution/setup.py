@@ -36,7 +36,7 @@ from abhv_mc.user_code.trust import trust
 
 @dataclass(frozen=True)
 class Request:
-    """What the command line asks for."""
+    """What is asked of a run: by the command line, a notebook or merge."""
 
     campaign: Path
     out: Path | None = None  # reports/<campaign name> by default

@@ -65,7 +65,7 @@ class FlightPlan:
     """Everything that a worker needs to fly one controller, apart from the dispersions."""
 
     controller: str  # its name in the campaign
-    law: str  # which compiled law flies it: "tlc", "lqr", "recorded" or "python"
+    law: str  # which compiled law flies it: "tlc", "lqr", "recorded", "python", "c" or "fmu"
     vehicle: Vehicle
     trim_tables: Tables
     effectiveness: Effectiveness

@@ -27,4 +27,4 @@ class CountedBlock(FlightBlock):
     """Flights without their samples, which are counted."""
 
     counts: NDArray[np.uint32]  # [cell, bin]
-    ends: Singles  # [side, cell, kept] see Histograms.extremes
+    ends: Singles  # [side, cell, kept] see Histograms.tails

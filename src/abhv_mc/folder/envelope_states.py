@@ -277,7 +277,7 @@ def _write_state(path: Path, histograms: Histograms, covered: Mask, seen: Single
         "low": histograms.low,
         "width": histograms.width,
         "counts": histograms.counts,
-        "extremes": histograms.extremes(),
+        "extremes": histograms.tails(),
         "seen": seen,
         "covered": np.packbits(covered),
         "flights": np.asarray(len(covered)),

@@ -107,7 +107,7 @@ class Histograms:
                 self._ends, self._filled, self._threshold,
             )  # fmt: skip
 
-    def extremes(self) -> Singles:
+    def tails(self) -> Singles:
         """The largest values and the negated smallest ones ``[side, cell, KEPT]``, falling; -inf if missing."""
         self._compact()
         return self._ends[:, :, :KEPT].copy()
@@ -115,7 +115,7 @@ class Histograms:
     def merge(self, counts: NDArray[np.uint32], extremes: Singles) -> None:
         """Add what another one of the same bins has counted."""
         self.counts += counts
-        _merge(self.extremes(), extremes, self._ends, self._threshold)
+        _merge(self.tails(), extremes, self._ends, self._threshold)
         self._filled[:] = KEPT
 
     def _compact(self) -> None:
@@ -135,7 +135,7 @@ class Histograms:
     def table(self, times: int, channels: int) -> EnvelopeTable:
         """Envelopes ``[time, channel]``; cells are ordered so."""
         cells = self.low.size
-        largest, negated = self.extremes().astype(np.float64)
+        largest, negated = self.tails().astype(np.float64)
         smallest = -negated  # rising from the minimum; ``largest`` falls from the maximum
         quantiles, error = np.full((len(QUANTILES), cells), np.nan), np.zeros(cells)
         below = np.cumsum(self.counts, axis=1, dtype=np.int64)

@@ -37,7 +37,7 @@ class FolderInputs:
 
     @property
     def identity(self) -> str:
-        """Hash of all that results depend on: not of how it is flown."""
+        """Hash of the campaign file without ``execution``, and of every file that it refers to."""
         return self._hash_without("execution")
 
     @property

@@ -24,6 +24,7 @@ from abhv_mc.folder.plans import read_stored_parts
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
 
+_SAME = ("question", "source_hash")  # of campaigns whose flights may be counted together
 _ONE_QUESTION = "campaigns of one question, which differ in seed and number of flights alone"
 
 
@@ -32,16 +33,26 @@ def seeds_of(manifest: dict[str, Any]) -> set[int]:
     return {part["seed"] for part in manifest.get("pooled", ())} or {manifest["seed"]}
 
 
+def _is_random(folder: CampaignFolder, manifest: dict[str, Any]) -> bool:
+    """Whether its flights are independent draws."""
+    sampling = read_folder_inputs(folder, manifest).data.get("sampling", INDEPENDENT)
+    return sampling in (INDEPENDENT, {"design": INDEPENDENT})
+
+
 def find_siblings(root: Path, manifest: dict[str, Any]) -> list[tuple[Path, dict[str, Any]]]:
-    """Campaigns of the same question beside a folder, with other flights than it and than each other; most first."""
+    """Complete campaigns of the same question and code beside a folder of random flights, with other flights than it
+    and than each other; most first."""
     beside = []
     for path in sorted(root.resolve().parent.glob("*/manifest.json")):
         if path.parent == root.resolve():
             continue
         with contextlib.suppress(InputError):  # of something else
             other = read_manifest(path)
-            if other.get("question") == manifest["question"] and other.get("requirements"):
+            same = all(other.get(key) == manifest.get(key) for key in _SAME) and other["state"] == COMPLETE
+            if same and other.get("requirements"):
                 beside.append((path.parent, other))
+    if beside and not _is_random(CampaignFolder(root), manifest):
+        return []
     found, taken = [], seeds_of(manifest)
     for place, other in sorted(beside, key=lambda one: -one[1]["runs_done"]):
         if not taken & seeds_of(other):
@@ -58,7 +69,7 @@ def check_pool(parts: Sequence[Path]) -> list[CampaignFolder]:
     for folder, manifest in zip(folders, manifests, strict=True):
         if manifest["state"] != COMPLETE or "search" in manifest:
             raise InputError(folder.root, f"a folder that is {manifest['state']}", "a complete campaign")
-        for key in ("question", "source_hash"):
+        for key in _SAME:
             if manifest.get(key) != first.get(key):
                 found = f"another {key.replace('_', ' ')} than in {folders[0].root}"
                 raise InputError(folder.root, found, f"{_ONE_QUESTION}, flown by the same code")
@@ -66,8 +77,7 @@ def check_pool(parts: Sequence[Path]) -> list[CampaignFolder]:
             found = f"flights of seed {min(seeds)} a second time"
             raise InputError(folder.root, found, "each seed once: its flights would be counted twice")
         taken |= seeds_of(manifest)
-        sampling = read_folder_inputs(folder, manifest).data.get("sampling", INDEPENDENT)
-        if sampling not in (INDEPENDENT, {"design": INDEPENDENT}):
+        if not _is_random(folder, manifest):
             raise InputError(folder.root, "a design that is not random", "independent flights")
         for name in manifest["controllers"]:
             ours, theirs = (read_stored_parts(one.plan(name)) for one in (folders[0], folder))

@@ -13,7 +13,7 @@ from abhv_mc.vehicle.file import read_vehicle_file
 
 
 def check_user_code(campaign: CheckedCampaign, trusted: bool = False) -> list[UserSource]:
-    """The campaign's own code, where this user may run them: his own, and those of a folder that he has flown.
+    """The campaign's own code, where this user may run it: his own, and those of a folder that he has flown.
 
     Not run here. Raises InputError for others, unless he says that he trusts them.
     """
