@@ -27,9 +27,9 @@ import numpy as np
 
 from abhv_mc.execution import runner
 from abhv_mc.execution.attest import sign
-from abhv_mc.execution.blocks import fly_recorded
 from abhv_mc.execution.engine import make_engine
 from abhv_mc.execution.executor import Executor
+from abhv_mc.execution.fly_batches import fly_recorded
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.counted import Counting
 

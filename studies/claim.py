@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 from experiment import ROOT, wrapped
-from fronts import BUDGETS, LAWS, RANDOM, SEARCHES
-from fronts_figure import AGREE, SHIPPED, plot_fronts
+from fronts import AGREE, BUDGETS, LAWS, RANDOM, SEARCHES
+from fronts_figure import SHIPPED, plot_fronts
 
 from abhv_mc.report.figures.style import write_png
 

@@ -31,7 +31,7 @@ from abhv_mc.search.search_flights import SearchRequest
 from abhv_mc.search.tune import tune_controller
 from abhv_mc.search.worst import WorstSettings, find_worst
 from abhv_mc.shipped import shipped_campaigns
-from abhv_mc.stability.metrics import fly_with_margins
+from abhv_mc.stability.fly_with_margins import fly_with_margins
 
 pytest.importorskip("distributed")
 

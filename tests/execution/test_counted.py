@@ -4,9 +4,10 @@ import numpy as np
 from fake_flight import fly, make_plan
 
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.blocks import choose_counted, fly_counted
-from abhv_mc.execution.pool import WorkerPool
+from abhv_mc.execution.blocks import choose_counted
+from abhv_mc.execution.fly_batches import fly_counted
 from abhv_mc.execution.retry import FlightLostError, fly_with_retries
+from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import Recording
 from abhv_mc.folder.counted import Counting

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.execution.blocks import fly_counted
+from abhv_mc.execution.fly_batches import fly_counted
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.arrays import write_array
 from abhv_mc.folder.envelope_states import EXACT_FLIGHTS, Cells, make_collector, merge_states

@@ -13,7 +13,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.blocks import Fly
+from abhv_mc.execution.fly_batches import Fly
 from abhv_mc.execution.margin_plans import make_margin_plans
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.flight.outcome import SENTENCES, Outcome

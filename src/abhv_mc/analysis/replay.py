@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.blocks import Fly
+from abhv_mc.execution.fly_batches import Fly
 from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flights import DamagedFileError, FlightRows, parse_block_name, read_pieces

@@ -156,13 +156,13 @@ def finish(
 
 def _judge_together(result: "RunResult") -> tuple[str, list[dict[str, Any]]]:
     """Campaigns of the same question beside the folder by name, and what they and it show together; itself alone."""
-    from abhv_mc.folder.pool import find_siblings
+    from abhv_mc.folder.seeds import find_siblings
 
     manifest = result.manifest
     siblings = find_siblings(result.folder, manifest) if result.complete and manifest["requirements"] else []
     if not siblings:
         return "", manifest["requirements"]
-    from abhv_mc.execution.pooled import judge_together
+    from abhv_mc.execution.judge_seeds import judge_together
     from abhv_mc.folder.inputs import read_folder_campaign
     from abhv_mc.folder.layout import CampaignFolder
 

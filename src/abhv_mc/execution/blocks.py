@@ -1,24 +1,13 @@
 """Work units: blocks of consecutive flights of one controller, cut from whatever is still missing."""
 
-import contextlib
-import threading
-import warnings
-from collections.abc import Callable, Generator, Iterator
-from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan, Recording, join_blocks
-from abhv_mc.folder.counted import CountedBlock, Counting
-from abhv_mc.folder.histogram import Histograms
-
-T = TypeVar("T")
-Recorded = Recording | int | None  # as flight.fly takes it
-ToRecord = Counting | Recorded
-Fly = Callable[[FlightPlan, Floats, Recorded], FlightBlock]  # in one call
-FlyBlocks = Callable[[FlightPlan, Floats, ToRecord], FlightBlock]  # by whoever flies blocks
+from abhv_mc.execution.fly_batches import FlyBlocks, ToRecord
+from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan
 
 _BLOCK = 256  # flights of one: enough for every lane, few enough to lose
 _COUNTED = 8192  # flights of a block that comes back counted, some ten seconds of work: what a kill costs a worker
@@ -51,38 +40,6 @@ def choose_counted(flights: int, workers: int, batch: int) -> int:
     return batch * max(1, min(_COUNTED, share) // batch)
 
 
-def fly_recorded(
-    fly: Fly, plan: FlightPlan, parameters: Floats, recorded: ToRecord, begin: Callable[[], None] = lambda: None
-) -> FlightBlock:
-    """What every worker does; ``begin`` is called before each call of ``fly``."""
-    if isinstance(recorded, Counting):
-        return fly_counted(fly, plan, parameters, recorded, begin)
-    begin()
-    return fly(plan, parameters, recorded)
-
-
-def fly_counted(
-    fly: Fly, plan: FlightPlan, parameters: Floats, counting: Counting, begin: Callable[[], None] = lambda: None
-) -> CountedBlock:
-    """Fly in batches and count each; ``begin`` is called before a batch flies."""
-    histograms, blocks = Histograms(counting.low, counting.width), []
-    for first in range(0, len(parameters), counting.batch):
-        begin()
-        flown = fly(plan, parameters[first : first + counting.batch], counting.recording)
-        history = flown.history.reshape(len(flown.history), -1)
-        histograms.add(history)
-        low, high = flown.extremes
-        blocks.append(replace(flown, history=flown.history[:, :0], low=low, high=high))
-    whole = join_blocks(blocks)
-    parts = {name: getattr(whole, name) for name in FlightBlock.__dataclass_fields__}
-    return CountedBlock(**parts, counts=histograms.counts, ends=histograms.tails())
-
-
-def at_once(parameters: Floats, recorded: ToRecord) -> int:
-    """Flights of one call of ``fly``."""
-    return min(len(parameters), recorded.batch) if isinstance(recorded, Counting) else len(parameters)
-
-
 def cut_blocks(missing: dict[str, tuple[Mask, Mask]], size: int, cut: int = 0) -> Iterator[Block]:
     """Blocks of at most ``size`` flights, controllers in turn; ``missing`` holds masks of rows and envelopes.
 
@@ -112,42 +69,3 @@ def fly_block(
 ) -> tuple[Block, FlightBlock]:
     """A block and its flights, from a thread of the launching process that hands it to whoever flies blocks."""
     return block, fly(plan, parameters, recorded if block.envelope else None)
-
-
-class Backpressure:
-    """Limits the blocks that are being flown or wait to be written.
-
-    Without it, workers that are faster than the disk would fill the memory with finished blocks.
-    """
-
-    def __init__(self, number: int) -> None:
-        self._free = threading.Semaphore(number)
-        self._closed = False
-
-    def call(self, work: Callable[..., T], *arguments: Any) -> T:
-        """What ``work`` gives once there is room. Raises RuntimeError after :meth:`close`, when nobody listens."""
-        self._free.acquire()
-        if self._closed:
-            self.free()  # so that the next one ends, too
-            raise RuntimeError("nobody waits for this block")
-        return work(*arguments)
-
-    def free(self) -> None:
-        """Make room: a block was written."""
-        self._free.release()
-
-    def close(self) -> None:
-        """Let every waiting worker end."""
-        self._closed = True
-        self.free()
-
-
-@contextlib.contextmanager
-def closing_quietly(results: Generator[Any, None, None]) -> Iterator[None]:
-    """Stop the workers at the end; joblib's warning that not all was used is what an interrupt means."""
-    try:
-        yield
-    finally:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)
-            results.close()

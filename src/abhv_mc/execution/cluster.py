@@ -19,15 +19,15 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.attest import Attestation, Check, sign
-from abhv_mc.execution.blocks import Fly, ToRecord, at_once, fly_recorded
 from abhv_mc.execution.engine import Engine
+from abhv_mc.execution.fly_batches import Fly, ToRecord, at_once, fly_recorded
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, make_failed, time_limit
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.folder.plans import flatten, rebuild
 from abhv_mc.identity import code_hash
 from abhv_mc.io.input_error import InputError
-from abhv_mc.stability.metrics import MarginPlan
+from abhv_mc.stability.fly_with_margins import MarginPlan
 from abhv_mc.user_code.c_source import refuse_platform
 from abhv_mc.user_code.child import allow_here
 from abhv_mc.user_code.source import UserSource

@@ -7,7 +7,7 @@ from typing import Any
 
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
-from abhv_mc.execution.blocks import Fly
+from abhv_mc.execution.fly_batches import Fly
 from abhv_mc.execution.stability import describe_stability
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.layout import CampaignFolder
@@ -36,7 +36,7 @@ class Engine:
 def make_engine() -> Engine:
     """The compiled flight."""
     from abhv_mc.flight.prepare import prepare
-    from abhv_mc.stability.metrics import fly_with_margins
+    from abhv_mc.stability.fly_with_margins import fly_with_margins
 
     return Engine(prepare, fly_with_margins, code_hash(), describe_stability, checked=True, isolation=PROCESSES)
 

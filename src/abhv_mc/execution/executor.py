@@ -12,11 +12,12 @@ from dataclasses import dataclass
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES, Execution
 from abhv_mc.execution.attest import Attestation, sign
-from abhv_mc.execution.blocks import FlyBlocks, ToRecord, choose_batch, fly_recorded
+from abhv_mc.execution.blocks import choose_batch
 from abhv_mc.execution.cluster import Cluster
 from abhv_mc.execution.engine import Engine
-from abhv_mc.execution.pool import WorkerPool
+from abhv_mc.execution.fly_batches import FlyBlocks, ToRecord, fly_recorded
 from abhv_mc.execution.retry import FlightLostError, fly_with_retries
+from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
 from abhv_mc.folder.provenance import count_cores
 

@@ -3,7 +3,7 @@
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
-from abhv_mc.stability.metrics import MarginPlan, add_margins
+from abhv_mc.stability.fly_with_margins import MarginPlan, add_margins
 
 
 def make_margin_plans(campaign: CheckedCampaign, plans: dict[str, FlightPlan], device: str) -> dict[str, MarginPlan]:

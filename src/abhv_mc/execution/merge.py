@@ -11,7 +11,7 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.merge import join_shards, order_shards
-from abhv_mc.folder.pool import check_pool, join_seeds
+from abhv_mc.folder.seeds import check_pool, join_seeds
 
 
 def merge_campaign(

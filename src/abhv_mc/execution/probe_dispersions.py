@@ -9,7 +9,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.blocks import Fly
+from abhv_mc.execution.fly_batches import Fly
 from abhv_mc.execution.retry import time_limit
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.io.documents import InputError, InputErrors

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.blocks import Backpressure, Fly, closing_quietly
+from abhv_mc.execution.backpressure import Backpressure, closing_quietly
 from abhv_mc.execution.flight_counts import FlightCounts
+from abhv_mc.execution.fly_batches import Fly
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan

@@ -12,12 +12,12 @@ from functools import partial
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.blocks import Recorded, ToRecord, fly_counted
+from abhv_mc.execution.fly_batches import Recorded, ToRecord, fly_counted
 from abhv_mc.flight.lost import make_lost
 from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, recording_of
 from abhv_mc.folder.counted import Counting
-from abhv_mc.stability.metrics import count_metrics
+from abhv_mc.stability.fly_with_margins import count_metrics
 
 Attempt = Callable[[Floats, ToRecord], FlightBlock]
 

@@ -14,15 +14,8 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Mask
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.blocks import (
-    Backpressure,
-    Block,
-    choose_batch,
-    choose_counted,
-    closing_quietly,
-    cut_blocks,
-    fly_block,
-)
+from abhv_mc.execution.backpressure import Backpressure, closing_quietly
+from abhv_mc.execution.blocks import Block, choose_batch, choose_counted, cut_blocks, fly_block
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.completion import Completion
 from abhv_mc.execution.engine import Engine, check_source, make_engine

@@ -15,8 +15,8 @@ from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.execution.engine import Engine, check_source
 from abhv_mc.execution.margin_plans import make_margin_plans
 from abhv_mc.execution.plans import find_warnings, make_plans, record_every, take_plans
-from abhv_mc.execution.pool import start_fork_server
 from abhv_mc.execution.probe_dispersions import fly_probes
+from abhv_mc.execution.worker_processes import start_fork_server
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.histories import write_nominal, write_reference
@@ -29,7 +29,7 @@ from abhv_mc.folder.provenance import find_commit, find_compiler, find_machine, 
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
-from abhv_mc.stability.metrics import MarginPlan
+from abhv_mc.stability.fly_with_margins import MarginPlan
 from abhv_mc.user_code.packages import find_package_versions
 from abhv_mc.user_code.trust import trust
 

@@ -8,7 +8,7 @@ from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 
 from abhv_mc.execution.attest import sign
-from abhv_mc.execution.blocks import Fly, at_once, fly_recorded
+from abhv_mc.execution.fly_batches import Fly, at_once, fly_recorded
 from abhv_mc.execution.retry import PIECE, time_limit
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan

@@ -29,7 +29,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.search.controller_numbers import ControllerNumbers
 from abhv_mc.search.space import Space
 from abhv_mc.stability.analysis import Time, margins_of_flights
-from abhv_mc.stability.metrics import add_margins
+from abhv_mc.stability.fly_with_margins import add_margins
 from abhv_mc.stability.steady import make_steady_plan
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.model import Vehicle

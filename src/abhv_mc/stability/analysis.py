@@ -48,7 +48,7 @@ class FlightMargins(NamedTuple):
 
     @property
     def table(self) -> Floats:
-        """The margins ``[flight, margin]`` in the order of :data:`abhv_mc.stability.metrics.MARGINS`."""
+        """The margins ``[flight, margin]`` in the order of :data:`abhv_mc.stability.fly_with_margins.MARGINS`."""
         return np.column_stack([self.gain_db, self.phase_deg, self.delay_ms, self.disk])
 
 

@@ -21,7 +21,7 @@ from typing import Any
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.attest import Check
-from abhv_mc.execution.blocks import Fly, ToRecord
+from abhv_mc.execution.fly_batches import Fly, ToRecord
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries
 from abhv_mc.execution.worker import serve
 from abhv_mc.flight.plan import FlightBlock, FlightPlan

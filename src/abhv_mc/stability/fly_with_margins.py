@@ -1,4 +1,4 @@
-"""Margins of a flight as numbers beside its metrics."""
+"""How every flight is flown on a processor: its margins are metrics, too, where the plan asks for them."""
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING

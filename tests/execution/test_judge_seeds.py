@@ -9,11 +9,11 @@ import pytest
 from fake_flight import ENGINE, interrupted_after, write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.execution.judge_seeds import judge_together
 from abhv_mc.execution.merge import merge_campaign
-from abhv_mc.execution.pooled import judge_together
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.folder.pool import find_siblings
+from abhv_mc.folder.seeds import find_siblings
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.numbers.results import read_results

@@ -14,8 +14,8 @@ import pytest
 from fake_flight import fly, make_plan
 
 import abhv_mc
-from abhv_mc.execution import pool as module
-from abhv_mc.execution.pool import WorkerPool
+from abhv_mc.execution import worker_processes as module
+from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.fly import nominal_parameters
 
 PACKAGE = Path(abhv_mc.__file__).parent
@@ -71,7 +71,7 @@ def test_workers_hear_no_interrupt(pool):
 
 FROM_PYTHON = """
 import contextlib, os
-from abhv_mc.execution.pool import WorkerPool, start_fork_server
+from abhv_mc.execution.worker_processes import WorkerPool, start_fork_server
 from abhv_mc.flight.fly import nominal_parameters
 from fake_flight import make_plan
 from beside import fly
