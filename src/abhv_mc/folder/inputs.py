@@ -1,7 +1,7 @@
 """A campaign independent of where it came from: its inputs as copies, its references inside the folder.
 
 The file as the folder holds it and the copies are all that it takes to fly the campaign again; their hash is its
-identity.
+identity: a folder goes on with the same campaign alone, and seeds of one question are judged together.
 """
 
 import hashlib
