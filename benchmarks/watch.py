@@ -2,7 +2,8 @@
 
     python -m benchmarks.watch
 
-Part of ``make test-thorough``: seconds of processor time, ratios only. 2 with AVX-512, 1.4 with AVX2; elsewhere only printed.
+Part of ``make test-thorough``: seconds of processor time, ratios only. 2 with AVX-512,
+1.4 with AVX2; elsewhere only printed.
 """
 
 import dataclasses
