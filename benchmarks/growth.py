@@ -107,7 +107,7 @@ def plot_growth(path: Path, flights: list[int], found: Series, lines: Lines) -> 
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from abhv_mc.report.figures.style import CYCLE, DPI, MARKERS, WIDTH, styled
+    from abhv_mc.topics.figure_style import CYCLE, DPI, MARKERS, WIDTH, styled
 
     @styled
     def plot() -> Figure:

@@ -21,8 +21,8 @@ from matplotlib.figure import Figure
 
 from abhv_mc.flight.metrics import BUILT_IN
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.report.figures.style import BLUE, INK, MARKERS, SKY, VERMILION, new_figure, styled, write_png
 from abhv_mc.statistics.binomial import clopper_pearson
+from abhv_mc.topics.figure_style import BLUE, INK, MARKERS, SKY, VERMILION, new_figure, styled, write_png
 
 _TOO_FAR = 2.58
 

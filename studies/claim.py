@@ -14,7 +14,7 @@ from experiment import ROOT, wrapped
 from fronts import AGREE, BUDGETS, LAWS, RANDOM, SEARCHES
 from fronts_figure import SHIPPED, plot_fronts
 
-from abhv_mc.report.figures.style import write_png
+from abhv_mc.topics.figure_style import write_png
 
 RESULTS = ROOT / "studies/fronts/results.json"
 PICTURE = ROOT / "docs/images/claim_fronts.png"

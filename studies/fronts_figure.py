@@ -7,7 +7,7 @@ from fronts import AGREE, ANGLES, LAWS, SEARCHES
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from abhv_mc.report.figures.style import BLUE, INK, VERMILION, new_figure, styled
+from abhv_mc.topics.figure_style import BLUE, INK, VERMILION, new_figure, styled
 
 COLORS = {"tlc": BLUE, "lqr": VERMILION}
 SHIPPED = {

@@ -26,11 +26,11 @@ from abhv_mc.control.design.profile import step_times
 from abhv_mc.control.design.reference import SETTLING, make_mission_trim_tables, solve_reference
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.report.figures.style import write_png
-from abhv_mc.report.numbers.results import Results, read_results
+from abhv_mc.folder.results import Results, read_results
 from abhv_mc.stability.analysis import analyse
 from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.steady import make_steady_plan, trim_points
+from abhv_mc.topics.figure_style import write_png
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 # Table 1 of the paper: damping and bandwidth (rad/s).

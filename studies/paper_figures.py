@@ -3,9 +3,9 @@
 from matplotlib.figure import Figure
 from paper_points import Point
 
-from abhv_mc.report.figures.style import GRID, controller_colors, new_figure, styled
-from abhv_mc.report.numbers.labels import controller_label
-from abhv_mc.report.numbers.results import Results
+from abhv_mc.folder.results import Results
+from abhv_mc.topics.figure_style import GRID, controller_colors, new_figure, styled
+from abhv_mc.topics.labels import controller_label
 
 THEIR_START = 180.0  # s, the paper's time at the beginning of the S
 COMMANDS = {

@@ -34,7 +34,7 @@ from tuning_flights import (
     key_of,
 )
 
-from abhv_mc.report.figures.style import write_png
+from abhv_mc.topics.figure_style import write_png
 
 ORDERED = (  # outer, inner
     ("altitude", "velocity.flight_path_angle"),

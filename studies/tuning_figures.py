@@ -5,7 +5,7 @@ from experiment import Floats
 from matplotlib.figure import Figure
 from tuning_flights import FACTORS, HEADS, MANY, SWING
 
-from abhv_mc.report.figures.style import CYCLE, new_figure, styled
+from abhv_mc.topics.figure_style import CYCLE, new_figure, styled
 
 
 @styled

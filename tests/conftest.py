@@ -105,7 +105,7 @@ def failing_folder(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def failing(failing_folder):
-    from abhv_mc.report.numbers.results import read_results
+    from abhv_mc.folder.results import read_results
 
     return read_results(failing_folder)
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from abhv_mc.analysis.explain import Explanation
-    from abhv_mc.report.numbers.results import Results
+    from abhv_mc.folder.results import Results
 
 _AXES = {
     "histories": ("controller", "flight", "time"),
@@ -254,7 +254,7 @@ class CampaignResults:
 
     @cached_property
     def _results(self) -> "Results":
-        from abhv_mc.report.numbers.results import read_results
+        from abhv_mc.folder.results import read_results
 
         results = read_results(self.folder)
         refuse_changes(self._paths, self.manifest)

@@ -14,9 +14,9 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.export import export_csv
 from abhv_mc.folder.lock import hold_lock
+from abhv_mc.folder.results import read_results
 from abhv_mc.folder.sql import open_database
 from abhv_mc.io.input_error import InputError
-from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.numbers.whatif import make_whatif
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.verify import verify_campaign

@@ -12,8 +12,8 @@ import pytest
 
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
+from abhv_mc.folder.results import read_results
 from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.numbers.results import read_results
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "studies"))
 from example import HASHES, keep_numbers, keep_text

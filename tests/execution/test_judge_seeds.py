@@ -13,10 +13,10 @@ from abhv_mc.execution.judge_seeds import judge_together
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
+from abhv_mc.folder.results import read_results
 from abhv_mc.folder.seeds import find_siblings
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.numbers.results import read_results
 
 # About 4 % of the fake flights end early.
 ASKED = "[{metric: altitude_error_max_m, below: 50, probability: 0.93}]"

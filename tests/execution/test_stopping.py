@@ -12,9 +12,9 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.outcome import Outcome
+from abhv_mc.folder.results import read_results
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.numbers.results import read_results
 
 # About 4 % of the fake flights end early: proven at 90 %, disproven at 99 %.
 PROVEN = "[{metric: altitude_error_max_m, below: 50, probability: 0.9}]"

@@ -24,8 +24,8 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.results import read_results
 from abhv_mc.io.documents import InputError, InputErrors
-from abhv_mc.report.numbers.results import read_results
 from abhv_mc.search.search_flights import SearchRequest
 from abhv_mc.search.tune import TuneRequest, tune_controller
 from abhv_mc.search.worst import WorstSettings, find_worst

@@ -14,7 +14,7 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder import compact
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.report.numbers.results import read_results
+from abhv_mc.folder.results import read_results
 
 
 class KilledError(BaseException):

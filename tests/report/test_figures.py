@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from abhv_mc.folder.results import BANDS
 from abhv_mc.report.figures.distributions import Spread, plot_distributions
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
-from abhv_mc.report.figures.style import BLUE, VERMILION, write_png
-from abhv_mc.report.numbers.results import BANDS
 from abhv_mc.report.pages.gallery import make_figures
+from abhv_mc.topics.figure_style import BLUE, VERMILION, write_png
 
 FILES = [
     "aileron",

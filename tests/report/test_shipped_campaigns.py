@@ -11,7 +11,7 @@ import pytest
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.report.numbers.results import read_results
+from abhv_mc.folder.results import read_results
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.page import make_markdown
 from abhv_mc.report.pages.verify import verify_campaign

@@ -1,6 +1,6 @@
 """Rows of the proof: what is no number is not ok, and the JSON says so."""
 
-from abhv_mc.report.numbers.plain import plain
+from abhv_mc.topics.plain import plain
 from abhv_mc.verification.rows import Row, all_ok, rows_record
 
 

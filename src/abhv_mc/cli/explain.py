@@ -48,7 +48,7 @@ def _explain_one(
     from abhv_mc.analysis.explain import explain_flight
     from abhv_mc.execution.engine import make_engine
     from abhv_mc.folder.layout import CampaignFolder
-    from abhv_mc.report.numbers.results import read_facts
+    from abhv_mc.folder.results import read_facts
     from abhv_mc.report.pages.explained import explanation_numbers, explanation_words, write_explained_figure
     from abhv_mc.user_code.run_in_thread import run_in_thread
 
@@ -65,9 +65,9 @@ def _explain_one(
 def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code: bool) -> None:
     from abhv_mc.analysis.failure_map import map_failures, write_map
     from abhv_mc.execution.engine import make_engine
+    from abhv_mc.folder.results import read_results
     from abhv_mc.io.documents import one_of
     from abhv_mc.report.numbers.failure_map import failure_map_tables, map_numbers
-    from abhv_mc.report.numbers.results import read_results
     from abhv_mc.report.numbers.worst import rank_failed
 
     results = read_results(folder)

@@ -31,7 +31,7 @@ def command(
 
 
 def _print(numbers: dict[str, Any]) -> None:
-    from abhv_mc.report.numbers.words import percent
+    from abhv_mc.topics.words import percent
 
     share = 0.2
     place = min(range(len(numbers["rates_over_allowed"])), key=lambda k: abs(numbers["rates_over_allowed"][k] - share))

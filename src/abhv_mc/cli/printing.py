@@ -30,7 +30,7 @@ def show(figures: Any, file: Path | None, in_words: Callable[[], None]) -> None:
     """
     import json
 
-    from abhv_mc.report.numbers.plain import plain
+    from abhv_mc.topics.plain import plain
 
     if file != Path("-"):
         in_words()

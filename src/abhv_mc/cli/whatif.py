@@ -29,8 +29,8 @@ def command(
 
 
 def _print(found: dict[str, Any]) -> None:
-    from abhv_mc.report.numbers.labels import controller_label
-    from abhv_mc.report.numbers.words import bounds, estimate, percent, significant
+    from abhv_mc.topics.labels import controller_label
+    from abhv_mc.topics.words import bounds, estimate, percent, significant
 
     for name, after in found["after"].items():
         say(f"{name}: {_entry(found['before'][name])}  ->  {_entry(after)}")

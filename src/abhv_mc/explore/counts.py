@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from abhv_mc.folder.results import Results, read_results
 from abhv_mc.folder.sql import open_database
 from abhv_mc.io.input_error import InputError, describe, one_of
-from abhv_mc.report.numbers.labels import full_labels
-from abhv_mc.report.numbers.parameters import axis_unit, spoken_name
-from abhv_mc.report.numbers.results import Results, read_results
 from abhv_mc.report.numbers.worst import in_order
+from abhv_mc.topics.labels import full_labels
+from abhv_mc.topics.parameter_words import axis_unit, spoken_name
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection

@@ -18,7 +18,7 @@ from abhv_mc.execution.engine import Engine
 from abhv_mc.explore.counts import FlightTable, count_flights, find_nearest, parse_asked
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.io.input_error import InputError
-from abhv_mc.report.numbers.plain import plain
+from abhv_mc.topics.plain import plain
 from abhv_mc.user_code.run_in_thread import run_in_thread
 
 _HOST = "127.0.0.1"

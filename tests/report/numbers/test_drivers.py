@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from report.synthetic import write_campaign
 
+from abhv_mc.folder.results import read_results
 from abhv_mc.report.numbers.drivers import driver_numbers, otherwise_words
-from abhv_mc.report.numbers.results import read_results
 
 METRIC = "altitude_error_max_m"
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from report.synthetic import write_campaign
 
+from abhv_mc.folder.results import read_results
 from abhv_mc.report.numbers.paired import paired_numbers
-from abhv_mc.report.numbers.results import read_results
 
 METRIC = "sideslip_max_deg"
 

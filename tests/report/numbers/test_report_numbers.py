@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from report.synthetic import write_campaign
 
+from abhv_mc.folder.results import read_results
 from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.numbers.results import read_results
 from abhv_mc.statistics import judge
 
 

@@ -9,9 +9,9 @@ from report.few_figures import build_with
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
+from abhv_mc.folder.results import read_results
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.numbers.summary import summary_sentences
 from abhv_mc.report.pages.verify import verify_campaign
 

@@ -14,9 +14,9 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.cli.app import app
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
+from abhv_mc.folder.results import read_results
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.numbers.whatif import make_whatif
 from abhv_mc.statistics.binomial import clopper_pearson
 

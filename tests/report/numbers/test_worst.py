@@ -11,8 +11,8 @@ from report.synthetic import write_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.outcome import Outcome
+from abhv_mc.folder.results import read_results
 from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.numbers.tables import worst_tables
 from abhv_mc.report.numbers.worst import worst_numbers
 

@@ -13,8 +13,8 @@ import pytest
 from report.pages.test_packed import unpack
 from report.synthetic import write_campaign
 
+from abhv_mc.folder.results import read_results
 from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.pages.page import make_markdown, make_page
 
 VOID = {"area", "base", "br", "col", "embed", "hr", "img", "input", "link", "meta", "source", "track", "wbr"}

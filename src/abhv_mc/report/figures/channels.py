@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
+from abhv_mc.folder.results import Results
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
-from abhv_mc.report.figures.style import controller_colors
-from abhv_mc.report.numbers.results import Results
+from abhv_mc.topics.figure_style import controller_colors
 
 _SIGN = "The paper plots the mirrored sign (its first bank is positive); its time is ours plus 180 s."
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullFormatter, NullLocator, ScalarFormatter
 
 from abhv_mc.array_types import Floats
-from abhv_mc.report.figures.style import label_lowest, legend_below, new_panels, styled
+from abhv_mc.topics.figure_style import label_lowest, legend_below, new_panels, styled
 
 
 @dataclass(frozen=True)

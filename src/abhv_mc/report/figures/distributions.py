@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
 
 from abhv_mc.array_types import Floats
-from abhv_mc.report.figures.style import INK, MARKERS, distribution_steps, legend_below, new_panels, styled
+from abhv_mc.topics.figure_style import INK, MARKERS, distribution_steps, legend_below, new_panels, styled
 
 _MOST_POINTS = 1000  # of a controller in a scatter plot
 

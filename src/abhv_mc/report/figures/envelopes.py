@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from abhv_mc.array_types import Floats
-from abhv_mc.report.figures.style import INK, new_panels, put_legend, styled
+from abhv_mc.topics.figure_style import INK, new_panels, put_legend, styled
 
 # Widest first; (lower, upper, opacity, words)
 BANDS = (

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
-from abhv_mc.report.figures.style import (
+from abhv_mc.topics.figure_style import (
     BLUE,
     INK,
     VERMILION,

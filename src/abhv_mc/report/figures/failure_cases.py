@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
-from abhv_mc.report.figures.style import label_lowest, legend_below, new_panels, styled
+from abhv_mc.topics.figure_style import label_lowest, legend_below, new_panels, styled
 
 
 @dataclass(frozen=True)

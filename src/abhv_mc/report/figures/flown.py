@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.channels import CHANNEL_FIGURES, Curve, ground_track_text
-from abhv_mc.report.figures.style import INK, controller_colors, legend_below, new_figure, pad_if_flat, styled
-from abhv_mc.report.numbers.labels import controller_label
+from abhv_mc.topics.figure_style import INK, controller_colors, legend_below, new_figure, pad_if_flat, styled
+from abhv_mc.topics.labels import controller_label
 
 Columns = Mapping[str, Floats]  # time and channels of one flight, or of the reference
 

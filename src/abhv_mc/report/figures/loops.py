@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.report.figures.style import CYCLE, INK, new_figure, styled, write_png
 from abhv_mc.stability.linearize import INPUTS, Linear
 from abhv_mc.stability.margins import close
 from abhv_mc.stability.responses import loop_gains, make_loops
+from abhv_mc.topics.figure_style import CYCLE, INK, new_figure, styled, write_png
 
 _POINTS = 1500
 

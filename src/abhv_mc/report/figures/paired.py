@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from abhv_mc.array_types import Floats
-from abhv_mc.report.figures.style import INK, MARKERS, distribution_steps, legend_below, new_panels, styled
+from abhv_mc.topics.figure_style import INK, MARKERS, distribution_steps, legend_below, new_panels, styled
 
 _ENDS = (0.005, 0.995)  # quantiles of the differences that the axis spans: a few flights far out would hide the rest
 

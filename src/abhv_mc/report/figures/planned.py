@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from abhv_mc.report.figures.style import BLUE, GREEN, INK, VERMILION, label_lowest, legend_below, new_panels, styled
+from abhv_mc.topics.figure_style import BLUE, GREEN, INK, VERMILION, label_lowest, legend_below, new_panels, styled
 
 _COLORS = (BLUE, VERMILION, GREEN)  # of the planned flights, twice and four times as many
 

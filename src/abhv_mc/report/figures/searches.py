@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.report.figures.style import BLUE, CYCLE, INK, MARKERS, SKY, VERMILION, new_figure, pad_if_flat, styled
+from abhv_mc.topics.figure_style import BLUE, CYCLE, INK, MARKERS, SKY, VERMILION, new_figure, pad_if_flat, styled
 
 _ROW = 0.22  # in, of one parameter
 

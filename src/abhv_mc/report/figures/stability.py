@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.report.figures.style import INK, MARKERS, legend_below, new_panels, styled
+from abhv_mc.topics.figure_style import INK, MARKERS, legend_below, new_panels, styled
 
 _MOST_POINTS = 1000  # of a controller
 

@@ -9,16 +9,16 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances
 from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.results import Results, read_results
 from abhv_mc.io.documents import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.report.numbers.failures import requirement_words
-from abhv_mc.report.numbers.flights import ControllerFlights, common_rows, distances
 from abhv_mc.report.numbers.paired import compare_any_failures, pair_numbers
-from abhv_mc.report.numbers.plain import plain
-from abhv_mc.report.numbers.results import Results, read_results
-from abhv_mc.report.numbers.words import percent
 from abhv_mc.statistics.paired import not_worse
+from abhv_mc.topics.plain import plain
+from abhv_mc.topics.words import percent
 
 
 def require_same_samples(mine: Mapping[str, Floats], theirs: Mapping[str, Floats], folder: Path, path: Path) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from abhv_mc.report.numbers.words import fixed, joined, percent
+from abhv_mc.topics.words import fixed, joined, percent
 
 
 def confidence_sentence(numbers: Mapping[str, Any]) -> str:

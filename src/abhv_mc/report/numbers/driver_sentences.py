@@ -5,8 +5,8 @@ from math import hypot
 from typing import Any
 
 from abhv_mc.report.numbers.drivers import otherwise_words
-from abhv_mc.report.numbers.parameters import spoken_name
-from abhv_mc.report.numbers.words import joined, percent
+from abhv_mc.topics.parameter_words import spoken_name
+from abhv_mc.topics.words import joined, percent
 
 _NAMED = 2  # drivers of an error
 _MOVED = 2  # controllers whose drivers are told

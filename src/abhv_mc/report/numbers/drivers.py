@@ -6,18 +6,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.folder.controller_flights import distances
+from abhv_mc.folder.results import Results
 from abhv_mc.report.numbers.failures import failure_kinds
-from abhv_mc.report.numbers.flights import distances
-from abhv_mc.report.numbers.parameters import shown_value, spoken_name
-from abhv_mc.report.numbers.plain import interval_at, plain
-from abhv_mc.report.numbers.results import Results
 from abhv_mc.report.numbers.sobol import independent_rows
-from abhv_mc.report.numbers.words import percent
 from abhv_mc.statistics.drivers import FALSE_DISCOVERY_RATE, rank_drivers
 from abhv_mc.statistics.failure_drivers import FALSE_DISCOVERY_RATE as RULES_RATE
 from abhv_mc.statistics.failure_drivers import FEWEST_FAILURES, bin_inputs, find_rules
 from abhv_mc.statistics.failure_rules import Condition, Rule
 from abhv_mc.statistics.given_data import given_data_indices
+from abhv_mc.topics.parameter_words import shown_value, spoken_name
+from abhv_mc.topics.plain import interval_at, plain
+from abhv_mc.topics.words import percent
 
 _COUNTS = ("failures_inside", "failures", "others_inside", "others", "p_value", "q_value")
 _LISTED = 12  # parameters of a metric, largest first

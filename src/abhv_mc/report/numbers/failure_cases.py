@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.failure_case import NO_FAILURE, failure_cases, failure_times
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
+from abhv_mc.folder.controller_flights import ControllerFlights
+from abhv_mc.folder.results import Results, read_histories
 from abhv_mc.plant.parameters import FAILURE_TIMES
 from abhv_mc.report.figures.channels import FigureText, off_reference
 from abhv_mc.report.figures.failure_cases import CaseBand, CasePanel, plot_bands, plot_survival
 from abhv_mc.report.numbers.failures import requirement_failures, requirement_words
-from abhv_mc.report.numbers.flights import ControllerFlights
-from abhv_mc.report.numbers.labels import controller_label
-from abhv_mc.report.numbers.plain import plain
-from abhv_mc.report.numbers.results import Results, read_histories
-from abhv_mc.report.numbers.words import count_of, percent
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.judgement import Pair, judge_pairs
+from abhv_mc.topics.labels import controller_label
+from abhv_mc.topics.plain import plain
+from abhv_mc.topics.words import count_of, percent
 
 _MOST_CASES = 8  # in figures, the most frequent
 _FEWEST_KEPT = 5  # histories of a case that make a band

@@ -5,12 +5,12 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from abhv_mc.analysis.failure_map import FailureMap, read_map
+from abhv_mc.folder.results import Results
 from abhv_mc.numerics.bounds import Bounds
-from abhv_mc.report.numbers.labels import controller_label
-from abhv_mc.report.numbers.parameters import shown_value, spoken_name
-from abhv_mc.report.numbers.plain import plain
-from abhv_mc.report.numbers.results import Results
-from abhv_mc.report.numbers.words import count_of, joined, percent
+from abhv_mc.topics.labels import controller_label
+from abhv_mc.topics.parameter_words import shown_value, spoken_name
+from abhv_mc.topics.plain import plain
+from abhv_mc.topics.words import count_of, joined, percent
 
 _SIDES = {True: "high", False: "low"}
 

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.flight.metrics import Metric
+from abhv_mc.folder.controller_flights import ControllerFlights
+from abhv_mc.folder.results import Requirement, Results
 from abhv_mc.numerics.bounds import Bounds
-from abhv_mc.report.numbers.flights import ControllerFlights
-from abhv_mc.report.numbers.results import Requirement, Results
 from abhv_mc.statistics.judgement import Pair, judge_pairs
 from abhv_mc.statistics.verdicts import Verdict, tolerance_limit
 

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.folder.controller_flights import ControllerFlights
+from abhv_mc.folder.results import Results
 from abhv_mc.report.numbers.failures import EARLY
-from abhv_mc.report.numbers.flights import ControllerFlights
-from abhv_mc.report.numbers.results import Results
 from abhv_mc.report.numbers.stability import stability_words
-from abhv_mc.report.numbers.words import count_of, joined, percent
+from abhv_mc.topics.words import count_of, joined, percent
 from abhv_mc.vehicle.sensing import IN_WIND
 
 _CYCLES = 5.0  # deg, from side to side: ripple from which a flight is said to cycle

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.folder.results import Results
 from abhv_mc.numerics.bounds import Bounds
-from abhv_mc.report.numbers.plain import plain
-from abhv_mc.report.numbers.results import Results
-from abhv_mc.report.numbers.words import count_of, significant
+from abhv_mc.topics.plain import plain
+from abhv_mc.topics.words import count_of, significant
 
 _SHARES = {"low": 5.0, "median": 50.0, "high": 95.0}  # percent of the flights
 

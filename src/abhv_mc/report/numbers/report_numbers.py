@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.flight.metrics import Metric
+from abhv_mc.folder.results import Requirement, Results
 from abhv_mc.report.numbers.compare import baseline_numbers
 from abhv_mc.report.numbers.convergence import convergence_numbers
 from abhv_mc.report.numbers.drivers import driver_numbers
@@ -19,10 +20,7 @@ from abhv_mc.report.numbers.failure_map import failure_map_numbers
 from abhv_mc.report.numbers.failures import find_tolerance, judge_all, requirement_failures, requirement_words
 from abhv_mc.report.numbers.findings import finding_numbers, left_out
 from abhv_mc.report.numbers.glance import glance_numbers
-from abhv_mc.report.numbers.labels import full_labels
 from abhv_mc.report.numbers.paired import paired_numbers
-from abhv_mc.report.numbers.plain import interval_in_sense, level_name, plain
-from abhv_mc.report.numbers.results import Requirement, Results
 from abhv_mc.report.numbers.sobol import sobol_numbers
 from abhv_mc.report.numbers.stability import stability_numbers
 from abhv_mc.report.numbers.worst import worst_numbers
@@ -30,6 +28,8 @@ from abhv_mc.statistics.binomial import clopper_pearson, success_lower_bound
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
 from abhv_mc.statistics.judgement import hold_family
 from abhv_mc.statistics.verdicts import Verdict, advice_words, verdict_words
+from abhv_mc.topics.labels import full_labels
+from abhv_mc.topics.plain import interval_in_sense, level_name, plain
 
 FORMAT = 1
 FAMILY_RISK = 0.10  # at which the report asks which PASSes would stand together

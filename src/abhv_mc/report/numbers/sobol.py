@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.campaign.sampling.designs import SALTELLI, saltelli_group
-from abhv_mc.report.numbers.plain import interval_at
-from abhv_mc.report.numbers.results import Results
-from abhv_mc.report.numbers.words import count_of
+from abhv_mc.folder.results import Results
 from abhv_mc.statistics.sobol import sobol_indices
+from abhv_mc.topics.plain import interval_at
+from abhv_mc.topics.words import count_of
 
 
 def sobol_numbers(results: Results) -> dict[str, Any]:

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.flight.metrics import GAIN_MARGIN, MARGIN_FAULTS, MARGIN_NAMES, PHASE_MARGIN
+from abhv_mc.folder.controller_flights import ControllerFlights
+from abhv_mc.folder.results import Results
 from abhv_mc.report.numbers.failures import failed_anyhow
-from abhv_mc.report.numbers.flights import ControllerFlights
-from abhv_mc.report.numbers.labels import controller_label
-from abhv_mc.report.numbers.plain import plain
-from abhv_mc.report.numbers.results import Results
-from abhv_mc.report.numbers.words import count_of, fixed, percent
+from abhv_mc.topics.labels import controller_label
+from abhv_mc.topics.plain import plain
+from abhv_mc.topics.words import count_of, fixed, percent
 
 LISTED = 5  # flights of least margin
 _LOOPS = {"equivalence_ratio": "throttle", "all": "all at once"}

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from abhv_mc.report.numbers.driver_sentences import driver_sentences
 from abhv_mc.report.numbers.failure_cases import failure_case_sentence
 from abhv_mc.report.numbers.findings import finding_sentences
-from abhv_mc.report.numbers.words import count_of, fixed, joined, p_value, percent, significant
+from abhv_mc.topics.words import count_of, fixed, joined, p_value, percent, significant
 
 _DROPPED = 4  # verdicts that do not stand jointly, told by name
 _OPEN = 2  # rivals told one by one, of whom no difference in lost flights is shown

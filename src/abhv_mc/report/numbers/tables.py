@@ -6,9 +6,9 @@ from typing import Any
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.report.numbers.drivers import otherwise_words
-from abhv_mc.report.numbers.labels import controller_label
-from abhv_mc.report.numbers.parameters import parameter_doc, shown_value, spoken_name
-from abhv_mc.report.numbers.words import bounds, count_of, estimate, fixed, joined, p_value, percent, significant
+from abhv_mc.topics.labels import controller_label
+from abhv_mc.topics.parameter_words import parameter_doc, shown_value, spoken_name
+from abhv_mc.topics.words import bounds, count_of, estimate, fixed, joined, p_value, percent, significant
 
 GROUPS = {
     "asked": "What is asked",

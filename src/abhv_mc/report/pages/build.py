@@ -11,8 +11,8 @@ from typing import Any, Literal, get_args
 from abhv_mc.folder.hashes import data_files
 from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.results import read_results
 from abhv_mc.io.input_error import InputError, describe, one_of
-from abhv_mc.report.numbers.results import read_results
 
 Format = Literal["html", "md"]
 
@@ -100,12 +100,12 @@ def build_report(folder: Path, format: Format = "html", baseline: Path | None = 
     if format not in get_args(Format):
         raise InputError("format", describe(format), one_of(get_args(Format)))
     from abhv_mc.folder.layout import write_text
-    from abhv_mc.report.figures.style import write_png, write_svg
     from abhv_mc.report.numbers.report_numbers import make_numbers
     from abhv_mc.report.pages.gallery import make_figures
     from abhv_mc.report.pages.matrix import make_matrix
     from abhv_mc.report.pages.page import PageFigure, make_markdown, make_page
     from abhv_mc.report.pages.searched import refuse_search
+    from abhv_mc.topics.figure_style import write_png, write_svg
 
     refuse_search(folder, read_manifest(CampaignFolder(folder).manifest))
     key = make_key(folder, baseline)  # as it is now: a run may go on meanwhile

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from abhv_mc.flight.metrics import SURFACE_USAGE
+from abhv_mc.folder.results import Results
 from abhv_mc.report.figures.paired import DifferencePanel, plot_differences
-from abhv_mc.report.figures.style import CYCLE
 from abhv_mc.report.numbers.compare import gate_words, sides
-from abhv_mc.report.numbers.labels import controller_label
 from abhv_mc.report.numbers.paired import metric_differences
-from abhv_mc.report.numbers.results import Results
-from abhv_mc.report.numbers.words import bounds, count_of, estimate, fixed, joined, p_value, significant
 from abhv_mc.report.pages.summary_page import CODE, LONG, SHORT, Shown, Table, write_answer_page
+from abhv_mc.topics.figure_style import CYCLE
+from abhv_mc.topics.labels import controller_label
+from abhv_mc.topics.words import bounds, count_of, estimate, fixed, joined, p_value, significant
 
 _EARLY = "reached the end of the mission"
 _NAMED = 3  # metrics without a difference, told by name

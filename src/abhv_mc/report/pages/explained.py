@@ -11,8 +11,8 @@ from abhv_mc.analysis.explain import Explanation
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.report.figures.explained import ExplainedPanel, plot_explained
-from abhv_mc.report.numbers.labels import FLIGHT_PANELS, controller_label
-from abhv_mc.report.numbers.parameters import shown_value
+from abhv_mc.topics.labels import FLIGHT_PANELS, controller_label
+from abhv_mc.topics.parameter_words import shown_value
 
 _IN_TITLE = 4
 _TITLE_WIDTH = 100
@@ -69,6 +69,6 @@ def make_explained_figure(found: Explanation) -> Figure:
 
 def write_explained_figure(found: Explanation, path: Path) -> None:
     """Write it as PNG."""
-    from abhv_mc.report.figures.style import write_png
+    from abhv_mc.topics.figure_style import write_png
 
     write_png(make_explained_figure(found), path)

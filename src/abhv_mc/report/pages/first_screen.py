@@ -7,7 +7,7 @@ from typing import Any
 
 from abhv_mc.flight.metrics import GAIN_MARGIN, SURFACE_USAGE
 from abhv_mc.report.numbers.stability import corners_unstable, least_margins
-from abhv_mc.report.numbers.words import count_of, fixed, joined, percent, significant
+from abhv_mc.topics.words import count_of, fixed, joined, percent, significant
 
 _ROWS, _SENTENCES = 8, 2  # shown; then 'and n more'
 _SAME_USAGE = 0.05  # of a ratio of surface usage: nearer to 1 goes without saying

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.report.numbers.parameters import axis_unit, spoken_name
-from abhv_mc.report.numbers.results import Results, read_histories
-from abhv_mc.report.numbers.words import fixed
+from abhv_mc.folder.results import Results, read_histories
 from abhv_mc.report.numbers.worst import listed_worst, rank_worst
+from abhv_mc.topics.parameter_words import axis_unit, spoken_name
+from abhv_mc.topics.words import fixed
 
 MOST_FLIGHTS = 6000  # points of the view, of all controllers together
 LISTED = 100  # rows of the table

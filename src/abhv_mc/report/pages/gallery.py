@@ -8,17 +8,17 @@ from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import MARGIN_NAMES, SURFACE_USAGE
+from abhv_mc.folder.results import Results, read_histories
 from abhv_mc.report.figures.channels import FigureText, channel_figures, off_reference, shown_bands
 from abhv_mc.report.figures.convergence import ConvergencePanel, plot_convergence
 from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributions, plot_error_against_usage
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.report.figures.stability import MarginMarks, plot_margins
-from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.numbers.failure_cases import failure_case_figures
 from abhv_mc.report.numbers.failures import failed_anyhow
 from abhv_mc.report.numbers.paired import total_usage
-from abhv_mc.report.numbers.results import Results, read_histories
 from abhv_mc.report.numbers.worst import distance_beyond
+from abhv_mc.topics.figure_style import controller_colors
 
 
 def _spread(results: Results, metric: str) -> Spread:

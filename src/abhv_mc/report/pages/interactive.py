@@ -7,7 +7,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS
-from abhv_mc.report.numbers.results import BANDS, Results
+from abhv_mc.folder.results import BANDS, Results
 
 _MOST_TIMES = 301
 

@@ -21,7 +21,7 @@ def write_nominal_report(
 
     from abhv_mc.folder.histories import write_nominal, write_reference
     from abhv_mc.report.figures.flown import plot_flown
-    from abhv_mc.report.figures.style import write_png
+    from abhv_mc.topics.figure_style import write_png
 
     plan = next(iter(plans.values()))
     times = np.arange(plan.timing.ticks + 1).astype(np.float64) * plan.timing.tick

@@ -15,18 +15,14 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup
 
+from abhv_mc.folder.results import Results
 from abhv_mc.report.figures.channels import FigureText
-from abhv_mc.report.figures.style import controller_colors
 from abhv_mc.report.numbers import tables
 from abhv_mc.report.numbers.confidence import confidence_sentence
 from abhv_mc.report.numbers.failure_cases import failure_case_rows, failure_case_sentence
 from abhv_mc.report.numbers.failure_map import failure_map_tables
-from abhv_mc.report.numbers.labels import controller_label
-from abhv_mc.report.numbers.parameters import parameter_doc
-from abhv_mc.report.numbers.results import Results
 from abhv_mc.report.numbers.stability import stability_context
 from abhv_mc.report.numbers.summary import summary_parts, summary_sentences
-from abhv_mc.report.numbers.words import fixed, joined, percent, significant
 from abhv_mc.report.pages.first_screen import (
     LIMIT_PLACE,
     SHAPES,
@@ -40,6 +36,10 @@ from abhv_mc.report.pages.first_screen import (
 from abhv_mc.report.pages.flights_view import make_flights_view, mark_of
 from abhv_mc.report.pages.interactive import envelope_data
 from abhv_mc.report.pages.packed import pack_arrays
+from abhv_mc.topics.figure_style import controller_colors
+from abhv_mc.topics.labels import controller_label
+from abhv_mc.topics.parameter_words import parameter_doc
+from abhv_mc.topics.words import fixed, joined, percent, significant
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.feasibility import asked_in_vain
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.report.numbers.failures import limit_words
-from abhv_mc.report.numbers.plain import plain
 from abhv_mc.statistics.evidence import flights_to_pass, most_failures
 from abhv_mc.statistics.flights_planned import PLANNED_FAILURES, ever_chance, pass_chance, together
+from abhv_mc.topics.plain import plain
 
 TIMES = (1, 2, 4)  # the planned number of flights
 # True failure rates over the allowed one, a fifth and the whole of it among them.
@@ -81,6 +81,6 @@ def plan_numbers(campaign: CheckedCampaign) -> dict[str, Any]:
 def write_plan_figure(numbers: dict[str, Any], path: Path) -> None:
     """The curves of every requirement as PNG."""
     from abhv_mc.report.figures.planned import plot_planned
-    from abhv_mc.report.figures.style import write_png
+    from abhv_mc.topics.figure_style import write_png
 
     write_png(plot_planned(numbers), path)

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.report.figures.searches import plot_failures, plot_levels, plot_mixing
-from abhv_mc.report.numbers.labels import controller_label
 from abhv_mc.report.pages.searched_flights import drawn_figure, flights_table
 from abhv_mc.report.pages.summary_page import LONG, SHORT, Shown, Table, write_answer_page
 from abhv_mc.search.methods import second_look
 from abhv_mc.search.methods.subset import ACCEPTANCE
 from abhv_mc.search.rare import RareFound
 from abhv_mc.search.severity import ENDED_EARLY
+from abhv_mc.topics.labels import controller_label
 
 
 def write_rare_page(found: RareFound, path: Path) -> Path:

@@ -11,11 +11,11 @@ from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.report.figures.searches import plot_flights
-from abhv_mc.report.numbers.labels import FLIGHT_PANELS
-from abhv_mc.report.numbers.parameters import shown_value
 from abhv_mc.report.pages.summary_page import CODE, LONG, SHORT, Shown, Table
 from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights
 from abhv_mc.search.severity import rank_distinct
+from abhv_mc.topics.labels import FLIGHT_PANELS
+from abhv_mc.topics.parameter_words import shown_value
 
 _LISTED = 10
 _ELSEWHERE = (

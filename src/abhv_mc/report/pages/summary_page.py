@@ -9,7 +9,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from abhv_mc.folder.layout import write_text
-from abhv_mc.report.figures.style import write_png
+from abhv_mc.topics.figure_style import write_png
 
 
 @dataclass(frozen=True)

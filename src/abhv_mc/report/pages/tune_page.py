@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.report.figures.searches import plot_front, plot_gains
-from abhv_mc.report.numbers.labels import controller_label
 from abhv_mc.report.pages.summary_page import LONG, SHORT, Shown, Table, write_answer_page
 from abhv_mc.search.tune import TuneFound
+from abhv_mc.topics.labels import controller_label
 
 
 def write_tune_page(found: TuneFound, path: Path) -> Path:

@@ -9,9 +9,9 @@ from abhv_mc.folder.hashes import find_damage
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import lock_holder
 from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.results import read_results
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.numbers.results import read_results
 from abhv_mc.report.pages.build import hash_files, hash_pages
 
 

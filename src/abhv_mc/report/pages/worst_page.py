@@ -6,13 +6,13 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.searches import plot_convergence, plot_place
-from abhv_mc.report.numbers.labels import controller_label
-from abhv_mc.report.numbers.parameters import shown_value
-from abhv_mc.report.numbers.words import percent
 from abhv_mc.report.pages.searched_flights import drawn_figure, flights_table, with_unit
 from abhv_mc.report.pages.summary_page import SHORT, Shown, Table, write_answer_page
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
+from abhv_mc.topics.labels import controller_label
+from abhv_mc.topics.parameter_words import shown_value
+from abhv_mc.topics.words import percent
 
 
 def write_worst_page(found: WorstFound, path: Path) -> Path:

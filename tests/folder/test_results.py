@@ -4,9 +4,9 @@ from report.synthetic import CONTROLLERS, write_campaign
 
 from abhv_mc.flight.metrics import METRICS
 from abhv_mc.folder.manifest import read_manifest, write_manifest
+from abhv_mc.folder.results import read_histories, read_results
 from abhv_mc.io.documents import InputError
 from abhv_mc.numerics.bounds import Bounds
-from abhv_mc.report.numbers.results import read_histories, read_results
 
 
 def test_a_folder_reads_as_arrays(failing):

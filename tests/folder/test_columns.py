@@ -3,9 +3,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from abhv_mc.folder import columns
+from abhv_mc.folder.columns import FileColumns, SpooledColumns
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.numbers import columns
-from abhv_mc.report.numbers.columns import FileColumns, SpooledColumns
 
 
 @pytest.mark.parametrize("held", [1 << 20, 1000])  # in memory, and in a temporary file

@@ -3,8 +3,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from abhv_mc.folder.controller_flights import read_flights
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.numbers.flights import read_flights
 
 
 def write(path, flight, controller, outcome=None, **columns):

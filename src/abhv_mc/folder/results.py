@@ -16,6 +16,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.metrics import BUILT_IN, MARGIN_FAULTS, MARGIN_NAMES, Metric
+from abhv_mc.folder.columns import FileColumns, read_table
+from abhv_mc.folder.controller_flights import ControllerFlights, read_flights
 from abhv_mc.folder.envelopes import QUANTILE_COLUMNS
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
@@ -24,8 +26,6 @@ from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.io.input_error import InputError
 from abhv_mc.numerics.bounds import Bounds
-from abhv_mc.report.numbers.columns import FileColumns, read_table
-from abhv_mc.report.numbers.flights import ControllerFlights, read_flights
 from abhv_mc.statistics.ranking import Criterion
 
 BANDS = ("min", *QUANTILE_COLUMNS, "max")

@@ -1,8 +1,8 @@
 import pytest
 
 from abhv_mc.plant.parameters import PARAMETERS
-from abhv_mc.report.numbers.parameters import spoken_name
-from abhv_mc.report.numbers.words import bounds, estimate, percent
+from abhv_mc.topics.parameter_words import spoken_name
+from abhv_mc.topics.words import bounds, estimate, percent
 
 
 def test_every_parameter_has_its_own_name():

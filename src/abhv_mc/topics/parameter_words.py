@@ -3,7 +3,7 @@
 import math
 
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
-from abhv_mc.report.numbers.words import fixed, significant
+from abhv_mc.topics.words import fixed, significant
 
 _UNSPOKEN = ("aero", "atmosphere", "control", "mass", "propulsion")  # groups that go without saying
 _FAILURE_KINDS = {"stuck_time": "sticking time", "loss_time": "loss time", "slow_time": "slowing time"}

@@ -1,0 +1,1 @@
+"""What is said of a campaign: one room for each topic, its numbers, figures, sentences and section."""
