@@ -32,7 +32,6 @@ _THOROUGH = (
     "execution/test_faults.py",
     "execution/test_kill.py",
     "execution/test_user_code.py",
-    "flight/test_gpu.py",
     "folder/test_remote.py",
     "report/test_browser.py",
     "report/test_keyboard.py",

@@ -4,7 +4,7 @@ import threading
 
 from abhv_mc import cache
 
-LAYERS = ["cache.py", "jit.py", "jit_cuda.py", "numerics", "world", "vehicle", "plant", "control", "flight"]
+LAYERS = ["cache.py", "jit.py", "numerics", "world", "vehicle", "plant", "control", "flight"]
 
 
 def test_any_change_to_what_is_compiled_changes_the_hash(source, monkeypatch):

@@ -8,7 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parent
-_COMPILED_FILES = ("cache.py", "compiler_target.py", "jit.py", "jit_cuda.py", "jit_pointer.py")
+_COMPILED_FILES = ("cache.py", "compiler_target.py", "jit.py", "jit_pointer.py")
 _COMPILED_LAYERS = ("numerics", "world", "vehicle", "plant", "control", "flight")
 
 

@@ -32,7 +32,7 @@ from abhv_mc.compiler_target import choose_target, code_folder
 F = TypeVar("F", bound=Callable[..., Any])
 _PUBLIC = "ABHV_MC_PUBLIC_NUMBA"
 
-# Plain Python throughout, as numba itself does it: for counting operations, and for the GPU's simulator.
+# Plain Python throughout, as numba itself does it: for counting operations.
 PLAIN = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
 
 

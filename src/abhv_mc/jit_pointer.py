@@ -35,17 +35,16 @@ def _call_address(
     arrays = (Z, reference, gains, settings)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        if "cuda" not in type(context).__module__:  # a GPU refuses such a law before it flies
-            from llvmlite import ir
+        from llvmlite import ir
 
-            word = ir.IntType(64)
-            pointers = [
-                context.make_array(kind)(context, builder, value).data
-                for kind, value in zip(arrays, arguments[2:6], strict=True)
-            ]
-            values = [builder.inttoptr(arguments[1], word.as_pointer()), *pointers, *arguments[6:]]
-            kind = ir.FunctionType(ir.VoidType(), [value.type for value in values])
-            builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), values)
+        word = ir.IntType(64)
+        pointers = [
+            context.make_array(kind)(context, builder, value).data
+            for kind, value in zip(arrays, arguments[2:6], strict=True)
+        ]
+        values = [builder.inttoptr(arguments[1], word.as_pointer()), *pointers, *arguments[6:]]
+        kind = ir.FunctionType(ir.VoidType(), [value.type for value in values])
+        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), values)
         return context.get_dummy_value()
 
     return types.void(types.int64, types.int64, *arrays, types.int64, types.float64), generate

@@ -293,12 +293,3 @@ def test_wrong_settings_are_said_with_file_line_and_column(make, tmp_path, setti
     with pytest.raises(InputError) as caught:
         make(CASCADE.format(compiled=""), settings)
     assert f"{tmp_path / 'law.yaml'}:{words}" in str(caught.value)
-
-
-def test_the_gpu_refuses_a_law_of_ones_own_with_a_sentence(make, monkeypatch):
-    from abhv_mc.flight import gpu
-    from abhv_mc.io.input_error import Refusal
-
-    monkeypatch.setattr(gpu, "find_device", lambda: "simulator")
-    with pytest.raises(Refusal, match="compiled for the processor only"):
-        gpu.fly_on_gpu(make(CASCADE.format(compiled="")), nominal_parameters())

@@ -96,7 +96,7 @@ def explain_flight(
     read_checked(folder, [folder.plan(controller)])
     plan = read_trusted_plan(folder, campaign, controller, trust_code)
     if failure.requirement is not None and failure.requirement.metric in MARGIN_NAMES:
-        plan = make_margin_plans(campaign, {controller: plan}, "cpu")[controller]
+        plan = make_margin_plans(campaign, {controller: plan})[controller]
     names = campaign.names
     nominal = nominal_values(names)
     values, seeds = row.samples[0, : len(names)], row.samples[:, len(names) :]  # the noise stays as it was flown

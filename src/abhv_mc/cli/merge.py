@@ -31,10 +31,5 @@ def command(
     with ExitStack() as stack:
         here = [stack.enter_context(fetched(part)) for part in parts]
         manifest = read_manifest(CampaignFolder(here[0]).manifest)
-        engine = None
-        if manifest.get("machine", {}).get("device", "cpu") != "cpu":
-            from abhv_mc.execution.gpu import make_gpu_engine
-
-            engine = make_gpu_engine()
-        merged = merge_campaign(here, out or Path("reports") / manifest["name"], engine, trust_code)
+        merged = merge_campaign(here, out or Path("reports") / manifest["name"], trust_code=trust_code)
     finish(merged, no_report, json)

@@ -3,7 +3,7 @@
 import sys
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
@@ -47,7 +47,6 @@ def command(
     controllers: Controllers = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    device: Annotated[Literal["cpu", "gpu"], typer.Option(help="Fly on the processor or on an NVIDIA GPU.")] = "cpu",
     shard: Annotated[str | None, typer.Option(metavar="I/N", help="Only part I of N; merge joins them.")] = None,
     plans: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Fly the plans of this campaign's folder.", show_default="new")
@@ -90,19 +89,12 @@ def command(
         if no_report or part is not None:
             raise Refusal("--baseline without a report", "--baseline, or --no-report or --shard")
         check_baseline(read_campaign(campaign, runs, seed, names), baseline)
-    engine = None
-    if device == "gpu":
-        from abhv_mc.execution.gpu import make_gpu_engine
-
-        if scheduler is not None:
-            raise Refusal("--device gpu with --scheduler", "one of the two")
-        engine = make_gpu_engine()
     try:
         with mirrored(out, staging) if out else nullcontext() as folder:
             request = Request(
                 campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code, check_workers
             )
-            finish(run_campaign(request, engine), no_report or part is not None, json, out, junit, baseline)
+            finish(run_campaign(request), no_report or part is not None, json, out, junit, baseline)
     except UnusableError as error:
         say(error, file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE) from None

@@ -17,10 +17,9 @@ from abhv_mc.identity import Flyer, this_flyer
 Check = Callable[[FlightPlan, Floats, FlightBlock], FlightBlock]
 
 
-def sign(block: FlightBlock, device: str = "cpu") -> FlightBlock:
+def sign(block: FlightBlock) -> FlightBlock:
     """The block with this process as its flyer."""
-    flyer = this_flyer()
-    return replace(block, flown_by=(flyer if device == "cpu" else flyer._replace(processor=device),))
+    return replace(block, flown_by=(this_flyer(),))
 
 
 class Attestation:

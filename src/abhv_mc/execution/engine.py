@@ -28,9 +28,6 @@ class Engine:
     find_stability: Callable[[CheckedCampaign, dict[str, FlightPlan]], dict[str, Any]] | None = None
     checked: bool = False  # whether ``source`` is what identity.code_hash() must give in every process that flies
     isolation: str = THREADS  # where "auto" flies; processes need a ``fly`` that can be imported
-    device: str = "cpu"  # or the name of a GPU
-    batch: int | None = None  # flights of a block and workers, where neither the campaign nor its user says
-    workers: int | None = None
 
 
 def make_engine() -> Engine:
@@ -45,7 +42,5 @@ def check_source(folder: CampaignFolder, manifest: dict[str, Any], engine: Engin
     """Refuse to go on with other code than the one that flew so far. Raises InputError."""
     flown = manifest.get("source_hash")
     if flown != engine.source:
-        device = manifest.get("machine", {}).get("device", engine.device)
-        kind = "another version of the program" if device == engine.device else "another device"
-        found = f"flights of {kind} (source {flown} on {device}, now {engine.source} on {engine.device})"
+        found = f"flights of another version of the program (source {flown}, now {engine.source})"
         raise InputError(folder.root, found, "the same again, another folder (-o DIR), or --fresh")

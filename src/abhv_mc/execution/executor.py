@@ -51,7 +51,7 @@ def open_executor(
     """
     check = Attestation(engine, check_workers).check
     limit = execution.flight_time_limit
-    number = workers or execution.workers or engine.workers or count_cores()
+    number = workers or execution.workers or count_cores()
     isolation = engine.isolation if execution.isolation == "auto" else execution.isolation
     if cluster is not None:
         cluster.limit, cluster.check = limit or cluster.limit, check
@@ -67,7 +67,7 @@ def _in_this_process(engine: Engine) -> FlyBlocks:
     def fly(plan: FlightPlan, parameters: Floats, recorded: ToRecord = None) -> FlightBlock:
         def attempt(rows: Floats, recorded: ToRecord) -> FlightBlock:
             try:
-                return sign(fly_recorded(engine.fly, plan, rows, recorded), engine.device)
+                return sign(fly_recorded(engine.fly, plan, rows, recorded))
             except Exception as error:
                 raise FlightLostError(f"{type(error).__name__}: {error}") from error
 

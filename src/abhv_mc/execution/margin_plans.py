@@ -6,14 +6,11 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.fly_with_margins import MarginPlan, add_margins
 
 
-def make_margin_plans(campaign: CheckedCampaign, plans: dict[str, FlightPlan], device: str) -> dict[str, MarginPlan]:
+def make_margin_plans(campaign: CheckedCampaign, plans: dict[str, FlightPlan]) -> dict[str, MarginPlan]:
     """The plans with margins; none where the campaign asks for none. Raises InputError where there can be none."""
     model = campaign.model
     if model.margins is None:
         return {}
-    if device != "cpu":
-        found = f"margins of flights on {device}"
-        raise campaign.document.key_error(("margins",), found, "the processor, which linearizes, or no 'margins'")
 
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission

@@ -86,7 +86,7 @@ class _Run:
         self.completion = Completion(self.campaign, opened.part, opened.to_fly)
         self.sharded = "shard" in self.manifest
         self.fly, self.workers = executor.fly, executor.workers
-        self.batch = model.execution.batch or engine.batch or choose_batch(self.campaign.runs, self.workers)
+        self.batch = model.execution.batch or choose_batch(self.campaign.runs, self.workers)
         self.samples = SampleReader(self.folder.samples)
         self.collectors: dict[str, Collector] = {}
         provenance = {"seed": str(model.seed), "campaign_hash": self.manifest["campaign_hash"]}

@@ -90,7 +90,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     plans = take_plans(request.plans_from, requested, inputs, engine, request.trust_code)
     plans = plans or make_plans(requested, requested.model.controllers, engine)
     nominal = _fly_nominal(requested, plans, engine)
-    margin_plans = make_margin_plans(requested, plans, engine.device)
+    margin_plans = make_margin_plans(requested, plans)
     files = begin_folder(folder, inputs, plans, stack)
     _write_samples(folder, requested)
     _write_nominal(folder, requested, plans, nominal)
@@ -155,7 +155,7 @@ def _resume(
     if manifest["files"] != files.listed():
         manifest["files"] = files.listed()
         write_manifest(folder.manifest, manifest)
-    margin_plans = make_margin_plans(campaign, plans, engine.device)
+    margin_plans = make_margin_plans(campaign, plans)
     return OpenCampaign(folder, campaign, plans, manifest, tuple(requested.model.controllers), files, margin_plans)
 
 
@@ -253,7 +253,7 @@ def _new_manifest(
         "versions": find_versions() | find_package_versions(sources),
         "compiler": find_compiler(),
         "commit": find_commit(),
-        "machine": find_machine() | {"device": engine.device},
+        "machine": find_machine(),
         "command": sys.argv[1:],
         "inputs": inputs.hashes,
     }

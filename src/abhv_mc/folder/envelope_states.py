@@ -68,7 +68,7 @@ class Cells:
         return history.reshape(len(history), self.count)
 
     def extremes(self, block: FlightBlock) -> Singles:
-        """Smallest and largest values ``[side, cell]`` of a block: of every tick, or of the samples from a GPU."""
+        """Smallest and largest values ``[side, cell]`` of a block, of every tick."""
         return self.flatten(np.stack(block.extremes))
 
 

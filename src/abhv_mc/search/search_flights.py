@@ -264,14 +264,14 @@ def open_search(
                 "source_hash": engine.source,
                 "versions": find_versions(),
                 "commit": find_commit(),
-                "machine": find_machine() | {"device": engine.device},
+                "machine": find_machine(),
                 "files": files.listed(),
             }
             write_manifest(folder.manifest, manifest)
         cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
         executor = stack.enter_context(open_executor(engine, campaign.model.execution, request.workers, cluster))
         writer = stack.enter_context(ThreadPoolExecutor(1))
-        margins = make_margin_plans(campaign, {name: plan}, engine.device)[name] if with_margins else None
+        margins = make_margin_plans(campaign, {name: plan})[name] if with_margins else None
         search = SearchFlights(FlownFolder(folder, manifest, files), campaign, plan, executor, writer, margins)
         with Progress("flights", flights) as search.progress:
             try:
