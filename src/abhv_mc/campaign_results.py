@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from abhv_mc.analysis.explain import Explanation
     from abhv_mc.folder.results import Results
+    from abhv_mc.topics.topic import Models
 
 _AXES = {
     "histories": ("controller", "flight", "time"),
@@ -89,7 +90,7 @@ class CampaignResults:
         """Every number of the report, as ``report.json`` holds them."""
         from abhv_mc.report.numbers.report_numbers import make_numbers
 
-        numbers = make_numbers(self._results)
+        numbers = make_numbers(self._models)
         refuse_changes(self._paths, self.manifest)
         return numbers
 
@@ -99,7 +100,7 @@ class CampaignResults:
         from abhv_mc.report.numbers.confidence import confidence_sentence
         from abhv_mc.report.numbers.summary import summary_sentences
 
-        return [*summary_sentences(self.numbers), confidence_sentence(self.numbers)]
+        return [*summary_sentences(self._models, self.numbers), confidence_sentence(self.numbers)]
 
     @property
     def verdicts(self) -> "pd.DataFrame":
@@ -131,7 +132,7 @@ class CampaignResults:
     def _figures(self) -> "dict[str, Figure]":
         from abhv_mc.report.pages.gallery import make_figures
 
-        figures = {text.name: figure for text, figure in make_figures(self._results, self.numbers)}
+        figures = {text.name: figure for text, figure in make_figures(self._models, self.numbers)}
         refuse_changes(self._paths, self.manifest)
         return figures
 
@@ -259,6 +260,12 @@ class CampaignResults:
         results = read_results(self.folder)
         refuse_changes(self._paths, self.manifest)
         return results
+
+    @cached_property
+    def _models(self) -> "Models":
+        from abhv_mc.topics.topic import Models
+
+        return Models(self._results)
 
     def _files_in(self, part: Path) -> list[Path]:
         return [path for path in data_files(self._paths, self.manifest) if path.parent == part]

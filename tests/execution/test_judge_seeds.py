@@ -17,6 +17,7 @@ from abhv_mc.folder.results import read_results
 from abhv_mc.folder.seeds import find_siblings
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
+from abhv_mc.topics.topic import Models
 
 # About 4 % of the fake flights end early.
 ASKED = "[{metric: altitude_error_max_m, below: 50, probability: 0.93}]"
@@ -35,7 +36,7 @@ def test_equal_counts_give_the_same_words_in_one_folder_or_merged_from_three(tmp
     assert entry["failures"] == sum(part["requirements"][0]["failures"] for part in parts)
     assert [entry["words"]] == [one["words"] for one in judge_together(read_campaign(campaign), parts)]
     assert merged.manifest["question"] == parts[0]["question"]
-    numbers = make_numbers(read_results(tmp_path / "all"))["requirements"][0]["controllers"]["one"]
+    numbers = make_numbers(Models(read_results(tmp_path / "all")))["requirements"][0]["controllers"]["one"]
     assert (numbers["flights"], numbers["failures"], numbers["status"]) == (600, entry["failures"], entry["verdict"])
 
 

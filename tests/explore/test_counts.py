@@ -6,7 +6,7 @@ import pytest
 from abhv_mc.explore import counts
 from abhv_mc.explore.counts import Asked, count_flights, find_nearest, open_flights, parse_asked
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.numbers.worst import rank_worst
+from abhv_mc.topics.worst_flights import rank_worst
 from benchmarks.explore import draw_asked, grow
 
 X, Y, BRUSHED = "aero.lift", "speed_error_max_mps", "atmosphere.density"

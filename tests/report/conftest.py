@@ -5,13 +5,15 @@ import json
 import pytest
 from report.synthetic import write_campaign
 
+from abhv_mc.folder.results import read_results
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.pages.build import build_report
+from abhv_mc.topics.topic import Models
 
 
 @pytest.fixture(scope="session")
 def failing_numbers(failing):
-    return make_numbers(failing)
+    return make_numbers(Models(failing))
 
 
 @pytest.fixture(scope="session")
@@ -20,6 +22,11 @@ def report_folder(tmp_path_factory):
     folder = write_campaign(tmp_path_factory.mktemp("whole") / "a campaign", runs=80)
     build_report(folder)
     return folder
+
+
+@pytest.fixture(scope="session")
+def models(report_folder):
+    return Models(read_results(report_folder))
 
 
 @pytest.fixture(scope="session")

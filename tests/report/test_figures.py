@@ -10,6 +10,7 @@ from abhv_mc.report.figures.distributions import Spread, plot_distributions
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.report.pages.gallery import make_figures
 from abhv_mc.topics.figure_style import BLUE, VERMILION, write_png
+from abhv_mc.topics.topic import Models
 
 FILES = [
     "aileron",
@@ -85,7 +86,7 @@ def test_a_zoomed_row_takes_its_limits_from_inside():
 @pytest.fixture(scope="module")
 def figures(failing, failing_numbers):
     """Every figure of a report by its name."""
-    return {text.name: figure for text, figure in make_figures(failing, failing_numbers)}
+    return {text.name: figure for text, figure in make_figures(Models(failing), failing_numbers)}
 
 
 @pytest.mark.thorough

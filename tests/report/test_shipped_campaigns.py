@@ -16,6 +16,7 @@ from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.page import make_markdown
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.shipped import shipped_campaigns
+from abhv_mc.topics.topic import Models
 
 # Channel of a figure: metrics of its smallest and largest value, or one of its largest size, at any control tick.
 ENDS = {
@@ -68,7 +69,7 @@ def test_it_flies_and_its_report_follows_from_the_data(name, engine, tmp_path):
     assert flown.complete
     page = build_report(flown.folder).read_text(encoding="utf-8")
     numbers = json.loads((flown.folder / "report.json").read_text(encoding="utf-8"))
-    markdown = make_markdown(read_results(flown.folder), numbers, [])
+    markdown = make_markdown(Models(read_results(flown.folder)), numbers, [])
     question = read_campaign(path).model.question
     assert f"<h1>{question}</h1>" in page and markdown.startswith(f"# {question}\n")
     assert list(verify_campaign(flown.folder)) == []

@@ -20,7 +20,7 @@ _COMMANDS = {
     "Start": ("new", "import", "validate", "plan", "list"),
     "Fly": ("run", "merge", "fly", "replay"),
     "Search": ("worst", "rare", "tune"),
-    "Look": ("report", "explore", "compare", "explain", "whatif", "status", "query", "export", "trim"),
+    "Look": ("report", "show", "explore", "compare", "explain", "whatif", "status", "query", "export", "trim"),
     "Analyse": ("margins", "linearize"),
     "Prove": ("verify", "bench"),
 }

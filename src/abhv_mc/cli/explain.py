@@ -68,7 +68,7 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
     from abhv_mc.folder.results import read_results
     from abhv_mc.io.documents import one_of
     from abhv_mc.report.numbers.failure_map import failure_map_tables, map_numbers
-    from abhv_mc.report.numbers.worst import rank_failed
+    from abhv_mc.topics.worst_flights import rank_failed
 
     results = read_results(folder)
     if controller is not None and controller not in results.controllers:

@@ -14,9 +14,9 @@ import numpy as np
 from abhv_mc.folder.results import Results, read_results
 from abhv_mc.folder.sql import open_database
 from abhv_mc.io.input_error import InputError, describe, one_of
-from abhv_mc.report.numbers.worst import in_order
 from abhv_mc.topics.labels import full_labels
 from abhv_mc.topics.parameter_words import axis_unit, spoken_name
+from abhv_mc.topics.worst_flights import in_order
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection

@@ -1,6 +1,5 @@
 """A campaign's folder as plain arrays: what every table, figure and page of a report is made from."""
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,6 +23,7 @@ from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.steady_margins import SteadyMargins, read_steady_margins
 from abhv_mc.io.input_error import InputError
 from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.statistics.ranking import Criterion
@@ -101,7 +101,7 @@ class Results:
     envelopes: dict[tuple[str, str], Envelope]  # (controller, channel)
     reference: dict[str, Floats]  # "time" and REFERENCE_CHANNELS -> [time]
     nominal: dict[str, dict[str, Floats]]  # controller -> "time" and CHANNELS -> [time]
-    stability: dict[str, Any] = field(default_factory=dict)  # margins in steady flight; empty where none were found
+    steady_margins: SteadyMargins = field(default_factory=SteadyMargins)
 
     def refuse_changes(self) -> None:
         """For the end of whatever is made of them. Raises InputError where a run has changed the folder meanwhile."""
@@ -236,7 +236,7 @@ def read_results(root: Path) -> Results:
         envelopes=_read_envelopes(folder.envelopes),
         reference={name: value.astype(np.float64) for name, value in reference.items()},
         nominal=_read_nominal(folder.nominal),
-        stability=json.loads(folder.margins.read_text(encoding="utf-8")) if folder.margins.is_file() else {},
+        steady_margins=read_steady_margins(folder.margins),
     )
 
 

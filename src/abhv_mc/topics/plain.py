@@ -2,18 +2,20 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, is_dataclass
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
 
 from abhv_mc.statistics.estimates import Interval
 
+DRAWN = "drawn"  # of a field's metadata: it serves figures alone, and JSON holds none of it
+
 
 def plain(value: Any) -> Any:
-    """The value as JSON holds it; infinite and missing numbers are None."""
+    """The value as JSON holds it, without what serves figures alone; infinite and missing numbers are None."""
     if is_dataclass(value) and not isinstance(value, type):
-        return {key: plain(item) for key, item in asdict(value).items()}
+        return {item.name: plain(getattr(value, item.name)) for item in fields(value) if not item.metadata.get(DRAWN)}
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

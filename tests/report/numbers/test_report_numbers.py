@@ -7,10 +7,11 @@ from report.synthetic import write_campaign
 from abhv_mc.folder.results import read_results
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.statistics import judge
+from abhv_mc.topics.topic import Models
 
 
 def test_the_same_folder_gives_the_same_numbers(failing_folder, failing_numbers):
-    again = json.dumps(make_numbers(read_results(failing_folder)), allow_nan=False)
+    again = json.dumps(make_numbers(Models(read_results(failing_folder))), allow_nan=False)
     assert again == json.dumps(failing_numbers, allow_nan=False)
 
 
@@ -64,7 +65,7 @@ def test_the_planted_driver_and_rule_are_found(failing_numbers):
 
 
 def test_dependent_designs_get_estimates(tmp_path):
-    numbers = make_numbers(read_results(write_campaign(tmp_path / "c", runs=16, sampling="lhs")))
+    numbers = make_numbers(Models(read_results(write_campaign(tmp_path / "c", runs=16, sampling="lhs"))))
     statuses = {verdict["status"] for entry in numbers["requirements"] for verdict in entry["controllers"].values()}
     assert statuses == {"ESTIMATE"}
     assert numbers["flights"]["tlc"]["failure_share"] == {"value": 0.0, "low": None, "high": None}

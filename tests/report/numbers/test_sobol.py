@@ -14,6 +14,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.numbers.summary import summary_sentences
 from abhv_mc.report.pages.verify import verify_campaign
+from abhv_mc.topics.topic import Models
 
 LAWS = (
     "{atmosphere.density: {distribution: uniform, half_width: %s},"
@@ -42,7 +43,7 @@ def test_the_report_names_what_causes_the_variance(flown):
     assert all(entry["total"][0] < 0.2 for entry in rest)
     page = (flown / "report.html").read_text(encoding="utf-8")
     assert "Sobol indices of the errors, largest total first" in page
-    first, second, *_ = summary_sentences(numbers)
+    first, second, *_ = summary_sentences(Models(read_results(flown)), numbers)
     assert first.startswith("What spreads an error most is for one and two the same in ")
     assert second.startswith("What moves the errors of one most (share of the variance that involves them, within ")
     assert "density (" in second
@@ -57,26 +58,26 @@ def test_indices_within_noise_are_not_told(flown):
         for entries in part["metrics"].values():
             for entry, total in zip(entries, (0.6, 0.5, 0.1), strict=True):
                 entry["total"], entry["first"] = [total, total - 0.4, total + 0.4], [0.7, 0.4, 1.0]
-    first, second, *_ = summary_sentences(numbers)
+    first, second, *_ = summary_sentences(Models(read_results(flown)), numbers)
     assert first.startswith("What spreads an error most is for one and two open in max altitude error")
     assert "too few flights to share out" in second and "alone" not in second and "within" not in second
     for part in numbers["sobol"]["controllers"].values():
         for entries in part["metrics"].values():
             for entry, total in zip(entries, (0.6, 0.3, 0.1), strict=True):
                 entry["total"], entry["first"] = [total, total - 0.1, total + 0.1], [0.7, 0.6, 0.8]
-    first, second, *_ = summary_sentences(numbers)
+    first, second, *_ = summary_sentences(Models(read_results(flown)), numbers)
     assert first.startswith("What spreads an error most is for one and two the same in ")
     assert "(60\u202f%, 60\u202f% alone)" in second and "within 10\u202f% or closer" in second
 
 
 def test_failed_flights_are_refused_by_name(tmp_path):
-    numbers = make_numbers(read_results(fly(tmp_path, "10 %")))
+    numbers = make_numbers(Models(read_results(fly(tmp_path, "10 %"))))
     part = numbers["sobol"]["controllers"]["two"]
     assert part["metrics"] == {} and "of 640 flights ended early" in part["refused"]
 
 
 def test_rules_and_ranks_use_flights_that_share_nothing(tmp_path):
-    numbers = make_numbers(read_results(fly(tmp_path, "10 %")))
+    numbers = make_numbers(Models(read_results(fly(tmp_path, "10 %"))))
     (kind, *_) = numbers["drivers"]["controllers"]["one"]["failures"]
     assert kind["flights"] == 640 and kind["rules"][0]["others"] + kind["rules"][0]["failures"] == 2 * 128
 

@@ -3,11 +3,11 @@ import copy
 from abhv_mc.report.numbers.summary import summary_sentences
 
 
-def test_the_first_sentence_says_who_wins_and_at_what_usage(report_json):
+def test_the_first_sentence_says_who_wins_and_at_what_usage(models, report_json):
     numbers = copy.deepcopy(report_json)
     for entry in numbers["requirements"]:
         entry["controllers"]["lqr"]["status"] = "NOT SHOWN"  # as its rival's: the campaign's order holds
-    first = summary_sentences(numbers)[0]
+    first = summary_sentences(models, numbers)[0]
     assert first.startswith("TLC is better: against LQR, on the same")
     medians = {
         name: cell["q50"]["value"]
@@ -20,28 +20,28 @@ def test_the_first_sentence_says_who_wins_and_at_what_usage(report_json):
     assert f"{usage} (rms, median of the flights' ratios)" in first
 
 
-def test_tails_and_lost_flights_that_contradict_the_median_make_no_winner(report_json):
+def test_tails_and_lost_flights_that_contradict_the_median_make_no_winner(models, report_json):
     numbers = copy.deepcopy(report_json)
     for pair in numbers["paired"].values():
         pair["metrics"]["sideslip_max_deg"] |= {"winner": None, "mixed": True, "closer": "tlc", "loses_more": True}
-    first = summary_sentences(numbers)[0]
+    first = summary_sentences(models, numbers)[0]
     assert first.startswith("Mixed: ")
     assert "undecided in max sideslip (TLC is closer on more flights but has more flights lost)" in first
     assert "no difference is shown in max altitude error" in first
 
 
-def test_the_strongest_rival_comes_first(report_json):
+def test_the_strongest_rival_comes_first(models, report_json):
     """The page began with the weakest rival: 'TLC is better', where a tuned LQR beats it in some errors."""
     numbers = copy.deepcopy(report_json)
     pair = numbers["paired"]["tlc - lqr_retuned"]
     for metric in ("sideslip_max_deg", "speed_error_max_mps"):
         pair["metrics"][metric] |= {"winner": "lqr_retuned", "mixed": False}
-    sentences = summary_sentences(numbers)
+    sentences = summary_sentences(models, numbers)
     assert sentences[0].startswith("Mixed: against LQR retuned") and "worse on more flights in" in sentences[0]
     assert any(text.startswith("Against LQR, on the same") for text in sentences[1:])
 
 
-def test_of_rivals_that_stand_alike_the_one_that_fails_less_comes_first(report_json):
+def test_of_rivals_that_stand_alike_the_one_that_fails_less_comes_first(models, report_json):
     """The default campaign began with an unstable LQR where a sound one stood as well against TLC."""
     numbers = copy.deepcopy(report_json)
     for pair in numbers["paired"].values():
@@ -50,4 +50,4 @@ def test_of_rivals_that_stand_alike_the_one_that_fails_less_comes_first(report_j
     for entry in numbers["requirements"]:
         entry["controllers"]["lqr"]["status"] = "FAIL"
         entry["controllers"]["lqr_retuned"]["status"] = "NOT SHOWN"
-    assert summary_sentences(numbers)[0].startswith("TLC is better: against LQR retuned")
+    assert summary_sentences(models, numbers)[0].startswith("TLC is better: against LQR retuned")

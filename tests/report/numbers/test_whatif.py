@@ -19,6 +19,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.numbers.whatif import make_whatif
 from abhv_mc.statistics.binomial import clopper_pearson
+from abhv_mc.topics.topic import Models
 
 RUNS = "1500"
 REQUIREMENT = "[{metric: altitude_error_max_m, below: 1.85, probability: 0.9}]"
@@ -45,7 +46,7 @@ def flown(tmp_path_factory):
 
 def agree(found, fresh, metrics=("altitude_error_max_m", "speed_error_max_mps", "fuel_used_kg")):
     """Every interval of the fresh campaign overlaps the one from the re-weighted flights."""
-    numbers = make_numbers(read_results(fresh))
+    numbers = make_numbers(Models(read_results(fresh)))
     for name, part in found["controllers"].items():
         for metric in metrics:
             for level in ("q50", "q95"):

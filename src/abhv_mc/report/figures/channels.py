@@ -14,6 +14,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.folder.results import Results
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.topics.figure_style import controller_colors
+from abhv_mc.topics.section import FigureText
 
 _SIGN = "The paper plots the mirrored sign (its first bank is positive); its time is ours plus 180 s."
 
@@ -31,19 +32,6 @@ class Curve:
     note: str = ""
     off_reference: bool = False  # what is left of it without the reference
     begins: bool = False  # whether the paper shows its first seconds, too
-
-
-@dataclass(frozen=True)
-class FigureText:
-    """A figure's file name and words."""
-
-    name: str  # of the file, without its suffix
-    title: str
-    caption: str
-    paper: str = ""  # what the paper's single flight shows
-    channel: str = ""  # whose range over all flights goes with it
-    unit: str = ""
-    gallery: bool = False  # whether it stands among the figures of channels
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.results import Results, read_results
 from abhv_mc.io.documents import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_in_unit
-from abhv_mc.report.numbers.failures import requirement_words
 from abhv_mc.report.numbers.paired import compare_any_failures, pair_numbers
 from abhv_mc.statistics.paired import not_worse
+from abhv_mc.topics.failed_flights import requirement_words
 from abhv_mc.topics.plain import plain
 from abhv_mc.topics.words import percent
 

@@ -4,9 +4,9 @@ from typing import Any
 
 from abhv_mc.folder.controller_flights import severities
 from abhv_mc.folder.results import Results
-from abhv_mc.report.numbers.failures import requirement_failures
 from abhv_mc.statistics.convergence import Trace, failure_trace, looks, quantile_traces
 from abhv_mc.statistics.estimates import LEVELS
+from abhv_mc.topics.failed_flights import requirement_failures
 from abhv_mc.topics.plain import level_name, plain
 
 

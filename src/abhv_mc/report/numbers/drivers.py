@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from abhv_mc.folder.controller_flights import distances
 from abhv_mc.folder.results import Results
-from abhv_mc.report.numbers.failures import failure_kinds
 from abhv_mc.report.numbers.sobol import independent_rows
 from abhv_mc.statistics.drivers import FALSE_DISCOVERY_RATE, rank_drivers
 from abhv_mc.statistics.failure_drivers import FALSE_DISCOVERY_RATE as RULES_RATE
 from abhv_mc.statistics.failure_drivers import FEWEST_FAILURES, bin_inputs, find_rules
 from abhv_mc.statistics.failure_rules import Condition, Rule
 from abhv_mc.statistics.given_data import given_data_indices
+from abhv_mc.topics.failed_flights import failure_kinds
 from abhv_mc.topics.parameter_words import shown_value, spoken_name
 from abhv_mc.topics.plain import interval_at, plain
 from abhv_mc.topics.words import percent

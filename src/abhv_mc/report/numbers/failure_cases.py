@@ -16,14 +16,15 @@ from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.results import Results, read_histories
 from abhv_mc.plant.parameters import FAILURE_TIMES
-from abhv_mc.report.figures.channels import FigureText, off_reference
+from abhv_mc.report.figures.channels import off_reference
 from abhv_mc.report.figures.failure_cases import CaseBand, CasePanel, plot_bands, plot_survival
-from abhv_mc.report.numbers.failures import requirement_failures, requirement_words
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.judgement import Pair, judge_pairs
+from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
 from abhv_mc.topics.labels import controller_label
 from abhv_mc.topics.plain import plain
+from abhv_mc.topics.section import FigureText
 from abhv_mc.topics.words import count_of, percent
 
 _MOST_CASES = 8  # in figures, the most frequent

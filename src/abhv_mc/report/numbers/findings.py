@@ -7,8 +7,10 @@ import numpy as np
 
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.results import Results
-from abhv_mc.report.numbers.failures import EARLY
-from abhv_mc.report.numbers.stability import stability_words
+from abhv_mc.topics.failed_flights import EARLY
+from abhv_mc.topics.margins import MARGINS
+from abhv_mc.topics.margins.sentences import margin_words
+from abhv_mc.topics.topic import Models
 from abhv_mc.topics.words import count_of, joined, percent
 from abhv_mc.vehicle.sensing import IN_WIND
 
@@ -50,17 +52,18 @@ def _of(flights: ControllerFlights) -> dict[str, Any]:
     }
 
 
-def finding_sentences(numbers: Mapping[str, Any]) -> Iterator[str]:
+def finding_sentences(models: Models, numbers: Mapping[str, Any]) -> Iterator[str]:
     """One of each controller: flights not computed, its loops, flights that cycle or end early, saturated surfaces,
     tables left."""
     yield from (f"{words[:1].upper()}{words[1:]}." for words in numbers["warnings"] if words.startswith(IN_WIND))
     for name, count in numbers["left_out"].items():
         yield f"{name}: the machine could compute none of {count} flights, so it is not in this report; it met nothing."
+    margins = models[MARGINS]
     for name, part in numbers["findings"].items():
         absent = numbers["flights"][name]["not_computed"]
         known = (
             _in("the machine could not compute", absent, part["flown"] + absent),
-            stability_words(numbers, name), _cycles(part), _early(numbers, name),
+            margin_words(margins, name), _cycles(part), _early(numbers, name),
             _in("surfaces reach a limit of deflection or rate in", part["saturated"], part["flown"]),
             _in("the vehicle's tables are left in", part["outside_tables"], part["flown"]),
         )  # fmt: skip

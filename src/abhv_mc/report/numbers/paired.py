@@ -10,10 +10,10 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import SURFACE_USAGE, Metric
 from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances
 from abhv_mc.folder.results import Requirement, Results
-from abhv_mc.report.numbers.failures import failed_anyhow, requirement_failures
 from abhv_mc.statistics.estimates import pair_differences
 from abhv_mc.statistics.paired import compare_failures, compare_metric, compare_usage, median_ratio
 from abhv_mc.statistics.winner import Decision, decide
+from abhv_mc.topics.failed_flights import failed_anyhow, requirement_failures
 from abhv_mc.topics.plain import interval_in_sense, level_name, plain
 
 _LISTED = 10  # flights where only one failed

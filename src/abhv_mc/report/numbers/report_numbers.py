@@ -17,19 +17,20 @@ from abhv_mc.report.numbers.convergence import convergence_numbers
 from abhv_mc.report.numbers.drivers import driver_numbers
 from abhv_mc.report.numbers.failure_cases import failure_case_numbers
 from abhv_mc.report.numbers.failure_map import failure_map_numbers
-from abhv_mc.report.numbers.failures import find_tolerance, judge_all, requirement_failures, requirement_words
 from abhv_mc.report.numbers.findings import finding_numbers, left_out
 from abhv_mc.report.numbers.glance import glance_numbers
 from abhv_mc.report.numbers.paired import paired_numbers
 from abhv_mc.report.numbers.sobol import sobol_numbers
-from abhv_mc.report.numbers.stability import stability_numbers
-from abhv_mc.report.numbers.worst import worst_numbers
 from abhv_mc.statistics.binomial import clopper_pearson, success_lower_bound
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
 from abhv_mc.statistics.judgement import hold_family
 from abhv_mc.statistics.verdicts import Verdict, advice_words, verdict_words
+from abhv_mc.topics.failed_flights import find_tolerance, judge_all, requirement_failures, requirement_words
 from abhv_mc.topics.labels import full_labels
 from abhv_mc.topics.plain import interval_in_sense, level_name, plain
+from abhv_mc.topics.registry import all_topics
+from abhv_mc.topics.topic import Models
+from abhv_mc.topics.worst_flights import worst_numbers
 
 FORMAT = 1
 FAMILY_RISK = 0.10  # at which the report asks which PASSes would stand together
@@ -151,11 +152,12 @@ def _ranges(results: Results) -> dict[str, Any]:
     return ranges
 
 
-def make_numbers(results: Results, baseline: Path | None = None) -> dict[str, Any]:
+def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]:
     """All numbers of the report of a campaign, as JSON holds them; those of a ``baseline`` folder beside where given.
 
     Raises InputError for a baseline whose flights do not pair with the campaign's.
     """
+    results = models.results
     campaign, manifest = results.campaign, results.manifest
     verdicts = judge_all(results)
     requirements = _requirements(results, verdicts)
@@ -190,7 +192,7 @@ def make_numbers(results: Results, baseline: Path | None = None) -> dict[str, An
         "failure_map": failure_map_numbers(results),
         "failure_cases": failure_case_numbers(results),
         "ranges": _ranges(results),
-        "stability": stability_numbers(results),
+        **{topic.name: plain(models[topic]) for topic in all_topics()},
         "drivers": driver_numbers(results),
         "sobol": sobol_numbers(results),
         "convergence": convergence_numbers(results),

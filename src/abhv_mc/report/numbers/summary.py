@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 from abhv_mc.report.numbers.driver_sentences import driver_sentences
 from abhv_mc.report.numbers.failure_cases import failure_case_sentence
 from abhv_mc.report.numbers.findings import finding_sentences
+from abhv_mc.topics.topic import Models
 from abhv_mc.topics.words import count_of, fixed, joined, p_value, percent, significant
 
 _DROPPED = 4  # verdicts that do not stand jointly, told by name
@@ -207,20 +208,20 @@ class SummaryParts(NamedTuple):
     drivers: list[str]  # why
 
 
-def summary_parts(numbers: Mapping[str, Any]) -> SummaryParts:
+def summary_parts(models: Models, numbers: Mapping[str, Any]) -> SummaryParts:
     """The sentences of :func:`summary_sentences`, for a page to put below its headings."""
     lost = [failure_case_sentence(numbers["failure_cases"], numbers["campaign"]["labels"])]
     lost += _survival_sentences(numbers)
     asked = [_requirements_sentence(numbers)] if numbers["requirements"] else []
-    known = [*asked, *finding_sentences(numbers)]
+    known = [*asked, *finding_sentences(models, numbers)]
     return SummaryParts([*filter(None, lost)], _pair_sentences(numbers), known, driver_sentences(numbers))
 
 
-def summary_sentences(numbers: Mapping[str, Any]) -> list[str]:
+def summary_sentences(models: Models, numbers: Mapping[str, Any]) -> list[str]:
     """What a reader with two minutes should know, most important first: lost flights, the answer against the
     strongest rival, the requirements, what endangers each controller's flights, the other rivals, then why.
 
     A Saltelli campaign was flown to learn what moves the errors, and says that before who wins.
     """
-    lost, wins, known, drivers = summary_parts(numbers)
+    lost, wins, known, drivers = summary_parts(models, numbers)
     return drivers + wins + lost + known if numbers["sobol"] else lost + wins[:1] + known + wins[1:] + drivers

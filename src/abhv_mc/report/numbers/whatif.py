@@ -13,10 +13,10 @@ from abhv_mc.folder.controller_flights import ControllerFlights, severities
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.results import Results, read_results
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.numbers.failures import requirement_failures, requirement_words
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
 from abhv_mc.statistics.reweight import Unseen, effective_size, weighted_quantile, weighted_share
+from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
 from abhv_mc.topics.plain import interval_in_sense, level_name, plain
 
 FEWEST_EFFECTIVE = 100.0  # flights

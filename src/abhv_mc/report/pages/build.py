@@ -52,7 +52,9 @@ def make_key(folder: Path, baseline: Path | None = None) -> str:
     import abhv_mc
 
     source = Path(abhv_mc.__file__).parent
-    parts = sorted(path for name in ("report", "statistics") for path in (source / name).rglob("*") if path.is_file())
+    parts = sorted(
+        path for name in ("report", "statistics", "topics") for path in (source / name).rglob("*") if path.is_file()
+    )
     code = {path.relative_to(source).as_posix(): hash_file(path) for path in parts if path.suffix != ".pyc"}
     data: list[Any] = [abhv_mc.__version__, code, hash_file(folder / "manifest.json")]
     if CampaignFolder(folder).failure_map.is_file():
@@ -106,15 +108,17 @@ def build_report(folder: Path, format: Format = "html", baseline: Path | None = 
     from abhv_mc.report.pages.page import PageFigure, make_markdown, make_page
     from abhv_mc.report.pages.searched import refuse_search
     from abhv_mc.topics.figure_style import write_png, write_svg
+    from abhv_mc.topics.topic import Models
 
     refuse_search(folder, read_manifest(CampaignFolder(folder).manifest))
     key = make_key(folder, baseline)  # as it is now: a run may go on meanwhile
     results = read_results(folder)
-    numbers = {**make_numbers(results, baseline), "files": hash_files(folder)}
+    models = Models(results)
+    numbers = {**make_numbers(models, baseline), "files": hash_files(folder)}
     figures_folder = folder / "figures"
     figures_folder.mkdir(exist_ok=True)
     figures = []
-    for text, figure in make_figures(results, numbers):
+    for text, figure in make_figures(models, numbers):
         path = figures_folder / f"{text.name}.png"
         width, height = write_png(figure, path)
         write_svg(figure, path.with_suffix(".svg"))
@@ -126,7 +130,7 @@ def build_report(folder: Path, format: Format = "html", baseline: Path | None = 
             stale.unlink(missing_ok=True)  # another report of this folder may do the same
     page = folder / f"report.{format}"
     write_text(
-        page, make_page(results, numbers, figures) if format == "html" else make_markdown(results, numbers, figures)
+        page, make_page(models, numbers, figures) if format == "html" else make_markdown(models, numbers, figures)
     )
     if numbers["requirements"]:
         write_text(CampaignFolder(folder).matrix, make_matrix(numbers))

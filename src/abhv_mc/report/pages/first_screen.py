@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from abhv_mc.flight.metrics import GAIN_MARGIN, SURFACE_USAGE
-from abhv_mc.report.numbers.stability import corners_unstable, least_margins
+from abhv_mc.topics.margins import MARGINS
+from abhv_mc.topics.margins.model import corners_unstable, least_margins
+from abhv_mc.topics.topic import Models
 from abhv_mc.topics.words import count_of, fixed, joined, percent, significant
 
 _ROWS, _SENTENCES = 8, 2  # shown; then 'and n more'
@@ -126,16 +128,16 @@ def _bar_words(entry: Mapping[str, Any], label: str, cell: Mapping[str, Any]) ->
     return f"{label}: median {median}, 5 to 95 % {low} to {high}{tolerance} {entry['unit']}".strip()
 
 
-def cards(numbers: Mapping[str, Any], colors: Mapping[str, str]) -> list[Card]:
+def cards(models: Models, numbers: Mapping[str, Any], colors: Mapping[str, str]) -> list[Card]:
     """A card for each controller."""
-    return [_card(numbers, name, colors[name]) for name in numbers["campaign"]["controllers"]]
+    return [_card(models, numbers, name, colors[name]) for name in numbers["campaign"]["controllers"]]
 
 
-def _card(numbers: Mapping[str, Any], name: str, color: str) -> Card:
+def _card(models: Models, numbers: Mapping[str, Any], name: str, color: str) -> Card:
     found, counts = numbers["findings"][name], numbers["flights"][name]
-    margin, poor = _margin(numbers, name)
+    margin, poor = _margin(models, name)
     cycling = max((count or 0 for count in found["cycling"].values()), default=0)
-    corners, steady = corners_unstable(numbers, name)
+    corners, steady = corners_unstable(models[MARGINS], name)
     notes = [
         f"unstable at {corners} of {steady} corners" if corners and margin != "unstable" else "",
         f"{count_of(found['saturated'], found['flown'])} saturate" if found["saturated"] else "",
@@ -167,9 +169,9 @@ def met_words(numbers: Mapping[str, Any], name: str) -> str:
     return ", ".join([f"{found.count('PASS')} of {len(found)} met", *rest])
 
 
-def _margin(numbers: Mapping[str, Any], name: str) -> tuple[str, bool]:
+def _margin(models: Models, name: str) -> tuple[str, bool]:
     """The least margins in steady flight in words, and whether they are less than is customary."""
-    found = least_margins(numbers, name)
+    found = least_margins(models[MARGINS], name)
     if found is None:
         return "margins: not asked", False
     if not found.stable:
@@ -179,15 +181,15 @@ def _margin(numbers: Mapping[str, Any], name: str) -> tuple[str, bool]:
     return ", ".join(parts), found.little
 
 
-def sentences(numbers: Mapping[str, Any]) -> list[str]:
+def sentences(models: Models, numbers: Mapping[str, Any]) -> list[str]:
     """One for each of the two controllers that matter, the pair of them, and the third or how many more there are."""
     first, *rivals = numbers["campaign"]["controllers"]
-    rivals = sorted(rivals, key=lambda name: _strength(numbers, name), reverse=True)
-    found = [_sentence(numbers, name) for name in (first, *rivals[: _SENTENCES - 1])]
+    rivals = sorted(rivals, key=lambda name: _strength(models, numbers, name), reverse=True)
+    found = [_sentence(models, numbers, name) for name in (first, *rivals[: _SENTENCES - 1])]
     found += [_pair_sentence(numbers, first, name) for name in rivals[: _SENTENCES - 1]]
     rest = rivals[_SENTENCES - 1 :]
     if len(rest) == 1 and numbers.get("baseline") is None:
-        found.append(_sentence(numbers, rest[0]))
+        found.append(_sentence(models, numbers, rest[0]))
     elif rest:
         found.append(f"{len(rest)} more below.")
     return [*filter(None, found)]
@@ -219,14 +221,14 @@ def _standing(pair: Mapping[str, Any], asked: Sequence[str]) -> str:
     return f"{words} of {of}" if words else f"no difference shown in {of}"
 
 
-def _strength(numbers: Mapping[str, Any], name: str) -> tuple[int, int, bool]:
+def _strength(models: Models, numbers: Mapping[str, Any], name: str) -> tuple[int, int, bool]:
     """Verdicts passed, flights not lost, and whether it is stable."""
     passed = sum(entry["controllers"][name]["status"] == "PASS" for entry in numbers["requirements"])
-    margin = least_margins(numbers, name)
+    margin = least_margins(models[MARGINS], name)
     return passed, -numbers["flights"][name]["failed"], margin is None or margin.stable
 
 
-def _sentence(numbers: Mapping[str, Any], name: str) -> str:
+def _sentence(models: Models, numbers: Mapping[str, Any], name: str) -> str:
     label, counts = numbers["campaign"]["labels"][name], numbers["flights"][name]
     found = [entry["controllers"][name]["status"] for entry in numbers["requirements"]]
     parts = []
@@ -234,7 +236,7 @@ def _sentence(numbers: Mapping[str, Any], name: str) -> str:
         parts.append(f"meets {found.count('PASS')} of {len(found)}{_usage_against_first(numbers, name)}")
     if counts["failed"]:
         parts.append(f"loses {fixed(counts['failed'], 0)} of {fixed(counts['flown'], 0)} flights")
-    margin = least_margins(numbers, name)
+    margin = least_margins(models[MARGINS], name)
     if margin is not None and not margin.stable:
         parts.append("is unstable in steady flight")
     text = f"{label} {joined(parts or ['loses no flight'])}"

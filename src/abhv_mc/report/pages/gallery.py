@@ -7,18 +7,18 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.metrics import MARGIN_NAMES, SURFACE_USAGE
+from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.folder.results import Results, read_histories
-from abhv_mc.report.figures.channels import FigureText, channel_figures, off_reference, shown_bands
+from abhv_mc.report.figures.channels import channel_figures, off_reference, shown_bands
 from abhv_mc.report.figures.convergence import ConvergencePanel, plot_convergence
 from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributions, plot_error_against_usage
 from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
-from abhv_mc.report.figures.stability import MarginMarks, plot_margins
 from abhv_mc.report.numbers.failure_cases import failure_case_figures
-from abhv_mc.report.numbers.failures import failed_anyhow
 from abhv_mc.report.numbers.paired import total_usage
-from abhv_mc.report.numbers.worst import distance_beyond
 from abhv_mc.topics.figure_style import controller_colors
+from abhv_mc.topics.registry import all_topics
+from abhv_mc.topics.section import FigureText
+from abhv_mc.topics.topic import Models
 
 
 def _spread(results: Results, metric: str) -> Spread:
@@ -139,33 +139,9 @@ def _convergence(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: 
         yield text, plot_convergence(panels, labels, colors)
 
 
-def _margins(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
-    """How bad each flight is over its margins, where flights have them."""
-    marks = {}
-    for name in results.controllers:
-        flights = results.flights[name]
-        if MARGIN_NAMES[0] not in flights.metrics:
-            return
-        rows = np.flatnonzero(np.isfinite(flights.metrics[MARGIN_NAMES[0]]))
-        beyond = distance_beyond(flights, results.campaign.criteria)[0][rows]
-        gain, phase = (flights.metrics[metric][rows] for metric in MARGIN_NAMES[:2])
-        marks[name] = MarginMarks(gain, phase, beyond, failed_anyhow(flights, results.campaign.requirements)[rows])
-    if not any(each.gain_db.size for each in marks.values()):
-        return
-    required = bool(results.campaign.requirements)
-    words = "limit of any requirement" if required else "median of any metric asked for"
-    text = FigureText(
-        "margins",
-        "Margins against failure",
-        f"Each mark is one flight: how far it is beyond the {words}, in the metric's spread (5 to 95 %), "
-        "over its least gain and phase margin. "
-        + ("Filled marks failed; marks at the upper end ended early." if required else "Filled marks ended early."),
-    )
-    yield text, plot_margins(marks, f"beyond a {'limit' if required else 'median'} (spreads)", labels, colors)
-
-
-def make_figures(results: Results, numbers: Mapping[str, Any]) -> Iterator[tuple[FigureText, Figure]]:
+def make_figures(models: Models, numbers: Mapping[str, Any]) -> Iterator[tuple[FigureText, Figure]]:
     """Every figure that the campaign's folder has the data for."""
+    results = models.results
     labels = numbers["campaign"]["labels"]
     colors = controller_colors(results.controllers)
     yield from channel_figures(results, list(labels.values()))
@@ -173,5 +149,6 @@ def make_figures(results: Results, numbers: Mapping[str, Any]) -> Iterator[tuple
     yield from _trade(results, labels, colors)
     yield from failure_case_figures(results, labels, colors)
     yield from _worst(results, numbers, labels, colors)
-    yield from _margins(results, labels, colors)
     yield from _convergence(numbers, labels, colors)
+    for topic in all_topics():
+        yield from models.figures(topic)

@@ -13,15 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from abhv_mc.folder.results import Results
-from abhv_mc.report.figures.channels import FigureText
 from abhv_mc.report.numbers import tables
 from abhv_mc.report.numbers.confidence import confidence_sentence
 from abhv_mc.report.numbers.failure_cases import failure_case_rows, failure_case_sentence
 from abhv_mc.report.numbers.failure_map import failure_map_tables
-from abhv_mc.report.numbers.stability import stability_context
 from abhv_mc.report.numbers.summary import summary_parts, summary_sentences
 from abhv_mc.report.pages.first_screen import (
     LIMIT_PLACE,
@@ -39,6 +37,10 @@ from abhv_mc.report.pages.packed import pack_arrays
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.labels import controller_label
 from abhv_mc.topics.parameter_words import parameter_doc
+from abhv_mc.topics.registry import all_topics
+from abhv_mc.topics.section import FigureText
+from abhv_mc.topics.section_text import as_markdown
+from abhv_mc.topics.topic import Models
 from abhv_mc.topics.words import fixed, joined, percent, significant
 
 
@@ -139,10 +141,11 @@ def _sample_step(results: Results) -> str:
     return "" if times is None else f"{times[1] - times[0]:.4g}"
 
 
-def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
+def _context(models: Models, numbers: Mapping[str, Any]) -> dict[str, Any]:
+    results = models.results
     campaign = numbers["campaign"]
     folder = shlex.quote(results.folder.as_posix())
-    parts = summary_parts(numbers)
+    parts = summary_parts(models, numbers)
     return {
         "campaign": campaign,
         "numbers": numbers,
@@ -153,7 +156,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "answers": parts.known,
         "wins": [*parts.lost, *parts.wins],
         "moved": parts.drivers,
-        "summary": summary_sentences(numbers),
+        "summary": summary_sentences(models, numbers),
         "confidence": confidence_sentence(numbers),
         "verdicts": tables.verdict_rows(numbers),
         "headline": tables.headline_rows(numbers),
@@ -173,7 +176,7 @@ def _context(results: Results, numbers: Mapping[str, Any]) -> dict[str, Any]:
             "drivers": percent(numbers["drivers"].get("false_discovery_rate"), 1),
             "rules": percent(numbers["drivers"].get("rules_false_discovery_rate"), 1),
         },
-        "stability": stability_context(numbers, folder),
+        "sections": {topic.name: found for topic in all_topics() if (found := models.section(topic))},
         "worst": tables.worst_tables(numbers, folder),
         "worst_heads": [numbers["metrics"][m]["label_with_unit"] for m in numbers["asked"][: tables.WORST_COLUMNS]],
         "dispersions": _dispersions(numbers),
@@ -204,6 +207,9 @@ def _environment(html: bool) -> Environment:
     )
     environment.filters["group"] = lambda value: fixed(float(value), 0)
     environment.filters["code"] = _code
+    environment.filters["kind"] = lambda item: type(item).__name__
+    environment.filters["typed"] = _typed
+    environment.filters["markdown"] = lambda section: Markup(as_markdown(section))  # noqa: S704  escaped there
     return environment
 
 
@@ -215,6 +221,14 @@ def _escape_markdown(value: Any) -> str:
     return re.sub(r"\s*[\r\n]+\s*", " ", text.replace("<", "&lt;"))
 
 
+def _typed(text: str) -> Markup:
+    """A text whose parts between backticks are typed as they stand."""
+    parts = [escape(part) for part in text.split("`")]
+    return Markup("").join(  # nothing but escaped text and our own tags
+        Markup('<code class="command">{}</code>').format(part) if i % 2 else part for i, part in enumerate(parts)
+    )
+
+
 def _code(text: str) -> Markup:
     """A command as code, whatever is in it."""
     line = " ".join(text.split("\n"))
@@ -223,9 +237,9 @@ def _code(text: str) -> Markup:
     return Markup(f"{fence}{pad}{line}{pad}{fence}")  # noqa: S704  nothing in code is markup
 
 
-def make_page(results: Results, numbers: Mapping[str, Any], figures: Sequence[PageFigure]) -> str:
+def make_page(models: Models, numbers: Mapping[str, Any], figures: Sequence[PageFigure]) -> str:
     """The whole report as one HTML file: no request leaves it, and no script runs in it but its own."""
-    environment = _environment(html=True)
+    environment, results = _environment(html=True), models.results
     labels = numbers["campaign"]["labels"]
     colors = controller_colors(results.controllers)
     marks = {name: mark_of(k) for k, name in enumerate(results.controllers)}
@@ -237,7 +251,7 @@ def make_page(results: Results, numbers: Mapping[str, Any], figures: Sequence[Pa
     view = make_flights_view(results, labels, colors)
     places, packed = pack_arrays({**arrays, **view.arrays})
     return environment.get_template("page.html.j2").render(
-        **_context(results, numbers),
+        **_context(models, numbers),
         figures=embedded,
         figure_of={figure["name"]: figure for figure in embedded},
         style=Markup((template / "style.css").read_text("utf-8")),  # noqa: S704  our own files
@@ -248,8 +262,8 @@ def make_page(results: Results, numbers: Mapping[str, Any], figures: Sequence[Pa
         data=_script_json({"envelopes": envelopes, "flights": view.data, "places": places}),
         strips=view.strips,
         chart=chart_rows(numbers, colors, marks),
-        cards=cards(numbers, colors),
-        sentences=sentences(numbers),
+        cards=cards(models, numbers, colors),
+        sentences=sentences(models, numbers),
         confidence_line=confidence_line(numbers),
         baseline_line=baseline_line(numbers),
         limit_place=LIMIT_PLACE,
@@ -259,7 +273,7 @@ def make_page(results: Results, numbers: Mapping[str, Any], figures: Sequence[Pa
     )
 
 
-def make_markdown(results: Results, numbers: Mapping[str, Any], figures: Sequence[PageFigure]) -> str:
+def make_markdown(models: Models, numbers: Mapping[str, Any], figures: Sequence[PageFigure]) -> str:
     """The report's words, tables and links to its figures as Markdown."""
     template = _environment(html=False).get_template("page.md.j2")
-    return template.render(**_context(results, numbers), figures=[_embedded(figure, numbers) for figure in figures])
+    return template.render(**_context(models, numbers), figures=[_embedded(figure, numbers) for figure in figures])

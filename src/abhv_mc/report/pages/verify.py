@@ -13,6 +13,7 @@ from abhv_mc.folder.results import read_results
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.pages.build import hash_files, hash_pages
+from abhv_mc.topics.topic import Models
 
 
 def verify_campaign(root: Path) -> Iterator[str]:
@@ -48,7 +49,7 @@ def _report_differences(root: Path) -> Iterator[str]:
         yield f"baseline: {baseline} is no longer there to compare with"
         del written["baseline"]
         baseline = None
-    yield from differences(written, json.loads(json.dumps(make_numbers(read_results(root), baseline))))
+    yield from differences(written, json.loads(json.dumps(make_numbers(Models(read_results(root)), baseline))))
 
 
 def differences(written: Any, remade: Any, place: str = "", where: str = "the report") -> Iterator[str]:

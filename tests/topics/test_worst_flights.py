@@ -14,12 +14,13 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.results import read_results
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.numbers.tables import worst_tables
-from abhv_mc.report.numbers.worst import worst_numbers
+from abhv_mc.topics.topic import Models
+from abhv_mc.topics.worst_flights import worst_numbers
 
 
 def test_worst_flights_have_their_three_largest_dispersions_in_sigma(tmp_path):
     """All of them stood in one narrow cell: 24 in a campaign with so many."""
-    numbers = make_numbers(read_results(write_campaign(tmp_path / "c", runs=30)))
+    numbers = make_numbers(Models(read_results(write_campaign(tmp_path / "c", runs=30))))
     widths = {"atmosphere.density": 0.1, "aero.lift": 0.1, "aero.drag": 0.15}
     samples = read_results(tmp_path / "c").samples
     for entry in (entry for flights in numbers["worst"].values() for entry in flights):

@@ -11,8 +11,8 @@ from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.results import Results, kept_flights
-from abhv_mc.report.numbers.failures import failed_anyhow
 from abhv_mc.statistics.ranking import Criterion, choose_worst, order_of, spread
+from abhv_mc.topics.failed_flights import failed_anyhow
 from abhv_mc.topics.plain import plain
 
 _LISTED = 10  # at most, where no number of worst flights keeps its histories

@@ -1,0 +1,44 @@
+"""``abhv-mc show``: what a report says of one topic."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from abhv_mc.cli.options import Json
+from abhv_mc.cli.printing import new_table, print_table, say, show
+
+
+def command(
+    topic: Annotated[str, typer.Argument(metavar="TOPIC", help="A topic of the report, such as margins.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a campaign.")],
+    json: Json = None,
+) -> None:
+    """Print what the report says of a topic: its sentences and tables, or its numbers with --json."""
+    from abhv_mc.folder.results import read_results
+    from abhv_mc.topics.plain import plain
+    from abhv_mc.topics.registry import find_topic
+    from abhv_mc.topics.section import Table
+    from abhv_mc.topics.topic import Models
+
+    asked = find_topic(topic)
+    models = Models(read_results(folder))
+    model = models[asked]
+    models.results.refuse_changes()
+
+    def print_one(table: Table) -> None:
+        drawn = new_table(table.heads, (), table.caption or table.title)
+        for row in table.plain_rows():
+            drawn.add_row(*row)
+        print_table(drawn)
+
+    def in_words() -> None:
+        for sentence in models.sentences(asked):
+            say(sentence)
+        section = models.section(asked)
+        if section is None:
+            say(f"nothing on {topic} in this campaign")
+        for table in section.tables() if section else ():
+            print_one(table)
+
+    show(plain(model), json, in_words)

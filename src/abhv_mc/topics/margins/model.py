@@ -1,0 +1,156 @@
+"""Stability margins of a campaign: of the nominal vehicle and of corners in steady flight, and of its flights."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.array_types import Floats
+from abhv_mc.flight.metrics import GAIN_MARGIN, MARGIN_FAULTS, MARGIN_NAMES, PHASE_MARGIN
+from abhv_mc.folder.results import Results
+from abhv_mc.folder.steady_margins import SteadyMargins
+from abhv_mc.topics.failed_flights import failed_anyhow
+from abhv_mc.topics.plain import DRAWN
+from abhv_mc.topics.worst_flights import distance_beyond
+
+LISTED = 5  # flights of least margin
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A margin over the flights."""
+
+    median: float
+    least: float
+
+
+@dataclass(frozen=True)
+class LeastFlight:
+    """A flight of small margins."""
+
+    flight: int
+    failed: bool  # whether it ended early or misses a requirement
+    margins: Mapping[str, float]  # by the names of ``MARGIN_NAMES``
+    faults: Mapping[str, float]  # by those of ``MARGIN_FAULTS``
+
+
+@dataclass(frozen=True)
+class Marks:
+    """The flights of one controller in the figure, [flight]."""
+
+    gain_db: Floats
+    phase_deg: Floats
+    beyond: Floats  # distance beyond any limit; infinite where the flight ended early
+    failed: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class FlightMargins:
+    """Margins of one controller's flights, as many as were asked for."""
+
+    flights: int
+    unstable: int  # at a point at least
+    at_limit: int
+    margins: Mapping[str, Spread]
+    least: tuple[LeastFlight, ...]  # the smallest gain margin first
+    failed_below: tuple[int, int] | None  # of the flights below the customary gain margin: failed, and all
+    failed_above: tuple[int, int] | None  # of the others; None without requirements
+    marks: Marks | None = field(default=None, repr=False, metadata={DRAWN: True})
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Margins in steady flight, and of the flights of each controller."""
+
+    steady: SteadyMargins
+    points: tuple[str | float, ...]  # of the flights: "trim", or s
+    flights: Mapping[str, FlightMargins]
+    required: bool = field(default=False, metadata={DRAWN: True})  # whether anything is
+
+
+@dataclass(frozen=True)
+class LeastMargins:
+    """The least of all loops in steady flight; infinite where nothing bounds it."""
+
+    stable: bool
+    gain: float = np.inf  # dB
+    gain_loop: str = ""
+    phase: float = np.inf  # deg
+    phase_loop: str = ""
+
+    @property
+    def little(self) -> bool:
+        """Whether a margin is less than is customary."""
+        return self.gain < GAIN_MARGIN.customary or self.phase < PHASE_MARGIN.customary
+
+
+def compute_margins(results: Results) -> Margins:
+    """Margins in steady flight as the campaign found them, and of its flights."""
+    campaign = results.campaign
+    flights = {
+        name: _of_flights(results, name)
+        for name in results.controllers
+        if campaign.margin_flights and MARGIN_NAMES[0] in results.flights[name].metrics
+    }
+    return Margins(
+        results.steady_margins,
+        tuple(campaign.margin_points),
+        {name: entry for name, entry in flights.items() if entry.flights},
+        bool(campaign.requirements),
+    )
+
+
+def _of_flights(results: Results, controller: str) -> FlightMargins:
+    flights = results.flights[controller]
+    rows = np.flatnonzero(np.isfinite(flights.metrics[MARGIN_NAMES[0]]))
+    values = {name: flights.metrics[name][rows] for name in MARGIN_NAMES}
+    faults = {signal.name: flights.metrics[signal.name][rows] for signal in MARGIN_FAULTS}
+    lost = failed_anyhow(flights, results.campaign.requirements)[rows]
+    gain, phase = (values[name] for name in MARGIN_NAMES[:2])
+    low = gain < GAIN_MARGIN.customary
+    unstable, at_limit = (int((each > 0).sum()) for each in faults.values())
+    required = bool(results.campaign.requirements and rows.size)
+    return FlightMargins(
+        flights=int(rows.size),
+        unstable=unstable,
+        at_limit=at_limit,
+        margins={name: Spread(float(np.median(each)), float(each.min())) for name, each in values.items() if rows.size},
+        least=tuple(
+            LeastFlight(
+                int(flights.flight[rows[i]]),
+                bool(lost[i]),
+                {name: float(each[i]) for name, each in values.items()},
+                {name: float(each[i]) for name, each in faults.items()},
+            )
+            for i in np.lexsort((flights.flight[rows], gain))[:LISTED]
+        ),
+        failed_below=(int((lost & low).sum()), int(low.sum())) if required else None,
+        failed_above=(int((lost & ~low).sum()), int((~low).sum())) if required else None,
+        marks=Marks(gain, phase, distance_beyond(flights, results.campaign.criteria)[0][rows], lost),
+    )
+
+
+def least_margins(margins: Margins, controller: str) -> LeastMargins | None:
+    """The least margins of the nominal vehicle in steady flight; None where none were found."""
+    entry = margins.steady.controllers.get(controller)
+    if entry is None or entry.fault is not None:
+        return None
+    *loops, together = entry.nominal
+    if not together.stable:
+        return LeastMargins(stable=False)
+    gain, loop = min((row.gain_db, row.loop) for row in loops)
+    phases = [(row.phase_margin_deg, row.loop) for row in loops if row.phase_margin_deg]
+    phase, which = min(phases, default=(np.inf, loop))
+    return LeastMargins(True, gain, loop_name(loop), phase, loop_name(which))
+
+
+def corners_unstable(margins: Margins, controller: str) -> tuple[int, int]:
+    """At how many corners of the dispersions a controller that is stable without them is not, and of how many."""
+    entry = margins.steady.controllers.get(controller)
+    return entry.corners_unstable if entry else 0, margins.steady.corners
+
+
+def loop_name(loop: str) -> str:
+    """How a loop is called in print."""
+    return {"equivalence_ratio": "throttle", "all": "all at once"}.get(loop, loop)

@@ -1,0 +1,43 @@
+"""The topics of a report in its order: those of the program, of installed packages, and of a notebook."""
+
+from importlib.metadata import entry_points
+from typing import Any
+
+from abhv_mc.io.input_error import InputError, describe, one_of
+from abhv_mc.topics.margins import MARGINS
+from abhv_mc.topics.topic import Topic
+
+GROUP = "abhv_mc.topics"  # of entry points: name = "package.module:TOPIC"
+BUILT_IN: tuple[Topic[Any], ...] = (MARGINS,)
+_registered: dict[str, Topic[Any]] = {}
+
+
+def register(topic: Topic[Any]) -> None:
+    """Add a user's topic to the reports of this process. Raises InputError for the name of a built-in one."""
+    if topic.name in {each.name for each in BUILT_IN}:
+        raise InputError("topic", f"'{topic.name}', which is built in", "another name")
+    _registered[topic.name] = topic
+
+
+def user_topics() -> tuple[Topic[Any], ...]:
+    """Those that installed packages and notebooks have added. Raises InputError for an entry point that is none."""
+    found: dict[str, Topic[Any]] = {}
+    for entry in entry_points(group=GROUP):
+        topic = entry.load()
+        if not isinstance(topic, Topic):
+            raise InputError(f"entry point {entry.name} of {GROUP}", describe(topic), "an abhv_mc.topics.Topic")
+        found[topic.name] = topic
+    return tuple({**found, **_registered}.values())
+
+
+def all_topics() -> tuple[Topic[Any], ...]:
+    """Every topic, built-in ones first."""
+    return (*BUILT_IN, *user_topics())
+
+
+def find_topic(name: str) -> Topic[Any]:
+    """The topic of a name. Raises InputError for an unknown one."""
+    topics = {topic.name: topic for topic in all_topics()}
+    if name not in topics:
+        raise InputError("topic", describe(name), one_of(topics, name))
+    return topics[name]

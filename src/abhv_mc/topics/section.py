@@ -1,0 +1,131 @@
+"""A section of a report as values: what a topic has to say, for a page, a terminal or a notebook to draw.
+
+In every text, what stands between backticks is typed as it stands: a command, a file, a key.
+"""
+
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell of a table."""
+
+    text: str
+    note: str = ""  # in small type beside it: an interval, 'binding'
+    rows: int = 1  # how many rows it stands for, its own the first; the rows below leave it out
+    columns: int = 1
+    head: bool = False  # whether it says what its row is
+    verdict: bool = False  # whether it is one of PASS, FAIL, NOT SHOWN, ESTIMATE
+    flight: tuple[str, int] | None = None  # controller and number of the flight that the page shows at a click
+    hint: str = ""  # what it means, for whoever points at it
+
+
+Row: TypeAlias = tuple[Cell, ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; rows that share a cell over several of them are one group."""
+
+    title: str
+    heads: tuple[str, ...]
+    groups: tuple[tuple[Row, ...], ...]
+    caption: str = ""  # what stands above it, where the title does not say it all
+    numbers: bool = True  # whether its cells are mostly numbers
+
+    def plain_rows(self) -> list[list[str]]:
+        """Every cell as text, those that stand for several rows or columns repeated."""
+        rows: list[list[str]] = []
+        for group in self.groups:
+            above: dict[int, tuple[str, int]] = {}  # column -> text of a cell from above, and rows left
+            for row in group:
+                cells = iter(row)
+                line: list[str] = []
+                while len(line) < len(self.heads):
+                    text, left = above.pop(len(line), ("", 0))
+                    if left:
+                        if left > 1:
+                            above[len(line)] = text, left - 1
+                        line.append(text)
+                        continue
+                    cell = next(cells, Cell(""))
+                    words = f"{cell.text} ({cell.note})" if cell.note else cell.text
+                    for _ in range(cell.columns):
+                        if cell.rows > 1:
+                            above[len(line)] = words, cell.rows - 1
+                        line.append(words)
+                rows.append(line)
+        return rows
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """Sentences, one a line."""
+
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class FigureText:
+    """A figure's file name and words."""
+
+    name: str  # of the file, without its suffix
+    title: str
+    caption: str
+    paper: str = ""  # what the paper's single flight shows
+    channel: str = ""  # whose range over all flights goes with it
+    unit: str = ""
+    gallery: bool = False  # whether it stands among the figures of channels
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Where one of the topic's figures stands, by its name; nothing where that was not made."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A heading within the section."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Fold:
+    """What a reader opens who wants it; printed open on paper."""
+
+    title: str
+    items: "tuple[Item, ...]"
+
+
+Item: TypeAlias = Text | Bullets | Table | Picture | Heading | Fold
+
+
+@dataclass(frozen=True)
+class Section:
+    """What a topic says, under its heading."""
+
+    title: str
+    items: tuple[Item, ...] = field(default=())
+
+    def tables(self) -> list[Table]:
+        """Its tables, folded ones too."""
+        found: list[Table] = []
+        waiting = list(self.items)
+        while waiting:
+            item = waiting.pop(0)
+            if isinstance(item, Table):
+                found.append(item)
+            elif isinstance(item, Fold):
+                waiting = [*item.items, *waiting]
+        return found

@@ -1,0 +1,71 @@
+"""What a topic is: a question about a campaign, answered once for the page, JSON, the terminal and Python."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
+
+from abhv_mc.folder.results import Results
+from abhv_mc.topics.names import Names, names_of
+from abhv_mc.topics.section import FigureText, Section
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+M = TypeVar("M")
+Drawn: TypeAlias = "tuple[FigureText, Figure]"  # a figure and its words
+
+
+def _no_sentences(_model: Any, _names: Names) -> Sequence[str]:
+    return ()
+
+
+def _no_figures(_model: Any, _names: Names) -> Iterator[Drawn]:
+    return iter(())
+
+
+@dataclass(frozen=True)
+class Topic(Generic[M]):
+    """One topic: ``compute`` makes its model, a frozen dataclass of numbers; all else is made of that alone.
+
+    A field of the model with ``metadata={DRAWN: True}`` (:mod:`abhv_mc.topics.plain`) serves figures and stands in no
+    JSON.
+    """
+
+    name: str  # of its numbers in report.json, of `abhv-mc show NAME DIR`, of an attribute of the results
+    model: type[M]
+    compute: Callable[[Results], M]
+    section: Callable[[M, Names], Section | None]  # None where there is nothing to say
+    sentences: Callable[[M, Names], Sequence[str]] = _no_sentences  # the answer in words
+    figures: Callable[[M, Names], Iterator[Drawn]] = _no_figures
+
+
+class Models:
+    """The models of a campaign's topics, each computed when it is first asked for."""
+
+    def __init__(self, results: Results) -> None:
+        self.results = results
+        self._held: dict[str, Any] = {}
+
+    @cached_property
+    def names(self) -> Names:
+        """What the campaign calls its controllers and metrics."""
+        return names_of(self.results)
+
+    def __getitem__(self, topic: Topic[M]) -> M:
+        if topic.name not in self._held:
+            self._held[topic.name] = topic.compute(self.results)
+        found: M = self._held[topic.name]
+        return found
+
+    def section(self, topic: Topic[Any]) -> Section | None:
+        """A topic's section."""
+        return topic.section(self[topic], self.names)
+
+    def sentences(self, topic: Topic[Any]) -> Sequence[str]:
+        """A topic's answer in words."""
+        return topic.sentences(self[topic], self.names)
+
+    def figures(self, topic: Topic[Any]) -> Iterator[Drawn]:
+        """A topic's figures, each with its words."""
+        return topic.figures(self[topic], self.names)
