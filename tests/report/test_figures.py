@@ -7,8 +7,8 @@ from PIL import Image
 
 from abhv_mc.folder.results import BANDS
 from abhv_mc.report.figures.distributions import Spread, plot_distributions
-from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.report.pages.gallery import make_figures
+from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.topics.figure_style import BLUE, VERMILION, write_png
 from abhv_mc.topics.topic import Models
 

@@ -3,7 +3,6 @@
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.results import Results
@@ -15,7 +14,8 @@ class Names:
     """Labels of the controllers, records of the metrics, and the folder as a command names it."""
 
     controllers: Mapping[str, str]  # name -> label, in the campaign's order
-    metrics: Mapping[str, Metric]
+    metrics: Mapping[str, Metric]  # records by name
+    asked: tuple[str, ...]  # the metrics that stand first
     folder: str
 
     def label(self, controller: str) -> str:
@@ -25,9 +25,5 @@ class Names:
 
 def names_of(results: Results) -> Names:
     """The names of a campaign."""
-    return make_names(results.folder, results.controllers, results.campaign.metrics)
-
-
-def make_names(folder: Path, controllers: tuple[str, ...], metrics: Mapping[str, Metric]) -> Names:
-    """The same from its parts."""
-    return Names(full_labels(folder, controllers), metrics, shlex.quote(folder.as_posix()))
+    labels = full_labels(results.folder, results.controllers)
+    return Names(labels, results.campaign.metrics, results.asked, shlex.quote(results.folder.as_posix()))

@@ -72,7 +72,7 @@ def test_dependent_designs_get_estimates(tmp_path):
 
 
 def test_convergence_ends_with_the_table(failing_numbers):
-    trace = failing_numbers["convergence"]["tlc"]
+    trace = failing_numbers["convergence"]["controllers"]["tlc"]
     assert trace["flights"][-1] == 100
     last = trace["metrics"]["speed_error_max_mps"]["q95"]["value"][-1]
     assert last == failing_numbers["metrics"]["speed_error_max_mps"]["controllers"]["tlc"]["q95"]["value"]

@@ -4,7 +4,7 @@ A campaign of the paper's experiment (``figures: paper``) has the numbers and th
 2014 beside them.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.results import Results
-from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
+from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, off_reference, plot_envelopes, shown_bands
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.section import FigureText
 
@@ -165,21 +165,6 @@ _GROUND_TRACK = ChannelFigure(
 def ground_track_text(of_paper: bool) -> FigureText:
     """The words of the ground track, which has no range of a channel."""
     return replace(_GROUND_TRACK.text(of_paper), channel="")
-
-
-def off_reference(x: Floats, y: Floats, time: Floats, reference: Floats | None) -> Floats:
-    """A channel [x] s less its reference [time]; as it is without one."""
-    return y if reference is None else y - np.interp(x, time, reference)
-
-
-def shown_bands(bands: Mapping[str, Floats], reference: Floats | None) -> dict[str, Floats]:
-    """The bands of a channel that mean something less its reference.
-
-    Minimum and maximum are those of all control ticks between two samples: less a reference that moves meanwhile, they
-    would show its way and not the flights' error.
-    """
-    moves = reference is not None and float(np.ptp(reference)) > 0.0
-    return {name: band for name, band in bands.items() if not (moves and name in ("min", "max"))}
 
 
 def _panel(results: Results, controller: str, curve: Curve) -> EnvelopePanel | None:

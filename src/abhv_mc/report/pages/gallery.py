@@ -9,12 +9,10 @@ from matplotlib.figure import Figure
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.folder.results import Results, read_histories
-from abhv_mc.report.figures.channels import channel_figures, off_reference, shown_bands
-from abhv_mc.report.figures.convergence import ConvergencePanel, plot_convergence
+from abhv_mc.report.figures.channels import channel_figures
 from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributions, plot_error_against_usage
-from abhv_mc.report.figures.envelopes import EnvelopePanel, EnvelopeRow, plot_envelopes
-from abhv_mc.report.numbers.failure_cases import failure_case_figures
 from abhv_mc.report.numbers.paired import total_usage
+from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, off_reference, plot_envelopes, shown_bands
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.registry import all_topics
 from abhv_mc.topics.section import FigureText
@@ -111,34 +109,6 @@ def _worst(
         yield text, plot_envelopes(rows, list(labels.values()), list(colors.values()))
 
 
-def _convergence(numbers: Mapping[str, Any], labels: Mapping[str, str], colors: Mapping[str, str]) -> Iterator[Any]:
-    traces = numbers["convergence"]
-    panels = []
-    for metric in numbers["asked"]:
-        if any(metric not in part["metrics"] for part in traces.values()):
-            continue
-        tables = {name: part["metrics"][metric] for name, part in traces.items()}
-        reached = all(table["q95"]["value"][-1] is not None for table in tables.values())
-        level, words = ("q95", "95 % quantile") if reached else ("q50", "median")
-        series = {
-            name: np.array([table[level][end] for end in ("value", "low", "high")], dtype=float).T
-            for name, table in tables.items()
-        }
-        if all(np.isnan(table[:, 0]).all() for table in series.values()):
-            continue
-        flights = {name: np.array(part["flights"], float) for name, part in traces.items()}
-        panels.append(ConvergencePanel(f"{numbers['metrics'][metric]['label_with_unit']}\n{words}", flights, series))
-    if panels and any(table.shape[0] > 1 for panel in panels for table in panel.series.values()):
-        text = FigureText(
-            "convergence",
-            "How the numbers settled",
-            "The 95 % quantile of each error (the median where more than 5 % of a controller's flights ended early) "
-            "after so many flights, in flight order, with its exact 95 % interval where the flights bound it on both "
-            "sides.",
-        )
-        yield text, plot_convergence(panels, labels, colors)
-
-
 def make_figures(models: Models, numbers: Mapping[str, Any]) -> Iterator[tuple[FigureText, Figure]]:
     """Every figure that the campaign's folder has the data for."""
     results = models.results
@@ -147,8 +117,6 @@ def make_figures(models: Models, numbers: Mapping[str, Any]) -> Iterator[tuple[F
     yield from channel_figures(results, list(labels.values()))
     yield from _distributions(results, labels, colors)
     yield from _trade(results, labels, colors)
-    yield from failure_case_figures(results, labels, colors)
     yield from _worst(results, numbers, labels, colors)
-    yield from _convergence(numbers, labels, colors)
     for topic in all_topics():
         yield from models.figures(topic)

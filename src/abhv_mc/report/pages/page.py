@@ -18,7 +18,6 @@ from markupsafe import Markup, escape
 from abhv_mc.folder.results import Results
 from abhv_mc.report.numbers import tables
 from abhv_mc.report.numbers.confidence import confidence_sentence
-from abhv_mc.report.numbers.failure_cases import failure_case_rows, failure_case_sentence
 from abhv_mc.report.numbers.failure_map import failure_map_tables
 from abhv_mc.report.numbers.summary import summary_parts, summary_sentences
 from abhv_mc.report.pages.first_screen import (
@@ -170,8 +169,6 @@ def _context(models: Models, numbers: Mapping[str, Any]) -> dict[str, Any]:
             if part["failures"]
         },
         "failure_map": failure_map_tables(numbers["failure_map"], folder, numbers["requirements"]),
-        "failure_cases": failure_case_rows(numbers["failure_cases"]),
-        "failure_sentence": failure_case_sentence(numbers["failure_cases"], campaign["labels"]),
         "rates": {
             "drivers": percent(numbers["drivers"].get("false_discovery_rate"), 1),
             "rules": percent(numbers["drivers"].get("rules_false_discovery_rate"), 1),

@@ -114,3 +114,18 @@ def _set_y_limits(axes: Axes, row: EnvelopeRow) -> None:
         return
     margin = 0.06 * (high - low) or max(1e-3 * abs(high), 1e-6)
     axes.set_ylim(low - margin, high + margin)
+
+
+def off_reference(x: Floats, y: Floats, time: Floats, reference: Floats | None) -> Floats:
+    """A channel [x] s less its reference [time]; as it is without one."""
+    return y if reference is None else y - np.interp(x, time, reference)
+
+
+def shown_bands(bands: Mapping[str, Floats], reference: Floats | None) -> dict[str, Floats]:
+    """The bands of a channel that mean something less its reference.
+
+    Minimum and maximum are those of all control ticks between two samples: less a reference that moves meanwhile, they
+    would show its way and not the flights' error.
+    """
+    moves = reference is not None and float(np.ptp(reference)) > 0.0
+    return {name: band for name, band in bands.items() if not (moves and name in ("min", "max"))}

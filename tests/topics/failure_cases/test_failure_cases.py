@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.report.numbers.failure_cases import still_flying
+from abhv_mc.topics.failure_cases.figures import still_flying
 
 
 def test_still_flying_is_kaplan_and_meiers_estimate():
