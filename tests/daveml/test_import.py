@@ -1,7 +1,11 @@
 """DAVE-ML files: their check shots, and each against an evaluation of its graph written apart from the importer."""
 
+import ast
+import copy
 import runpy
+from collections.abc import Iterator
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -11,6 +15,7 @@ from abhv_mc.daveml.model import read_model
 from abhv_mc.daveml.shots import make_function, run_shots
 from abhv_mc.daveml.vehicle import import_daveml
 from abhv_mc.daveml.writer import python_names
+from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.user_code.vehicle_functions import load_vehicle
@@ -113,8 +118,8 @@ def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
     answers = tmp_path / "import.yaml"
     text = answers.read_text(encoding="utf-8")
     for name, value in (("stagedFlag", 0), ("stg1fuelUsed", 0), ("stg2fuelUsed", 0), ("stg2firing", 0)):
-        text = text.replace(f"  {name}:\n", f"  {name}: {value}\n")
-    answers.write_text(text.replace("  stg1firing:\n", "  stg1firing: throttle\n"), encoding="utf-8")
+        text = text.replace(f'  "{name}":\n', f'  "{name}": {value}\n')
+    answers.write_text(text.replace('  "stg1firing":\n', '  "stg1firing": throttle\n'), encoding="utf-8")
     import_daveml(files, tmp_path)
     engine = runpy.run_path(str(tmp_path / "twostage_prop.py"))
     assert engine["thrust"](None, 1.0, None).force_x == 17e6
@@ -212,3 +217,61 @@ def test_limits_are_where_the_tables_end_and_without_them_the_trim_is_near_zero(
     found = trim(load_vehicle(path), ELLIPSOID, FlightPoint(3051.96, 172.42))
     assert not found.fault
     assert 1.0 < np.degrees(found.angle_of_attack) < 4.0
+
+
+HOSTILE = (
+    "x\nimport hostile\n    import hostile\n\"\"\"\nimport hostile\n'''\nhostile() # \u202e\u2028file: hostile.py\\"
+)
+WRITTEN = (ast.ImportFrom, ast.Assign, ast.ClassDef, ast.FunctionDef)
+KEYS = {  # of the files of YAML that are written, by what names them
+    "vehicle.yaml": "name reference mass surfaces aerodynamics propulsion limits",
+    "import.yaml": "file.dml",
+    "file.yaml": "law file rate commands",
+}
+
+
+def attacked(tree: ElementTree.Element) -> Iterator[ElementTree.Element]:
+    """The file with hostile text in place of, and behind, the first attribute or text of each kind in each element."""
+    seen = set()
+    for at, element in enumerate(tree.iter()):
+        for key in [*element.attrib, ""]:
+            kind = key, element.tag, *(child.tag for child in element)
+            if kind in seen or not (key or (element.text or "").strip()):
+                continue
+            seen.add(kind)
+            for before in ("", element.get(key) if key else element.text):
+                changed = copy.deepcopy(tree)
+                place = list(changed.iter())[at]
+                if key:
+                    place.set(key, before + HOSTILE)
+                else:
+                    place.text = before + HOSTILE
+                yield changed
+
+
+@pytest.mark.parametrize("name", ["F16_prop.dml", "F16_inertia.dml", "brick_aero.dml", "F16_control.dml", "odd.dml"])
+def test_hostile_text_never_becomes_code(tmp_path: Path, name: str) -> None:
+    odd = ODD.replace('units="DEG"', 'units="DEG" initialValue="1"')
+    text = odd if name == "odd.dml" else of(name).read_text(encoding="utf-8")
+    accepted = 0
+    for i, tree in enumerate(attacked(ElementTree.fromstring(text))):
+        folder = tmp_path / str(i)
+        folder.mkdir()
+        path = folder / "file.dml"
+        path.write_bytes(ElementTree.tostring(tree))
+        try:
+            import_daveml([path], folder)
+            accepted += 1
+        except InputError:
+            pass
+        for written in folder.glob("*.py"):
+            module = ast.parse(written.read_text(encoding="utf-8"))
+            assert all(isinstance(node, WRITTEN) for node in module.body[1:])
+            imports = [node for node in ast.walk(module) if isinstance(node, ast.Import | ast.ImportFrom)]
+            assert {getattr(node, "module", "") for node in imports} <= {"math", "typing", "abhv_mc.extend"}
+            assert not any(isinstance(node, ast.Name) and node.id == "hostile" for node in ast.walk(module))
+        for written in folder.glob("*.yaml"):
+            data = read_document(written).data
+            assert set(data) <= set(KEYS[written.name].split())
+            assert data.get("file", "file.py") == "file.py"
+    assert accepted > 10

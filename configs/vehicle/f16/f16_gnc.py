@@ -9,12 +9,11 @@ deflection commands for the F-16 described in reference 2. This is a modified ve
 F16_control.dml file, with two selectable navigators to circle either the North Pole or the intersection of the
 equator and the International Date Line at a distance of 3 nautical miles.
 
-Imported from F16_gnc.dml (Revision C, 2013-10-22),
-SHA-256 fc1dbff00cc14b0228973c43cfc17797fd48d2e36950ec039ff4e77d8577827c.
+Imported from F16_gnc.dml (Revision C, 2013-10-22), SHA-256
+fc1dbff00cc14b0228973c43cfc17797fd48d2e36950ec039ff4e77d8577827c.
 """
 
 from typing import NamedTuple
-
 from abhv_mc.extend import Command, atan2, clamp, controller, cos, sqrt
 
 DEGREE = 3.141592653589793 / 180.0  # rad
@@ -23,52 +22,72 @@ DEGREE = 3.141592653589793 / 180.0  # rad
 # altitude error; positive altitude error (meaning above reference altitude) results in a reduction of commanded
 # pitch angle.
 thetaCmdAltErrGain = -0.05
+
 # designEulerAngle_Pitch, deg (+ANU): Flight control system design pitch angle of vehicle relative to local level
 # (deg), +nose up
 trimmedTheta = 2.653813535191715
+
 # trueBaseCourseCommandPolar, deg (+CCFN): True heading of desired ground track (deg, +clockwise from north) for CCW
 # circle around N. pole
 baseChiCmdPolar = 90.0
+
 # autopilotLatOffsetErrorFeedbackGain, deg_ft: Gain in lateral autopilot to vary true heading angle from base course
 # based on lateral offset error; positive lateral offset error (meaning right of courseline) results in a reduction
 # of commanded heading angle.
 chiCmdYErrGain = -0.01
+
 # autopilotTrackErrorFeedbackGain, deg_deg: Gain in lateral autopilot to set commanded bank angle based on track
 # angle error; positive track angle error (meaning heading more clockwise from desired track angle) results in a
 # negative bank angle command.
 phiCmdChiErrGain = -10.0
 trimmedAlpha = 2.653813535191715  # designAngleOfAttack, deg: Flight control system design angle of attack (deg)
+
 # designEquivalentAirspeed, nim_h: Flight control system design equivalent airspeed (kt)
 trimmedKEAS = 287.8088596053291
 longLQR11 = -0.063009074230494  # longLQR_gain_matrix_11, h_nmi: Change to stick with change in airspeed (per kt)
-longLQR12 = 0.113230403179271  # longLQR_gain_matrix_12, _deg: Change to stick with change in angle of attack (per deg)
+
+# longLQR_gain_matrix_12, _deg: Change to stick with change in angle of attack (per deg)
+longLQR12 = 0.113230403179271
 longLQR13 = 10.113432224566077  # longLQR_gain_matrix_13, s_r: Change to stick with change in pitch rate (per rad/s)
 longLQR14 = 3.154983341632913  # longLQR_gain_matrix_14, _deg: Change to stick with change in pitch angle (per deg)
 longLQR21 = 0.997260602961658  # longLQR_gain_matrix_21, h_nmi: Change to throttle fraction with change in airspeed
+
 # longLQR_gain_matrix_22, _deg: Change to throttle fraction with change in angle of attack (per deg)
 longLQR22 = -0.025467711176391
+
 # longLQR_gain_matrix_23, s_r: Change to throttle fraction with change in pitch rate (per rad/s)
 longLQR23 = 1.213308488207827
+
 # longLQR_gain_matrix_24, _deg: Change to throttle fraction with change in pitch angle (per deg)
 longLQR24 = 0.208744369535208
-latdLQR11 = 3.07804394151577  # latdLQR_gain_matrix_11, _deg: Change to lat stick with change in roll angle (per deg)
+
+# latdLQR_gain_matrix_11, _deg: Change to lat stick with change in roll angle (per deg)
+latdLQR11 = 3.07804394151577
+
 # latdLQR_gain_matrix_12, _deg: Change to lat stick with change in sideslip angle (per deg)
 latdLQR12 = 0.032365863044163
-latdLQR13 = 4.557858908828332  # latdLQR_gain_matrix_13, s_r: Change to lat stick with change in roll rate (per rad/s)
-latdLQR14 = 0.589443156647647  # latdLQR_gain_matrix_14, s_r: Change to lat stick with change in yaw rate (per rad/s)
+
+# latdLQR_gain_matrix_13, s_r: Change to lat stick with change in roll rate (per rad/s)
+latdLQR13 = 4.557858908828332
+
+# latdLQR_gain_matrix_14, s_r: Change to lat stick with change in yaw rate (per rad/s)
+latdLQR14 = 0.589443156647647
+
 # latdLQR_gain_matrix_21, _deg: Change to rudder pedal input with change in roll angle (per deg)
 latdLQR21 = -0.70581745275452
+
 # latdLQR_gain_matrix_22, _deg: Change to rudder pedal input with change in sideslip angle (per deg)
 latdLQR22 = -0.256362860634868
+
 # latdLQR_gain_matrix_23, s_r: Change to rudder pedal input with change in roll rate (per rad/s)
 latdLQR23 = -1.073666149713151
+
 # latdLQR_gain_matrix_24, s_r: Change to rudder pedal input with change in yaw rate (per rad/s)
 latdLQR24 = 0.822114635953878
 
 
 class Outputs(NamedTuple):
     """What the model gives."""
-
     el: float  # elevatorDeflection, deg
     ail: float  # aileronDeflection, deg
     rdr: float  # rudderDeflection, deg
@@ -108,59 +127,59 @@ def model(
     throttleTrim: trimmedPilotControl_throttle, frac - Trimmed position of throttle
     longStkTrim: trimmedPilotControl_long, frac (+AFT) - Trimmed position of pitch control
     """
-    throttle = clamp(throttle, 0.0, 1.0)
-    longStk = clamp(longStk, -1.0, 1.0)
-    latStk = clamp(latStk, -1.0, 1.0)
-    pedal = clamp(pedal, -1.0, 1.0)
+    throttle = clamp(throttle, 0.0, 1.0)  # pilotControl_throttle, frac: Pilot throttle control position
+    longStk = clamp(longStk, -1.0, 1.0)  # pilotControl_long, frac (+AFT): Longitudinal (pitch) control position
+    latStk = clamp(latStk, -1.0, 1.0)  # pilotControl_lat, frac (+RWD): Lateral (roll) control position
+    pedal = clamp(pedal, -1.0, 1.0)  # pilotControl_yaw, frac (+ANR): Directional (yaw) control position
     # forceStabAugOn_disc, nd: This flag is on ( > 0.5) if either stability augmentation or autopilot functions have
     # been selected on to ensure stability if autopilot has been requested; 1 = SAS engaged, 0 = SAS off
     fsasOn = sasOn + apOn
-    # autopilotAltitudeError, ft (+HI): Error between commanded and actual altitude (ft). Positive if above commanded
-    # altitude.
+    # autopilotAltitudeError, ft (+HI): Error between commanded and actual altitude (ft). Positive if above
+    # commanded altitude.
     altErr = altMsl - altCmd
-    # autopilotDeltaPitchCmd, deg (+ANU): Calculates change in pitch attitude from trimmed value to correct an error in
-    # altitude.
+    # autopilotDeltaPitchCmd, deg (+ANU): Calculates change in pitch attitude from trimmed value to correct an error
+    # in altitude.
     deltaThetaCmd = clamp(altErr * thetaCmdAltErrGain, -5.0, 5.0)
-    # autopilotPitchCmd, deg (+ANU): Captures and tracks commanded altitude by varying pitch attitude from trimmed value
-    # based on altitude error.
+    # autopilotPitchCmd, deg (+ANU): Captures and tracks commanded altitude by varying pitch attitude from trimmed
+    # value based on altitude error.
     thetaCmd = deltaThetaCmd + trimmedTheta
-    # deg_to_ft, ft_d: Conversion factor from degrees of latitude/longitude to ft holds for latitude always; holds for
-    # longitude near equator
+    # deg_to_ft, ft_d: Conversion factor from degrees of latitude/longitude to ft holds for latitude always; holds
+    # for longitude near equator
     deg_to_ft = 60.0 * 6076.12
-    # circleRadius_ft, ft: Distance to circle from target (3 nm)
-    circleRadius_ft = 3.0 * 6076.12
+    circleRadius_ft = 3.0 * 6076.12  # circleRadius_ft, ft: Distance to circle from target (3 nm)
     # lateralDeviationErrorPolar, ft (+RT): Lateral deviation from desired courseline (ft, +right of course) for CCW
     # circle around N. pole
     latOffsetPolar = deg_to_ft * (90.0 - ownshipN_deg) - circleRadius_ft
-    # degEFromTgt, deg (+E): Must convert longitude, defined as +E and -W of prime meridian, to number of degrees east
-    # (+) or west (-) of international date line
+    # degEFromTgt, deg (+E): Must convert longitude, defined as +E and -W of prime meridian, to number of degrees
+    # east (+) or west (-) of international date line
     degEFromTgt = ownshipE_deg - 180.0 if ownshipE_deg > 0.0 else ownshipE_deg + 180.0
-    # ftNFromTgt, ft (+N): Convert latitude in deg to ft
-    ownshipN_ft = ownshipN_deg * deg_to_ft
-    # ftEFromTgt, ft (+E): Convert degrees of longitude from target to feet (+E) with correction to scaling for latitude
+    ownshipN_ft = ownshipN_deg * deg_to_ft  # ftNFromTgt, ft (+N): Convert latitude in deg to ft
+    # ftEFromTgt, ft (+E): Convert degrees of longitude from target to feet (+E) with correction to scaling for
+    # latitude
     ownshipE_ft = degEFromTgt * deg_to_ft * cos(ownshipN_deg * (3.14159265 / 180.0))
     # radiusFromTgt, ft: distance from turn point in ft
     ftFromTgt = sqrt(ownshipE_ft * ownshipE_ft + ownshipN_ft * ownshipN_ft)
-    # trueBaseCourseCommandEquatorIDL, deg (+CCFN): True heading of desired ground track (deg, +clockwise from north)
-    # for CCW circle around equator/international date line intersection
+    # trueBaseCourseCommandEquatorIDL, deg (+CCFN): True heading of desired ground track (deg, +clockwise from
+    # north) for CCW circle around equator/international date line intersection
     baseChiCmdEquatorIDL = atan2(ownshipN_ft, ownshipE_ft) * -180.0 / 3.14159265
-    # lateralDeviationErrorEquatorIDL, ft (+RT): Lateral deviation from desired courseline (ft, +right of course) for
-    # CCW circle around equator/international date line intersection
+    # lateralDeviationErrorEquatorIDL, ft (+RT): Lateral deviation from desired courseline (ft, +right of course)
+    # for CCW circle around equator/international date line intersection
     latOffsetEquatorIDL = ftFromTgt - circleRadius_ft
     # lateralDeviation, ft (+RT): Selected lateral deviation to use from one of two included circumnavigators
     latOffset = latOffsetPolar if circlePoleSW > 0.5 else latOffsetEquatorIDL
     # trueBaseCourseCommand, deg (+CWFN): Selected base course to use from one of two included circumnavigators
     baseChiCmd = baseChiCmdPolar if circlePoleSW > 0.5 else baseChiCmdEquatorIDL
-    # trackAngleEst, deg (+CWFN): A quick-and-dirty estimate of vehicle track angle (course angle); reasonable for small
-    # pitch and roll angles.
+    # trackAngleEst, deg (+CWFN): A quick-and-dirty estimate of vehicle track angle (course angle); reasonable for
+    # small pitch and roll angles.
     chiEst = beta + psi
-    # autopilotCourseCorrection, deg (+CW): Commanded track angle adjustment from base course to intercept and/or track
-    # desired course; limited to a specified range.
+    # autopilotCourseCorrection, deg (+CW): Commanded track angle adjustment from base course to intercept and/or
+    # track desired course; limited to a specified range.
     deltaChiCmd = clamp(chiCmdYErrGain * latOffset, -30.0, 30.0)
     # autopilotCourseCommand, deg (+CWFN): Commanded true track angle to intercept and/or track desired course.
     chiCmd = deltaChiCmd + baseChiCmd
-    # autopilotTrackError, deg (+CW): The difference between commanded and actual true track angle; positive indicates
-    # actual track is more clockwise (yawed right) than commanded. This value is not limited to +/- 180 deg.
+    # autopilotTrackError, deg (+CW): The difference between commanded and actual true track angle; positive
+    # indicates actual track is more clockwise (yawed right) than commanded. This value is not limited to +/- 180
+    # deg.
     chiErrUnwrapped = chiEst - chiCmd
     # autopilotTrackErrorWrapped, deg: This is the track angle error resolved into a range of +/- 180 deg.
     chiErr = (
@@ -170,23 +189,22 @@ def model(
     # autopilotCommandedBankAngle, deg (+RWD): Generate bank angle command to move back on-course
     phiCmd = clamp(phiCmdChiErrGain * chiErr, -30.0, 30.0)
     # switchedKEAScmd, nmi_h: Velocity reference used to calculate velocity disturbance to feed into LQR SAS. If the
-    # autopilot select flag is on, use the commanded airspeed as the reference value; if not, use the trimmed airspeed
-    # as the reference value.
+    # autopilot select flag is on, use the commanded airspeed as the reference value; if not, use the trimmed
+    # airspeed as the reference value.
     keasCmdSw = keasCmd if apOn > 0.5 else trimmedKEAS
-    # switchedThetaCmd, deg: Pitch attitude reference used to calculate pitch angle disturbance to feed into LQR SAS. If
-    # the autopilot select flag is on, use the commanded pitch attitude as the reference value; if not, use the trimmed
-    # pitch attitude as the reference value.
+    # switchedThetaCmd, deg: Pitch attitude reference used to calculate pitch angle disturbance to feed into LQR
+    # SAS. If the autopilot select flag is on, use the commanded pitch attitude as the reference value; if not, use
+    # the trimmed pitch attitude as the reference value.
     thetaCmdSw = thetaCmd if apOn > 0.5 else trimmedTheta
-    # switchedPhiCmd, deg: Roll attitude reference used to calculate roll angle disturbance to feed into LQR SAS. If the
-    # autopilot select flag is on, use the commanded roll attitude as the reference value; if not, use 0 as the
+    # switchedPhiCmd, deg: Roll attitude reference used to calculate roll angle disturbance to feed into LQR SAS. If
+    # the autopilot select flag is on, use the commanded roll attitude as the reference value; if not, use 0 as the
     # reference value.
     phiCmdSw = phiCmd if apOn > 0.5 else 0.0
     # disturbedEquivalentAirspeed, nmi_h: Disturbance away from commanded equivalent airspeed (kt)
     deltaVequiv = Vequiv - keasCmdSw
     # disturbedAngleOfAttack, deg: Disturbance away from design angle of attack (deg)
     deltaAlpha = alpha - trimmedAlpha
-    # disturbedEulerAngle_roll, deg: Disturbance away from commanded bank angle (deg)
-    deltaPhi = phi - phiCmdSw
+    deltaPhi = phi - phiCmdSw  # disturbedEulerAngle_roll, deg: Disturbance away from commanded bank angle (deg)
     # disturbedEulerAngle_pitch, deg: Disturbance away from commanded pitch angle (deg)
     deltaTheta = theta - thetaCmdSw
     # deltaLongLQR, frac: Longitudinal control output from LQR gain matrix; negated to stabilize plant
@@ -219,16 +237,15 @@ def model(
     # totalLatCmd, frac: Lateral input command to surface mixer. Combines pilot input (if AP off) with stabilization
     # (and possibly autopilot) commands (if SAS on).
     totLatStk = clamp(latStkSw + latLQRsw, -1.0, 1.0)
-    # totalDirCmd, frac: Directional input command to surface mixer. Combines pilot input (if AP off) with stabilization
-    # (and possibly autopilot) commands (if SAS on).
+    # totalDirCmd, frac: Directional input command to surface mixer. Combines pilot input (if AP off) with
+    # stabilization (and possibly autopilot) commands (if SAS on).
     totPedal = clamp(pedalSw + dirLQRsw, -1.0, 1.0)
-    # totalThrottle, frac: Throttle command to power lever output. Combines trimmed throttle position, pilot input (if
-    # AP off) with stabilization (and possibly autopilot) commands (if SAS on).
+    # totalThrottle, frac: Throttle command to power lever output. Combines trimmed throttle position, pilot input
+    # (if AP off) with stabilization (and possibly autopilot) commands (if SAS on).
     totThrottle = clamp(throttleTrim + throttleSw + throttleLQRsw, 0.0, 1.0)
     # elevatorDeflection, deg (trailing edge down): Elevator deflection angle, in degrees (+TED)
     el = -25.0 * totLongStk
-    # aileronDeflection, deg (left roll): Aileron deflection angle, in degrees (+LWD)
-    ail = -21.5 * totLatStk
+    ail = -21.5 * totLatStk  # aileronDeflection, deg (left roll): Aileron deflection angle, in degrees (+LWD)
     # rudderDeflection, deg (TEL): Rudder deflection angle, in degrees (+TEL); includes aileron-to-rudder gain
     rdr = -30.0 * totPedal + 0.008 * ail
     # powerLeverAngle, pct (+INCR): Throttle (power lever angle), 0 - 100. 50 is MIL (max dry) thrust; 100 is MAX
@@ -239,7 +256,6 @@ def model(
 
 class Commands(NamedTuple):
     """What the pilot and the autopilot are told, SI and radians."""
-
     throttle: float = 0.0  # pilotControl_throttle
     longStk: float = 0.0  # pilotControl_long
     latStk: float = 0.0  # pilotControl_lat
@@ -253,37 +269,19 @@ class Commands(NamedTuple):
     longStkTrim: float = 0.1296382327486013  # trimmedPilotControl_long
 
 
-@controller(units={"keasCmd": "m/s", "altCmd": "m"})
+@controller(units={'keasCmd': 'm/s', 'altCmd': 'm'})
 def law(measured, commands):
     """Deflections and throttle from the measured motion."""
     out = model(
-        throttle=commands.throttle,
-        longStk=commands.longStk,
-        latStk=commands.latStk,
-        pedal=commands.pedal,
-        sasOn=commands.sasOn,
-        apOn=commands.apOn,
-        circlePoleSW=commands.circlePoleSW,
-        ownshipN_deg=measured.latitude / DEGREE,
-        ownshipE_deg=measured.longitude / DEGREE,
-        keasCmd=commands.keasCmd / 0.5144444444444445,
-        altCmd=commands.altCmd / 0.3048,
-        altMsl=measured.altitude / 0.3048,
-        Vequiv=measured.equivalent_airspeed / 0.5144444444444445,
-        alpha=measured.angle_of_attack / DEGREE,
-        beta=measured.sideslip / DEGREE,
-        phi=measured.roll / DEGREE,
-        theta=measured.pitch / DEGREE,
-        psi=measured.yaw / DEGREE,
-        pb=measured.roll_rate,
-        qb=measured.pitch_rate,
-        rb=measured.yaw_rate,
-        throttleTrim=commands.throttleTrim,
-        longStkTrim=commands.longStkTrim,
+        throttle=commands.throttle, longStk=commands.longStk, latStk=commands.latStk, pedal=commands.pedal,
+        sasOn=commands.sasOn, apOn=commands.apOn, circlePoleSW=commands.circlePoleSW, ownshipN_deg=measured.latitude
+        / DEGREE, ownshipE_deg=measured.longitude / DEGREE, keasCmd=commands.keasCmd / 0.5144444444444445,
+        altCmd=commands.altCmd / 0.3048, altMsl=measured.altitude / 0.3048, Vequiv=measured.equivalent_airspeed /
+        0.5144444444444445, alpha=measured.angle_of_attack / DEGREE, beta=measured.sideslip / DEGREE,
+        phi=measured.roll / DEGREE, theta=measured.pitch / DEGREE, psi=measured.yaw / DEGREE, pb=measured.roll_rate,
+        qb=measured.pitch_rate, rb=measured.yaw_rate, throttleTrim=commands.throttleTrim,
+        longStkTrim=commands.longStkTrim
     )
     return Command(
-        aileron=-out.ail * DEGREE,
-        rudder=out.rdr * DEGREE,
-        elevator=out.el * DEGREE,
-        throttle=out.PWR * 0.01,
+        aileron=-out.ail * DEGREE, rudder=out.rdr * DEGREE, elevator=out.el * DEGREE, throttle=out.PWR * 0.01
     )

@@ -2,8 +2,8 @@
 
 A simple constant mass matrix for the F-16 Fighting Falcon, as described in Stevens & Lewis [01].
 
-Imported from F16_inertia.dml (Initial version),
-SHA-256 e11d4eba5b158d24db7034bd85682ad0b896dd2f3172f007ca3d6d6d4e693c4a.
+Imported from F16_inertia.dml (Initial version), SHA-256
+e11d4eba5b158d24db7034bd85682ad0b896dd2f3172f007ca3d6d6d4e693c4a.
 """
 
 from typing import NamedTuple
@@ -16,9 +16,11 @@ XIZX = 982.0  # bodyProductOfInertia_ZX, slugft2: Cross-product of inertia in th
 XIXY = 0.0  # bodyProductOfInertia_XY, slugft2: Cross-product of inertia in the body X-Y plane
 XIYZ = 0.0  # bodyProductOfInertia_YZ, slugft2: Cross-product of inertia in the body Y-Z plane
 XMASS = 637.1595  # totalMass, slug: Total mass of vehicle (20,500 lbm)
+
 # bodyPositionOfCmWrtMrc_Y, ft (RT): Lateral location of the center of mass relative to the plane of symmetry (0
 # BL), positive if the CM is right of the X-Z plane.
 DYCG = 0.0
+
 # bodyPositionOfCmWrtMrc_Z, ft (DOWN): Vertical location of the center of mass relative to the bottom of the flat
 # part of the belly, positive if the CM is below the waterline of the vehicle.
 DZCG = 0.0
@@ -26,7 +28,6 @@ DZCG = 0.0
 
 class Outputs(NamedTuple):
     """What the model gives."""
-
     XIXX: float  # bodyMomentOfInertia_Roll, slugft2
     XIYY: float  # bodyMomentOfInertia_Pitch, slugft2
     XIZZ: float  # bodyMomentOfInertia_Yaw, slugft2
@@ -45,7 +46,8 @@ def model(CG_PCT_MAC=35.0):
     CG_PCT_MAC: vrsPositionOfCM, pct (+AFT) - Longitudinal location of the center of mass in percent of MAC.
         Reference location is 35%.
     """
-    # bodyPositionOfCmWrtMrc_X, ft (FWD): Longitudinal location of the center of mass relative to the moment reference
-    # center (35% MAC), positive if the CM is forward of the MRC. Calculated as (35 - CG_PCT_MAC)*CBAR/100.
+    # bodyPositionOfCmWrtMrc_X, ft (FWD): Longitudinal location of the center of mass relative to the moment
+    # reference center (35% MAC), positive if the CM is forward of the MRC. Calculated as (35 -
+    # CG_PCT_MAC)*CBAR/100.
     DXCG = 0.01 * CBAR * (35.0 - CG_PCT_MAC)
     return Outputs(XIXX, XIYY, XIZZ, XIZX, XIXY, XIYZ, XMASS, DYCG, DZCG, DXCG)

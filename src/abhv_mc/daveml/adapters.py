@@ -1,10 +1,13 @@
 """Functions that connect a written model to the program: coefficients, thrust and a control law in SI and radians."""
 
+import ast
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from abhv_mc.daveml import python_nodes as py
 from abhv_mc.daveml.model import Model, Variable
-from abhv_mc.daveml.s119_units import describe_factor, parse_s119_unit
+from abhv_mc.daveml.s119_units import parse_s119_unit
 from abhv_mc.daveml.signals import SI, find_signals, quantity_of, sign_of
 from abhv_mc.daveml.writer import MODEL, python_names
 from abhv_mc.io.input_error import InputError, Refusal
@@ -73,23 +76,21 @@ def factor_to_si(model: Model, variable: Variable, quantity: str) -> float:
     return factor
 
 
-def _scaled(text: str, factor: float, *, divided: bool) -> str:
+def _scaled(value: ast.expr, factor: float, operation: str) -> ast.expr:
+    if factor < 0.0:
+        value, factor = py.fill("-a", a=value), -factor
     if factor == 1.0:
-        return text
-    if factor == -1.0:
-        return f"-{text}" if text.replace(".", "").replace("_", "").isalnum() else f"-({text})"
-    sign, size = ("-", -factor) if factor < 0.0 else ("", factor)
-    return f"{sign}{text} {'/' if divided else '*'} {describe_factor(size)}"
+        return value
+    return py.fill(f"a {operation} b", a=value, b=py.name("DEGREE") if factor == math.pi / 180.0 else py.number(factor))
 
 
-def _inputs(model: Model, kind: str, answers: Mapping[str, Answer]) -> str:
-    """The arguments of a call of the model, one a line."""
-    names, lines = python_names(model), []
-    sources = SOURCES[kind]
+def _call(model: Model, kind: str, answers: Mapping[str, Answer]) -> py.Line:
+    """The line that calls the model with what the program gives."""
+    names, given, sources = python_names(model), {}, SOURCES[kind]
     for variable in model.inputs:
-        answer = answers.get(variable.identifier)
+        key, answer = names[variable.identifier], answers.get(variable.identifier)
         if isinstance(answer, float | int):
-            lines.append(f"        {names[variable.identifier]}={float(answer)!r},")
+            given[key] = py.number(float(answer))
             continue
         quantity = quantity_of(variable)
         sign = 1 if quantity is None else sign_of(quantity, variable)
@@ -97,52 +98,40 @@ def _inputs(model: Model, kind: str, answers: Mapping[str, Answer]) -> str:
             quantity, sign = answer.removeprefix("-"), -1 if answer.startswith("-") else 1
         if quantity in sources:
             factor = (sign or 1) * factor_to_si(model, variable, quantity)
-            text = _scaled(sources[quantity], factor, divided=True)
-        elif kind == "control" and quantity == "cross_track":  # there to the right, and from where it is wanted
-            name = names[variable.identifier]
-            offset = f"commands.{name} - commands.{name}{MEASURED} * measured.cross_track"
-            text = f"({offset}) / {_command_factor(variable)!r}"
+            given[key] = _scaled(py.fill(sources[quantity]), factor, "/")
         elif kind == "control":
-            text = _scaled(f"commands.{names[variable.identifier]}", _command_factor(variable), divided=True)
-        else:
-            continue  # its own value holds
-        lines.append(f"        {names[variable.identifier]}={text},")
-    return "\n".join(lines)
+            command = py.member("commands", key)
+            if quantity == "cross_track":  # there to the right, and from where it is wanted
+                measured = py.member("commands", f"{key}{MEASURED}")
+                command = py.fill("command - measures * measured.cross_track", command=command, measures=measured)
+            given[key] = _scaled(command, _command_factor(variable), "/")
+    return py.assign("out", py.call(MODEL, **given))
 
 
-def _call(model: Model, kind: str, answers: Mapping[str, Answer]) -> str:
-    given = _inputs(model, kind, answers)
-    return f"    out = {MODEL}(\n{given}\n    )" if given else f"    out = {MODEL}()"
-
-
-def _outputs(model: Model, expected: tuple[str, ...]) -> list[str]:
-    """``name=value`` in SI for each quantity that the model gives; what is zero for good is left out."""
-    names, outputs, found = python_names(model), find_signals(model.outputs), []
+def _return(kind: str, model: Model, expected: tuple[str, ...]) -> py.Line:
+    """A value of this kind, in SI, of the quantities that the model gives; what is zero for good is left out."""
+    names, outputs, given = python_names(model), find_signals(model.outputs), {}
     for quantity in expected:
         variable = outputs.get(quantity)
         if variable is None or (not variable.computed and variable.initial == 0.0):
             continue
         factor = (sign_of(quantity, variable) or 1) * factor_to_si(model, variable, quantity)
-        found.append(f"{quantity}={_scaled(f'out.{names[variable.identifier]}', factor, divided=False)}")
-    return found
+        given[quantity] = _scaled(py.member("out", names[variable.identifier]), factor, "*")
+    return py.Line(ast.Return(py.call(kind, **given)))
 
 
-def write_coefficients(model: Model, answers: Mapping[str, Answer], span: float, chord: float) -> str:
+def write_coefficients(
+    model: Model, answers: Mapping[str, Answer], span: float, chord: float
+) -> list[py.Line | py.Block]:
     """The function that the vehicle file names under ``aerodynamics``."""
     frame = frame_of(model)
-    given = ",\n        ".join(_outputs(model, (*FORCES[frame], *MOMENTS)))
-    call = _call(model, "aerodynamics", answers)
-    lengths = "".join(
-        f"{name} = {value!r}  # m, of the reduced rates\n"
-        for name, value in (("SPAN", span), ("CHORD", chord))
-        if name in call
-    )
-    return (
-        (f"{lengths}\n\n" if lengths else "")
-        + "def coefficients(air, controls, rates, settings):\n"
-        + f'    """Coefficients in {frame} axes about the moment reference of the file."""\n'
-        + f"{call}\n    return Coefficients(\n        {given},\n    )\n"
-    )
+    called = _call(model, "aerodynamics", answers)
+    about = f"Coefficients in {frame} axes about the moment reference of the file."
+    body = [called, _return("Coefficients", model, (*FORCES[frame], *MOMENTS))]
+    lengths = (("SPAN", span), ("CHORD", chord))
+    read = set(py.names_in([called]))
+    used = [py.assign(key, py.number(value), "m, of the reduced rates") for key, value in lengths if key in read]
+    return [*used, py.define("def coefficients(air, controls, rates, settings):", about, body)]
 
 
 def frame_of(model: Model) -> str:
@@ -154,13 +143,10 @@ def frame_of(model: Model) -> str:
     raise InputError(model.path, "no force coefficients", "CX, CY, CZ or lift and drag")
 
 
-def write_thrust(model: Model, answers: Mapping[str, Answer]) -> str:
+def write_thrust(model: Model, answers: Mapping[str, Answer]) -> py.Block:
     """The function that the vehicle file names under ``propulsion``."""
-    given = ", ".join(_outputs(model, THRUST))
-    return (
-        'def thrust(air, throttle, settings):\n    """Thrust in body axes at the moment reference."""\n'
-        f"{_call(model, 'propulsion', answers)}\n    return Thrust({given})\n"
-    )
+    body = [_call(model, "propulsion", answers), _return("Thrust", model, THRUST)]
+    return py.define("def thrust(air, throttle, settings):", "Thrust in body axes at the moment reference.", body)
 
 
 def _command_factor(variable: Variable) -> float:
@@ -184,28 +170,26 @@ def command_unit(variable: Variable) -> str:
     return next((unit for unit in ("m", "m/s", "rad", "rad/s", "kg", "s") if parse_unit(unit)[1] == exponents), "-")
 
 
-def write_law(model: Model, answers: Mapping[str, Answer]) -> str:
+def write_law(model: Model, answers: Mapping[str, Answer]) -> list[py.Block]:
     """The control law, its commands as the class ``Commands`` in SI."""
     names = python_names(model)
-    fields, units = [], []
+    fields, units = [], {}
     for variable in command_inputs(model):
-        name, unit = names[variable.identifier], command_unit(variable)
+        key, unit = names[variable.identifier], command_unit(variable)
         value = (variable.initial or 0.0) * _command_factor(variable)
-        fields.append(f"    {name}: float = {value!r}  # {variable.name}{'' if unit == '-' else f', {unit}'}")
+        fields.append(py.declare(key, variable.name if unit == "-" else f"{variable.name}, {unit}", value))
         if quantity_of(variable) == "cross_track":
             fields.append(
-                f"    {name}{MEASURED}: float = 1.0  # 1: from the measured cross-track, 0: as commanded alone"
+                py.declare(f"{key}{MEASURED}", "1: from the measured cross-track, 0: as commanded alone", 1.0)
             )
         if unit != "-":
-            units.append(f'"{name}": "{unit}"')
-    marked = f"@controller(units={{{', '.join(units)}}})" if units else "@controller"
-    if len(marked) > 110:
-        marked = "@controller(\n    units={\n" + "".join(f"        {unit},\n" for unit in units) + "    }\n)"
-    head = "class Commands(NamedTuple):\n" + '    """What the pilot and the autopilot are told, SI and radians."""\n\n'
-    given = ",\n        ".join(_outputs(model, ("aileron", "rudder", "elevator", "throttle")))
+            units[key] = unit
+    body = [_call(model, "control", answers), _return("Command", model, ("aileron", "rudder", "elevator", "throttle"))]
     arguments = "measured, commands" if fields else "measured"
-    return (
-        (head + "\n".join(fields) + "\n\n\n" if fields else "")
-        + f'{marked}\ndef law({arguments}):\n    """Deflections and throttle from the measured motion."""\n'
-        + f"{_call(model, 'control', answers)}\n    return Command(\n        {given},\n    )\n"
+    law = py.define(f"def law({arguments}):", "Deflections and throttle from the measured motion.", body)
+    given = ast.Dict(list(map(ast.Constant, units)), list(map(ast.Constant, units.values())))
+    law.head.decorator_list = [py.call("controller", units=given) if units else py.name("controller")]
+    commands = py.define(
+        "class Commands(NamedTuple):", "What the pilot and the autopilot are told, SI and radians.", fields
     )
+    return [commands, law] if fields else [law]

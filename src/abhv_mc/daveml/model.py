@@ -1,11 +1,12 @@
 """A DAVE-ML file as its graph: variables in the order in which they can be computed, functions, check shots."""
 
+import ast
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from abhv_mc.daveml.formulas import Expression, read_formula
+from abhv_mc.daveml.formulas import read_formula, variables_of
 from abhv_mc.daveml.s119_units import parse_s119_unit
 from abhv_mc.daveml.tables import LookUp, read_look_ups
 from abhv_mc.daveml.xml_reader import Node, read_xml
@@ -24,7 +25,7 @@ class Variable:
     low: float | None  # its value is held within
     high: float | None
     initial: float | None
-    formula: Expression | None
+    formula: ast.expr | None  # with the variables by their identifiers behind formulas.VARIABLE
     look_up: LookUp | None
     is_input: bool
     is_output: bool
@@ -38,7 +39,7 @@ class Variable:
     def needs(self) -> Iterator[str]:
         """Identifiers of the variables that it is computed of."""
         if self.formula is not None:
-            yield from self.formula.variables()
+            yield from variables_of(self.formula)
         elif self.look_up is not None:
             yield from (argument.variable for argument in self.look_up.arguments)
 
@@ -120,7 +121,7 @@ def _read_variable(node: Node, path: Path, look_ups: dict[str, LookUp]) -> Varia
     identifier = _attribute(node, "varID", path)
 
     def bound(name: str) -> float | None:
-        return _number(node, node.attributes[name], path) if name in node.attributes else None
+        return node.number(node.attributes[name], path) if name in node.attributes else None
 
     formula = None
     calculation = node.first("calculation")
@@ -140,9 +141,9 @@ def _read_variable(node: Node, path: Path, look_ups: dict[str, LookUp]) -> Varia
     computed = formula is not None or look_up is not None
     return Variable(
         identifier,
-        node.attributes.get("name", identifier).strip(),
-        node.attributes.get("units", "nd").strip(),
-        node.attributes.get("sign", "").strip(),
+        node.attributes.get("name", identifier),
+        node.attributes.get("units", "nd"),
+        node.attributes.get("sign", ""),
         node.words("description"),
         bound("minValue"),
         bound("maxValue"),
@@ -203,8 +204,8 @@ def _read_shot(shot: Node, path: Path, variables: dict[str, Variable]) -> CheckS
             found.append(
                 CheckValue(
                     identifier,
-                    factor * _number(signal, signal.words("signalValue"), path),
-                    abs(factor) * _number(signal, tolerance, path) if tolerance else None,
+                    factor * signal.number(signal.words("signalValue"), path),
+                    abs(factor) * signal.number(tolerance, path) if tolerance else None,
                     signal.line,
                 )
             )
@@ -233,11 +234,4 @@ def _conversion(signal: Node, variable: Variable, path: Path) -> float:
 def _attribute(node: Node, name: str, path: Path) -> str:
     if name not in node.attributes:
         raise InputError(path, f"'{node.name}' without {name}", "it", node.line, node.column)
-    return node.attributes[name].strip()
-
-
-def _number(node: Node, text: str, path: Path) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(path, f"'{text}'", "a number", node.line, node.column) from None
+    return node.attributes[name]

@@ -1,6 +1,5 @@
 """Units as S-119 writes them: ``ft_s`` for feet per second, ``slugft2``, ``_deg`` for one over a degree."""
 
-import math
 import re
 
 from abhv_mc.io.input_error import Refusal
@@ -37,8 +36,3 @@ def _words(part: str, whole: str) -> str:
         found.append(_SPELLINGS.get(symbol, symbol) + match[2])
         place = match.end()
     return " ".join(found)
-
-
-def describe_factor(factor: float) -> str:
-    """Python text of a conversion factor: degrees by their definition, others as a number."""
-    return "DEGREE" if factor == math.pi / 180.0 else repr(factor)

@@ -88,7 +88,7 @@ class _Tables:
         axes = len(table.grids) if table.points is None else table.points.shape[1]
         if len(arguments) != axes:
             raise self._refuse(node, f"{len(arguments)} arguments of a table of {axes} axes", "as many")
-        return given.attributes["varID"].strip(), LookUp(name, node.words("description"), arguments, table, node.line)
+        return given.attributes["varID"], LookUp(name, node.words("description"), arguments, table, node.line)
 
     def _read_refs(self, node: Node) -> tuple[tuple[Argument, ...], TableData]:
         definition = node.first("functionDefn")
@@ -125,8 +125,8 @@ class _Tables:
             raise self._refuse(node, f"interpolation '{attributes['interpolate']}'", "'linear'")
         ends = []
         for key in ("min", "max"):
-            ends.append(float(self._parse(node, attributes[key])[0]) if key in attributes else None)
-        return Argument(attributes.get("varID", "").strip(), ends[0], ends[1], extrapolate)
+            ends.append(node.number(attributes[key], self._path) if key in attributes else None)
+        return Argument(attributes.get("varID", ""), ends[0], ends[1], extrapolate)
 
     def _gridded(self, node: Node) -> TableData:
         references = [part.attributes.get("bpID", "") for part in (node.first("breakpointRefs") or node).all("bpRef")]
@@ -159,16 +159,9 @@ class _Tables:
         return TableData(name, (), points, values, node.words("description"))
 
     def _numbers(self, node: Node) -> Floats:
-        return self._parse(node, node.text)
-
-    def _parse(self, node: Node, text: str) -> Floats:
-        numbers = []
-        for word in text.replace(",", " ").replace(";", " ").split():
-            try:
-                numbers.append(float(word))
-            except ValueError:
-                raise self._refuse(node, f"'{word}'", "numbers") from None
-        return np.array(numbers)
+        return np.array(
+            [node.number(word, self._path) for word in node.text.replace(",", " ").replace(";", " ").split()]
+        )
 
     def _rising(self, node: Node, points: Floats) -> Floats:
         if points.size < 2 or not (np.diff(points) > 0.0).all():

@@ -1,6 +1,8 @@
 """``abhv-mc import daveml``: from DAVE-ML files to a folder with Python functions and a vehicle file."""
 
+import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,9 +19,11 @@ from abhv_mc.daveml.adapters import (
     write_thrust,
 )
 from abhv_mc.daveml.model import Model, Variable, read_model
+from abhv_mc.daveml.python_nodes import Block, Line
 from abhv_mc.daveml.shots import make_function, run_shots
 from abhv_mc.daveml.signals import find_signals, kinds_of, quantity_of
-from abhv_mc.daveml.writer import python_names, write_module
+from abhv_mc.daveml.writer import describe_variable, python_names, write_module
+from abhv_mc.daveml.xml_reader import fold
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError, describe
@@ -76,16 +80,23 @@ def _read_answers(path: Path, models: Sequence[Model]) -> Answers:
     return answers
 
 
+def _plain(text: str) -> str:
+    """A name of letters, digits and underscores; it begins with a letter."""
+    plain = re.sub(r"\W", "_", text.lower(), flags=re.ASCII)
+    return plain if plain[:1].isalpha() else f"x{plain}"
+
+
 def _write_questions(questions: Mapping[str, Mapping[str, tuple[Variable, Answer]]]) -> str:
     lines = [
         "# Inputs that no signal of the program gives: numbers in the units of the file, or a signal such as throttle."
     ]
     for name, asked in questions.items():
-        lines += [f"{name}:"] if asked else []
+        lines += [f"{json.dumps(name, ensure_ascii=False)}:"] if asked else []
         for key, (variable, value) in asked.items():
-            words = f"{variable.name}, {variable.units}"
-            lines += [f"  # {words}: {variable.description}" if variable.description else f"  # {words}"]
-            lines += [f"  {key}: {'' if value is None else value}".rstrip()]
+            lines += [
+                f"  # {describe_variable(variable)}",
+                f"  {json.dumps(key, ensure_ascii=False)}: {'' if value is None else value}".rstrip(),
+            ]
     return "\n".join(lines) + "\n"
 
 
@@ -95,25 +106,20 @@ def _write_parts(models: Sequence[Model], kinds: Mapping[str, tuple[str, ...]], 
     texts: dict[str, str] = {}
     sections: dict[str, str] = {}
     for model in models:
-        extra: list[str] = []
-        imports: list[str] = []
-        module = f"{model.path.stem.lower().replace('-', '_')}.py"
+        extra: list[Line | Block] = []
+        module = f"{_plain(model.path.stem)}.py"
         for kind in kinds[model.path.name]:
             given = answers[model.path.name]
             if kind == "aerodynamics":
-                extra.append(write_coefficients(model, given, span, chord))
-                imports.append("Coefficients")
+                extra += write_coefficients(model, given, span, chord)
                 sections[kind] = f"  python: {module}\n  function: coefficients\n  frame: {frame_of(model)}"
             elif kind == "propulsion":
                 extra.append(write_thrust(model, given))
-                imports.append("Thrust")
                 sections[kind] = f"  python: {module}\n  function: thrust\n  throttle: [0, 1]\n  ideal: true"
             elif kind == "control":
-                extra.append(write_law(model, given))
-                imports += ["Command", "controller"]
+                extra += write_law(model, given)
                 texts[f"{Path(module).stem}.yaml"] = _controller(model, module)
-        used = {*imports, *({"DEGREE"} if any("DEGREE" in text for text in extra) else ())}
-        texts[module] = write_module(model, "\n\n".join(extra), used)
+        texts[module] = write_module(model, extra)
     if "aerodynamics" in sections and "mass" in values:
         texts["vehicle.yaml"] = _vehicle(models, values, sections)
     return texts
@@ -144,8 +150,8 @@ def _vehicle(models: Sequence[Model], values: Mapping[str, float], sections: Map
             found = f"a vehicle whose {name.replace('_', ' ')} is {values[name]:g}"
             raise InputError(models[0].path, found, "one that is symmetric about its x-z plane")
     lines = [
-        f"# Imported from {', '.join(model.path.name for model in models)} (DAVE-ML, ANSI/AIAA S-119).",
-        f"name: {models[0].path.stem.split('_')[0].lower()}",
+        f"# Imported from {', '.join(fold(model.path.name) for model in models)} (DAVE-ML, ANSI/AIAA S-119).",
+        f"name: {_plain(models[0].path.stem.split('_')[0])}",
         "",
         "reference:",
         f"  area: {values['area']!r} m2",
@@ -196,7 +202,7 @@ def _limits(models: Sequence[Model]) -> list[str]:
 def _controller(model: Model, module: str) -> str:
     names = python_names(model)
     lines = [
-        f"# The control law of {model.path.name}; commands change at times: {{0 s: ..., 5 s: ...}}.",
+        f"# The control law of {fold(model.path.name)}; commands change at times: {{0 s: ..., 5 s: ...}}.",
         "law: python",
     ]
     lines += [f"file: {module}", "rate: 200 Hz"]

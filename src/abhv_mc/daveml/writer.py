@@ -1,229 +1,161 @@
 """A model as readable Python: its tables, its constants and one function from its inputs to its outputs."""
 
+import ast
 import builtins
+import copy
 import keyword
 import re
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from abhv_mc import extend
-from abhv_mc.array_types import Floats
-from abhv_mc.daveml.formulas import write_formula
+from abhv_mc.daveml import python_nodes as py
+from abhv_mc.daveml.formulas import VARIABLE
 from abhv_mc.daveml.model import Model, Variable
 from abhv_mc.daveml.tables import Argument, LookUp
+from abhv_mc.daveml.xml_reader import fold
 
-WIDTH = 116
 FROM_MATH = ("ceil", "floor", "fmod", "trunc")
 OUTPUTS, MODEL = "Outputs", "model"
 _OWN = (OUTPUTS, MODEL, "NamedTuple", "DEGREE", "SPAN", "CHORD", "Commands", "coefficients", "thrust", "law", "out")
 _TAKEN = {*dir(builtins), *extend.__all__, *FROM_MATH, *_OWN}
+_LONGEST = 60  # letters of a name
 
 
 def python_names(model: Model) -> dict[str, str]:
     """A Python name for each variable's identifier: its own where that is possible."""
     names: dict[str, str] = {}
     for identifier in model.variables:
-        name = re.sub(r"\W", "_", identifier, flags=re.ASCII)
-        name = f"x{name}" if not name or name[0].isdigit() else name
-        while name in _TAKEN or keyword.iskeyword(name) or keyword.issoftkeyword(name) or name in names.values():
-            name += "_"
-        names[identifier] = name
+        names[identifier] = free_name(identifier, names.values())
     return names
 
 
-def write_module(model: Model, extra: str = "", extra_imports: Iterable[str] = ()) -> str:
-    """The text of the module; ``extra`` are functions behind the model's, ``extra_imports`` what they need."""
+def free_name(text: str, taken: Iterable[str] = ()) -> str:
+    """A Python name for a text, its own where that is possible."""
+    found = re.sub(r"\W", "_", text, flags=re.ASCII)[:_LONGEST]
+    found = found if found[:1].isalpha() else f"x{found}"
+    while found in _TAKEN or keyword.iskeyword(found) or keyword.issoftkeyword(found) or found in taken:
+        found += "_"
+    return found
+
+
+def write_module(model: Model, extra: Sequence[py.Line | py.Block] = ()) -> str:
+    """The text of the module; ``extra`` stands behind the model's function."""
     names = python_names(model)
-    used: set[str] = set(extra_imports)
-    constants, lines = [], []
+    tables, functions = _tables(model, names)
+    constants: list[py.Line] = []
+    lines: list[py.Line] = []
     for variable in model.variables.values():
-        text = _definition(variable, names, used)
-        if text is not None and not variable.computed and not variable.is_input:
-            constants.append(text)
-        elif text is not None:
-            lines.append(text)
-    tables = _write_tables(model, used)
-    outputs = "\n".join(f"    {names[v.identifier]}: float  # {v.name}, {v.units}" for v in model.outputs)
-    given = ", ".join(names[v.identifier] + ("" if v.initial is None else f"={v.initial!r}") for v in model.inputs)
-    returned = ", ".join(names[v.identifier] for v in model.outputs)
-    parts = [
-        _head(model) + "\n\n" + _imports(used),
-        "\n".join(constants),
-        tables,
-        f'\nclass {OUTPUTS}(NamedTuple):\n    """What the model gives."""\n\n{outputs}',
-        "\n"
-        + "\n".join(
-            [
-                f"def {MODEL}({given}):" if len(given) < 100 else _wrapped(f"def {MODEL}(", given, "):"),
-                _docstring(model, names),
-                *(f"    {line}" for line in lines),
-                _wrapped(f"    return {OUTPUTS}(", returned, ")"),
-            ]
-        ),
-        *(["\n" + extra.strip("\n")] if extra else []),
-    ]
-    return "\n\n".join(part for part in parts if part) + "\n"
+        value = _value(variable, names, functions)
+        if value is not None:
+            line = py.assign(names[variable.identifier], value, describe_variable(variable))
+            (lines if variable.computed or variable.is_input else constants).append(line)
+    outputs = [py.declare(names[v.identifier], f"{v.name}, {v.units}") for v in model.outputs]
+    returned = ast.Return(py.call(OUTPUTS, *(py.name(names[v.identifier]) for v in model.outputs)))
+    function = py.define(f"def {MODEL}():", _docstring(model, names), [*lines, py.Line(returned)])
+    function.head.args.args = [ast.arg(names[v.identifier]) for v in model.inputs]
+    function.head.args.defaults = [py.number(v.initial) for v in model.inputs if v.initial is not None]
+    gives = py.define(f"class {OUTPUTS}(NamedTuple):", "What the model gives.", outputs)
+    body = [*constants, *tables, gives, function, *extra]
+    head = ast.Module([ast.Expr(ast.Constant(_head(model)))], [])
+    return py.write_python(py.Block(head, [*_imports(set(py.names_in(body))), *body]))
 
 
 def _head(model: Model) -> str:
-    text = [model.name.rstrip(".") + ".", ""]
-    text += textwrap.wrap(model.description, WIDTH) + ([""] if model.description else [])
     version = f" ({model.version})" if model.version else ""
-    text += [f"Imported from {model.path.name}{version},", f"SHA-256 {model.digest}."]
-    return '"""' + "\n".join(text).replace("\\", "\\\\").replace('"""', "'''") + '\n"""'
+    origin = f"Imported from {fold(model.path.name)}{version}, SHA-256 {model.digest}."
+    parts = filter(None, (model.name.rstrip(".") + ".", model.description, origin))
+    return "\n\n".join(textwrap.fill(part, py.WIDTH) for part in parts) + "\n"
 
 
-def _imports(used: set[str]) -> str:
-    lines = []
-    if math := sorted(used & set(FROM_MATH)):
-        lines.append(f"from math import {', '.join(math)}")
-    lines.append("from typing import NamedTuple")
-    if ours := sorted(used - set(FROM_MATH) - {"DEGREE"}):
-        lines += ["", f"from abhv_mc.extend import {', '.join(ours)}"]
+def _imports(used: set[str]) -> Iterator[py.Line]:
+    for module, known in (("math", FROM_MATH), ("typing", ("NamedTuple",)), ("abhv_mc.extend", extend.__all__)):
+        if found := sorted(used & set(known)):
+            yield py.Line(ast.ImportFrom(module, [ast.alias(one) for one in found], 0))
     if "DEGREE" in used:
-        lines += ["", "DEGREE = 3.141592653589793 / 180.0  # rad"]
-    return "\n".join(lines)
+        yield py.assign("DEGREE", py.fill("3.141592653589793 / 180.0"), "rad")
 
 
-def _words(variable: Variable) -> str:
+def describe_variable(variable: Variable) -> str:
+    """Its name, units, sign and description."""
     sign = f" ({variable.sign})" if variable.sign else ""
     what = f"{variable.name}, {variable.units}{sign}"
     return f"{what}: {variable.description}" if variable.description else what
 
 
-def _comment_lines(variable: Variable) -> list[str]:
-    return textwrap.wrap(_words(variable), WIDTH, initial_indent="# ", subsequent_indent="# ")
-
-
-def _definition(variable: Variable, names: dict[str, str], used: set[str]) -> str | None:
-    """The line that sets a variable, under its description; None for an input without limits."""
-    name = names[variable.identifier]
+def _value(variable: Variable, names: dict[str, str], functions: dict[str, str]) -> ast.expr | None:
+    """What a variable is set to; None for an input without limits."""
     if variable.formula is not None:
-        text = write_formula(variable.formula, names, used)
+        values = {VARIABLE + identifier: py.name(text) for identifier, text in names.items()}
+        value: ast.expr = py.substitute(copy.deepcopy(variable.formula), values)
     elif variable.look_up is not None:
-        arguments = [
-            _held(names[a.variable], a, variable.look_up, i, used) for i, a in enumerate(variable.look_up.arguments)
-        ]
-        text = f"{_table_name(variable.look_up)}({', '.join(arguments)})"
-    elif variable.is_input:
-        return None if variable.low is None and variable.high is None else f"{name} = {_limited(name, variable, used)}"
+        arguments = [_held(names[a.variable], a, variable.look_up, i) for i, a in enumerate(variable.look_up.arguments)]
+        value = py.call(functions[variable.identifier], *arguments)
+    elif not variable.is_input:
+        return py.number(variable.initial or 0.0)
+    elif variable.low is None and variable.high is None:
+        return None
     else:
-        line = f"{name} = {variable.initial!r}"
-        words = _words(variable)
-        if len(line) + len(words) + 4 <= WIDTH + 4:
-            return f"{line}  # {words}"
-        return "\n".join([*_comment_lines(variable), line])
-    text = _limited(text, variable, used)
-    line = f"{name} = {text}"
-    if len(line) > WIDTH:
-        line = _wrapped(f"    {name} = (", text, ")").strip()
-    return "\n    ".join([*_comment_lines(variable), line])
+        value = py.name(names[variable.identifier])
+    return _limited(value, variable.low, variable.high)
 
 
-def _limited(text: str, variable: Variable, used: set[str]) -> str:
-    low, high = variable.low, variable.high
+def _limited(value: ast.expr, low: float | None, high: float | None) -> ast.expr:
     if low is not None and high is not None:
-        used.add("clamp")
-        return f"clamp({text}, {low!r}, {high!r})"
+        return py.call("clamp", value, py.number(low), py.number(high))
     if low is not None:
-        used.add("larger")
-        return f"larger({text}, {low!r})"
-    if high is not None:
-        used.add("smaller")
-        return f"smaller({text}, {high!r})"
-    return text
+        return py.call("larger", value, py.number(low))
+    return value if high is None else py.call("smaller", value, py.number(high))
 
 
-def _held(text: str, argument: Argument, look_up: LookUp, axis: int, used: set[str]) -> str:
+def _held(text: str, argument: Argument, look_up: LookUp, axis: int) -> ast.expr:
     """An argument within the function's range, where that is narrower than the table."""
     points = look_up.table.points
     ends = look_up.table.grids[axis].points[[0, -1]] if points is None else np.array([-np.inf, np.inf])
     low = argument.low if argument.extrapolate in ("neither", "max") else None
     high = argument.high if argument.extrapolate in ("neither", "min") else None
-    if low is not None and low > ends[0]:
-        used.add("larger")
-        text = f"larger({text}, {low!r})"
-    if high is not None and high < ends[1]:
-        used.add("smaller")
-        text = f"smaller({text}, {high!r})"
-    return text
+    value = py.name(text) if low is None or low <= ends[0] else py.call("larger", py.name(text), py.number(low))
+    return value if high is None or high >= ends[1] else py.call("smaller", value, py.number(high))
 
 
-def _table_name(look_up: LookUp) -> str:
-    """A name of the table for this function: the extrapolation is part of it."""
-    name = re.sub(r"\W", "_", look_up.table.name, flags=re.ASCII).strip("_") or "table"
-    name = f"t_{name}" if name[0].isdigit() or keyword.iskeyword(name) else name
-    ends = [argument.extrapolate for argument in look_up.arguments]
-    suffix = "" if set(ends) == {"neither"} else "_to_" + "_".join(ends)
-    return f"{name if name.lower().endswith('table') else name + '_table'}{suffix}"
+def _tables(model: Model, names: dict[str, str]) -> tuple[list[py.Line], dict[str, str]]:
+    """Breakpoints and tables, each once; and the name of each variable's table."""
+    found: dict[str, py.Line] = {}
+    functions: dict[str, str] = {}
 
+    def add(wanted: str, value: ast.expr, words: str = "") -> str:
+        key = free_name(wanted, names.values())
+        while key in found and ast.dump(value) != ast.dump(found[key].statement.value):
+            key += "_"
+        found.setdefault(key, py.assign(key, value, words))
+        return key
 
-def _write_tables(model: Model, used: set[str]) -> str:
-    """Breakpoints, then tables, each once."""
-    grids: dict[str, Floats] = {}
-    tables: dict[str, str] = {}
     for variable in model.variables.values():
         look_up = variable.look_up
         if look_up is None:
             continue
         data, title = look_up.table, look_up.description or look_up.table.description or look_up.name
-        name = _table_name(look_up)
-        if name in tables:
-            continue
-        comment = "\n".join(
-            textwrap.wrap(f"{look_up.name}: {title}", WIDTH, initial_indent="# ", subsequent_indent="# ")
-        )
         if data.points is None:
-            used.add("table")
-            keys = []
-            for grid in data.grids:
-                key = "GRID_" + re.sub(r"\W", "_", grid.name, flags=re.ASCII)
-                while key in grids and not np.array_equal(grids[key], grid.points):
-                    key += "_"
-                grids[key] = grid.points
-                keys.append(key)
-            ends = tuple(argument.extrapolate for argument in look_up.arguments)
-            last = "" if set(ends) == {"neither"} else f"    extrapolate={ends!r},\n"
-            axes = "".join(f"    {key},\n" for key in keys)
-            tables[name] = f"{comment}\n{name} = table(\n{axes}{_nested(data.values, 1)},\n{last})"
+            axes = [py.name(add(f"GRID_{grid.name}", py.sequence(grid.points))) for grid in data.grids]
+            value = py.call("table", *axes, py.sequence(data.values))
         else:
-            used.add("scattered")
-            body = f"{_nested(data.points, 1)},\n{_nested(data.values, 1)}"
-            tables[name] = f"{comment}\n{name} = scattered(\n{body},\n)"
-    heads = [_wrapped(f"{key} = (", _numbers(points), ")").rstrip("\n") for key, points in grids.items()]
-    return "\n\n".join((["\n".join(heads)] if heads else []) + list(tables.values()))
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return ", ".join(f"{float(value)!r}" for value in values)
-
-
-def _nested(values: Floats, depth: int) -> str:
-    indent = "    " * depth
-    if values.ndim == 1:
-        return "\n".join(
-            textwrap.wrap(f"({_numbers(values)})", WIDTH, initial_indent=indent, subsequent_indent=indent + " ")
-        )
-    inner = ",\n".join(_nested(part, depth + 1) for part in values)
-    return f"{indent}(\n{inner},\n{indent})"
-
-
-def _wrapped(head: str, body: str, tail: str) -> str:
-    """One line where it fits, else the body on lines of its own."""
-    if len(head) + len(body) + len(tail) <= WIDTH:
-        return f"{head}{body}{tail}"
-    indent = " " * (len(head) - len(head.lstrip()) + 4)
-    inner = textwrap.wrap(body, WIDTH - len(indent), break_long_words=False, break_on_hyphens=False)
-    return head + "\n" + "\n".join(indent + line for line in inner) + "\n" + " " * (len(indent) - 4) + tail
+            value = py.call("scattered", py.sequence(data.points), py.sequence(data.values))
+        ends = [argument.extrapolate for argument in look_up.arguments]
+        wanted = data.name if data.name.lower().endswith("table") else f"{data.name}_table"
+        if data.points is None and set(ends) != {"neither"}:  # a table for this function
+            value.keywords.append(ast.keyword("extrapolate", ast.Tuple(list(map(ast.Constant, ends)), ast.Load())))
+            wanted = f"{wanted}_to_{'_'.join(ends)}"
+        functions[variable.identifier] = add(wanted, value, f"{look_up.name}: {title}")
+    return list(found.values()), functions
 
 
 def _docstring(model: Model, names: dict[str, str]) -> str:
-    lines = ['    """The outputs, in the units of the file.', ""]
+    lines = ["The outputs, in the units of the file.", ""]
     for variable in model.inputs:
         sign = f" ({variable.sign})" if variable.sign else ""
         words = f" - {variable.description}" if variable.description else ""
         text = f"{names[variable.identifier]}: {variable.name}, {variable.units}{sign}{words}"
-        lines += textwrap.wrap(text, WIDTH, initial_indent="    ", subsequent_indent="        ")
-    return "\n".join(lines).replace("\\", "\\\\") + '\n    """' if model.inputs else '    """The outputs."""'
+        lines += textwrap.wrap(text, py.WIDTH, initial_indent="    ", subsequent_indent="        ")
+    return "\n".join([*lines, "    "]) if model.inputs else "The outputs."

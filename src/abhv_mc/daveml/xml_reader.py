@@ -1,8 +1,10 @@
 """An XML file as nodes that know their line. Nothing outside the file is looked at.
 
 A document type is skipped; entity declarations, references to entities and inclusions of other files are refused.
+Words are folded as they are read, so that none can end the comment, docstring or line of YAML that it is written in.
 """
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
@@ -13,11 +15,17 @@ MAX_BYTES = 50_000_000
 _DEEPEST = 200  # elements within elements
 _SEPARATOR = "\n"  # between a name space and a name: no name holds it
 _INCLUDE = "http://www.w3.org/2001/XInclude"
+_QUOTES = str.maketrans('"\\', "'/")
+
+
+def fold(text: str) -> str:
+    """Words on one line that end no comment and no string: white space and what is not printed as spaces, no quotes."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text.translate(_QUOTES)).split())
 
 
 @dataclass
 class Node:
-    """An element: its name without the name space, attributes, children and the text directly in it."""
+    """An element: its name without the name space, attributes, children and the text directly in it, folded."""
 
     name: str
     attributes: dict[str, str]
@@ -35,9 +43,19 @@ class Node:
         return [child for child in self.children if child.name in names]
 
     def words(self, name: str) -> str:
-        """The text of a child on one line; empty without the child."""
+        """The text of a child; empty without the child."""
         child = self.first(name)
-        return " ".join(child.text.split()) if child else ""
+        return child.text if child else ""
+
+    def number(self, text: str, path: Path) -> float:
+        """A number that the element holds. Raises :class:`InputError`."""
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if math.isnan(value):
+            raise InputError(path, f"'{text}'", "a number", self.line, self.column)
+        return value
 
 
 def read_xml(path: Path) -> tuple[Node, bytes]:
@@ -60,7 +78,7 @@ class _Reader:
         self._parser = expat.ParserCreate(namespace_separator=_SEPARATOR)
         self._parser.buffer_text = True
         self._parser.StartElementHandler = self._start
-        self._parser.EndElementHandler = lambda name: self._open.pop()
+        self._parser.EndElementHandler = self._end
         self._parser.CharacterDataHandler = self._characters
         self._parser.EntityDeclHandler = lambda name, *rest: self._refuse(f"the entity declaration '{name}'")
         self._parser.UnparsedEntityDeclHandler = lambda name, *rest: self._refuse(f"the entity declaration '{name}'")
@@ -83,7 +101,7 @@ class _Reader:
             self._refuse("an inclusion of another file")
         if len(self._open) >= _DEEPEST:
             self._refuse(f"more than {_DEEPEST} elements within each other")
-        bare = {key.rpartition(_SEPARATOR)[2]: value for key, value in attributes.items()}
+        bare = {key.rpartition(_SEPARATOR)[2]: fold(value) for key, value in attributes.items()}
         node = Node(plain, bare, self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1)
         if self._open:
             self._open[-1].children.append(node)
@@ -91,6 +109,10 @@ class _Reader:
         else:
             self._root = node
         self._open.append(node)
+
+    def _end(self, name: str) -> None:
+        node = self._open.pop()
+        node.text = fold(node.text)
 
     def _characters(self, text: str) -> None:
         if self._open:
