@@ -22,7 +22,7 @@ from paper_points import AFTER, CONTROLLERS, OUT, POINTS, VERDICTS, Point, axis_
 from abhv_mc.control.columns import LQR_ELEVATOR, LQR_GUIDANCE, LQR_LATERAL
 from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
 from abhv_mc.control.design.lqr_design import attitude_slopes, gains_at, lateral_model, make_models, make_nominal
-from abhv_mc.control.design.profile import step_times
+from abhv_mc.control.design.profile import ramp_times
 from abhv_mc.control.design.reference import SETTLING, make_mission_trim_tables, solve_reference
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import nominal_parameters
@@ -229,7 +229,7 @@ def main() -> None:
     arguments = parser.parse_args()
     check_gains()
     results = read_results(arguments.folder)
-    steps = step_times(read_mission(ROOT / "configs/mission/s_manoeuvre.yaml"))
+    steps = tuple(first for first, _ in ramp_times(read_mission(ROOT / "configs/mission/s_manoeuvre.yaml")))
     images = {"paper_fig02": "Figure 2, ground track"}
     names = {point: f"paper_fig{int(point.figure):02d}_{point.channel.rsplit('_', 1)[0]}" for point in POINTS}
     images |= {name: f"Figure {point.figure}, {point.words}" for point, name in names.items()}

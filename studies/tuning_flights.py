@@ -9,7 +9,7 @@ from experiment import ERRORS, ROOT, Bench, Floats, columns, corner_parameters
 from numpy.typing import NDArray
 
 from abhv_mc.control.controller_file import TlcController
-from abhv_mc.control.design.profile import step_times
+from abhv_mc.control.design.profile import ramp_times
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.outcome import Outcome
@@ -40,7 +40,7 @@ class Tuning:
     def __init__(self, vehicle: Path) -> None:
         mission = ROOT / "configs/mission/s_manoeuvre.yaml"
         self.bench, self.parameters = Bench(vehicle, mission), corner_parameters()
-        self.steps = step_times(self.bench.mission)
+        self.steps = [first for first, _ in ramp_times(self.bench.mission)]
 
     def controller(self, changes: dict[str, float]) -> TlcController:
         """Table 1 with other numbers: 'attitude.bank.damping', 'differentiators.rates', ..."""

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Discriminator, Field, PlainSerializer, Tag, WithJsonSchema, model_validator
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.air_file import DENSITY, WIND, join_air, read_air_table
+from abhv_mc.control.s_shape import s_shape
 from abhv_mc.control.trajectory_file import read_trajectory
 from abhv_mc.io.documents import File, Refusal, StrictModel, read_document, validate
 from abhv_mc.io.input_files import made_once
@@ -81,14 +83,32 @@ class Turn(StrictModel):
 
 
 class SManoeuvre(StrictModel):
-    """The track moved sideways by ``offset``: ``y = offset / 2 (1 - cos(pi t / length))``, original heading at the end.
+    """The track moved sideways by ``offset``, original heading at the end.
 
-    The lateral acceleration steps to its maximum at the beginning and back to zero at the end.
+    The lateral acceleration goes as ``c |c|^(sharpness - 1)`` with ``c = cos(pi t / length)`` and is established, and
+    left at the end, over ``bank_time``. Without the last two keys ``y = offset / 2 (1 - cos(pi t / length))``, and
+    the acceleration steps at both ends.
     """
 
     kind: Literal["s_manoeuvre"] = Field(description=_KIND)
     offset: Length = Field(description="positive to the left of the start's heading (to the north, flying east)")
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
+    bank_time: Annotated[Time, Field(ge=0.0)] = Field(
+        0.0, description="in which the bank is established, and left at the end; at most half the length"
+    )
+    sharpness: Annotated[float, Field(ge=1.0, le=10.0)] = Field(
+        1.0, description="exponent of the acceleration: the larger, the longer the flight between the turns is straight"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "SManoeuvre":
+        if self.bank_time > 0.5 * self.length:
+            raise Refusal(f"{self.bank_time:g} s", f"at most half the length, {0.5 * self.length:g} s", ("bank_time",))
+        return self
+
+    def lateral_motion(self, since: Floats) -> tuple[Floats, Floats]:
+        """Speed (m/s) and acceleration (m/s2) to the left at times (s) since its beginning."""
+        return s_shape(since, self.offset, self.length, self.bank_time, self.sharpness)
 
 
 class WaypointTurn(StrictModel):
@@ -237,7 +257,7 @@ class Mission(StrictModel):
         altitude, speed = self.start.altitude, self.start.speed
         for place, _, manoeuvre in self.moves():
             if isinstance(manoeuvre, SManoeuvre):
-                sideways = 0.5 * abs(manoeuvre.offset) * 3.1416 / manoeuvre.length
+                sideways = abs(manoeuvre.lateral_motion(np.array([0.5 * manoeuvre.length]))[0][0])
                 if sideways > 0.5 * speed:
                     raise Refusal(
                         f"an S that asks for {sideways:.0f} m/s sideways",

@@ -15,6 +15,7 @@ from abhv_mc.control.design.lqr_design import (
     lateral_model,
     longitudinal_model,
     make_lqr_gains,
+    make_lqr_models,
     make_models,
     make_nominal,
 )
@@ -81,6 +82,14 @@ def test_gains_are_not_interpolated_across_a_step(controller, nominal_at, refere
     usual = np.abs(np.diff(gains[:5000], axis=0)).max(axis=0)
     moved = LQR_GAINS.index("bank_by_path")
     assert jump[moved] > 100.0 * usual[moved]
+
+
+def test_ramps_have_knots_each_tenth_of_a_second(mission, vehicle, trim_tables, reference):
+    ramped = mission.model_copy(update={"manoeuvre": mission.manoeuvre.model_copy(update={"bank_time": 2.0})})
+    knots = np.concatenate([piece.knots for piece in make_lqr_models(5.0, ramped, reference, vehicle, trim_tables)])
+    for first in (0, 4800):
+        assert set(range(first, first + 200, 10)) <= set(knots)
+    assert len(knots) < 70  # each 5 s elsewhere
 
 
 def test_attitude_slopes_by_hand(nominal_at, vehicle):

@@ -1,12 +1,14 @@
 """Manoeuvres, alone or in phases: rates are the derivatives of what is asked for, and each ends where it should."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
-from abhv_mc.control.design.profile import make_profile, step_times
+from abhv_mc.control.design.profile import make_profile, ramp_times
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.io.documents import Document, InputError, validate
 
@@ -38,6 +40,13 @@ MANOEUVRES: dict[str, dict[str, Any]] = {
     "pull_up": {"kind": "pull_up", "flight_path_angle": "6 deg", "length": "10 s"},
     "turn": {"kind": "turn", "heading_change": "10 deg", "length": "45 s"},
     "s_manoeuvre": {"kind": "s_manoeuvre", "offset": "-3 km", "length": "40 s"},
+    "s_with_ramps": {
+        "kind": "s_manoeuvre",
+        "offset": "-3 km",
+        "length": "40 s",
+        "bank_time": "1.5 s",
+        "sharpness": 1.8,
+    },
     "waypoints": {
         "kind": "waypoints",
         "turns": [
@@ -66,8 +75,9 @@ def test_rates_are_derivatives(kind: str, tmp_path: Path) -> None:
     mission = make_mission(manoeuvre, start_time="0 s" if kind == "recorded" else "5 s", start=start)
     profile = make_profile(mission, TIMES)
     smooth = np.ones(TIMES.size - 2, dtype=bool)
-    for step in step_times(mission):
-        smooth &= np.abs(TIMES[1:-1] - step) > 2.0 * STEP
+    for ramp in ramp_times(mission):
+        for end in ramp if ramp[0] == ramp[1] else ():
+            smooth &= np.abs(TIMES[1:-1] - end) > 2.0 * STEP
     pairs = (("altitude", 5.0), ("flight_path_angle", 0.1), ("speed", 0.2), ("heading", 1e-2))
     for name, scale in pairs:
         value, rate = getattr(profile, name), getattr(profile, f"{name}_rate")
@@ -93,13 +103,50 @@ def test_where_they_end() -> None:
     assert sideways == pytest.approx(3000.0, rel=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("length", "bank_time", "sharpness"), [(53.4, 1.8, 1.8), (50.0, 0.0, 2.4), (55.0, 0.7, 1.0), (40.0, 20.0, 1.0)]
+)
+def test_an_s_with_ramps_by_an_independent_integration(length: float, bank_time: float, sharpness: float) -> None:
+    """Speed, track and acceleration of the S by scipy's quadrature of the formula; no speed left, the offset kept."""
+    s = {"kind": "s_manoeuvre", "offset": "-5 km", "length": f"{length} s", "bank_time": f"{bank_time} s"}
+    mission = make_mission(s | {"sharpness": sharpness}, start_time="3 s")
+    times = np.array([0.0, 3.0, *3.0 + length * np.array([0.01, 0.2, 0.45, 0.5, 0.7, 0.97]), 3.0 + length, 59.9])
+
+    def growth(t: float) -> float:
+        """Of the acceleration; the step of fifth order by its integral, 30 x^2 (1 - x)^2."""
+        share = 1.0
+        for since in (t, length - t):
+            x = min(since / bank_time, 1.0) if bank_time else 1.0
+            share *= quad(lambda u: 30.0 * u**2 * (1.0 - u) ** 2, 0.0, x)[0]
+        c = np.cos(np.pi * t / length)
+        return float(np.sign(c) * abs(c) ** sharpness * share)
+
+    def integral(weight: Callable[[float], float], end: float) -> float:
+        breaks = [t for t in (bank_time, 0.5 * length, length - bank_time) if 0.0 < t < end]
+        return float(quad(lambda t: weight(t) * growth(t), 0.0, end, points=breaks or None, limit=200)[0])
+
+    size = 5000.0 / integral(lambda t: length - t, length)
+    since = np.clip(times - 3.0, 0.0, length)
+    speed = np.array([size * integral(lambda t: 1.0, end) for end in since])
+    profile = make_profile(mission, times)
+    np.testing.assert_allclose(1400.0 * np.sin(profile.heading - np.pi / 2.0), speed, atol=1e-6)
+    inside = (times >= 3.0) & (times < 3.0 + length)
+    wanted = np.array([size * growth(t) for t in since]) * inside
+    np.testing.assert_allclose(profile.heading_rate * 1400.0 * np.cos(profile.heading - np.pi / 2.0), wanted, atol=1e-6)
+    assert profile.heading[-2:] == pytest.approx(np.deg2rad(90.0), abs=1e-12)
+    assert ramp_times(mission) == ((3.0, 3.0 + bank_time), (3.0 + length - bank_time, 3.0 + length))
+    fine = make_profile(mission, TIMES)
+    sideways = np.sum(fine.speed * np.sin(fine.heading - np.pi / 2.0)) * STEP
+    assert sideways == pytest.approx(5000.0, rel=1e-5)
+
+
 def test_what_a_phase_leaves_is_held() -> None:
     mission = make_mission(MANOEUVRES["phases"], start_time="5 s")
     profile = make_profile(mission, np.array([0.0, 25.0, 30.0, 40.0, 50.0]))
     assert profile.altitude == pytest.approx([20e3, *4 * [20.2e3]])
     assert profile.speed == pytest.approx([1400.0, *4 * [1450.0]])
     assert np.rad2deg(profile.heading) == pytest.approx([90.0, 90.0, 90.0, 94.0, 94.0])
-    assert step_times(mission) == (40.0, 50.0)
+    assert ramp_times(mission) == ((40.0, 40.0), (50.0, 50.0))
     times = np.linspace(40.0, 50.0, 10001)
     s = make_profile(mission, times)
     left = np.trapezoid(s.speed * np.sin(np.deg2rad(94.0) - s.heading), times)
@@ -145,6 +192,7 @@ def test_a_bad_trajectory_is_refused_with_its_line(
         ("manoeuvre: {kind: climb, altitude_change: 30 km, length: 40 s}", "a climb to 50000 m"),
         ("manoeuvre: {kind: phases, phases: [{kind: climb, altitude_change: 30 km, length: 9 s}]}", "to 50000 m"),
         ("manoeuvre: {kind: s_manoeuvre, offset: 50 km, length: 50 s}", "sideways"),
+        ("manoeuvre: {kind: s_manoeuvre, offset: 5 km, length: 50 s, bank_time: 26 s}", "half the length, 25 s"),
         ("manoeuvre: {kind: level}\nlimits: {altitude: [30 km, 40 km]}", "20000 m"),
     ],
 )

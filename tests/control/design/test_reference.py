@@ -49,6 +49,16 @@ def test_ticks_take_the_value_right_of_a_step(column: Columns) -> None:
     np.testing.assert_array_equal(unsettled, [*range(500), *range(5000, 5500)])
 
 
+def test_ramps_and_five_seconds_after_them_are_not_settled(
+    mission: Mission, vehicle: Vehicle, trim_tables: Tables
+) -> None:
+    ramped = mission.manoeuvre.model_copy(update={"bank_time": 2.0})
+    asked = mission.model_copy(update={"manoeuvre": ramped, "start_time": 1.0})
+    reference, _ = solve_reference(asked, vehicle, trim_tables, 0.1, 600)
+    unsettled = np.flatnonzero(reference[:, REFERENCE.index("settled")] == 0.0)
+    np.testing.assert_array_equal(unsettled, [*range(10, 80), *range(490, 560)])  # 1 to 8 s, 49 to 56 s
+
+
 def test_cross_track_is_positive_to_the_left(mission: Mission, vehicle: Vehicle, trim_tables: Tables) -> None:
     """Whatever the heading, the reference's own displacement along the track vector is y."""
     for heading in (0.3, 4.0):

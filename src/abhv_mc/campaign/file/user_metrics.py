@@ -54,7 +54,7 @@ class MetricEntry(StrictModel):
     )
     from_: Time = Field(0.0, alias="from", description="the window's start")
     to: Time | None = Field(None, description="the window's end; by default the flight's")
-    settled: bool = Field(False, description="leave out 5 s after each step of the reference")
+    settled: bool = Field(False, description="leave out ramps and steps of the bank, and 5 s after")
     empty: float | None = Field(None, description="value where no tick of the window was flown; left out: none, a miss")
     bad: Bad | None = Field(
         None,

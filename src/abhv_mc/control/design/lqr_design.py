@@ -26,12 +26,13 @@ from abhv_mc.control.design.design_model import (
 )
 from abhv_mc.control.design.design_tables import Numbers, slope
 from abhv_mc.control.design.environment import make_environment
-from abhv_mc.control.design.profile import step_times
+from abhv_mc.control.design.profile import ramp_times
 from abhv_mc.control.mission import Mission
 from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.model import Vehicle
 
 _DEGREE = np.pi / 180.0
+_RAMP_SPACING = 0.1  # s between the knots in the ramps of the bank
 
 
 class Nominal(NamedTuple):
@@ -63,7 +64,7 @@ class LinearModels(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """Linear models along a stretch of the reference without a step."""
+    """Linear models along a stretch of the reference without a step, in a ramp or between two."""
 
     first: int  # tick
     end: int  # tick after the last
@@ -81,9 +82,9 @@ def make_lqr_gains(
 ) -> Floats:
     """``[tick, gain]`` in the order of LQR_GAINS: ``u = nominal - K (x - nominal)``, SI and radians.
 
-    Gains are computed every ``controller.spacing`` and on both sides of each step of the reference, and interpolated
-    in time between, never across a step. Raises numpy.linalg.LinAlgError where a Riccati equation has no stabilising
-    solution.
+    Gains are computed every ``controller.spacing``, every 0.1 s in the ramps of the bank and on both sides of each step
+    of the reference, and interpolated in time between, never across a step. Raises numpy.linalg.LinAlgError where a
+    Riccati equation has no stabilising solution.
     """
     pieces = make_lqr_models(controller.spacing, mission, reference, vehicle, trim_tables)
     return gains_of_models(controller, pieces, reference[:, REFERENCE.index("time")])
@@ -92,12 +93,14 @@ def make_lqr_gains(
 def make_lqr_models(
     spacing: float, mission: Mission, reference: Floats, vehicle: Vehicle, trim_tables: Tables
 ) -> list[Piece]:
-    """The linear models along the reference, a piece for each stretch between its steps."""
+    """The linear models along the reference, a piece for each stretch in its ramps and between its ramps or steps."""
     tick = reference[1, 0] - reference[0, 0]
-    stride = max(1, round(spacing / tick))
-    starts = sorted({0, *(int(np.ceil(step / tick - 1e-6)) for step in step_times(mission))})
+    ramps = [tuple(int(np.ceil(time / tick - 1e-6)) for time in ramp) for ramp in ramp_times(mission)]
+    starts = sorted(start for start in {0, *(start for ramp in ramps for start in ramp)} if start < len(reference))
     pieces = []
     for first, end in zip(starts, [*starts[1:], len(reference)], strict=True):
+        in_ramp = any(begin <= first < last for begin, last in ramps)
+        stride = max(1, round(min(spacing, _RAMP_SPACING) / tick if in_ramp else spacing / tick))
         knots = np.unique([*range(first, end, stride), end - 1])
         models = [make_models(vehicle, trim_tables, make_nominal(mission, reference[knot])) for knot in knots]
         pieces.append(Piece(first, end, knots, models))

@@ -8,8 +8,6 @@ from abhv_mc.array_types import Floats
 from abhv_mc.control import mission as m
 from abhv_mc.control.trajectory_file import read_trajectory
 
-_SAME_TIME = 1e-9  # s: a tick that close to a step of the reference is on it
-
 
 class Profile(NamedTuple):
     """The wanted motion, each ``[time]``, SI and radians."""
@@ -24,14 +22,14 @@ class Profile(NamedTuple):
     heading_rate: Floats
 
 
-def step_times(mission: m.Mission) -> tuple[float, ...]:
-    """When the reference's acceleration steps, s; those within the mission."""
+def ramp_times(mission: m.Mission) -> tuple[tuple[float, float], ...]:
+    """From when to when (s) an S establishes its bank and leaves it: a step lasts no time. Those within the mission."""
     return tuple(
-        step
+        (first, first + manoeuvre.bank_time)
         for _, begin, manoeuvre in mission.moves()
         if isinstance(manoeuvre, m.SManoeuvre)
-        for step in (begin, begin + manoeuvre.length)
-        if step <= mission.duration
+        for first in (begin, begin + manoeuvre.length - manoeuvre.bank_time)
+        if first <= mission.duration
     )
 
 
@@ -53,10 +51,7 @@ def make_profile(mission: m.Mission, times: Floats) -> Profile:
     for _, begin, manoeuvre in mission.moves():
         since = times - begin
         if isinstance(manoeuvre, m.SManoeuvre):
-            wave = np.pi / manoeuvre.length
-            inside = (since >= -_SAME_TIME) & (since < manoeuvre.length - _SAME_TIME)
-            sideways = np.where(inside, 0.5 * manoeuvre.offset * wave * np.sin(wave * since), 0.0) / speed_now
-            sideways_rate = np.where(inside, 0.5 * manoeuvre.offset * wave**2 * np.cos(wave * since), 0.0) / speed_now
+            sideways, sideways_rate = (part / speed_now for part in manoeuvre.lateral_motion(since))
             heading = heading - np.arcsin(sideways)
             heading_rate = heading_rate - sideways_rate / np.sqrt(1.0 - sideways**2)
         elif isinstance(manoeuvre, m.Turn):

@@ -6,7 +6,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.design.environment import density_factor, make_places
 from abhv_mc.control.design.guidance_trim import GuidancePoints, GuidanceTrim, trim_along
-from abhv_mc.control.design.profile import Profile, make_profile, step_times
+from abhv_mc.control.design.profile import Profile, make_profile, ramp_times
 from abhv_mc.control.design.trim_tables import make_trim_tables
 from abhv_mc.control.mission import Mission
 from abhv_mc.plant.trim import FlightPoint, TrimPoint, trim
@@ -16,7 +16,7 @@ from abhv_mc.world.earth import Earth, radii
 
 COLUMN_INDEX = {name: i for i, name in enumerate(REFERENCE)}
 
-SETTLING = 5.0  # s after a step of the reference that "settled" metrics leave out
+SETTLING = 5.0  # s after a ramp or a step of the reference that "settled" metrics leave out, as they do the ramp
 
 
 def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
@@ -57,9 +57,8 @@ def solve_reference(
     nominal = trim_along(vehicle, trim_tables, points, vehicle.constants.mass_start, tick, held)
     times = np.arange(ticks + 1) * tick
     settled = np.ones(ticks + 1)
-    for step in step_times(mission):
-        since = times - step
-        settled[(since > -0.5 * tick) & (since < SETTLING - 0.5 * tick)] = 0.0
+    for first, last in ramp_times(mission):
+        settled[(times - first > -0.5 * tick) & (times - last < SETTLING - 0.5 * tick)] = 0.0
     heading = mission.start.heading
     column = {
         "time": times,
