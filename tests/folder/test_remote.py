@@ -177,7 +177,7 @@ def test_a_writer_that_lost_its_lease_stops_and_writes_nothing_more(bucket, tmp_
         fly_on()
     assert "process 7 on other is flying" in capfd.readouterr().err
     (kept,) = (tmp_path / "staging").iterdir()
-    assert (kept / "late.json").exists()
+    assert (kept / "copy/late.json").exists()
     assert "late.json" not in names(store, base)
 
 

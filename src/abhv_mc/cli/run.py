@@ -3,7 +3,7 @@
 import sys
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TextIO
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -113,13 +113,13 @@ def finish(
     ``place`` is what the user calls the folder: perhaps an address.
     """
     from abhv_mc.cli.announce import announce_warnings
+    from abhv_mc.folder.seeds import name_siblings
     from abhv_mc.folder.store import parse_address
 
     named = parse_address(place or "") or str(result.folder)
     told = beside(json)
-    siblings, entries = _judge_together(result)
-    shown = result.manifest | {"folder": named, "requirements": entries}
-    show(shown, json, lambda: _print_result(result, named))
+    entries = result.manifest["requirements"]
+    show(result.manifest | {"folder": named}, json, lambda: _print_result(result, named))
     if junit is not None:
         from abhv_mc.report.pages.matrix import make_junit, verdict_cases
 
@@ -139,28 +139,11 @@ def finish(
         count = "1 flight" if lost == 1 else f"{lost} flights"
         say(f"{count} could not be computed: the same command tries again", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
+    siblings, merge = name_siblings(result.folder, result.manifest)
     if siblings:
-        say(f"The same question, other flights beside this folder: {siblings}. All together:", file=told)
-        print_requirements(entries, told)
+        say(f"{siblings} All judged together: {merge}", file=told)
     if any(entry["verdict"] == "FAIL" for entry in entries):
         raise typer.Exit(ExitCode.FAILED)
-
-
-def _judge_together(result: "RunResult") -> tuple[str, list[dict[str, Any]]]:
-    """Campaigns of the same question beside the folder by name, and what they and it show together; itself alone."""
-    from abhv_mc.folder.seeds import find_siblings
-
-    manifest = result.manifest
-    siblings = find_siblings(result.folder, manifest) if result.complete and manifest["requirements"] else []
-    if not siblings:
-        return "", manifest["requirements"]
-    from abhv_mc.execution.judge_seeds import judge_together
-    from abhv_mc.folder.inputs import read_folder_campaign
-    from abhv_mc.folder.layout import CampaignFolder
-
-    campaign = read_folder_campaign(CampaignFolder(result.folder))
-    named = ", ".join(f"{place.name} ({other['runs_done']} flights)" for place, other in siblings)
-    return named, judge_together(campaign, [manifest, *(other for _, other in siblings)])
 
 
 def _parse_shard(text: str) -> tuple[int, int]:
@@ -185,7 +168,7 @@ def describe_outcomes(facts: dict[str, Any]) -> str:
     return ", ".join(f"{number} {outcome}" for outcome, number in facts["outcomes"].items()) or "none"
 
 
-def print_requirements(entries: list[dict[str, Any]], told: TextIO | None = None) -> None:
+def print_requirements(entries: list[dict[str, Any]]) -> None:
     """A table of the requirements: what each asks of whom, what was counted, the verdict and what it rests on."""
     from abhv_mc.numerics.bounds import Bounds
 
@@ -196,4 +179,4 @@ def print_requirements(entries: list[dict[str, Any]], told: TextIO | None = None
         asked = f"{entry['metric']} {Bounds.of(entry)}"
         verdict, _, words = entry.get("words", entry["verdict"]).partition(": ")
         table.add_row(entry["controller"], asked, f"{100 * entry['probability']:g} %", verdict, words)
-    print_table(table, file=told)
+    print_table(table)

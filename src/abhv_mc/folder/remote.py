@@ -107,9 +107,10 @@ def fetched(path: Path) -> Iterator[Path]:
         return
     address = str(parse_address(path))
     with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder:
+        copy = Path(folder) / "copy"  # nobody else's folders beside it
         with _explain_store_error(address):
-            Remote(open_store(address), Path(folder)).pull()
-        yield Path(folder)
+            Remote(open_store(address), copy).pull()
+        yield copy
 
 
 @contextlib.contextmanager
@@ -151,7 +152,8 @@ def mirrored(path: Path, staging: Path | None = None) -> Iterator[Path]:
     if staging is not None:
         staging.mkdir(parents=True, exist_ok=True)
     store = open_store(address)
-    folder = Path(tempfile.mkdtemp(prefix="abhv-mc-", dir=staging))
+    folder = Path(tempfile.mkdtemp(prefix="abhv-mc-", dir=staging)) / "copy"
+    folder.mkdir()
     lease = Lease(store)
     remote = Remote(store, folder, lease)
     keep, ended = False, threading.Event()
@@ -175,7 +177,7 @@ def mirrored(path: Path, staging: Path | None = None) -> Iterator[Path]:
     finally:
         lease.stop()
         if not keep:
-            shutil.rmtree(folder, ignore_errors=True)
+            shutil.rmtree(folder.parent, ignore_errors=True)
 
 
 def _push(remote: Remote, ended: threading.Event) -> None:

@@ -1,7 +1,9 @@
 """Campaigns of one question with different seeds: which lie beside each other, and how they become one."""
 
 import contextlib
+import shlex
 import shutil
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -33,32 +35,32 @@ def seeds_of(manifest: dict[str, Any]) -> set[int]:
     return {part["seed"] for part in manifest.get("pooled", ())} or {manifest["seed"]}
 
 
-def _is_random(folder: CampaignFolder, manifest: dict[str, Any]) -> bool:
-    """Whether its flights are independent draws."""
-    sampling = read_folder_inputs(folder, manifest).data.get("sampling", INDEPENDENT)
-    return sampling in (INDEPENDENT, {"design": INDEPENDENT})
-
-
-def find_siblings(root: Path, manifest: dict[str, Any]) -> list[tuple[Path, dict[str, Any]]]:
-    """Complete campaigns of the same question and code beside a folder of random flights, with other flights than it
-    and than each other; most first."""
+def name_siblings(root: Path, manifest: dict[str, Any]) -> tuple[str, str]:
+    """What complete campaigns of the same question and code beside a folder of random flights found, and the command
+    that merges them with it; two empty texts where there is none. Larger ones first: they may be merged ones."""
+    root = root if root.name else root.resolve()
+    asked = manifest.get("requirements")
+    if manifest["state"] != COMPLETE or not asked or asked[0]["verdict"] == "ESTIMATE":
+        return "", ""
     beside = []
     for path in sorted(root.resolve().parent.glob("*/manifest.json")):
-        if path.parent == root.resolve():
-            continue
         with contextlib.suppress(InputError):  # of something else
             other = read_manifest(path)
             same = all(other.get(key) == manifest.get(key) for key in _SAME) and other["state"] == COMPLETE
             if same and other.get("requirements"):
-                beside.append((path.parent, other))
-    if beside and not _is_random(CampaignFolder(root), manifest):
-        return []
-    found, taken = [], seeds_of(manifest)
-    for place, other in sorted(beside, key=lambda one: -one[1]["runs_done"]):
+                beside.append((-other["runs_done"], root.parent / path.parent.name, other))
+    named, folders, taken = [], [root], seeds_of(manifest)
+    for flights, folder, other in sorted(beside, key=lambda one: one[0]):
         if not taken & seeds_of(other):
-            found.append((place, other))
+            verdicts = Counter(entry["verdict"] for entry in other["requirements"])
+            words = ", ".join(f"{count} {status}" for status, count in verdicts.items())
+            named.append(f"{folder.name} ({-flights} flights: {words})")
+            folders.append(folder)
             taken |= seeds_of(other)
-    return found
+    if not named:
+        return "", ""
+    command = ["abhv-mc", "merge", *map(str, folders), "-o", f"{root}_merged"]
+    return f"The same question with other seeds, not counted here: {'; '.join(named)}.", shlex.join(command)
 
 
 def check_pool(parts: Sequence[Path]) -> list[CampaignFolder]:
@@ -77,7 +79,8 @@ def check_pool(parts: Sequence[Path]) -> list[CampaignFolder]:
             found = f"flights of seed {min(seeds)} a second time"
             raise InputError(folder.root, found, "each seed once: its flights would be counted twice")
         taken |= seeds_of(manifest)
-        if not _is_random(folder, manifest):
+        sampling = read_folder_inputs(folder, manifest).data.get("sampling", INDEPENDENT)
+        if sampling not in (INDEPENDENT, {"design": INDEPENDENT}):
             raise InputError(folder.root, "a design that is not random", "independent flights")
         for name in manifest["controllers"]:
             ours, theirs = (read_stored_parts(one.plan(name)) for one in (folders[0], folder))

@@ -12,6 +12,7 @@ from abhv_mc.folder.hashes import data_files
 from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.results import read_results
+from abhv_mc.folder.seeds import name_siblings
 from abhv_mc.io.input_error import InputError, describe, one_of
 
 Format = Literal["html", "md"]
@@ -57,6 +58,7 @@ def make_key(folder: Path, baseline: Path | None = None) -> str:
     )
     code = {path.relative_to(source).as_posix(): hash_file(path) for path in parts if path.suffix != ".pyc"}
     data: list[Any] = [abhv_mc.__version__, code, hash_file(folder / "manifest.json")]
+    data += name_siblings(folder, read_manifest(CampaignFolder(folder).manifest))
     if CampaignFolder(folder).failure_map.is_file():
         data.append(hash_file(CampaignFolder(folder).failure_map))
     if baseline is not None:

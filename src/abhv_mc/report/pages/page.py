@@ -16,6 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from markupsafe import Markup, escape
 
 from abhv_mc.folder.results import Results
+from abhv_mc.folder.seeds import name_siblings
 from abhv_mc.report.numbers import tables
 from abhv_mc.report.numbers.confidence import confidence_sentence
 from abhv_mc.report.numbers.failure_map import failure_map_tables
@@ -190,6 +191,7 @@ def _context(models: Models, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "figure_set": results.campaign.figures,
         "provenance": _provenance(results),
         "folder": folder,
+        "siblings": name_siblings(results.folder, results.manifest),
     }
 
 

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -9,14 +10,15 @@ import pytest
 from fake_flight import ENGINE, interrupted_after, write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution.judge_seeds import judge_together
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.results import read_results
-from abhv_mc.folder.seeds import find_siblings
+from abhv_mc.folder.seeds import name_siblings
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
+from abhv_mc.report.pages.build import is_up_to_date
+from abhv_mc.statistics.verdicts import judge, verdict_words
 from abhv_mc.topics.topic import Models
 
 # About 4 % of the fake flights end early.
@@ -28,13 +30,14 @@ def fly(tmp_path, seeds, **entries):
     return campaign, [run_campaign(Request(campaign, tmp_path / f"seed{s}", seed=s), ENGINE).manifest for s in seeds]
 
 
-def test_equal_counts_give_the_same_words_in_one_folder_or_merged_from_three(tmp_path):
-    campaign, parts = fly(tmp_path, (1, 2, 3))
+def test_a_merge_is_judged_by_the_counts_of_all(tmp_path):
+    _, parts = fly(tmp_path, (1, 2, 3))
     merged = merge_campaign([tmp_path / f"seed{s}" for s in (1, 2, 3)], tmp_path / "all", ENGINE)
     (entry,) = merged.manifest["requirements"]
     assert merged.complete and entry["flights"] == 600
     assert entry["failures"] == sum(part["requirements"][0]["failures"] for part in parts)
-    assert [entry["words"]] == [one["words"] for one in judge_together(read_campaign(campaign), parts)]
+    verdict = judge(entry["failures"], 600, 0.93, entry["consumer_risk"])
+    assert (entry["verdict"], entry["words"]) == (verdict.status, verdict_words(verdict))
     assert merged.manifest["question"] == parts[0]["question"]
     numbers = make_numbers(Models(read_results(tmp_path / "all")))["requirements"][0]["controllers"]["one"]
     assert (numbers["flights"], numbers["failures"], numbers["status"]) == (600, entry["failures"], entry["verdict"])
@@ -87,35 +90,33 @@ def test_what_does_not_belong_together_is_refused(tmp_path, change, words):
     assert not (tmp_path / "all").exists()
 
 
-def test_siblings_are_counted_once(tmp_path):
-    _, parts = fly(tmp_path, (1, 2, 3))
+def test_campaigns_beside_are_named_once_where_they_can_be_merged(tmp_path, monkeypatch):
+    """Two Latin hypercubes are no draws; neither other code nor half a campaign joins."""
+    campaign, parts = fly(tmp_path, (1, 2, 3))
+    run_campaign(Request(campaign, tmp_path / "other_code", seed=5), replace(ENGINE, source="other"))
+    run_campaign(Request(campaign, tmp_path / "half", seed=6), interrupted_after(5))
     merge_campaign([tmp_path / "seed1", tmp_path / "seed2"], tmp_path / "all", ENGINE)
-    assert [place.name for place, _ in find_siblings(tmp_path / "seed3", parts[2])] == ["all"]
-    assert [place.name for place, _ in find_siblings(tmp_path / "seed1", parts[0])] in (
-        ["seed2", "seed3"], ["seed3", "seed2"])  # fmt: skip
-
-
-def test_what_cannot_be_joined_is_not_judged_together(tmp_path):
-    """Two Latin hypercubes, each an ESTIMATE, were a PASS together; other code and half a campaign counted, too."""
-    campaign, (first,) = fly(tmp_path, (1,))
-    run_campaign(Request(campaign, tmp_path / "other_code", seed=2), replace(ENGINE, source="other"))
-    run_campaign(Request(campaign, tmp_path / "half", seed=3), interrupted_after(5))
+    words, command = name_siblings(tmp_path / "seed3", parts[2])
+    assert "here: all (400 flights: 1 " in words and f"merge {tmp_path}/seed3 {tmp_path}/all -o" in command
+    monkeypatch.chdir(tmp_path / "seed1")
+    assert f"{tmp_path}/seed2 {tmp_path}/seed3 -o {tmp_path}/seed1_merged" in name_siblings(Path(), parts[0])[1]
     _, (cube, _) = fly(tmp_path / "lhs", (1, 2), sampling="lhs")
-    assert find_siblings(tmp_path / "seed1", first) == find_siblings(tmp_path / "lhs/seed1", cube) == []
+    assert name_siblings(tmp_path / "lhs/seed1", cube) == ("", "")
 
 
-def test_run_ends_with_the_words_and_the_code_of_all_together(abhv_mc, tmp_path, monkeypatch):
-    """Ten new seeds, each judged alone, give 63 % false PASS."""
-    monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
+def test_a_run_and_its_report_judge_their_folder_and_name_those_beside_it(abhv_mc, tmp_path, monkeypatch):
+    """A run's exit code, JUnit and last line were of its neighbours, its report was not."""
+    for module in ("runner", "merge"):
+        monkeypatch.setattr(f"abhv_mc.execution.{module}.make_engine", lambda: ENGINE)
+    monkeypatch.chdir(tmp_path)
     campaign = write_campaign(tmp_path / "f", requirements=ASKED.replace("0.93", "0.99"), runs="400")
-    codes = []
-    for seed in (1, 2):
-        words = ("-o", tmp_path / f"s{seed}", "--seed", seed, "--no-report", "--junit", tmp_path / f"s{seed}.xml")
-        code, out, _ = abhv_mc("run", campaign, *words)
-        codes.append(code)
-    counts = [json.loads((tmp_path / f"s{s}/manifest.json").read_text())["requirements"][0]["failures"] for s in (1, 2)]
-    assert codes[1] == 1 and "s1 (400 flights). All together:" in out
-    assert f"{sum(counts)} failures in 800 flights" in out.splitlines()[-2] + out.splitlines()[-1]
-    assert f"{sum(counts)} failures in 800 flights" in (tmp_path / "s2.xml").read_text()
-    _, out, _ = abhv_mc("run", campaign, *words, "--json", "-")
-    assert json.loads(out)["requirements"][0]["flights"] == 800
+    assert abhv_mc("run", campaign, "-o", "s1", "--seed", 1, "--no-report")[0] == 1
+    code, out, _ = abhv_mc("run", campaign, "-o", "s2", "--seed", 2, "--runs", 60, "--junit", "s2.xml")
+    own = json.loads(Path("s2/manifest.json").read_text())["requirements"][0]
+    assert (code, own["verdict"], own["flights"]) == (0, "NOT SHOWN", 60)
+    assert own["words"] in Path("s2.xml").read_text() and "in 60 flights" in own["words"]
+    assert "s1 (400 flights: 1 FAIL)" in out.splitlines()[-1] and "merge s2 s1 -o s2_merged" in out.splitlines()[-1]
+    assert "s1 (400 flights: 1 FAIL)" in Path("s2/report.html").read_text() and is_up_to_date(Path("s2"))
+    assert abhv_mc("merge", "s2", "s1", "-o", "s2_merged", "--no-report")[0] == 1
+    abhv_mc("run", campaign, "-o", "s3", "--seed", 3, "--runs", 60, "--no-report")
+    assert not is_up_to_date(Path("s2"))
