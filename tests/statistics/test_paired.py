@@ -5,11 +5,8 @@ from abhv_mc.statistics.paired import (
     compare_failures,
     compare_metric,
     compare_usage,
-    not_worse,
     pairing_gain,
 )
-
-NONE = np.zeros(1000, dtype=bool)
 
 
 def test_by_how_much():
@@ -60,36 +57,3 @@ def test_usage_quadrants():
     assert found.more_error_less_usage == found.more_error_more_usage == 1
     assert found.error_ratio.value == 1.0
     assert compare_usage(*np.zeros((4, 5))) is None
-
-
-def test_a_little_worse_is_not_worse_by_more():
-    draw = np.random.default_rng(66)
-    a = draw.lognormal(size=1000)
-    b = 1.03 * a * draw.lognormal(0.0, 0.02, 1000)
-    assert not_worse(a, b, NONE, NONE, 0.05).shown
-    assert not_worse(a, b, NONE, NONE, 0.05).ratio.value == pytest.approx(1.03, abs=0.01)
-    assert not not_worse(a, b, NONE, NONE, 0.01).shown
-    assert not_worse(-a, -a, NONE, NONE, 0.0).shown  # metrics below zero have no ratio, but an order
-    assert not_worse(np.zeros(1000), np.zeros(1000), NONE, NONE, 0.05).shown
-
-
-def test_just_too_much_worse_is_let_through_as_seldom_as_promised():
-    draw = np.random.default_rng(67)
-    shown = 0
-    for _ in range(1000):
-        a = draw.lognormal(size=100)
-        shown += not_worse(a, 1.05 * a * draw.lognormal(0.0, 0.1, 100), NONE[:100], NONE[:100], 0.05).shown
-    assert 10 <= shown <= 50 + 21
-
-
-def test_lost_flights_are_worse():
-    a = np.ones(1000)
-    lost = np.arange(1000) < 600
-    assert not not_worse(a, np.where(lost, np.inf, 0.5), NONE, lost, 0.05).shown
-    some = np.arange(1000) < 30
-    found = not_worse(a, np.where(some, np.inf, 0.5), NONE, some, 0.05)
-    assert found.within == 970 and found.loses_more and not found.shown
-    assert not_worse(np.where(lost, np.inf, a), a, lost, NONE, 0.05).shown
-    assert not_worse(np.full(1000, np.inf), np.full(1000, np.inf), ~NONE, ~NONE, 0.05).shown
-    with pytest.raises(ValueError, match="margin"):
-        not_worse(a, a, NONE, NONE, -0.1)

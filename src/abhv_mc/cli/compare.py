@@ -23,16 +23,16 @@ def command(
     ] = None,
     fail_if_worse: Annotated[
         list[str] | None,
-        typer.Option(metavar="METRIC=5%", help="Exit 1 where B is not shown to be at most so much worse; repeatable."),
+        typer.Option(metavar="METRIC=5%", help="Exit 1 where B is worse than that; repeatable."),
     ] = None,
     out: Annotated[Path | None, output(output_folder, "DIR", "Write a page there.")] = None,
     json: Json = None,
 ) -> None:
     """Pair two campaigns flight by flight: differences with intervals, and failures of only one.
 
-    Without --controllers, each controller that both flew is compared with itself. --fail-if-worse is a paired test of
-    non-inferiority at 5 %: B passes where on more than half of the flights it is shown to be at most so much worse, and
-    where it is not shown to lose more flights.
+    Without --controllers, each controller that both flew is compared with itself. --fail-if-worse stops B unless it is
+    shown to be at most so much worse on more than half of the flights; and where its 95 % or 99.73 % quantile is shown
+    to be worse by more, its worst flight is twice as bad, it loses more flights, or misses a requirement more often.
     """
     from abhv_mc.report.numbers.compare import compare_results, parse_margins, read_compared
     from abhv_mc.report.pages.compare_page import make_comparison, write_compare_page

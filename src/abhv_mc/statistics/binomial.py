@@ -72,6 +72,11 @@ def mcnemar_exact(b: int, c: int) -> float:
     return 1.0 if 2 * least >= pairs else min(1.0, 2.0 * float(betainc(pairs - least, least + 1, 0.5)))
 
 
+def mcnemar_one_sided(only_a: int, only_b: int) -> float:
+    """Exact p-value of McNemar's test that `b` fails no more often than `a`."""
+    return float(betainc(only_b, only_a + 1, 0.5)) if only_b else 1.0
+
+
 def clopper_pearson(failures: int, runs: int, confidence: float = 0.95) -> tuple[float, float]:
     """Two-sided exact interval on the failure probability."""
     _check(failures, runs, confidence=confidence)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.statistics.binomial import clopper_pearson, mcnemar_exact
+from abhv_mc.statistics.binomial import mcnemar_exact
 from abhv_mc.statistics.estimates import LEVELS, Interval, pair_differences, paired_median_difference, quantile
 from abhv_mc.statistics.quantile_pairs import quantile_differences
 
@@ -108,37 +108,3 @@ def compare_usage(error_a: Floats, error_b: Floats, usage_a: Floats, usage_b: Fl
         more_error_less_usage=int(np.sum(~less_error & less_usage)),
         more_error_more_usage=int(np.sum(~less_error & ~less_usage)),
     )
-
-
-@dataclass(frozen=True)
-class NotWorse:
-    """Whether `b` is at most so much worse than `a`: in the median of the pairs, and in the flights that it loses."""
-
-    margin: float  # share of the value of `a`
-    pairs: int
-    within: int  # pairs in which b <= a + margin |a|
-    within_low: float  # one-sided bound on the share of such pairs
-    ratio: Interval | None  # median of b/a over pairs that can be divided, for the reader
-    loses_more: bool  # whether b loses more flights, by McNemar's test
-
-    @property
-    def shown(self) -> bool:
-        """Whether it is shown that `b` is at most so much worse on most flights, and loses no more of them."""
-        return self.within_low > 0.5 and not self.loses_more
-
-
-def not_worse(a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, margin: float, confidence: float = 0.95) -> NotWorse:
-    """Paired non-inferiority of severities [pair], +infinity for a lost flight: the sign test on b - a - margin |a|.
-
-    That the median of that excess is not above zero says, for positive metrics, that the median ratio of the pairs is
-    at most 1 + margin. A flight that both lost is no worse under `b`.
-    """
-    if margin < 0.0:
-        raise ValueError(f"a margin cannot be negative, found {margin}")
-    with np.errstate(invalid="ignore"):
-        held = np.where(np.isinf(a), True, b <= a + margin * np.abs(a))
-    within = int(np.sum(held))
-    lost = compare_failures(lost_a, lost_b)
-    low = clopper_pearson(within, a.size, 2.0 * confidence - 1.0)[0]
-    more = lost.only_b > lost.only_a and lost.p_value <= 1.0 - confidence
-    return NotWorse(margin, a.size, within, low, median_ratio(b, a), more)

@@ -55,7 +55,7 @@ def decide(a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, comparisons: int, r
     if better < worse:
         a, b, lost_a, lost_b = b, a, lost_b, lost_a
     # From here on `a` is the one that is better on more flights.
-    tails, uncompared = _tails(a, b, confidence)
+    tails, uncompared = worse_tails(a, b, confidence)
     lost = compare_failures(lost_a, lost_b)
     more = lost.only_a > lost.only_b and lost.p_value <= risk
     return Decision("a" if better > worse else "b", tails, uncompared, more)
@@ -65,8 +65,12 @@ def _worse(difference: Interval) -> bool:
     return difference.low > 0.0
 
 
-def _tails(a: Floats, b: Floats, confidence: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Quantiles in which `a` is worse, and those that the flights do not compare."""
+def worse_tails(a: Floats, b: Floats, confidence: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Quantiles in which `a` is worse, and those that the flights do not compare.
+
+    Where they do not compare one, the outermost that they bound stands in for it. The two-sided ``confidence`` is that
+    of each quantile: one of two is falsely called worse with a chance of at most 1 - confidence.
+    """
     worse, uncompared = [], []
     # Beyond this one the flights bound nothing: where a tail is not compared, this one still is.
     outermost = float(((1.0 - confidence) / 4.0) ** (1.0 / a.size))

@@ -11,14 +11,14 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.results import Results, read_results
+from abhv_mc.folder.results import Requirement, Results, read_results
 from abhv_mc.io.documents import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.report.numbers.paired import compare_any_failures, pair_numbers
-from abhv_mc.statistics.paired import not_worse
-from abhv_mc.topics.failed_flights import requirement_words
+from abhv_mc.statistics.gate import judge_change
+from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
 from abhv_mc.topics.plain import plain
-from abhv_mc.topics.words import percent
+from abhv_mc.topics.words import percent, significant
 
 
 def require_same_samples(mine: Mapping[str, Floats], theirs: Mapping[str, Floats], folder: Path, path: Path) -> None:
@@ -102,7 +102,9 @@ def compare_results(
         names = (f"{a.folder}: {one}", f"{b.folder}: {other}")
         found = pair_numbers(*flights, names, metrics, compared, requirements, independent=independent)
         if found is not None:
-            gates = {metric: _gate(*flights, metric, margin) for metric, margin in (margins or {}).items()}
+            gates = {
+                metric: _gate(*flights, metric, margin, requirements) for metric, margin in (margins or {}).items()
+            }
             failed = compare_any_failures(*flights, requirements)
             pairs.append({**found, "controllers": [one, other], "any_failure": failed, "not_worse": gates})
     if not pairs:
@@ -128,19 +130,30 @@ def baseline_numbers(results: Results, baseline: Path) -> dict[str, Any]:
     return {"folder": baseline.as_posix(), "digest": held.manifest.get("digest"), **found}
 
 
-def gate_words(gate: Mapping[str, Any], b: str) -> str:
-    """What the test of non-inferiority says of the second one, called ``b``."""
-    verdict = "shown" if gate["shown"] else "NOT shown"
-    words = f"{b} is {verdict} to be at most {100.0 * gate['margin']:g} % worse: it is on {gate['within']} of "
-    words += f"{gate['pairs']} flights, with 95 % confidence on at least {percent(gate['within_low'], 2)} of all"
-    return f"{words}; {b} loses more flights" if gate["loses_more"] else words
+def gate_words(pair: Mapping[str, Any], metric: str, b: str, requirements: Sequence[str]) -> str:
+    """What a metric's gate says of the second one, called ``b``; the requirements of the comparison are in words."""
+    gate, worst = pair["not_worse"][metric], pair["metrics"][metric]["worst"]
+    words = (
+        f"{b} {'passes' if gate['shown'] else 'is stopped'}: {'' if gate['within_low'] > 0.5 else 'NOT '}shown to be"
+    )
+    words += f" at most {100.0 * gate['margin']:g} % worse on more than half of the flights (on {gate['within']} of "
+    words += f"{gate['pairs']} flown; with 95 % confidence on at least {percent(gate['within_low'], 2)} of all)"
+    reasons = [f"its {100.0 * level:.4g} % quantile is shown to be worse by more" for level in gate["worse_tails"]]
+    if gate["worst_doubled"]:
+        reasons.append(f"its worst flight has {significant(worst[1])}, against {significant(worst[0])}")
+    reasons += ["it loses more flights"] if gate["loses_more"] else []
+    reasons += [f"it misses {requirements[k]} more often" for k in gate["misses_more"]]
+    return "; ".join([words, *reasons])
 
 
-def _gate(a: ControllerFlights, b: ControllerFlights, metric: str, margin: float) -> dict[str, Any]:
-    """Whether `b` is shown to be at most so much worse."""
+def _gate(
+    a: ControllerFlights, b: ControllerFlights, metric: str, margin: float, requirements: Sequence[Requirement]
+) -> dict[str, Any]:
+    """What stops `b`, which may be so much worse."""
     rows_a, rows_b = common_rows(a, b)
     values = distances(a, metric, rows_a), distances(b, metric, rows_b)
-    found = not_worse(*values, a.failed[rows_a], b.failed[rows_b], margin)
+    missed = [(requirement_failures(a, item)[rows_a], requirement_failures(b, item)[rows_b]) for item in requirements]
+    found = judge_change(*values, (a.failed[rows_a], b.failed[rows_b]), missed, margin)
     return {**plain(found), "shown": found.shown}
 
 

@@ -116,6 +116,9 @@ def _metric(
         "worse_tails": list(decision.worse),
         "uncompared_tails": list(decision.uncompared),
         "loses_more": decision.loses_more,
+        "worst": plain(
+            [metric_sign(record) * np.max(side, where=np.isfinite(side), initial=-np.inf) for side in (a, b)]
+        ),
         "median_difference": interval_in_sense(found.median_difference, sense),
         "pairing_gain": plain(found.pairing_gain),
         **{level_name(level): interval_in_sense(interval, sense) for level, interval in levels},
@@ -141,8 +144,12 @@ def compare_any_failures(
 def metric_differences(a: ControllerFlights, b: ControllerFlights, metric: str) -> Floats:
     """`a` minus `b` in a metric [pair], in its unit; infinite where only one was lost, 0 where both were."""
     found = pair_differences(*(distances(f, metric, rows) for f, rows in zip((a, b), common_rows(a, b), strict=True)))
-    record = a.records[metric]
-    return -found if record.bad == "low" and not record.band else found
+    return metric_sign(a.records[metric]) * found
+
+
+def metric_sign(record: Metric) -> float:
+    """What turns a severity into the metric: -1 where small values are bad."""
+    return -1.0 if record.bad == "low" and not record.band else 1.0
 
 
 def total_usage(metrics: Mapping[str, Floats]) -> Floats:

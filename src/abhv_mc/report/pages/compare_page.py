@@ -40,7 +40,7 @@ def make_comparison(
     answers: list[str] = []
     tables: list[Table] = []
     for labels, pair in parts:
-        answers += _sentences(pair, found["words"], labels, a.campaign.independent)
+        answers += _sentences(pair, found, labels, a.campaign.independent)
         if not _is_same(pair):
             tables += _tables(pair, found, labels, (a.folder, b.folder))
     answers.append(
@@ -88,10 +88,11 @@ def _labels(a: Results, b: Results, pair: Mapping[str, Any]) -> Labels:
     return f"{first} ({one}) against {second} ({other})", f"{first} ({one})", f"{second} ({other})"
 
 
-def _sentences(pair: Mapping[str, Any], words: Mapping[str, Any], labels: Labels, independent: bool) -> list[str]:
-    title, a, b = labels
+def _sentences(pair: Mapping[str, Any], of: Mapping[str, Any], labels: Labels, independent: bool) -> list[str]:
+    (title, a, b), words = labels, of["words"]
     found = [
-        f"{title}, {words[metric]['phrase']}: {gate_words(gate, b)}." for metric, gate in pair["not_worse"].items()
+        f"{title}, {words[metric]['phrase']}: {gate_words(pair, metric, b, of['requirements'])}."
+        for metric in pair["not_worse"]
     ]
     if _is_same(pair):
         return [*found, f"{title}: the same in all {fixed(pair['pairs'], 0)} flights, in every metric."]
@@ -109,11 +110,16 @@ def _sentences(pair: Mapping[str, Any], words: Mapping[str, Any], labels: Labels
 
 
 def standing_words(pair: Mapping[str, Any], words: Mapping[str, Any], a: str, b: str) -> str:
-    """'A is better in ..., B in ...; undecided in ...; no difference is shown in ...', of the compared metrics."""
+    """'A is better in ... (worst 1.2 deg, against 3.4), B in ...; undecided in ...; no difference is shown in ...', of
+    the compared metrics."""
     found: dict[str, list[str]] = {pair["a"]: [], pair["b"]: [], "mixed": [], "": []}
     for metric, entry in pair["metrics"].items():
         if entry["compared"]:
-            found["mixed" if entry["mixed"] else entry["winner"] or ""].append(words[metric]["phrase"])
+            text, won = words[metric]["phrase"], "mixed" if entry["mixed"] else entry["winner"] or ""
+            if entry["winner"]:
+                own, other = map(significant, entry["worst"][:: 1 if won == pair["a"] else -1])
+                text += f" (worst {own} {words[metric]['unit'].removeprefix('-')}".rstrip() + f", against {other})"
+            found[won].append(text)
     if len(found[""]) > _NAMED:
         told = any(found[side] for side in found if side)
         found[""] = [f"{'the other' if told else 'any of the'} {len(found[''])} metrics compared"]
