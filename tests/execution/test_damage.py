@@ -10,7 +10,6 @@ from fake_flight import ENGINE, fly, interrupted_after, write_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.input_error import InputError
@@ -29,15 +28,9 @@ GONE = pytest.param(lambda path: path.unlink(), id="gone", marks=pytest.mark.tho
 
 @pytest.mark.parametrize("damage", [pytest.param(flip_a_bit, id="a flipped bit"), GONE])
 @pytest.mark.parametrize(
-    ("exact", "complete"),
-    [
-        pytest.param(4096, False, id="exact"),
-        pytest.param(0, False, id="histograms", marks=pytest.mark.thorough),
-        pytest.param(4096, True, id="complete", marks=pytest.mark.thorough),
-    ],
+    "complete", [pytest.param(False, id="interrupted"), pytest.param(True, id="complete", marks=pytest.mark.thorough)]
 )
-def test_flights_are_flown_again_and_other_damage_is_named(tmp_path, exact, complete, damage, monkeypatch, capfd):
-    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
+def test_flights_are_flown_again_and_other_damage_is_named(tmp_path, complete, damage, capfd):
     campaign = write_campaign(tmp_path / "f", runs="120", keep=KEEP, execution="{batch: 30}")
     whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
     run_campaign(Request(campaign, tmp_path / "base"), ENGINE if complete else interrupted_after(8))

@@ -26,11 +26,11 @@ OTHERS = 0.75  # share of the kills that hit another process than the parent, wh
 SERVER = multiprocessing.get_context("forkserver")
 
 
-def fly_in_child(campaign, out, exact, isolation=THREADS):
+def fly_in_child(campaign, out, number, isolation=THREADS):
     os.setsid()  # its workers are found by it
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a background job
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-    collector.EXACT_FLIGHTS = exact
+    collector.ENVELOPE_FLIGHTS = number
     run_campaign(Request(campaign, out, workers=2), replace(SLOW_ENGINE, isolation=isolation))
 
 
@@ -64,14 +64,14 @@ def describe(process, parent):
 class Campaign:
     """A campaign that is killed and started again until it ends by itself, in folder after folder."""
 
-    def __init__(self, folder, exact, isolation, seed):
+    def __init__(self, folder, number, isolation, seed):
         self.file = write_campaign(folder / "files", execution="{batch: 16}")
-        self.folder, self.exact, self.isolation = folder, exact, isolation
+        self.folder, self.number, self.isolation = folder, number, isolation
         self.moments, self.kills = random.Random(seed), []
 
     def live(self, out):
         """Start it, kill what chance names; how it ended, None where it was killed itself."""
-        child = SERVER.Process(target=fly_in_child, args=(self.file, out, self.exact, self.isolation))
+        child = SERVER.Process(target=fly_in_child, args=(self.file, out, self.number, self.isolation))
         child.start()
         if self.isolation == PROCESSES and self.moments.random() < 0.8:  # in the air: processes take time to start
             held = count_blocks(out)
@@ -99,9 +99,9 @@ class Campaign:
 @pytest.mark.parametrize("seed", range(6))
 def test_random_kills_lose_nothing(tmp_path, seed, monkeypatch, capfd):
     """Threads: the parent. Processes: the parent, workers, the server that they are forked from, and its helper."""
-    exact, isolation = (0, 4096)[seed % 2], THREADS if seed < 2 else PROCESSES
-    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
-    campaign = Campaign(tmp_path, exact, isolation, seed)
+    number, isolation = (100, 4096)[seed % 2], THREADS if seed < 2 else PROCESSES
+    monkeypatch.setattr(collector, "ENVELOPE_FLIGHTS", number)
+    campaign = Campaign(tmp_path, number, isolation, seed)
     whole = run_campaign(Request(campaign.file, tmp_path / "whole"), ENGINE).manifest
     folders = 0
     while len(campaign.kills) < ROUNDS:

@@ -31,9 +31,9 @@ def fly_shards(tmp_path, number=3, **entries):
     return campaign, parts
 
 
-@pytest.mark.parametrize(("exact", "sampling"), [(4096, "random"), (0, "lhs")])
-def test_merged_shards_are_the_whole_campaign(tmp_path, exact, sampling, monkeypatch):
-    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
+@pytest.mark.parametrize(("number", "sampling"), [(4096, "random"), (150, "lhs")])
+def test_merged_shards_are_the_whole_campaign(tmp_path, number, sampling, monkeypatch):
+    monkeypatch.setattr(collector, "ENVELOPE_FLIGHTS", number)
     campaign, parts = fly_shards(tmp_path, sampling=sampling, execution="{batch: 33}")
     whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
     merged = merge_campaign([parts[2], parts[0], parts[1]], tmp_path / "merged", ENGINE)
@@ -79,10 +79,8 @@ def test_what_does_not_fit_is_refused(tmp_path, change, words):
     assert not (tmp_path / "merged").exists()
 
 
-@pytest.mark.parametrize("exact", [4096, pytest.param(0, marks=pytest.mark.thorough)])
-def test_a_flipped_bit_in_a_part_is_told_or_its_flights_flown_again(tmp_path, exact, monkeypatch):
+def test_a_flipped_bit_in_a_part_is_told_or_its_flights_flown_again(tmp_path):
     """Margins of the campaign among the files: the parts have none, the merged campaign has its own."""
-    monkeypatch.setattr(collector, "EXACT_FLIGHTS", exact)
     engine = replace(ENGINE, find_stability=lambda campaign, plans: {"runs": campaign.runs})
     keep = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: [altitude_m]}}"
     campaign, parts = fly_shards(tmp_path, 2, runs="60", keep=keep, execution="{batch: 15}")
@@ -106,7 +104,7 @@ def test_a_flipped_bit_in_a_part_is_told_or_its_flights_flown_again(tmp_path, ex
             assert open_results(out).complete
         file.write_bytes(content)
         shutil.rmtree(out, ignore_errors=True)
-    assert set(again) == {"flights", "blocks" if exact else "envelope_states"}
+    assert set(again) == {"flights", "blocks"}
 
 
 @pytest.mark.parametrize("fault", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left on device")])

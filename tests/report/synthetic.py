@@ -198,11 +198,10 @@ def write_campaign(
             low=history.min(axis=0).astype(np.float64),
             high=history.max(axis=0).astype(np.float64),
             quantiles=np.quantile(history.astype(np.float64), QUANTILES, axis=0),
-            error=np.zeros(history.shape[1:]),
         )
         flown = histories_of(name, {key: np.ones(1) for key in samples}, time, np.zeros((1, 1)))
         nominal[name] = np.stack([flown[signal.name][0] for signal in CHANNELS], axis=1)
-    write_envelopes(paths.envelopes, time, names, envelopes)
+    write_envelopes(paths.envelopes, time, names, envelopes, runs)
     write_nominal(paths.nominal, time, nominal)
     pq.write_table(pa.table({"time": time, **reference_of(time)}), paths.reference)
     for reference in ("vehicle", "mission", *controllers):

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.execution.fly_batches import FlyBlocks, ToRecord
+from abhv_mc.execution.fly_batches import AT_ONCE, Fly, Recorded
 from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan
 
-_BLOCK = 256  # flights of one: enough for every lane, few enough to lose
-_COUNTED = 8192  # flights of a block that comes back counted, some ten seconds of work: what a kill costs a worker
+_MOST_PLAIN = 8192  # flights of a block that records nothing, some ten seconds of work: what a kill costs a worker
 
 
 @dataclass(frozen=True)
@@ -31,22 +30,24 @@ class Block:
 def choose_batch(flights: int, workers: int) -> int:
     """Flights of a block: at least a few blocks for every worker, a whole number of lanes."""
     share = -(-flights // (2 * workers))
-    return max(LANES, min(_BLOCK, -(-share // LANES) * LANES))
+    return max(LANES, min(AT_ONCE, -(-share // LANES) * LANES))
 
 
-def choose_counted(flights: int, workers: int, batch: int) -> int:
-    """Flights of a block of which the worker counts the envelopes: whole batches, four blocks or more a worker."""
+def choose_plain(flights: int, workers: int, batch: int) -> int:
+    """Flights of a block that records nothing: whole batches, four blocks or more a worker."""
     share = -(-flights // (4 * workers))
-    return batch * max(1, min(_COUNTED, share) // batch)
+    return batch * max(1, min(_MOST_PLAIN, share) // batch)
 
 
-def cut_blocks(missing: dict[str, tuple[Mask, Mask]], size: int, cut: int = 0) -> Iterator[Block]:
+def cut_blocks(
+    missing: dict[str, tuple[Mask, Mask]], size: int, cut: int = 0, plain: tuple[int, int] | None = None
+) -> Iterator[Block]:
     """Blocks of at most ``size`` flights, controllers in turn; ``missing`` holds masks of rows and envelopes.
 
     Block ends lie on multiples of ``size``, and within a block the same is missing of every flight; no block holds
-    flights of both sides of ``cut``.
+    flights of both sides of ``cut``. ``plain``: the flight from which on none records anything, and the size there.
     """
-    runs = {name: list(_uniform_runs(rows, envelope, size, cut)) for name, (rows, envelope) in missing.items()}
+    runs = {name: list(_uniform_runs(rows, envelope, size, cut, plain)) for name, (rows, envelope) in missing.items()}
     for turn in range(max(map(len, runs.values()), default=0)):
         for name, pieces in runs.items():
             if turn < len(pieces):
@@ -55,17 +56,29 @@ def cut_blocks(missing: dict[str, tuple[Mask, Mask]], size: int, cut: int = 0) -
                 yield Block(name, first, stop, bool(rows[first]), bool(envelope[first]))
 
 
-def _uniform_runs(rows: Mask, envelope: Mask, size: int, cut: int) -> Iterator[tuple[int, int]]:
+def _uniform_runs(
+    rows: Mask, envelope: Mask, size: int, cut: int, plain: tuple[int, int] | None
+) -> Iterator[tuple[int, int]]:
+    first_plain, plain_size = plain or (len(rows), size)
     state = rows.astype(np.int8) + 2 * envelope.astype(np.int8)
     changes = np.flatnonzero(np.diff(state)) + 1
-    ends = np.unique(np.concatenate([changes, np.arange(0, len(state), size), [min(cut, len(state)), len(state)]]))
+    ends = np.unique(
+        np.concatenate(
+            [
+                changes,
+                np.arange(0, min(first_plain, len(state)), size),
+                np.arange(first_plain, len(state), plain_size),
+                [min(cut, len(state)), len(state)],
+            ]
+        )
+    )
     for first, stop in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
         if state[first]:
             yield first, stop
 
 
 def fly_block(
-    fly: FlyBlocks, plan: FlightPlan, block: Block, parameters: Floats, recorded: ToRecord
+    fly: Fly, plan: FlightPlan, block: Block, parameters: Floats, recorded: Recorded
 ) -> tuple[Block, FlightBlock]:
     """A block and its flights, from a thread of the launching process that hands it to whoever flies blocks."""
     return block, fly(plan, parameters, recorded if block.envelope else None)

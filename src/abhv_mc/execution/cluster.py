@@ -20,7 +20,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.attest import Attestation, Check, sign
 from abhv_mc.execution.engine import Engine
-from abhv_mc.execution.fly_batches import Fly, ToRecord, at_once, fly_recorded
+from abhv_mc.execution.fly_batches import AT_ONCE, Fly, Recorded, fly_in_batches
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, make_failed, time_limit
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
@@ -60,7 +60,7 @@ def with_code(plan: FlightPlan, code: Code) -> FlightPlan:
 
 
 def fly_remote(
-    fly: Fly, source: str, arrays: Arrays, code: Code, parameters: Floats, recorded: ToRecord, limit: float
+    fly: Fly, source: str, arrays: Arrays, code: Code, parameters: Floats, recorded: Recorded, limit: float
 ) -> FlightBlock:
     """What a worker of the cluster does: the block, signed.
 
@@ -84,7 +84,7 @@ def fly_remote(
             _warm.add(kind)
     watch = _Watch(limit)
     try:
-        return sign(fly_recorded(fly, plan, parameters, recorded, watch.begin))
+        return sign(fly_in_batches(fly, plan, parameters, recorded, watch.begin))
     finally:
         watch.end()
 
@@ -120,7 +120,7 @@ class Cluster:
         """Blocks to have under way."""
         return max(_FEWEST, _PER_THREAD * sum(self._client.nthreads().values()))
 
-    def fly(self, plan: FlightPlan, parameters: Floats, recorded: ToRecord = None) -> FlightBlock:
+    def fly(self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
         return fly_with_retries(partial(self._attempt, plan), plan, parameters, recorded)
 
@@ -135,10 +135,10 @@ class Cluster:
                 self._plans[id(plan)] = held, plan
             return held
 
-    def _attempt(self, plan: FlightPlan, parameters: Floats, recorded: ToRecord) -> FlightBlock:
+    def _attempt(self, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
         from distributed import CancelledError, KilledWorker
 
-        engine, limit = self._engine, time_limit(at_once(parameters, recorded), self.limit)
+        engine, limit = self._engine, time_limit(min(len(parameters), AT_ONCE), self.limit)
         source = engine.source if engine.checked else ""
         held, code = self._hold(plan), (plan.source, plan.channels_source, plan.vehicle_code)
         future = self._client.submit(

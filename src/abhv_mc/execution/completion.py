@@ -58,5 +58,6 @@ class Completion:
         for name, done in self.done.items():
             expected = ~done & below & (name in self.to_fly)  # what was flown and is in no envelope is wanted anyhow
             computed = ~self.all_counts[name].uncomputed  # the others have nothing for the envelopes
-            missing[name] = expected, ~collectors[name].covered & (done & computed | expected)
+            wanted = ~collectors[name].covered if name in collectors else np.zeros(len(done), bool)
+            missing[name] = expected, wanted & (done & computed | expected)
         return missing if any(mask.any() for masks in missing.values() for mask in masks) else {}

@@ -16,9 +16,8 @@ from abhv_mc.execution.plans import find_warnings, make_plans, record_every
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.retention import choose_kept
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.folder.envelope_states import EXACT_FLIGHTS
+from abhv_mc.folder.envelope_states import ENVELOPE_FLIGHTS
 from abhv_mc.folder.flights import END_TIME, FlightRows, flights_schema, write_block
-from abhv_mc.folder.histogram import BINS, KEPT
 from abhv_mc.folder.histories import write_histories
 from abhv_mc.folder.provenance import count_cores
 
@@ -84,7 +83,6 @@ def estimate_campaign(campaign: CheckedCampaign, engine: Engine, workers: int | 
     counts.early = [(0.0, flight) for flight in range(min(counts.worst_kept, campaign.runs))]
     kept = len(choose_kept(model.keep.histories.flights, campaign.runs, counts))
     cells = (first.timing.ticks // every + 1) * len(model.keep.envelopes.channels)
-    per_cell = 4 * campaign.runs if campaign.runs <= EXACT_FLIGHTS else 4 * (BINS + 2 * KEPT)
     return Estimate(
         flights=campaign.runs,
         controllers=len(plans),
@@ -95,6 +93,6 @@ def estimate_campaign(campaign: CheckedCampaign, engine: Engine, workers: int | 
         rows_bytes=rows_size * campaign.runs // number,
         histories_bytes=histories_size * kept,
         kept=kept,
-        envelope_bytes=cells * per_cell * len(plans),
+        envelope_bytes=4 * cells * min(campaign.runs, ENVELOPE_FLIGHTS) * len(plans),
         warnings=tuple(find_warnings(plans, campaign)),
     )

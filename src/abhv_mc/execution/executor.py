@@ -15,7 +15,7 @@ from abhv_mc.execution.attest import Attestation, sign
 from abhv_mc.execution.blocks import choose_batch
 from abhv_mc.execution.cluster import Cluster
 from abhv_mc.execution.engine import Engine
-from abhv_mc.execution.fly_batches import FlyBlocks, ToRecord, fly_recorded
+from abhv_mc.execution.fly_batches import Fly, Recorded, fly_in_batches
 from abhv_mc.execution.retry import FlightLostError, fly_with_retries
 from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
@@ -26,7 +26,7 @@ from abhv_mc.folder.provenance import count_cores
 class Executor:
     """Flies blocks in parallel."""
 
-    fly: FlyBlocks  # threads may call it side by side; gives ``failed_to_run`` for what cannot be computed
+    fly: Fly  # threads may call it side by side; gives ``failed_to_run`` for what cannot be computed
     workers: int  # calls to have under way
 
     def fly_side_by_side(self, plan: FlightPlan, parameters: Floats) -> FlightBlock:
@@ -63,11 +63,11 @@ def open_executor(
         yield Executor(_in_this_process(engine), number)
 
 
-def _in_this_process(engine: Engine) -> FlyBlocks:
-    def fly(plan: FlightPlan, parameters: Floats, recorded: ToRecord = None) -> FlightBlock:
-        def attempt(rows: Floats, recorded: ToRecord) -> FlightBlock:
+def _in_this_process(engine: Engine) -> Fly:
+    def fly(plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
+        def attempt(rows: Floats, recorded: Recorded) -> FlightBlock:
             try:
-                return sign(fly_recorded(engine.fly, plan, rows, recorded))
+                return sign(fly_in_batches(engine.fly, plan, rows, recorded))
             except Exception as error:
                 raise FlightLostError(f"{type(error).__name__}: {error}") from error
 

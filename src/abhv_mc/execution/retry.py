@@ -7,19 +7,17 @@ have ended or held up its process, ``law_crashed`` or ``law_hung``, which count 
 import math
 import sys
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.fly_batches import Recorded, ToRecord, fly_counted
+from abhv_mc.execution.fly_batches import AT_ONCE, Recorded, fly_in_batches
 from abhv_mc.flight.lost import make_lost
 from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, recording_of
-from abhv_mc.folder.counted import Counting
 from abhv_mc.stability.fly_with_margins import count_metrics
 
-Attempt = Callable[[Floats, ToRecord], FlightBlock]
+Attempt = Callable[[Floats, Recorded], FlightBlock]
 
 PIECE = 16  # flights of the first smaller pieces, and those that one time limit holds for
 _told: set[str] = set()  # losses that were said already
@@ -43,17 +41,17 @@ def time_limit(flights: int, one: float) -> float:
     return one * math.ceil(flights / PIECE)
 
 
-def fly_with_retries(attempt: Attempt, plan: FlightPlan, parameters: Floats, recorded: ToRecord) -> FlightBlock:
+def fly_with_retries(attempt: Attempt, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
     """What ``attempt`` makes of the rows, with ``failed_to_run`` for those that are lost alone, too.
 
-    A block that is to be counted is flown batch by batch then, and counted here. Raises UnusableError where not one of
+    A block of several batches is flown batch by batch then. Raises UnusableError where not one of
     PIECE or more flights could be computed.
     """
-    if isinstance(recorded, Counting):
+    if len(parameters) > AT_ONCE:
         try:
             return attempt(parameters, recorded)
         except FlightLostError:
-            return fly_counted(partial(fly_with_retries, attempt), plan, parameters, recorded)
+            return fly_in_batches(lambda _, *rest: fly_with_retries(attempt, plan, *rest), plan, parameters, recorded)
     reasons: list[str] = []
     block = _fly(attempt, plan, parameters, recorded, _PIECES, reasons)
     if reasons:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Mask
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.backpressure import Backpressure, closing_quietly
-from abhv_mc.execution.blocks import Block, choose_batch, choose_counted, cut_blocks, fly_block
+from abhv_mc.execution.blocks import Block, choose_batch, choose_plain, cut_blocks, fly_block
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.completion import Completion
 from abhv_mc.execution.engine import Engine, check_source, make_engine
@@ -30,10 +30,10 @@ from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.folder import envelope_states
 from abhv_mc.folder.blocks import read_flown_blocks
 from abhv_mc.folder.compact import find_joins, join_files
-from abhv_mc.folder.counted import Counting
-from abhv_mc.folder.envelope_states import Cells, Collector, make_collector
+from abhv_mc.folder.envelope_states import Cells, Collector
 from abhv_mc.folder.envelopes import write_envelopes
 from abhv_mc.folder.flights import FlightRows, flights_schema, write_block
 from abhv_mc.folder.flown_by import note_flyers
@@ -42,7 +42,7 @@ from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manife
 from abhv_mc.folder.samples import SampleReader
 
 _CODES = {int(outcome): outcome.code for outcome in Outcome}
-_SAVE_INTERVAL = 5.0  # s between states on disk: what a kill costs the envelopes of a large campaign
+_SAVE_INTERVAL = 5.0  # s between manifests on disk
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,6 @@ class _Run:
             self._write_manifest(COMPLETE if whole else INTERRUPTED)
         except KeyboardInterrupt:
             with interrupts_deferred():
-                self._save()
                 self._write_manifest(INTERRUPTED)
         except BaseException:
             with contextlib.suppress(Exception):  # the error counts, not that the full disk takes no manifest
@@ -140,21 +139,21 @@ class _Run:
         times = np.arange(plan.timing.ticks // every + 1).astype(np.float64) * (every * plan.timing.tick)
         return Cells(keep.channels, tuple(CHANNEL_INDEX[name] for name in keep.channels), times, every)
 
+    def _has_envelopes(self) -> bool:
+        """Whether they are there, of flights that are all there: later ones change nothing of them."""
+        last = min(self.completion.goal(), envelope_states.ENVELOPE_FLIGHTS)
+        whole = all(mask[self.completion.first : last].all() for mask in self.completion.done.values())
+        return whole and self.files.knows(self.folder.envelopes)
+
     def _parameters(self, first: int, stop: int) -> NDArray[np.float64]:
         return full_rows(self.samples.names, self.samples.rows(first, stop))
 
     def _fly(self) -> None:
         """Fly what is missing, step by step where the campaign stops when proven."""
         self.cells = self._make_cells()
-        for name, plan in self.plans.items():
-
-            def pilot(number: int, plan: Any = plan) -> NDArray[np.float32]:
-                block = self.fly(plan, self._parameters(0, number), self.cells.recording._replace(extremes=False))
-                return self.cells.flatten(block.history)
-
-            self.collectors[name] = make_collector(
-                self.folder.envelope_states, name, self.campaign.runs, self.cells, pilot, self.batch
-            )
+        if not self._has_envelopes():
+            states, runs = self.folder.envelope_states, self.campaign.runs
+            self.collectors = {name: Collector(states, name, runs, self.cells) for name in self.plans}
         while missing := self.completion.find_missing(self.collectors):
             self._fly_missing(missing)
 
@@ -171,8 +170,7 @@ class _Run:
             n_jobs=self.workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs"
         )
         backpressure = Backpressure(2 * self.workers)
-        counted = any(isinstance(collector.recorded, Counting) for collector in self.collectors.values())
-        size = choose_counted(total, self.workers, self.batch) if counted else self.batch
+        plain = envelope_states.ENVELOPE_FLIGHTS, choose_plain(total, self.workers, self.batch)
         tasks = (
             delayed(backpressure.call)(
                 fly_block,
@@ -180,9 +178,9 @@ class _Run:
                 self._plan_of(block.controller, block.first) if block.rows else self.plans[block.controller],
                 block,
                 self._parameters(block.first, block.stop),
-                self.collectors[block.controller].recorded,
+                self.cells.recording,
             )
-            for block in cut_blocks(missing, size, self.with_margins)
+            for block in cut_blocks(missing, self.batch, self.with_margins, plain)
         )
         saved = time.monotonic()
         results = pool(tasks)
@@ -193,7 +191,6 @@ class _Run:
                 backpressure.free()
                 progress.add(block.flights)
                 if time.monotonic() - saved > _SAVE_INTERVAL:
-                    self._save()
                     self._write_manifest(RUNNING)
                     saved = time.monotonic()
 
@@ -231,14 +228,9 @@ class _Run:
         missing = np.full((len(metrics), len(MARGIN_VALUES)), np.nan)
         return np.column_stack([metrics, flown.end_time, margins if margins.size else missing])
 
-    def _save(self) -> None:
-        for collector in self.collectors.values():
-            collector.save()
-
     def _finish(self) -> None:
         """What follows from all flights: envelopes, histories. A shard keeps what they are merged from."""
         if self.sharded:
-            self._save()
             self._join_files()
             return
         # Whoever goes on after a kill makes anew what may be replaced from here on.
@@ -249,16 +241,15 @@ class _Run:
         self._write_manifest(RUNNING)
         if self.collectors:
             tables = {name: self.collectors[name].table() for name in self.plans}
-            write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables)
+            number = min(self.completion.goal(), envelope_states.ENVELOPE_FLIGHTS)
+            write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables, number)
         flown = replace(self.campaign, runs=self.completion.goal())
         write_kept_histories(
             self.folder, flown, self.plans, self.completion.all_counts, self.samples, self.fly, self.workers, self.files
         )
         self._write_stability()
         for name, collector in self.collectors.items():
-            if self.completion.all_counts[name].uncomputed.any():
-                collector.save()  # the next run tries these flights again, and adds them
-            else:
+            if not self.completion.all_counts[name].uncomputed.any():  # else the next run tries these flights again
                 collector.finish()
         self._join_files()
 

@@ -8,7 +8,7 @@ from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 
 from abhv_mc.execution.attest import sign
-from abhv_mc.execution.fly_batches import Fly, at_once, fly_recorded
+from abhv_mc.execution.fly_batches import AT_ONCE, Fly, fly_in_batches
 from abhv_mc.execution.retry import PIECE, time_limit
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
@@ -43,13 +43,13 @@ def serve(connection: Connection, fly: Fly) -> None:
                 start = time.process_time()
                 fly(plans[key], nominal_parameters(), None)
                 usual[key] = max(_LEAST, _TIMES * PIECE * (time.process_time() - start))
-            allowed = time_limit(at_once(parameters, recorded), usual[key] if limit is None else limit)
+            allowed = time_limit(min(len(parameters), AT_ONCE), usual[key] if limit is None else limit)
 
             def begin(allowed: float = allowed) -> None:
                 connection.send(allowed)
                 signal.setitimer(signal.ITIMER_PROF, allowed)
 
-            answer: FlightBlock | str = sign(fly_recorded(fly, plans[key], parameters, recorded, begin))
+            answer: FlightBlock | str = sign(fly_in_batches(fly, plans[key], parameters, recorded, begin))
         except BrokenPipeError:
             return
         except Exception as error:

@@ -21,7 +21,7 @@ from typing import Any
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.attest import Check
-from abhv_mc.execution.fly_batches import Fly, ToRecord
+from abhv_mc.execution.fly_batches import Fly, Recorded
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries
 from abhv_mc.execution.worker import serve
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
@@ -70,7 +70,7 @@ class _Worker:
         self.has_flown = False
 
     def fly(
-        self, key: int, plan: FlightPlan, parameters: Floats, recorded: ToRecord, limit: float | None
+        self, key: int, plan: FlightPlan, parameters: Floats, recorded: Recorded, limit: float | None
     ) -> FlightBlock:
         """Raises FlightLostError, and _NotBegunError where the process ended before these flights began."""
         known = key in self._plans
@@ -127,18 +127,18 @@ class WorkerPool:
         self._last_end = ""
         self._closed = False
 
-    def fly(self, plan: FlightPlan, parameters: Floats, recorded: ToRecord = None) -> FlightBlock:
+    def fly(self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
         with self._lock:
             key, _ = self._plans.setdefault(id(plan), (len(self._plans), plan))
 
-        def attempt(rows: Floats, recorded: ToRecord) -> FlightBlock:
+        def attempt(rows: Floats, recorded: Recorded) -> FlightBlock:
             block = self._attempt(key, plan, rows, recorded)
             return block if self._check is None else self._check(plan, rows, block)
 
         return fly_with_retries(attempt, plan, parameters, recorded)
 
-    def _attempt(self, key: int, plan: FlightPlan, parameters: Floats, recorded: ToRecord) -> FlightBlock:
+    def _attempt(self, key: int, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
         worker = self._idle.get()
         try:
             while True:

@@ -1,16 +1,15 @@
-"""Envelopes over all flights of a controller: collected as blocks land, kept through a kill, the same in any order.
+"""Envelopes of a controller: every recorded value of the first flights is kept, through a kill, until all are there.
 
-Up to ``EXACT_FLIGHTS`` flights every recorded value is kept on disk until the end and every number is exact. Beyond,
-memory stays flat: integer histograms and the extreme values (see :mod:`abhv_mc.folder.histogram`).
+Bands and extremes are of flights 0 to ``ENVELOPE_FLIGHTS`` - 1, exact, whatever the order in which they land; later
+flights record nothing. Their 0.135 % line is known as well as 4,096 flights can know it.
 """
 
 import contextlib
 import shutil
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,27 +17,14 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats, Mask, Singles
 from abhv_mc.flight.plan import FlightBlock, Recording
 from abhv_mc.folder.arrays import read_array, write_array
-from abhv_mc.folder.counted import CountedBlock, Counting
 from abhv_mc.folder.envelopes import QUANTILES, EnvelopeTable
 from abhv_mc.folder.flights import DamagedFileError, parse_block_name
-from abhv_mc.folder.histogram import BINS, KEPT, Histograms, make_bins
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.folder.order_statistics import select_ranks
 from abhv_mc.io.input_error import InputError
 
-EXACT_FLIGHTS = 4096
-PILOT_FLIGHTS = 128  # flights 0 .. 127 set the bins
+ENVELOPE_FLIGHTS = 4096
 _SLAB = 4_000_000  # values sorted at once
-
-_STATE: dict[str, tuple[type, tuple[int | None, ...]]] = {  # types and shapes; None: one for each cell
-    "low": (np.float32, (None,)),
-    "width": (np.float32, (None,)),
-    "counts": (np.uint32, (None, BINS)),
-    "extremes": (np.float32, (2, None, KEPT)),
-    "seen": (np.float32, (2, None)),
-    "covered": (np.uint8, ()),
-    "flights": (np.int64, ()),
-}
 
 
 @dataclass(frozen=True)
@@ -72,54 +58,21 @@ class Cells:
         return self.flatten(np.stack(block.extremes))
 
 
-class Collector(Protocol):
-    """Collects the envelopes of one controller."""
-
-    covered: Mask  # [flight] which flights are in
-
-    @property
-    def recorded(self) -> Recording | Counting:
-        """What flights are to bring."""
-
-    def add(self, first: int, block: FlightBlock) -> None:
-        """Add the flights from ``first`` on."""
-
-    def save(self) -> None:
-        """Write what a resumed campaign needs."""
-
-    def table(self) -> EnvelopeTable:
-        """The envelopes of what was added."""
-
-    def finish(self) -> None:
-        """Delete what only an unfinished campaign needs."""
-
-
-def make_collector(
-    folder: Path, controller: str, flights: int, cells: Cells, fly_pilot: Callable[[int], Singles], batch: int
-) -> Collector:
-    """The collector of a campaign of ``flights`` flights; ``fly_pilot(n)`` flies its first n, ``[flight, cell]``.
-
-    ``batch``: flights that are flown at once where a block of more comes back counted.
-    """
-    if flights <= EXACT_FLIGHTS:
-        return ExactCollector(folder, controller, flights, cells)
-    return HistogramCollector(folder, controller, flights, cells, fly_pilot, batch)
-
-
-class ExactCollector:
-    """Keeps every value in one file per block until the campaign is complete."""
+class Collector:
+    """Keeps every value of one controller in one file per block until the campaign is complete."""
 
     def __init__(self, folder: Path, controller: str, flights: int, cells: Cells) -> None:
         self._folder, self._controller, self._cells = folder / "blocks", controller, cells
         self.recorded = cells.recording
-        self.covered = np.zeros(flights, bool)
+        self.covered = np.arange(flights) >= ENVELOPE_FLIGHTS  # [flight] which are in, or not wanted
         self._blocks: dict[Path, tuple[int, int]] = {}  # those that are whole, with their flights
         for path in self._folder.glob(f"{controller}-*.npy"):
             with contextlib.suppress(DamagedFileError):
                 name, first, stop = parse_block_name(path)
                 values = read_array(path) if name == controller else None
                 shape = stop - first + 2, cells.count
-                if values is not None and values.dtype == np.float32 and values.shape == shape and stop <= flights:
+                last = min(flights, ENVELOPE_FLIGHTS)
+                if values is not None and values.dtype == np.float32 and values.shape == shape and stop <= last:
                     self.covered[first:stop] |= _computed(values[:-2])
                     self._blocks[path] = first, stop
 
@@ -129,9 +82,6 @@ class ExactCollector:
         write_array(path, history, self._cells.extremes(block))
         self._blocks[path] = first, first + len(history)
         self.covered[first : first + len(history)] = True
-
-    def save(self) -> None:
-        """Every block is saved as it is added."""
 
     def table(self) -> EnvelopeTable:
         blocks, taken = [], np.zeros(len(self.covered), bool)
@@ -159,64 +109,12 @@ class ExactCollector:
             count.reshape(shape),
             *_ends(seen, count, shape),
             quantiles.reshape((-1, *shape)),
-            np.zeros(shape),
         )
 
     def finish(self) -> None:
         shutil.rmtree(self._folder, ignore_errors=True)
         with contextlib.suppress(OSError):  # it holds another controller's
             self._folder.parent.rmdir()
-
-
-class HistogramCollector:
-    """Counts in memory; the state goes to disk now and then, and a kill costs what came since."""
-
-    def __init__(
-        self,
-        folder: Path,
-        controller: str,
-        flights: int,
-        cells: Cells,
-        fly_pilot: Callable[[int], Singles],
-        batch: int,
-    ) -> None:
-        self._path, self._cells = folder / f"{controller}.npz", cells
-        self.covered = np.zeros(flights, bool)
-        state = self._load()
-        if state is None:
-            self._histograms = Histograms(*make_bins(fly_pilot(min(PILOT_FLIGHTS, flights))))
-            self._seen = _nothing_seen(cells.count)
-            self.save()
-        else:
-            self._histograms = Histograms(state["low"], state["width"])
-            self._histograms.merge(state["counts"], state["extremes"])
-            self._seen = state["seen"]
-            covered = np.unpackbits(state["covered"], count=int(state["flights"])).astype(bool)
-            self.covered[: len(covered)] = covered[:flights]
-        self.recorded = Counting(cells.recording, self._histograms.low, self._histograms.width, batch)
-
-    def _load(self) -> dict[str, NDArray] | None:
-        state = _read_state(self._path)
-        return state if state is not None and state["low"].size == self._cells.count else None
-
-    def add(self, first: int, block: FlightBlock) -> None:
-        if not isinstance(block, CountedBlock):
-            raise TypeError("a block that was not counted")
-        self._histograms.merge(block.counts, block.ends)
-        self._seen = _widen(self._seen, self._cells.extremes(block))
-        self.covered[first : first + len(block.outcome)] = True
-
-    def save(self) -> None:
-        _write_state(self._path, self._histograms, self.covered, self._seen)
-
-    def table(self) -> EnvelopeTable:
-        table = self._histograms.table(*self._cells.shape)
-        low, high = _ends(self._seen, table.count.ravel(), self._cells.shape)
-        return replace(table, low=low, high=high)
-
-    def finish(self) -> None:
-        """The state stays: extending or merging campaigns goes on from it."""
-        self.save()
 
 
 def _quantiles(values: Singles, count: NDArray[np.int64]) -> Floats:
@@ -250,67 +148,8 @@ def _computed(values: Singles) -> Mask:
     return ~np.isnan(values[:, 0])
 
 
-def _read_state(path: Path) -> dict[str, NDArray] | None:
-    """What :func:`_write_state` wrote; None where the file is missing, damaged or not of its kind.
-
-    Compiled code follows the edges of the bins without a look.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            state = {name: stored[name] for name in _STATE}
-    except Exception:  # those of numpy and zipfile on damaged files are of many kinds, SyntaxError among them
-        return None
-    cells, flights = state["low"].size, state["flights"]
-    shapes = {name: tuple(cells if n is None else n for n in shape) for name, (_, shape) in _STATE.items()}
-    if any(state[name].dtype != kind for name, (kind, _) in _STATE.items()) or flights.shape or flights < 0:
-        return None
-    shapes["covered"] = ((int(flights) + 7) // 8,)
-    if any(state[name].shape != shape for name, shape in shapes.items()):
-        return None
-    with np.errstate(all="ignore"):
-        right = np.isfinite(state["low"]) & (state["width"] > 0.0) & np.isfinite(np.float32(1.0) / state["width"])
-    return state if right.all() and np.isfinite(state["width"]).all() else None
-
-
-def _write_state(path: Path, histograms: Histograms, covered: Mask, seen: Singles) -> None:
-    state = {
-        "low": histograms.low,
-        "width": histograms.width,
-        "counts": histograms.counts,
-        "extremes": histograms.tails(),
-        "seen": seen,
-        "covered": np.packbits(covered),
-        "flights": np.asarray(len(covered)),
-    }
-
-    def write(temporary: Path) -> None:
-        with temporary.open("wb") as file:
-            np.savez(file, **state)  # type: ignore[arg-type]
-
-    write_whole(path, write)
-
-
 def merge_states(folders: Sequence[Path], target: Path) -> None:
-    """Make one campaign's envelope states in ``target`` of those of its shards, which share no flight.
-
-    Raises ValueError where two do not fit; what is missing or damaged is flown again by whoever goes on from it.
-    """
+    """Copy the values that the shards of a campaign have kept; what is missing is flown again."""
     for folder in folders:
         for path in (folder / "blocks").glob("*.npy"):
             write_whole(target / "blocks" / path.name, partial(shutil.copyfile, path))
-    for name in sorted({path.name for folder in folders for path in folder.glob("*.npz")}):
-        states = [state for folder in folders if (state := _read_state(folder / name)) is not None]
-        if not states:
-            continue
-        histograms = Histograms(states[0]["low"], states[0]["width"])
-        covered, seen = np.zeros(int(states[0]["flights"]), bool), _nothing_seen(states[0]["low"].size)
-        for state in states:
-            mask = np.unpackbits(state["covered"], count=int(state["flights"])).astype(bool)
-            if any(not np.array_equal(state[key], states[0][key]) for key in ("low", "width", "flights")):
-                raise ValueError(f"{name}: envelopes with other bins")
-            if (mask & covered).any():
-                raise ValueError(f"{name}: flights that two of them hold")
-            histograms.merge(state["counts"], state["extremes"])
-            covered |= mask
-            seen = _widen(seen, state["seen"])
-        _write_state(target / name, histograms, covered, seen)

@@ -16,7 +16,6 @@ QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")
 _DOCS = {
     "min": "smallest value at any control tick from the time before to the time after",
     "max": "largest value at any control tick from the time before to the time after",
-    "quantile_error": "bound on the error of the quantile columns, in the channel's unit; 0 where they are exact",
 } | {name: f"{name[1:]} % quantile over the flights, linear between order statistics" for name in QUANTILE_COLUMNS}
 
 
@@ -28,17 +27,21 @@ class EnvelopeTable:
     low: Floats
     high: Floats
     quantiles: Floats  # [quantile, time, channel]
-    error: Floats  # bound on the quantiles' error
 
 
-def write_envelopes(path: Path, times: Floats, channels: Sequence[str], tables: dict[str, EnvelopeTable]) -> None:
-    """Write the envelopes of every controller; ``channels`` are those of the tables' last axis."""
+def write_envelopes(
+    path: Path, times: Floats, channels: Sequence[str], tables: dict[str, EnvelopeTable], flights: int
+) -> None:
+    """Write the envelopes of every controller over its first ``flights`` flights, which the file's metadata say.
+
+    ``channels`` are those of the tables' last axis.
+    """
     shape = (len(channels), len(times))
-    columns: dict[str, list[Floats]] = {name: [] for name in ("min", *QUANTILE_COLUMNS, "max", "quantile_error")}
+    columns: dict[str, list[Floats]] = {name: [] for name in ("min", *QUANTILE_COLUMNS, "max")}
     counts = []
     for table in tables.values():
         parts = dict(zip(QUANTILE_COLUMNS, table.quantiles, strict=True))
-        parts |= {"min": table.low, "max": table.high, "quantile_error": table.error}
+        parts |= {"min": table.low, "max": table.high}
         for name, values in parts.items():
             columns[name].append(values.T.ravel())
         counts.append(table.count.T.ravel())
@@ -57,5 +60,5 @@ def write_envelopes(path: Path, times: Floats, channels: Sequence[str], tables: 
         pa.array(np.concatenate(counts)),
         *(pa.array(np.concatenate(parts)) for parts in columns.values()),
     ]
-    table = pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+    table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, {"flights": str(flights)}))
     write_parquet(path, table, ["time", *columns], ["controller", "channel"])

@@ -86,10 +86,7 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
         for shard in shards:
             for path in sorted(set(shard.flights.glob("*.parquet")) - damaged):
                 write_whole(target.flights / path.name, partial(shutil.copyfile, path))
-        try:
-            merge_states([shard.envelope_states for shard in shards], target.envelope_states)
-        except ValueError as error:
-            raise InputError(out, str(error), "shards of one campaign") from None
+        merge_states([shard.envelope_states for shard in shards], target.envelope_states)
         write_manifest(target.manifest, merged | {"files": files.listed()})
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.folder import envelope_states
 from abhv_mc.folder.hashes import FileHashes, damage_error, record_hashes
 from abhv_mc.folder.inputs import FolderInputs
 from abhv_mc.folder.layout import CampaignFolder
@@ -82,8 +83,10 @@ def grow_folder(
         files.forget(folder.samples)
     if plans:
         files.forget(folder.nominal, folder.reference)
+    if plans or (longer and manifest["runs_planned"] < envelope_states.ENVELOPE_FLIGHTS):
+        files.forget(folder.envelopes)
     if longer or plans:
-        files.forget(folder.envelopes, folder.margins)
+        files.forget(folder.margins)
         manifest.update(state=RUNNING, runs_planned=merged.data["runs"])
     manifest.update(inputs=merged.hashes, campaign_hash=merged.identity, question=merged.question)
     manifest["files"] = files.listed()
