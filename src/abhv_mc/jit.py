@@ -31,6 +31,7 @@ from abhv_mc.compiler_target import choose_target, code_folder
 
 F = TypeVar("F", bound=Callable[..., Any])
 _PUBLIC = "ABHV_MC_PUBLIC_NUMBA"
+_MOST_ARRAYS = 40  # of a function's arguments: more than a vehicle's, fewer than a plan's
 
 # Plain Python throughout, as numba itself does it: for counting operations.
 PLAIN = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
@@ -90,11 +91,16 @@ def on_first_compile(called: Callable[[], None]) -> None:
 
 def _make_private() -> tuple[Any, Any]:
     """What makes a function that kernels call, and what makes a kernel, with numba's private classes."""
+    from llvmlite.binding import parse_assembly
     from numba.core import types
     from numba.core.caching import NullCache
     from numba.core.codegen import JITCodeLibrary
     from numba.core.compiler import Compiler
     from numba.core.registry import CPUDispatcher
+
+    def count_arrays(kinds: Any) -> int:
+        tuples = [kind for kind in kinds if isinstance(kind, types.BaseTuple)]
+        return sum(isinstance(kind, types.Array) for kind in kinds) + sum(map(count_arrays, tuples))
 
     class InlinedLibrary(JITCodeLibrary):
         """Code that only becomes part of a kernel's: neither optimized by itself nor made machine code."""
@@ -110,7 +116,9 @@ def _make_private() -> tuple[Any, Any]:
             library = InlinedLibrary(self.state.targetctx.codegen(), function.__qualname__)
             self.state["library"] = library
             self.state.flags.no_compile = True
-            self.state.flags.noalias = True  # no checks for overlap before a loop over lanes is vectorized
+            # No checks for overlap before a loop over lanes is vectorized. But each load and store that is inlined
+            # names all arrays that it does not touch: those of a whole plan are most of what LLVM would work on.
+            self.state.flags.noalias = count_arrays(self.state.args) <= _MOST_ARRAYS
             result = super().compile_extra(function)
             entry = set[Any]().remove  # never called: numba knows a function by a builtin of its own
             result.target_context.insert_user_function(entry, result.fndesc, [library])
@@ -132,10 +140,24 @@ def _make_private() -> tuple[Any, Any]:
         def __call__(self, *arguments: Any) -> Any:
             return self.kernel(*arguments)
 
+    class KernelLibrary(JITCodeLibrary):
+        """Machine code that nothing links: it is kept with its names alone, without the code that it was made from."""
+
+        def serialize_using_object_code(self) -> Any:
+            names = [f.name for f in self._final_module.functions if not f.is_declaration]
+            stubs = parse_assembly("\n".join(f'@"{name}" = global i8 0' for name in names))
+            return self.name, "object", (self._get_compiled_object(), stubs.as_bitcode())
+
+    class KernelCompiler(Compiler):
+        def compile_extra(self, function: Any) -> Any:
+            self.state["library"] = library = KernelLibrary(self.state.targetctx.codegen(), function.__qualname__)
+            library.enable_object_caching()
+            return super().compile_extra(function)
+
     class Kernel(CPUDispatcher):
         def __init__(self, function: Any, **options: Any) -> None:
             options |= {"nopython": True, "no_cfunc_wrapper": True}
-            super().__init__(function, targetoptions=options)
+            super().__init__(function, targetoptions=options, pipeline_class=KernelCompiler)
             self.enable_caching()
 
         def compile(self, sig: Any) -> Any:

@@ -6,6 +6,7 @@ inside its function.
 """
 
 import gc
+import os
 import sys
 from importlib import import_module
 
@@ -72,6 +73,8 @@ for _panel, _names in _COMMANDS.items():
 
 def main() -> None:
     """Run the command line and exit with its code."""
+    # Before numpy is loaded, here and in the processes started from here: further threads spin on matrices of 9 x 9.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.set_threshold(100_000, 10, 10)  # libraries being loaded are no garbage: a tenth of a cached start
     with sigterm_as_interrupt():
         try:

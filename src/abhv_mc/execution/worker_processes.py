@@ -206,13 +206,15 @@ def _starting_processes() -> Iterator[None]:
     """Processes that multiprocessing starts inside ignore Ctrl-C and import from where this one does.
 
     Ctrl-C reaches every process of the terminal: the parent decides. The caller's script is not run again. The server
-    and its helper are started with ``python -c``, which would import from the working folder first: two variables keep
+    and its helper are started with ``python -c``, which would import from the working folder first: variables keep
     them from that.
     """
     searched = os.pathsep.join(map(os.path.abspath, sys.path))
     with _start_lock:
         main, before = sys.modules["__main__"], dict(os.environ)
-        os.environ.update(PYTHONPATH=searched, PYTHONSAFEPATH="1")
+        threads = before.get("OPENBLAS_NUM_THREADS", "1")  # further ones would spin on small matrices
+        changed = {"PYTHONPATH": searched, "PYTHONSAFEPATH": "1", "OPENBLAS_NUM_THREADS": threads}
+        os.environ.update(changed)
         resource_tracker.ensure_running()  # which unblocks signals when it starts
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         sys.modules["__main__"] = types.ModuleType("__main__")
@@ -221,6 +223,6 @@ def _starting_processes() -> Iterator[None]:
         finally:
             sys.modules["__main__"] = main
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-            for name in ("PYTHONPATH", "PYTHONSAFEPATH"):
+            for name in changed:
                 del os.environ[name]
                 os.environ.update({name: before[name]} if name in before else {})

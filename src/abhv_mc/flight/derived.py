@@ -1,11 +1,14 @@
 """Observed quantities that the lane memory does not hold, once a control tick: one function each, named as its source.
 
-Each takes the lane memory, a lane, the plan and the tick, and returns the unit that its name ends with.
+Each takes the lane memory, a lane, what it sees of the plan and the tick, and returns the unit that its name ends with.
 """
 
 import math
+from typing import NamedTuple
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control import columns as ref
+from abhv_mc.flight.plan import Timing
 from abhv_mc.flight.ripple import FREQUENCY, N_RIPPLE_ROWS, begin_swings, end_swing, watch_swings
 from abhv_mc.flight.sensors import END_ROW
 from abhv_mc.jit import lanes
@@ -14,6 +17,7 @@ from abhv_mc.plant import state as s
 from abhv_mc.plant.disturbance import any_lane
 from abhv_mc.plant.heating import heat_flux
 from abhv_mc.plant.state import X, parameter_row, variable_row
+from abhv_mc.vehicle.model import Constants
 
 _ALPHA = variable_row("angle_of_attack")
 _BETA = variable_row("sideslip")
@@ -28,6 +32,14 @@ LAST_SURFACE = FIRST_SURFACE + 3  # deflections at the last tick
 FIRST_MASS = LAST_SURFACE + 3
 RIPPLES = FIRST_MASS + 1  # of bank, angle of attack and sideslip
 FIRST_DERIVED = RIPPLES + 3 * N_RIPPLE_ROWS  # the quantities themselves
+
+
+class Observing(NamedTuple):
+    """What of a plan these functions see: the whole of it is hundreds of arguments of each, and slow to compile."""
+
+    reference: Floats  # [tick, column]
+    timing: Timing
+    constants: Constants
 
 
 @lanes
@@ -152,14 +164,14 @@ def sideslip_cycle_hz(Z, lane, plan, tick):
 @lanes
 def fuel_left_kg(Z, lane, plan, tick):
     """Mass above the empty one; infinite for a vehicle that burns no fuel."""
-    constants = plan.vehicle.constants
+    constants = plan.constants
     return Z[X + s.MASS, lane] - constants.mass_empty * Z[_MASS, lane] if constants.burns_fuel > 0.0 else math.inf
 
 
 @lanes
 def stagnation_heat_flux_w_m2(Z, lane, plan, tick):
     """Heat flux at the stagnation point; not a number for a vehicle without a nose radius."""
-    return heat_flux(Z[s.RHO, lane], Z[s.AIRSPEED, lane], plan.vehicle.constants.nose_radius)
+    return heat_flux(Z[s.RHO, lane], Z[s.AIRSPEED, lane], plan.constants.nose_radius)
 
 
 @lanes
@@ -174,7 +186,7 @@ def surface_saturated(Z, lane, plan, tick):
 
     A command at the stop counts too: the surface creeps towards it and may never arrive.
     """
-    nominal_limit = plan.vehicle.constants.surface_limit
+    nominal_limit = plan.constants.surface_limit
     limit = nominal_limit * Z[_LIMIT, lane]
     largest = larger(abs(Z[X + s.AILERON, lane]), abs(Z[X + s.RUDDER, lane]))
     largest = larger(largest, abs(Z[X + s.ELEVATOR, lane]))

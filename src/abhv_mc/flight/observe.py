@@ -70,22 +70,23 @@ def find_factor(source: str, unit: str) -> float:
 
 def _compose(functions: Sequence[Callable[..., Any]], row: int) -> Callable[..., None]:
     """One compiled function that puts what each of these returns for a lane into its own row, from ``row`` on."""
-    first, rest = functions[0], functions[1:]
-    if not rest:
+    if len(functions) == 1:
+        function = functions[0]
 
         @lanes
-        def derive_last(Z, lane, plan, tick):
-            Z[row, lane] = first(Z, lane, plan, tick)
+        def derive_one(Z, lane, plan, tick):
+            Z[row, lane] = function(Z, lane, plan, tick)
 
-        return derive_last
-    others = _compose(rest, row + 1)
+        return derive_one
+    half = len(functions) // 2
+    some, others = _compose(functions[:half], row), _compose(functions[half:], row + half)
 
     @lanes
-    def derive_each(Z, lane, plan, tick):
-        Z[row, lane] = first(Z, lane, plan, tick)
+    def derive_more(Z, lane, plan, tick):
+        some(Z, lane, plan, tick)
         others(Z, lane, plan, tick)
 
-    return derive_each
+    return derive_more
 
 
 _derive_lane = _compose([getattr(derived, source) for source in DERIVED], FIRST_DERIVED)
@@ -138,9 +139,10 @@ def start_observing(Z, O, width, counted):
 @lanes
 def derive(Z, width, plan, tick):
     """The derived quantities at this tick."""
+    observing = derived.Observing(plan.reference, plan.timing, plan.vehicle.constants)
     for lane in range(width):
-        _derive_lane(Z, lane, plan, tick)
-    follow_ripples(Z, width, plan, tick, _ERRORS, _RIPPLES, _CYCLES)
+        _derive_lane(Z, lane, observing, tick)
+    follow_ripples(Z, width, observing, tick, _ERRORS, _RIPPLES, _CYCLES)
 
 
 @lanes
