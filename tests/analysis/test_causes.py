@@ -5,7 +5,41 @@ import pytest
 
 from abhv_mc.analysis.causes import group_failures
 from abhv_mc.analysis.shrink import Shrunk, shrink_together
-from benchmarks.failure_map import is_mapped, planted
+
+COUNT, FLIGHTS, BUDGET = 20, 2000, 400
+
+
+def planted(seed):
+    """Causes, two of them pairs, dispersions [flight, input], and what tells which cause makes flights fail."""
+    rng = np.random.default_rng(seed)
+    inputs = rng.choice(COUNT, 7, replace=False).tolist()
+    causes = [(inputs[0],), (inputs[1],), (inputs[2],), (inputs[3], inputs[4]), (inputs[5], inputs[6])]
+    values = rng.uniform(-1.0, 1.0, (FLIGHTS, COUNT))
+    signs = rng.choice([-1.0, 1.0], COUNT)
+    limits = {1: 0.9876, 2: 1.0 - 2.0 * np.sqrt(0.006)}  # 0.62 % and 0.6 % of the flights
+
+    def fails(rows):
+        """By cause, ``[flight, cause]``: one-sided, each member beyond its limit."""
+        return np.stack([np.all(rows[:, list(c)] * signs[list(c)] > limits[len(c)], axis=1) for c in causes], axis=1)
+
+    return [tuple(sorted(cause)) for cause in causes], values, fails
+
+
+def is_mapped(seed):
+    """Whether the map has the causes that made a flight fail, no other, and no flight that its cause did not fail."""
+    causes, values, fails = planted(seed)
+    failed = np.flatnonzero(fails(values).any(axis=1))
+
+    def test(owners, keep):
+        rows = np.where(keep, values[failed[owners]], 0.0)
+        return np.where(fails(rows).any(axis=1), 1.0, -np.inf)
+
+    found = shrink_together(COUNT, test, [np.arange(COUNT)] * failed.size, BUDGET)
+    groups, rest = group_failures(found, values[failed] > 0.0)
+    flown = fails(values[failed])
+    held = {cause: set(np.flatnonzero(flown[:, c])) for c, cause in enumerate(causes) if flown[:, c].any()}
+    told = {group.inputs: set(group.failures) for group in groups}
+    return not rest and set(told) == set(held) and all(told[cause] <= held[cause] for cause in told)
 
 
 def test_planted_causes_are_mapped_in_nearly_all_campaigns():

@@ -1,13 +1,14 @@
 """What the browser's view counts, against numpy over the same flights."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from abhv_mc.explore import counts
-from abhv_mc.explore.counts import Asked, count_flights, find_nearest, open_flights, parse_asked
+from abhv_mc.explore.counts import Asked, count_flights, find_nearest, find_ranges, open_flights, parse_asked
 from abhv_mc.io.documents import InputError
 from abhv_mc.topics.worst_flights import rank_worst
-from benchmarks.explore import draw_asked, grow
 
 X, Y, BRUSHED = "aero.lift", "speed_error_max_mps", "atmosphere.density"
 
@@ -88,6 +89,36 @@ def test_what_the_view_never_sends_is_refused(table, change):
     assert parse_asked(sent, table).x == X
     with pytest.raises(InputError, match="request"):
         parse_asked(sent | change, table)
+
+
+def grow(table, flights):
+    """A table of so many flights, made of the ones that it holds."""
+    connection = table.connection
+    held, numbers = connection.execute("select count(*), max(flight) + 1 from shown").fetchone()
+    columns = list(table.ranges)
+    moved = ", ".join(f'"{name}" * (0.95 + 0.1 * random()) as "{name}"' for name in columns)
+    copies = -(-flights // held)
+    connection.execute("select setseed(0.5)")
+    connection.execute(
+        f"create table grown as select controller, flight + {numbers} * k as flight, outcome, "  # noqa: S608
+        f"rank + {numbers} * k as rank, {moved} from shown, range({copies}) copies(k) limit {flights}"
+    )
+    connection.execute("drop table shown")
+    connection.execute("alter table grown rename to shown")
+    return replace(table, ranges=find_ranges(connection, columns))
+
+
+def draw_asked(table, draw):
+    """Two columns against each other, and two brushes of a tenth to all of a range."""
+    names = list(table.ranges)
+    x, y, *brushed = (names[k] for k in draw.integers(len(names), size=4))
+    brushes = {}
+    for name in brushed:
+        low, high = table.ranges[name]
+        width = draw.uniform(0.1, 1.0) * (high - low)
+        start = draw.uniform(low, high - width)
+        brushes[name] = (start, start + width)
+    return Asked(x, y, tuple(entry["name"] for entry in table.view["controllers"]), "all", brushes)
 
 
 @pytest.mark.thorough

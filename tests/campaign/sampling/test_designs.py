@@ -84,17 +84,3 @@ def test_corners_grid_and_one_at_a_time():
 def test_first_numbers_of_a_stream_never_change():
     """Pinned: a change here would silently change every campaign ever flown."""
     np.testing.assert_array_equal(draw("random", 2, seed=2014)[:, 0], PINNED)
-
-
-def test_saltelli_groups_share_values_in_its_pattern():
-    design = Design("saltelli", 3, NAMES, 5 * 64)
-    rows = design.draw(0, 5 * 64).reshape(64, 5, 3)
-    a, b = rows[:, 0], rows[:, -1]
-    assert not np.any(a == b)
-    for i in range(3):
-        mixed = a.copy()
-        mixed[:, i] = b[:, i]
-        np.testing.assert_array_equal(rows[:, 1 + i], mixed)
-    assert len(np.unique(a)) == a.size and rows.min() > 0.0 and rows.max() < 1.0
-    np.testing.assert_array_equal(design.draw(17, 123), rows.reshape(-1, 3)[17:123])
-    assert not np.any(Design("saltelli", 4, NAMES, 5).draw(0, 5) == rows[0])

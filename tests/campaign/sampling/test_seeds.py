@@ -43,12 +43,6 @@ def test_factorial_designs_have_one_common_seed(tmp_path, design):
     assert source.flights in (4, 9, 5)  # the seeds are no dimension of the design
 
 
-def test_flights_of_one_saltelli_group_have_one_seed(tmp_path):
-    both = WIND.replace("{distribution: discrete, values: [1 m, 2 m]}", "{distribution: uniform, low: 1 m, high: 2 m}")
-    values = samples(tmp_path, sampling="saltelli", runs="32", dispersions=both).draw(3, 32)
-    assert np.array_equal(np.unique(values[:, 2]).size, 8) and np.ptp(values[1:5, 2]) == 0.0
-
-
 def test_samples_from_a_file_get_seeds(tmp_path):
     path = write_campaign(tmp_path, dispersions="{}", keep="{}", sampling="{design: file, path: s.csv}", runs="null")
     (tmp_path / "s.csv").write_text("wind.turbulence\n1.0\n2.0\n", encoding="utf-8")

@@ -27,10 +27,8 @@ from abhv_mc.campaign.sampling.designs import (
     EXTENSIBLE,
     FACTORIAL,
     INDEPENDENT,
-    SALTELLI,
     Design,
     count_flights,
-    saltelli_group,
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
@@ -91,7 +89,7 @@ class CheckedCampaign:
         seeds = find_seeds(self.names)
         if not seeds:
             return source
-        return SeededSamples(source, Seeds(seeds, seed, sampling.design, len(self.names)))
+        return SeededSamples(source, Seeds(seeds, seed, sampling.design))
 
 
 def read_campaign(
@@ -242,9 +240,6 @@ def _make_copula(document: Document, model: Campaign, names: Sequence[str], erro
     if pairs and model.sampling.design in (*FACTORIAL, "file"):
         found = f"correlations with the design '{model.sampling.design}'"
         errors.append(document.key_error(("correlations",), found, "none: this design sets every value"))
-    if pairs and model.sampling.design == SALTELLI:
-        found = f"correlations with the design '{SALTELLI}'"
-        errors.append(document.key_error(("correlations",), found, "none: Sobol indices need independent parameters"))
     if errors:
         return Copula((), np.eye(0))
     try:
@@ -277,15 +272,11 @@ def _check_runs(
 ) -> int:
     """Number of flights: what the file says, or what the design has."""
     design = model.sampling.design
-    if design in (*FACTORIAL, SALTELLI) and not names:
+    if design in FACTORIAL and not names:
         errors.append(document.error(("sampling",), f"'{design}' without dispersions", "something to vary"))
         return 1
     number = sample_file.flights if sample_file else count_flights(design, len(names), model.sampling.levels)
     if number is None:
-        group = saltelli_group(len(names))
-        if design == SALTELLI and model.runs is not None and model.runs % group:
-            expected = f"a multiple of {group} (parameters + 2), at best times a power of two, such as {512 * group}"
-            errors.append(document.error(("runs",), f"{model.runs}", expected))
         if model.runs is None:
             errors.append(
                 document.error((), "no key 'runs'", f"'runs' here, as the design '{design}' takes any number")

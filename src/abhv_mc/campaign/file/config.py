@@ -39,7 +39,7 @@ Batch = Annotated[int | None, _auto_up_to(_LARGEST_BATCH)]
 
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
-DesignName = Literal["random", "lhs", "sobol", "halton", "saltelli", "corners", "grid", "one_at_a_time", "file"]
+DesignName = Literal["random", "lhs", "sobol", "halton", "corners", "grid", "one_at_a_time", "file"]
 
 
 class Sampling(StrictModel):

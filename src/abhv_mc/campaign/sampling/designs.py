@@ -1,9 +1,8 @@
 """Designs of experiments: how the uniform numbers of a campaign's flights are chosen.
 
 A design gives for each flight and parameter a number in [0, 1], the probability at which the parameter's distribution
-is read. ``random``, ``sobol``, ``halton`` and ``saltelli`` give flight k the same numbers however many flights there
-are; the others depend on the number of flights, which for ``corners``, ``grid`` and ``one_at_a_time`` follows from the
-parameters.
+is read. ``random``, ``sobol`` and ``halton`` give flight k the same numbers however many flights there are; the others
+depend on the number of flights, which for ``corners``, ``grid`` and ``one_at_a_time`` follows from the parameters.
 """
 
 from collections.abc import Callable
@@ -17,10 +16,9 @@ from abhv_mc.campaign.sampling.streams import draw_uniforms, make_generator, str
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 
 INDEPENDENT = "random"  # the design whose flights are independent draws, so that binomial statistics hold
-SALTELLI = "saltelli"  # the design that Sobol indices are computed from
-EXTENSIBLE = frozenset({"random", "sobol", "halton", SALTELLI})
+EXTENSIBLE = frozenset({"random", "sobol", "halton"})
 FACTORIAL = frozenset({"corners", "grid", "one_at_a_time"})
-DESIGNS = ("random", "lhs", "sobol", "halton", SALTELLI, "corners", "grid", "one_at_a_time", "file")
+DESIGNS = ("random", "lhs", "sobol", "halton", "corners", "grid", "one_at_a_time", "file")
 
 _BITS = 30  # of a Sobol point: 2**30 flights at most
 _PIECE = 4096  # points drawn at once; a power of two, as Sobol's net wants
@@ -41,8 +39,6 @@ class Design:
         """Probabilities ``[flight, parameter]`` of the flights ``first`` .. ``stop - 1``."""
         if self.kind in FACTORIAL:
             return _FACTORIAL_ROWS[self.kind](np.arange(first, stop), len(self.names), self.levels)
-        if self.kind == SALTELLI:
-            return _saltelli_rows(self, first, stop)
         draw = _COLUMNS[self.kind]
         columns = [draw(self, name, first, stop) for name in self.names]
         return np.column_stack(columns) if columns else np.empty((stop - first, 0))
@@ -96,43 +92,13 @@ def _dimension(name: str) -> int:
 
 
 def _slice(make_sampler: Callable[[], object], first: int, stop: int) -> Floats:
-    """Last column of the sampler's points ``first`` .. ``stop - 1``."""
-    return _points(make_sampler, first, stop, slice(-1, None))[:, 0]
-
-
-def _points(make_sampler: Callable[[], object], first: int, stop: int, columns: slice) -> Floats:
-    """Some columns of the sampler's points ``first`` .. ``stop - 1``, piece by piece to bound the memory."""
+    """Last column of the sampler's points ``first`` .. ``stop - 1``, piece by piece to bound the memory."""
     sampler: object = make_sampler()
     start = first - first % _PIECE
     if start:
         sampler.fast_forward(start)  # type: ignore[attr-defined]
-    pieces = [sampler.random(_PIECE)[:, columns] for _ in range(start, stop, _PIECE)]  # type: ignore[attr-defined]
-    return np.concatenate(pieces)[first - start : stop - start] if pieces else np.empty((0, 1))
-
-
-def saltelli_group(parameters: int) -> int:
-    """Flights of one group of a Saltelli design: one each from A and B, and A with each column taken from B."""
-    return parameters + 2
-
-
-def _saltelli_rows(design: Design, first: int, stop: int) -> Floats:
-    """Groups of flights A, A with column 1 from B, ..., B of two halves A, B of one scrambled Sobol sequence.
-
-    The order of Saltelli et al., Computer Physics Communications 181 (2010) as SALib analyses it.
-    """
-    from scipy.stats import qmc
-
-    count = len(design.names)
-    group = saltelli_group(count)
-    low, high = first // group, -(-stop // group)
-    rng = make_generator(design.seed, "|".join(design.names), "saltelli")
-    points = _points(lambda: qmc.Sobol(d=2 * count, bits=_BITS, rng=rng), low, high, slice(None)) + 0.5 ** (_BITS + 1)
-    a, b = points[:, :count], points[:, count:]
-    rows = np.repeat(a[:, None, :], group, axis=1)
-    place = np.arange(count)
-    rows[:, 1 + place, place] = b
-    rows[:, -1] = b
-    return rows.reshape(-1, count)[first - low * group : stop - low * group]
+    pieces = [sampler.random(_PIECE)[:, -1] for _ in range(start, stop, _PIECE)]  # type: ignore[attr-defined]
+    return np.concatenate(pieces)[first - start : stop - start] if pieces else np.empty(0)
 
 
 def _open(values: Floats) -> Floats:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.sampling.designs import FACTORIAL, SALTELLI, saltelli_group
+from abhv_mc.campaign.sampling.designs import FACTORIAL
 from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
 from abhv_mc.plant.parameters import PARAMETERS
 
@@ -36,19 +36,15 @@ class Seeds:
     names: tuple[str, ...]
     seed: int  # of the campaign
     design: str
-    dispersed: int  # parameters of the design
 
     def draw(self, first: int, stop: int) -> Floats:
         """Values ``[flight, seed]`` in 0..1 of the flights ``first`` .. ``stop - 1``, each from (seed, name, flight).
 
-        Flights that are compared with each other by their design have a common one: all of a factorial design, and
-        those of one group of Saltelli's.
+        Flights that are compared with each other by their design, all of a factorial one, have a common one.
         """
         numbers = np.arange(first, stop)
         if self.design in FACTORIAL:
             numbers = np.zeros_like(numbers)
-        elif self.design == SALTELLI:
-            numbers //= saltelli_group(self.dispersed)
         if not numbers.size:
             return np.empty((0, len(self.names)))
         low, count = int(numbers[0]), int(numbers[-1] - numbers[0]) + 1

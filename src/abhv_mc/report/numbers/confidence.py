@@ -18,8 +18,6 @@ def confidence_sentence(numbers: Mapping[str, Any]) -> str:
             f" The flights of a {campaign['sampling']} design are not independent draws: exact binomial statistics do "
             "not hold, so quantiles, differences and their intervals are estimates and no verdict is given."
         )
-        if numbers["sobol"]:
-            text += " The intervals of the Sobol indices are 95 %, from resampled groups of flights."
     elif numbers["requirements"]:
         largest = max(entry["consumer_risk"] for entry in numbers["requirements"])
         text += (

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from abhv_mc.folder.controller_flights import distances
 from abhv_mc.folder.results import Results
-from abhv_mc.report.numbers.sobol import independent_rows
 from abhv_mc.statistics.drivers import FALSE_DISCOVERY_RATE, rank_drivers
 from abhv_mc.statistics.failure_drivers import FALSE_DISCOVERY_RATE as RULES_RATE
 from abhv_mc.statistics.failure_drivers import FEWEST_FAILURES, bin_inputs, find_rules
@@ -32,27 +31,22 @@ def driver_numbers(results: Results) -> dict[str, Any]:
     numbers: dict[str, Any] = {}
     for controller in results.controllers:
         flights = results.flights[controller]
-        rows = np.flatnonzero(independent_rows(results, flights.flight))
         kinds = failure_kinds(results, controller)
         binned = (
-            bin_inputs(column[flights.flight[rows]] for column in map(results.samples.__getitem__, names))
-            if kinds
-            else None
+            bin_inputs(column[flights.flight] for column in map(results.samples.__getitem__, names)) if kinds else None
         )
 
-        def column(index: int, flown: NDArray[np.int64] = flights.flight[rows]) -> NDArray[np.float64]:
+        def column(index: int, flown: NDArray[np.int64] = flights.flight) -> NDArray[np.float64]:
             return np.asarray(results.samples[names[index]][flown], dtype=np.float64)
 
         numbers[controller] = {
-            "metrics": _coefficients(results, controller, rows),
+            "metrics": _coefficients(results, controller),
             "failures": [
                 {
                     "kind": kind,
                     "flights": int(failed.size),
                     "failures": int(failed.sum()),
-                    "rules": [_rule(rule, names) for rule in find_rules(binned, failed[rows], column)]
-                    if binned
-                    else [],
+                    "rules": [_rule(rule, names) for rule in find_rules(binned, failed, column)] if binned else [],
                 }
                 for kind, failed in kinds
             ],
@@ -65,17 +59,17 @@ def driver_numbers(results: Results) -> dict[str, Any]:
     }
 
 
-def _coefficients(results: Results, controller: str, rows: NDArray[np.intp]) -> dict[str, Any]:
+def _coefficients(results: Results, controller: str) -> dict[str, Any]:
     metrics, names = list(results.metrics), list(results.dispersed)
     flights = results.flights[controller]
-    first = rows[:_MOST_FLIGHTS]
+    first = np.arange(min(flights.flight.size, _MOST_FLIGHTS))
     outputs = np.column_stack([distances(flights, metric, first) for metric in metrics])
     inputs, folded = [], []
     for sampled in map(results.samples.__getitem__, names):
         inputs.append(sampled[flights.flight[first]])
         # A largest absolute error often grows with a parameter's distance from its middle, whichever way; ranks of
         # the parameter alone do not see that.
-        finite = sampled[flights.flight[rows]]
+        finite = sampled[flights.flight]
         finite = finite[np.isfinite(finite)]  # a failure that never comes is far from every time
         folded.append(np.abs(inputs[-1] - (np.median(finite) if finite.size else 0.0)))
     drivers = rank_drivers(np.column_stack([*inputs, *folded]), outputs)

@@ -18,7 +18,6 @@ from abhv_mc.report.numbers.failure_map import failure_map_numbers
 from abhv_mc.report.numbers.findings import finding_numbers, left_out
 from abhv_mc.report.numbers.glance import glance_numbers
 from abhv_mc.report.numbers.paired import paired_numbers
-from abhv_mc.report.numbers.sobol import sobol_numbers
 from abhv_mc.statistics.binomial import clopper_pearson, success_lower_bound
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
 from abhv_mc.statistics.judgement import hold_family
@@ -191,6 +190,5 @@ def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]
         "ranges": _ranges(results),
         **{topic.name: plain(models[topic]) for topic in all_topics()},
         "drivers": driver_numbers(results),
-        "sobol": sobol_numbers(results),
         **({"baseline": baseline_numbers(results, baseline)} if baseline else {}),
     }

@@ -221,8 +221,6 @@ def summary_parts(models: Models, numbers: Mapping[str, Any]) -> SummaryParts:
 def summary_sentences(models: Models, numbers: Mapping[str, Any]) -> list[str]:
     """What a reader with two minutes should know, most important first: lost flights, the answer against the
     strongest rival, the requirements, what endangers each controller's flights, the other rivals, then why.
-
-    A Saltelli campaign was flown to learn what moves the errors, and says that before who wins.
     """
     lost, wins, known, drivers = summary_parts(models, numbers)
-    return drivers + wins + lost + known if numbers["sobol"] else lost + wins[:1] + known + wins[1:] + drivers
+    return lost + wins[:1] + known + wins[1:] + drivers

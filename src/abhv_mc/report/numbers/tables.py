@@ -255,24 +255,6 @@ def _otherwise(entries: Sequence[Mapping[str, Any]]) -> str:
     return f"{names}, not steadily up or down (of the variance of ranks: {'; '.join(shares)})"
 
 
-def sobol_rows(numbers: Mapping[str, Any]) -> list[Row]:
-    """For each controller and headline metric, its indices, or why there are none."""
-    rows = []
-    for name, part in numbers["sobol"].get("controllers", {}).items():
-        if part["refused"]:
-            rows.append({"controller": controller_label(name), "refused": part["refused"], "label": "", "indices": []})
-        for metric in numbers["asked"]:
-            if metric in part["metrics"]:
-                indices = [
-                    {key: word(entry["parameter"]) for key, word in _PARAMETER_WORDS.items()}
-                    | {kind: _cell(_interval(entry[kind])) for kind in ("first", "total")}
-                    for entry in part["metrics"][metric][:4]
-                ]
-                label = numbers["metrics"][metric]["label"]
-                rows.append({"controller": controller_label(name), "refused": None, "label": label, "indices": indices})
-    return rows
-
-
 def _dispersion_words(entry: Mapping[str, Any]) -> str:
     """'lift +8.1 % (1.6 sigma)'."""
     sigma = "" if entry["sigma"] is None else f" ({fixed(entry['sigma'], 1)} sigma)"

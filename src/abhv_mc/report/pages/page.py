@@ -163,7 +163,6 @@ def _context(models: Models, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "groups": list(tables.metric_groups(numbers)),
         "pairs": tables.pair_tables(numbers),
         "drivers": tables.driver_rows(numbers),
-        "sobol": tables.sobol_rows(numbers),
         "failure_rules": {
             controller_label(name): part["failures"]
             for name, part in numbers["drivers"].get("controllers", {}).items()

@@ -1,6 +1,6 @@
 """Where a flight's time goes: each part of a tick alone, all lanes of a batch, as a share of the whole flight's time.
 
-    python -m benchmarks.kernels.parts [--processes 3] [--json FILE]      or, of one process and to the screen, --once
+    python -m benchmarks.parts [--processes 3] [--json FILE]      or, of one process and to the screen, --once
 
 A part alone runs from the nearest cache; in a flight all parts take turns, and lanes stand in different cells: what the
 sum leaves over. Writes ``benchmarks/results/parts.json`` and a table of ``docs/explanation/performance.md``.
@@ -41,7 +41,7 @@ from benchmarks.document import replace_part, write_json
 from benchmarks.spread import Spread, describe_machine, find_spreads, make_note, make_parser, repeat
 from benchmarks.timing import measure_time
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "parts.json"
 DOCUMENT = ROOT / "docs" / "explanation" / "performance.md"
 REPEATS = 9

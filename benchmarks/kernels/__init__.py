@@ -1,1 +1,0 @@
-"""Single kernels as ratios of times."""
