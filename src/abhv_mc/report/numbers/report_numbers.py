@@ -138,17 +138,6 @@ def _unsettled(results: Results, record: Metric) -> str | None:
     return None
 
 
-def _ranges(results: Results) -> dict[str, Any]:
-    """Smallest and largest value of each channel over all flights and times."""
-    ranges: dict[str, Any] = {}
-    for (controller, channel), envelope in results.envelopes.items():
-        if np.isnan(envelope.bands["min"]).all():  # no flight was computed
-            continue
-        low, high = np.nanmin(envelope.bands["min"]), np.nanmax(envelope.bands["max"])
-        ranges.setdefault(controller, {})[channel] = [plain(float(low)), plain(float(high))]
-    return ranges
-
-
 def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]:
     """All numbers of the report of a campaign, as JSON holds them; those of a ``baseline`` folder beside where given.
 
@@ -187,7 +176,6 @@ def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]
         "left_out": left_out(results),
         "worst": worst_numbers(results),
         "failure_map": failure_map_numbers(results),
-        "ranges": _ranges(results),
         **{topic.name: plain(models[topic]) for topic in all_topics()},
         "drivers": driver_numbers(results),
         **({"baseline": baseline_numbers(results, baseline)} if baseline else {}),
