@@ -24,6 +24,8 @@ from abhv_mc.statistics.judgement import hold_family
 from abhv_mc.statistics.verdicts import Verdict, advice_words, verdict_words
 from abhv_mc.topics.failed_flights import find_tolerance, judge_all, requirement_failures, requirement_words
 from abhv_mc.topics.labels import full_labels
+from abhv_mc.topics.margins import MARGINS
+from abhv_mc.topics.margins.sentences import missing_margins
 from abhv_mc.topics.plain import interval_in_sense, level_name, plain
 from abhv_mc.topics.registry import all_topics
 from abhv_mc.topics.topic import Models
@@ -160,7 +162,11 @@ def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]
             "dispersions": plain(campaign.dispersions),
         },
         "state": manifest.get("state"),
-        "warnings": list(manifest.get("warnings") or []),
+        "warnings": [
+            *(manifest.get("warnings") or ()),
+            *manifest.get("not_made", ()),
+            *missing_margins(models[MARGINS], models.names),
+        ],
         "digest": manifest.get("digest"),
         "digests": plain(manifest.get("digests") or {}),
         "flights": _flight_counts(results),

@@ -109,15 +109,16 @@ def _worst(
         yield text, plot_envelopes(rows, list(labels.values()), list(colors.values()))
 
 
-def make_figures(models: Models, numbers: Mapping[str, Any]) -> Iterator[tuple[FigureText, Figure]]:
-    """Every figure that the campaign's folder has the data for."""
+def make_figures(models: Models, numbers: Mapping[str, Any]) -> dict[str, Iterator[tuple[FigureText, Figure]]]:
+    """Every figure that the campaign's folder has the data for, by what it shows."""
     results = models.results
     labels = numbers["campaign"]["labels"]
     colors = controller_colors(results.controllers)
-    yield from models.figures(ENVELOPES)
-    yield from _distributions(results, labels, colors)
-    yield from _trade(results, labels, colors)
-    yield from _worst(results, numbers, labels, colors)
-    for topic in all_topics():
-        if topic is not ENVELOPES:
-            yield from models.figures(topic)
+    topics = {topic.name: models.figures(topic) for topic in all_topics()}
+    return {
+        ENVELOPES.name: topics.pop(ENVELOPES.name),
+        "distributions": _distributions(results, labels, colors),
+        "error against usage": _trade(results, labels, colors),
+        "worst flights": _worst(results, numbers, labels, colors),
+        **topics,
+    }
