@@ -12,7 +12,7 @@ from abhv_mc import cache, identity
 
 PACKAGE = Path(abhv_mc.__file__).parent
 PACKAGES = sorted(folder.name for folder in PACKAGE.iterdir() if (folder / "__init__.py").is_file())
-SHOWN = {"cli", "report"}
+SHOWN = {"cli", "report", "topics"}
 
 WORKER = """
 import sys

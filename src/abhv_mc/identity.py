@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 _PACKAGE = Path(__file__).parent
-_SHOWN = ("cli", "report")
+_SHOWN = ("cli", "report", "topics")
 
 
 class Flyer(NamedTuple):
