@@ -56,7 +56,7 @@ def test_rare_gives_an_estimate_or_refuses_with_exit_code_1(abhv_mc, campaign):
     words = ("rare", campaign, "--requirement", METRIC, "--flights", 5000, "--target-cov", "20 %", "-o", "out")
     code, out, _ = abhv_mc(*words, "--json", "rare.json")
     numbers = read_json("rare.json")
-    assert code == 0 and "95 % interval" in out
+    assert code == 0 and "95 % interval" in out and "check     " in out
     assert 0.0 < numbers["low"] < numbers["probability"] < numbers["high"] < 1.0
     impossible = ("--requirement", "sideslip_max_deg", "--flights", 5000, "-o", "no", "--json", "no.json")
     code, out, err = abhv_mc("rare", campaign, *impossible)

@@ -53,7 +53,9 @@ def command(
     def in_words() -> None:
         if estimate.refusal is None:
             interval = f"{estimate.low:.1e} .. {estimate.high:.1e}"
-            say(f"estimate  P(failure) of {found.controller} {estimate.probability:.1e}, 95 % interval {interval}")
+            value = f"{estimate.probability:.1e}, 95 % interval {interval}{found.unwarned}"
+            say(f"estimate  P(failure) of {found.controller} {value}")
+        say(f"check     {found.second_opinion}")
         say(f"flights   {estimate.flights}, {found.failures} of them failures")
         say(f"report    {page}")
 

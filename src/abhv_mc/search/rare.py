@@ -13,6 +13,8 @@ from abhv_mc.flight.metrics import BUILT_IN, Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.numerics.bounds import Bounds
+from abhv_mc.search.methods import second_look
+from abhv_mc.search.methods.importance import MOST_DIMENSIONS
 from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains
 from abhv_mc.search.methods.strata import Stratum, Switched, estimate_switched
 from abhv_mc.search.methods.subset import SubsetPlan
@@ -54,6 +56,24 @@ class RareFound:
         return "all others" if part.on is None else " and ".join(switches[i] for i in part.on) or "none of them"
 
     @property
+    def unwarned(self) -> str:
+        """The second half of the estimate's sentence, beyond the dimension to which the second look finds branches."""
+        if len(self.space.names) <= second_look.MOST_DIMENSIONS or self.estimate.unwarned_high is None:
+            return ""
+        return (
+            ", as far as the severity gives warning; of flights that end without warning only the "
+            f"{self.estimate.plain[1]:,} plain ones speak: below {self.estimate.unwarned_high:.1e}"
+        )
+
+    @property
+    def second_opinion(self) -> str:
+        """What importance sampling says."""
+        check = self.estimate.check
+        if check is None:
+            return f"none (it takes flights to spare and at most {MOST_DIMENSIONS} dispersions)"
+        return f"{check.probability:.1e} by importance sampling, worth {check.effective:.0f} failures"
+
+    @property
     def failures(self) -> int:
         """How many of the flights fail."""
         return int((self.severities > FAILS_ABOVE).sum())
@@ -71,6 +91,7 @@ class RareFound:
             "low": None if refused else found.low,
             "high": None if refused else found.high,
             "confidence": CONFIDENCE,
+            "unwarned_high": found.unwarned_high,
             "flights": found.flights,
             "cov": None if refused else found.cov,
             "levels": [
@@ -87,8 +108,8 @@ class RareFound:
             "repetitions": [one.probability for one in found.repetitions],
             "combinations": [{**vars(part), "on": self.words(part)} for part in self.strata],
             "importance_sampling": None
-            if check is None or not check.usable
-            else {"probability": check.probability, "cov": check.cov, "flights": check.flights},
+            if check is None
+            else {**vars(check), "cov": check.cov if np.isfinite(check.cov) else None},
             "refusal": found.refusal,
             "ended_early": int(ended_early(self.flights).sum()),
             "ended_early_fails": self.requirement.ended_early == "failure",

@@ -9,6 +9,41 @@ from scipy import integrate, optimize, special, stats
 
 
 @dataclass(frozen=True)
+class SwitchedCase:
+    """A severity of points and switches [switch] that come with ``rates``, and P(severity > 0)."""
+
+    name: str
+    rates: np.ndarray
+    severity: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    probability: float
+
+
+def switched(number: int, rate: float, limit: float, step: float = 0.0, fatal: int = 99) -> SwitchedCase:
+    """u1 above a limit that each switch lowers by ``step``; ``fatal`` switches together always fail."""
+
+    def severity(u: np.ndarray, on: np.ndarray) -> np.ndarray:
+        count = on.sum(axis=1)
+        return np.where(count >= fatal, 1.0, u[:, 0] - limit + step * count)
+
+    shares = stats.binom.pmf(np.arange(number + 1), number, rate)  # of so many switches that are on
+    fails = [1.0 if k >= fatal else stats.norm.sf(limit - step * k) for k in range(number + 1)]
+    name = f"switches {number} of {rate:g}, fatal {fatal}"
+    return SwitchedCase(name, np.full(number, rate), severity, float(shares @ fails))
+
+
+def switched_cases() -> list[SwitchedCase]:
+    """One that is fatal beside 8.5e-5, rare and rarer; two; eight; two that only fail together; a stratum of many."""
+    return [
+        switched(1, 2e-4, 3.76, fatal=1),
+        switched(1, 5e-5, 3.76, fatal=1),
+        switched(2, 0.01, 4.0, 0.5),
+        switched(8, 2e-3, 4.0, 0.5, fatal=2),
+        switched(2, 0.01, 8.0, fatal=2),
+        switched(7, 2e-3, 4.0, 0.5, fatal=3),
+    ]
+
+
+@dataclass(frozen=True)
 class Case:
     """A severity, its dimension, and P(severity > threshold)."""
 
@@ -26,7 +61,7 @@ def linear(dimension: int, beta: float) -> Case:
 
 
 def paraboloid(dimension: int, beta: float, curvature: float = 0.15) -> Case:
-    """Curved towards the origin: u1 plus ``curvature`` times the other coordinates' squares."""
+    """u1 plus ``curvature`` times the other coordinates' squares: towards the origin, below zero away from it."""
 
     def severity(u: np.ndarray) -> np.ndarray:
         return u[:, 0] + curvature * (u[:, 1:] ** 2).sum(axis=1)
@@ -177,6 +212,16 @@ def masked(dimension: int) -> Case:
     return Case(f"masked {dimension}", dimension, severity, 0.0, float(probability))
 
 
+def corner(dimension: int) -> Case:
+    """Three coordinates above 1.6 together, of which severity gives no warning, beside a gradual branch of 1.3e-5."""
+
+    def severity(u: np.ndarray) -> np.ndarray:
+        return np.where((u[:, 1:4] > 1.6).all(axis=1), 1.0, u[:, 0] - 4.2)
+
+    steep, gradual = stats.norm.sf(1.6) ** 3, stats.norm.sf(4.2)
+    return Case(f"corner {dimension}", dimension, severity, 0.0, float(steep + gradual - steep * gradual))
+
+
 def held_out_cases() -> list[Case]:
     """Cases on which nothing of the method was chosen: other shapes, other dimensions."""
     return [
@@ -190,13 +235,15 @@ def held_out_cases() -> list[Case]:
 
 
 def all_cases() -> list[Case]:
-    """The cases of the coverage study: from 1e-2 to 1e-7, dimension 2 to 50."""
+    """The cases of the coverage study: from 1e-2 to 1e-7, dimension 2 to 100."""
     return [
         linear(2, 4.2649),  # 1e-5
         linear(10, 2.3263),  # 1e-2
         linear(50, 5.1993),  # 1e-7
         paraboloid(2, 4.5),
         paraboloid(10, 6.5),
+        paraboloid(40, 0.3626, -0.15),  # 1e-5
+        paraboloid(100, -6.1505, -0.15),  # 1e-5
         ball(12, 1e-5),
         ball(50, 1e-4),
         four_branch(3.0),

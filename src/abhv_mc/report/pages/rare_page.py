@@ -42,27 +42,19 @@ def write_rare_page(found: RareFound, path: Path) -> Path:
 def _answers(found: RareFound, asked: str) -> list[str]:
     estimate = found.estimate
     if estimate.refusal is None:
+        repeated = "" if found.strata else f" in {len(estimate.repetitions)} independent repetitions"
         answers = [
             f"P({controller_label(found.controller)} breaks '{asked}') is about {estimate.probability:.1e}, "
             f"95 % interval {estimate.low:.1e} .. {estimate.high:.1e}, from {estimate.flights} flights"
-            f"{f' in {len(estimate.repetitions)} independent repetitions' if not found.strata else ''}.",
+            f"{repeated}{found.unwarned}.",
             f"As narrow an interval from plain sampling takes about {_plain_flights(found):,} flights.",
         ]
     else:
         answers = [f"There is no trustworthy estimate: {estimate.refusal}."]
-    check = estimate.check
-    if check is not None and check.usable:
-        answers.append(
-            f"Importance sampling about the failures found gives {check.probability:.1e} "
-            f"(coefficient of variation {100 * check.cov:.0f} %)."
-        )
-    dimensions = len(found.space.names)
-    looked = (
-        "A second look in random directions has searched for failures that lie apart from where flights grow worse"
-        if dimensions <= second_look.MOST_DIMENSIONS
-        else f"With {dimensions} dispersions, failures that lie apart from where flights grow worse may stay unseen"
-    )
-    answers.append(f"An estimate is no verdict: verdicts come from random campaigns alone. {looked}.")
+    answers.append(f"Second opinion: {found.second_opinion}.")
+    looked = estimate.check is not None and len(found.space.names) <= second_look.MOST_DIMENSIONS
+    more = " Failures apart from where flights grow worse were searched for in random directions; some may stay unseen."
+    answers.append(f"An estimate is no verdict: verdicts come from random campaigns alone.{more if looked else ''}")
     if found.failed_to_run:
         answers.append(f"{found.failed_to_run} flights could not be computed and count as failures.")
     return answers

@@ -18,6 +18,7 @@ _INFLATION = 1.3  # of the fitted covariances: a proposal with thinner tails tha
 _MOST_POINTS = 1000  # that a mixture is fitted to
 _SETTLED = 1e-3  # gain of the mean logarithm of the likelihood that ends a fit
 _EXPECTED = 100.0  # effective failures for an estimate worth comparing with
+_BEYOND_SAMPLE = 1.5
 
 
 @dataclass(frozen=True)
@@ -49,13 +50,18 @@ class ImportanceEstimate:
 
     probability: float
     cov: float
-    effective: float  # failures it is worth; below ``_WANTED`` it says nothing
+    effective: float  # failures it is worth
     flights: int
 
     @property
     def usable(self) -> bool:
         """Whether the estimate may contradict another one."""
         return self.effective >= _EXPECTED
+
+    @property
+    def log_deviation(self) -> float:
+        """Standard deviation of its logarithm, with a factor for heavy weights that are missing from most samples."""
+        return _BEYOND_SAMPLE * self.cov
 
 
 def fit_mixture(points: Floats, components: int, generator: np.random.Generator, steps: int = 30) -> Mixture:

@@ -3,7 +3,7 @@
 Independent repetitions of subset simulation give estimates whose logarithms are about normal: the interval is
 Student's for their mean, about the logarithm of the mean estimate. Repetitions that contradict each other (one of them
 does not find the event; they differ by far more than their chains explain; the interval spans decades) are a refusal,
-and so is a second opinion by importance sampling that does not agree.
+and so is a second opinion by importance sampling that does not agree; the upper end is the larger of both.
 """
 
 from dataclasses import dataclass
@@ -16,6 +16,7 @@ from abhv_mc.search.methods import second_look
 from abhv_mc.search.methods.evaluation import LANES, Evaluate, round_up
 from abhv_mc.search.methods.importance import MOST_DIMENSIONS, ImportanceEstimate, sample_importance
 from abhv_mc.search.methods.subset import Repetition, SubsetPlan, run_subset
+from abhv_mc.statistics.binomial import clopper_pearson
 
 CONFIDENCE = 0.95
 FEWEST = 4  # repetitions of an estimate
@@ -26,9 +27,8 @@ _PRIOR = 4  # repetitions that the chains' own estimate of their spread counts f
 _BEYOND_CHAINS = 1.3
 _MOST_BEYOND = 2.0
 _CHECK_SHARE = 0.1  # of the flights, for importance sampling
-_SEEN = 8.0  # effective failures of importance sampling that can show a branch left behind
+_SEEN = 8.0  # effective failures from which on importance sampling can show a branch left behind, and its end counts
 _ENOUGH = 30.0  # effective failures with which it takes the estimate's place
-_BEYOND_SAMPLE = 1.5  # factor of its coefficient of variation: heavy weights are missing from most samples
 _FEWEST_CHECKED = 256  # flights of importance sampling
 _SHARE_OF_LANES = 10_000  # flights for each full batch of lanes that a level's chains fill
 
@@ -55,6 +55,16 @@ class RareEstimate:
     def failures(self) -> Floats:
         """Failures ``[point, dimension]``, distributed as failures are; of all repetitions."""
         return np.concatenate([one.failures for one in self.repetitions]) if self.repetitions else np.empty((0, 0))
+
+    @property
+    def plain(self) -> tuple[int, int]:
+        """Failures and flights of the repetitions' first levels, which are drawn freely."""
+        return sum(one.plain_failures for one in self.repetitions), sum(len(one.points) for one in self.repetitions)
+
+    @property
+    def unwarned_high(self) -> float | None:
+        """Upper end (95 %, one-sided) for what fails without warning: the first levels' alone. None without levels."""
+        return clopper_pearson(*self.plain, 2.0 * CONFIDENCE - 1.0)[1] if self.repetitions else None
 
 
 def estimate_rare(evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2, flights: int = 20000) -> RareEstimate:
@@ -94,13 +104,13 @@ def estimate_rare(evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2,
         check = sample_importance(counted, plan.threshold, failures, check_flights, plan.seed)
     if check is not None and refusal is None and check.effective >= _SEEN:
         apart = np.log(check.probability / probability)
+        factor = np.exp(stats.norm.ppf(0.5 + CONFIDENCE / 2.0) * check.log_deviation)
         contradicts = abs(apart) > 3.0 * np.hypot(check.cov, np.log(high / low) / 3.92)
         if contradicts and apart > 0.0 and check.effective >= _ENOUGH:  # it has found what the levels left behind
-            probability, cov = check.probability, _BEYOND_SAMPLE * check.cov
-            half = np.exp(stats.norm.ppf(0.5 + CONFIDENCE / 2.0) * cov)
-            low, high = probability / half, min(1.0, probability * half)
+            probability, low, cov = check.probability, check.probability / factor, check.log_deviation
         elif contradicts and (apart > 0.0 or check.usable):  # smaller says nothing unless it is worth much
             refusal = f"importance sampling gives {check.probability:.2g}, subset simulation {probability:.2g}"
+        high = max(high, min(1.0, check.probability * factor))
     return RareEstimate(probability, low, high, cov, used, tuple(repetitions), check, refusal)
 
 

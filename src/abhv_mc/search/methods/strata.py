@@ -1,12 +1,13 @@
 """A rare event where some parameters are switches: they come with a probability, or not at all.
 
-P = sum over combinations of switches of P(combination) P(event | combination), the heaviest combinations each by plain
-sampling or subset simulation, all others as one stratum that is sampled plainly. A level of subset simulation over all
-at once would meet a rare switch in no flight. The intervals of the parts are joined as independent ones (Zou & Donner,
-"Construction of confidence limits about effect measures", Statistics in Medicine 27, 2008).
+P = sum over combinations of switches of P(combination) P(event | combination): the heaviest by subset simulation, the
+others by plain sampling, beyond 32 as one stratum. A level of subset simulation over all at once would meet a rare
+switch in no flight. A combination that subset simulation does not finish has the interval of its plain flights. The
+intervals of the parts are joined as independent ones (Zou & Donner, "Construction of confidence limits about effect
+measures", Statistics in Medicine 27, 2008), those of parts without a failure exactly.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.search.methods.evaluation import LANES, make_generator, round_up
+from abhv_mc.search.methods.evaluation import LANES, make_generator
 from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, estimate_rare
 from abhv_mc.search.methods.subset import SubsetPlan
 from abhv_mc.statistics.binomial import clopper_pearson
@@ -26,9 +27,10 @@ MOST_COMBINATIONS = 32
 _PLACE = 1 << 21  # of the random numbers of plain flights
 _PILOT = 2 * LANES  # plain flights of each combination
 _FEWEST_FAILURES = 4  # of a pilot with which plain flights do
-_MAIN_SHARE = 0.7  # of the flights, for the heaviest combination where there are several
+_MAIN_SHARE = 0.75  # of the flights, for subset simulation
 _MOST_PLAIN = 2560  # plain flights before subset simulation takes over
-_BEYOND_DEEPEST = 3.0  # factor on the deepest level that no repetition passed
+_MOST_AT_ONCE = 16 * LANES  # plain flights before it is asked again where they are worth most
+_SHARE_OF_COV = 0.5  # of the coefficient of variation, that plain flights may leave
 _MOST_LISTED = 4096  # combinations that are weighed
 
 
@@ -42,6 +44,11 @@ class Stratum:
     low: float
     high: float
     flights: int
+
+    @property
+    def value(self) -> float:
+        """What it adds to the sum."""
+        return self.weight * self.probability
 
 
 def list_combinations(probabilities: Floats) -> list[tuple[tuple[int, ...], float]]:
@@ -58,35 +65,33 @@ def list_combinations(probabilities: Floats) -> list[tuple[tuple[int, ...], floa
     return sorted(listed, key=lambda entry: -entry[1])
 
 
-class _Strata:
-    """Flies combinations and remembers what they cost."""
+@dataclass
+class _Part:
+    """The plain flights of a stratum, and subset simulation's estimate where that finished."""
 
-    def __init__(self, evaluate: EvaluateSwitched, switches: int, plan: SubsetPlan, flights: int) -> None:
-        self.evaluate, self.switches, self.plan, self.flights = evaluate, switches, plan, flights
-        self.used = 0
+    on: tuple[int, ...] | None
+    rows: Switched  # [combination, switch]
+    weights: Floats  # [combination]
+    place: int  # of its random numbers
+    flights: int = 0
+    failures: int = 0
+    levels: int = 0  # flights of subset simulation beyond its plain ones
+    estimate: RareEstimate | None = None
 
-    @property
-    def left(self) -> int:
-        return self.flights - self.used
+    def draw(self, flights: int, plan: SubsetPlan) -> tuple[Floats, Switched]:
+        """Points and switches of its next plain flights."""
+        generator = make_generator(plan.seed, _PLACE + self.place, self.flights)
+        picks = generator.choice(len(self.rows), flights, p=self.weights / self.weights.sum())
+        return generator.standard_normal((flights, plan.dimension)), self.rows[picks]
 
-    def _call(self, points: Floats, on: Switched) -> Floats:
-        self.used += len(points)
-        return self.evaluate(points, on)
-
-    def rows(self, on: tuple[int, ...], number: int) -> Switched:
-        row = np.zeros(self.switches, bool)
-        row[list(on)] = True
-        return np.broadcast_to(row, (number, self.switches))
-
-    def plainly(self, place: int, begun: int, flights: int, on: Callable[[int], Switched]) -> int:
-        """Failures among plain flights."""
-        points = make_generator(self.plan.seed, _PLACE + place, begun).standard_normal((flights, self.plan.dimension))
-        return int(np.sum(self._call(points, on(flights)) > self.plan.threshold))
-
-    def subset(self, place: int, on: tuple[int, ...], flights: int, target_cov: float) -> RareEstimate:
-        """Subset simulation within one combination."""
-        plan = replace(self.plan, seed=self.plan.seed + (place << 64))  # its own random numbers
-        return estimate_rare(lambda u: self._call(u, self.rows(on, len(u))), plan, target_cov, flights)
+    def stratum(self) -> Stratum:
+        """Subset simulation's interval, or Clopper and Pearson's."""
+        low, high = clopper_pearson(self.failures, self.flights, CONFIDENCE)
+        found = Stratum(
+            self.on, float(self.weights.sum()), self.failures / self.flights, low, high, self.flights + self.levels
+        )
+        one = self.estimate
+        return found if one is None else replace(found, probability=one.probability, low=one.low, high=one.high)
 
 
 def estimate_switched(
@@ -99,86 +104,82 @@ def estimate_switched(
     """P(severity > threshold) where switches [switch] come with `probabilities`, and what each combination adds.
 
     `evaluate` gives severities [point] of standard normal points [point, dimension] and of the switches that are on
-    [point, switch]. The estimate's repetitions are those of the heaviest combination that subset simulation flew.
+    [point, switch]. All combinations are piloted; the heaviest (no switch on, where each comes less often than not) is
+    estimated by subset simulation unless plain flights do; the flights that are left go where weight times width is
+    largest. The estimate's repetitions are those of the heaviest combination.
     """
     if not len(probabilities):
         return estimate_rare(lambda u: evaluate(u, np.zeros((len(u), 0), bool)), plan, target_cov, flights), ()
+    used = 0
+
+    def fly(points: Floats, on: Switched) -> Floats:
+        nonlocal used
+        used += len(points)
+        return evaluate(points, on)
+
+    def fly_plainly(which: list[_Part], number: int) -> None:
+        points, on = zip(*(part.draw(number, plan) for part in which), strict=True)
+        failed = fly(np.concatenate(points), np.concatenate(on)) > plan.threshold
+        for part, failures in zip(which, failed.reshape(len(which), number).sum(axis=1), strict=True):
+            part.flights, part.failures = part.flights + number, part.failures + int(failures)
+
+    parts = _list_parts(probabilities)
+    fly_plainly(parts, int(np.clip(flights // (2 * len(parts)), LANES, _PILOT)) // LANES * LANES)
+    main, seen = parts[0], sum(part.stratum().value for part in parts)
+    # Where none of so many fails, little is left beside what the pilots have seen.
+    enough = 3.7 * main.stratum().weight / (_SHARE_OF_COV * target_cov * seen) if seen else np.inf
+    budget = min(int(_MAIN_SHARE * flights), flights - used)
+    one: RareEstimate | None = None
+    if main.failures < _FEWEST_FAILURES and enough > _MOST_PLAIN and budget >= FEWEST * plan.size:
+        one = estimate_rare(lambda u: fly(u, main.rows.repeat(len(u), axis=0)), plan, target_cov, budget)
+        main.estimate = one if one.refusal is None else None
+        failures, number = (0, 0) if main.estimate else one.plain  # of levels without an estimate the first one counts
+        main.flights, main.failures, main.levels = main.flights + number, main.failures + failures, one.flights - number
+    while flights - used >= LANES:
+        plain = [part for part in parts if part.estimate is None]
+        below, above = _ends([part.stratum() for part in plain])
+        if below + above <= _SHARE_OF_COV * 3.92 * target_cov * sum(part.stratum().value for part in parts):
+            break
+        widest = max(plain, key=lambda part: sum(_ends([part.stratum()])))
+        fly_plainly([widest], min(widest.flights, _MOST_AT_ONCE, flights - used) // LANES * LANES)
+    found = tuple(part.stratum() for part in parts)
+    return _join(found, one, used), found
+
+
+def _list_parts(probabilities: Floats) -> list[_Part]:
+    """The heaviest combinations one by one, and all others as they come among themselves."""
     listed = list_combinations(probabilities)
-    chosen, others = listed[:MOST_COMBINATIONS], listed[MOST_COMBINATIONS:]
-    strata = _Strata(evaluate, len(probabilities), plan, flights)
-    found: list[Stratum] = []
-    main: RareEstimate | None = None
-    refusal: str | None = None
-    for place, (on, weight) in enumerate(chosen):
-        start = strata.used
-        failures, number = strata.plainly(place, 0, _PILOT, lambda n, on=on: strata.rows(on, n)), _PILOT  # type: ignore[misc]
-        total = sum(part.weight * part.probability for part in found)
-        expected = _plain_flights(failures, number, weight, total, target_cov)
-        allowed = strata.left - _PILOT * (len(chosen) - place)
-        if number < expected <= min(_MOST_PLAIN, allowed):
-            more = round_up(expected - number)
-            failures += strata.plainly(place, 1, more, lambda n, on=on: strata.rows(on, n))  # type: ignore[misc]
-            number += more
-        low, high = clopper_pearson(failures, number, CONFIDENCE)
-        part = Stratum(on, weight, failures / number, low, high, strata.used - start)
-        budget = int(_MAIN_SHARE * flights) if main is None and len(chosen) > 1 else allowed
-        if expected > number and failures < _FEWEST_FAILURES and min(budget, allowed) >= FEWEST * plan.size:
-            one = strata.subset(place, on, min(budget, allowed), target_cov)
-            main = main or one
-            part, reason = _of_subset(part, one)
-            if reason and weight * part.high > target_cov * max(total, 0.0):
-                words = "no switch on" if not on else f"{len(on)} switch{'es' * (len(on) > 1)} on"
-                refusal = refusal or f"with {words}: {reason}"
-            part = replace(part, flights=strata.used - start)
-        found.append(part)
-    if others:
-        found.append(_others(strata, len(chosen), others, 1.0 - sum(weight for _, weight in chosen)))
-    return _join(found, main, refusal, strata.used), tuple(found)
+    weights = np.array([weight for _, weight in listed])
+    rows = np.array([np.isin(np.arange(len(probabilities)), on) for on, _ in listed])
+    parts = [_Part(on, rows[[i]], weights[[i]], i) for i, (on, _) in enumerate(listed[:MOST_COMBINATIONS])]
+    if len(rest := weights[MOST_COMBINATIONS:]):
+        rest *= (1.0 - weights[:MOST_COMBINATIONS].sum()) / rest.sum()  # those that are not listed among them
+        parts.append(_Part(None, rows[MOST_COMBINATIONS:], rest, len(parts)))
+    return parts
 
 
-def _plain_flights(failures: int, flights: int, weight: float, total: float, target_cov: float) -> int:
-    """Plain flights with which a combination is known well enough, from what the pilot and the others show."""
-    if failures >= _FEWEST_FAILURES:
-        share = failures / flights
-        return int((1.0 - share) / (share * (0.5 * target_cov) ** 2))
-    if total <= 0.0:
-        return 1 << 60
-    return int(3.7 * weight / (0.5 * target_cov * total))  # that none fails then leaves little
+def _ends(found: Sequence[Stratum]) -> tuple[float, float]:
+    """How far the sum's interval reaches below and above the sum of these.
+
+    Where none of n_i flights failed in any part i, -sum n_i log(1 - p_i) has one upper end for all of them together,
+    and so the sum of weight times p_i: the largest of what each would add alone.
+    """
+    below = [part.weight * (part.probability - part.low) for part in found]
+    above = [part.weight * (part.high - part.probability) for part in found if part.probability > 0.0]
+    clean = [-part.weight * np.log1p(-part.high) for part in found if part.probability == 0.0]
+    return float(np.linalg.norm(below)), float(np.linalg.norm([*above, max(clean, default=0.0)]))
 
 
-def _of_subset(part: Stratum, one: RareEstimate) -> tuple[Stratum, str | None]:
-    """What subset simulation says of a combination, and why that is not to be trusted."""
-    if one.refusal is None:
-        return replace(part, probability=one.probability, low=one.low, high=one.high), None
-    if any(repetition.reached for repetition in one.repetitions):
-        return part, one.refusal
-    deepest = max(float(np.prod([level.probability for level in r.levels])) for r in one.repetitions)
-    return replace(part, probability=0.0, low=0.0, high=min(part.high, _BEYOND_DEEPEST * deepest)), one.refusal
-
-
-def _others(strata: _Strata, place: int, others: list[tuple[tuple[int, ...], float]], weight: float) -> Stratum:
-    """All combinations that are left, as they come among themselves."""
-    flights = max(_PILOT, min(strata.left, 8 * _PILOT) // LANES * LANES)
-    shares = np.array([one for _, one in others])
-    picks = make_generator(strata.plan.seed, _PLACE + place, 1).choice(len(others), flights, p=shares / shares.sum())
-    on = np.zeros((flights, strata.switches), bool)
-    for row, pick in enumerate(picks.tolist()):
-        on[row, list(others[pick][0])] = True
-    failures = strata.plainly(place, 0, flights, lambda _: on)
-    low, high = clopper_pearson(failures, flights, CONFIDENCE)
-    return Stratum(None, weight, failures / flights, low, high, flights)
-
-
-def _join(found: list[Stratum], main: RareEstimate | None, refusal: str | None, used: int) -> RareEstimate:
-    """The sum of all combinations, with the interval of a sum of independent estimates."""
-    weight, value, low, high = (
-        np.array([getattr(part, key) for part in found]) for key in ("weight", "probability", "low", "high")
-    )
-    total = float(weight @ value)
-    low_end = max(0.0, total - float(np.linalg.norm(weight * (value - low))))
-    high_end = min(1.0, total + float(np.linalg.norm(weight * (high - value))))
-    if refusal is None and (total == 0.0 or high_end > 10.0 * low_end):
-        refusal = f"the combinations leave it between {low_end:.1g} and {high_end:.1g}"
-    cov = (high_end - low_end) / (3.92 * total) if total > 0.0 else np.inf
+def _join(found: Sequence[Stratum], main: RareEstimate | None, used: int) -> RareEstimate:
+    """The sum of all combinations, with its interval."""
+    total = sum(part.value for part in found)
+    below, above = _ends(found)
+    low, high = max(0.0, total - below), min(1.0, total + above)
+    refusal = None
+    if total == 0.0 or high > 10.0 * low:
+        refusal = f"the combinations leave it between {low:.1g} and {high:.1g}"
+        if main and main.refusal:
+            refusal += f"; of the likeliest, {main.refusal}"
+    cov = (high - low) / (3.92 * total) if total > 0.0 else np.inf
     repetitions, check = (main.repetitions, main.check) if main else ((), None)
-    return RareEstimate(total, low_end, high_end, cov, used, repetitions, check, refusal)
+    return RareEstimate(total, low, high, cov, used, repetitions, check, refusal)
