@@ -132,7 +132,8 @@ class CampaignResults:
     def _figures(self) -> "dict[str, Figure]":
         from abhv_mc.report.pages.gallery import make_figures
 
-        figures = {text.name: figure for text, figure in make_figures(self._models, self.numbers)}
+        made = make_figures(self._models, self.numbers).values()
+        figures = {text.name: figure for part in made for text, figure in part}
         refuse_changes(self._paths, self.manifest)
         return figures
 

@@ -53,6 +53,21 @@ def failed_share(seed):
     return fails(values).any(axis=1).mean()
 
 
+def test_a_planted_triple_of_forty_dispersions_is_found_in_every_flight():
+    """Pairs of so many are not all tried: the sets found cannot lose a member, and that explains a flight."""
+    rng = np.random.default_rng(9)
+    values = rng.uniform(-1.0, 1.0, (5000, 40))
+    values = values[(values[:, [4, 17, 31]] > 0.5).all(axis=1)][:50]
+
+    def test(owners, keep):
+        kept = np.where(keep, values[owners], 0.0)
+        return np.where((kept[:, [4, 17, 31]] > 0.5).all(axis=1), 1.0, -np.inf)
+
+    found = shrink_together(40, test, [rng.permutation(40) for _ in values], 400)
+    (cause,), rest = group_failures(found, values > 0.0)
+    assert cause.inputs == (4, 17, 31) and all(cause.high) and len(cause.failures) == 50 and not rest
+
+
 @pytest.mark.parametrize("budget", [30, 400])
 def test_failures_together_shrink_as_alone(budget):
     def test(owners, keep):

@@ -60,7 +60,7 @@ def test_all_commands_are_looked_at_and_all_that_print_figures_write_json():
     figures = {words[0] for words in OPTIONS if words[-1] == "--json"}
     assert figures == {
         *("run", "merge", "fly", "replay", "worst", "rare", "tune", "compare", "explain", "whatif", "status", "query"),
-        *("trim", "margins", "plan", "list", "verify", "bench", "validate"),
+        *("trim", "margins", "plan", "list", "verify", "bench", "validate", "show"),
     }
 
 

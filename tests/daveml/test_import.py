@@ -182,6 +182,23 @@ def test_ungridded_extrapolated_and_own_points(tmp_path: Path) -> None:
     assert function(-5.0, 0.0)[1:] == pytest.approx((1.0, 1.0, 0.5 ** (1 / 3)))
 
 
+def test_tables_of_one_name_and_a_variable_of_theirs_keep_their_own_numbers(tmp_path: Path) -> None:
+    function = """<variableDef name="{0}" varID="{0}" units="nd"><isOutput/></variableDef><function name="{0}">
+        <independentVarRef varID="x"/><dependentVarRef varID="{0}"/><functionDefn><griddedTableDef name="same_table">
+        <breakpointRefs><bpRef bpID="X"/></breakpointRefs><dataTable>0 {1}</dataTable></griddedTableDef>
+        </functionDefn></function>"""
+    path = tmp_path / "same.dml"
+    path.write_text(
+        """<DAVEfunc><fileHeader name="same"/><variableDef name="x" varID="x" units="nd"/>
+        <variableDef name="c" varID="same_table" units="nd" initialValue="7"><isOutput/></variableDef>
+        <breakpointDef bpID="X"><bpVals>0 1</bpVals></breakpointDef>"""
+        + "".join(function.format(name, i + 1) for i, name in enumerate("abcd"))
+        + "</DAVEfunc>",
+        encoding="utf-8",
+    )
+    assert sorted(make_function(read_model(path))(1.0)) == [1.0, 2.0, 3.0, 4.0, 7.0]
+
+
 ODD = """<DAVEfunc xmlns="http://daveml.org/2010/DAVEML" xmlns:m="http://www.w3.org/1998/Math/MathML">
 <fileHeader name="odd"><provenance provID="p"><author name="a" org="b"/></provenance></fileHeader>
 <variableDef name="angleOfAttack" varID="class" units="DEG"/>

@@ -1,5 +1,8 @@
 """Margins of a campaign's flights: columns that depend on nothing but the flight, and what is refused."""
 
+import json
+import random
+
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -8,11 +11,17 @@ from fake_flight import interrupted_after
 from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.execution import stability
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.metrics import MARGIN_NAMES
+from abhv_mc.folder.results import read_results
 from abhv_mc.io.input_error import InputError
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.shipped import shipped_configs
+from abhv_mc.stability import fly_with_margins
+from abhv_mc.topics.topic import Models
 
 CAMPAIGN = """\
 name: margins
@@ -65,6 +74,52 @@ def test_the_first_flights_have_them_whatever_flies_the_blocks(engine, tmp_path)
     assert (lqr["margin_points_unstable"][:12] == 2).all() and (lqr["phase_margin_min_deg"][:12] == 0.0).all()
     replay = replay_flight(first.folder, "tlc", 3, engine.fly)
     assert replay.differences == ()
+
+
+FACTORS = (
+    "mass.inertia_xx", "mass.inertia_zz", "aero.lift", "aero.pitching_moment", "aero.yawing_moment.sideslip",
+    "control.elevator_effectiveness", "atmosphere.density", "propulsion.thrust", "actuator.bandwidth",
+)  # fmt: skip
+LAWS = (
+    "lognormal, sigma: 80 %", "normal, sigma: 30 %", "uniform, half_width: 95 %", "scipy, law: expon, scale: 0.5",
+    "scipy, law: weibull_min, shapes: {c: 0.5}", "discrete, values: [1e-9, 1, 3]", "lognormal, sigma: 5 %",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.thorough) for k in range(1, 4))])
+def test_no_dispersion_and_no_margin_costs_a_flown_campaign(engine, tmp_path, seed):
+    """A lognormal mass had a corner of 0 kg, and the campaign ended in a traceback after all of its flights."""
+    chance = random.Random(seed)
+    laws = {"mass.total": LAWS[seed]} | {name: chance.choice(LAWS) for name in chance.sample(FACTORS, 3)}
+    path = _write(tmp_path / "c.yaml", "{at: [trim, 1 s], flights: all}")
+    head, _, rest = path.read_text(encoding="utf-8").partition("  control.rudder")
+    entries = "".join(f"  {name}: {{distribution: {law}}}\n" for name, law in laws.items())
+    text = f"{head}{entries}requirements{rest.partition('requirements')[2]}"
+    path.write_text(text.replace(f", lqr: {shipped_configs()}/control/lqr.yaml", ""), encoding="utf-8")
+    manifest = run_campaign(Request(path, tmp_path / "c", runs=6, workers=1), engine).manifest
+    assert manifest["state"] == "complete" and manifest["runs_failed"] == 0
+    stability = json.loads((tmp_path / "c/margins.json").read_text(encoding="utf-8"))["controllers"]
+    assert not any("not computed" in entry.get("fault", "") for entry in stability.values())
+
+
+def test_margins_that_fail_are_named_and_cost_no_flight(engine, tmp_path, monkeypatch):
+    find = fly_with_margins._find
+
+    def find_some(plan, rows):
+        if (rows[:, PARAMETER_INDEX["control.rudder_effectiveness"]] > 1.15).any():
+            raise np.linalg.LinAlgError("of this test")
+        return find(plan, rows)
+
+    monkeypatch.setattr(fly_with_margins, "_find", find_some)
+    monkeypatch.setattr(stability, "_describe", lambda *_: 1 // 0)
+    path = _write(tmp_path / "c.yaml", "{at: [trim], flights: all}")
+    folder = run_campaign(Request(path, tmp_path / "c", runs=12, workers=1), engine).folder
+    table = _table(folder, "tlc")
+    failed = table["control.rudder_effectiveness"] > 1.15
+    assert 0 < failed.sum() < 12 and np.array_equal(np.isnan(table["gain_margin_min_db"]), failed)
+    numbers = make_numbers(Models(read_results(folder)))
+    assert f"margins of TLC could not be computed in {failed.sum()} flights" in numbers["warnings"][0]
+    assert "ZeroDivisionError" in numbers["margins"]["steady"]["controllers"]["tlc"]["fault"]
 
 
 @pytest.fixture(scope="module")

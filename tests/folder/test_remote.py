@@ -11,7 +11,8 @@ from pyarrow import fs
 from abhv_mc.folder import lease, remote
 from abhv_mc.folder.layout import StorageFullError
 from abhv_mc.folder.remote import fetched, local_path, mirrored
-from abhv_mc.folder.store import Store, parse_address
+from abhv_mc.folder.store import Store
+from abhv_mc.io.address import Address, read_address
 from abhv_mc.io.input_error import InputError
 
 server = pytest.importorskip("moto.server")
@@ -107,7 +108,7 @@ def test_an_object_whose_name_leads_out_of_the_folder_is_refused(tmp_path, name)
 
     (tmp_path / "a/b").mkdir(parents=True)
     with pytest.raises(InputError, match="leads out"):
-        remote.Remote(Store("s3://bucket/first", System(), "bucket/first"), tmp_path / "a/b").pull()
+        remote.Remote(Store(Address("s3://bucket/first"), System(), "bucket/first"), tmp_path / "a/b").pull()
     assert [path.name for path in tmp_path.rglob("*")] == ["a", "b"]
 
 
@@ -206,7 +207,7 @@ def test_an_address_that_takes_nothing_keeps_the_folder(bucket, monkeypatch):
     ],
 )
 def test_addresses_survive_being_paths(path, address):
-    assert parse_address(path) == address
+    assert read_address(path) == (address and Address(address))
 
 
 def test_files_are_local(tmp_path):

@@ -7,6 +7,8 @@ from PIL import Image
 
 from abhv_mc.folder.results import BANDS
 from abhv_mc.report.figures.distributions import Spread, plot_distributions
+from abhv_mc.report.pages import gallery
+from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.gallery import make_figures
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.topics.figure_style import BLUE, VERMILION, write_png
@@ -86,7 +88,14 @@ def test_a_zoomed_row_takes_its_limits_from_inside():
 @pytest.fixture(scope="module")
 def figures(failing, failing_numbers):
     """Every figure of a report by its name."""
-    return {text.name: figure for text, figure in make_figures(Models(failing), failing_numbers)}
+    made = make_figures(Models(failing), failing_numbers).values()
+    return {text.name: figure for part in made for text, figure in part}
+
+
+def test_a_figure_that_fails_is_named_on_the_page(failing_folder, monkeypatch):
+    monkeypatch.setattr(gallery, "make_figures", lambda *_: {"margins": (1 // 0 for _ in "a")})
+    page = build_report(failing_folder).read_text(encoding="utf-8")
+    assert "figures of margins could not be made (ZeroDivisionError" in page
 
 
 @pytest.mark.thorough

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from abhv_mc.analysis.shrink import Shrunk
 from abhv_mc.array_types import Mask
 
-MOST_CAUSES = 3  # of a set that explains a flight; larger ones say little
+MOST_CAUSES = 3  # of a set that explains a flight, none of which can be left out; larger ones say little
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ def group_failures(found: Sequence[Shrunk | None], high: Mask) -> tuple[list[Cau
     """Causes, those of most failures first, and the failures that no small set explains.
 
     ``high`` says which inputs lie above nominal, ``[failure, input]``: too much of one is another cause than too
-    little. Where several smallest sets are enough for a failure it goes to the one that explains most failures (greedy
+    little. Where several sets are enough for a failure it goes to the one that explains most failures (greedy
     set cover): a set that is the smallest for one flight alone is often a border case of another's cause.
     """
     sets = {
@@ -32,7 +32,7 @@ def group_failures(found: Sequence[Shrunk | None], high: Mask) -> tuple[list[Cau
             if 0 < len(members) <= MOST_CAUSES
         }
         for failure, shrunk in enumerate(found)
-        if shrunk is not None and shrunk.smallest
+        if shrunk is not None
     }
     left = {failure for failure, members in sets.items() if members}
     causes = []

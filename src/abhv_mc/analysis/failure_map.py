@@ -1,4 +1,4 @@
-"""A map of a campaign's failures: the smallest sets of dispersions with which its failed flights still fail."""
+"""A map of a campaign's failures: the few dispersions with which its failed flights still fail, none of them spare."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -59,7 +59,7 @@ class ControllerFailures:
     failed: int  # flights that ended early or missed a requirement, those not looked at among them
     groups: tuple[FailureGroup, ...]  # each way to fail by itself, the groups of most flights first
     nominal: tuple[int, ...]  # flights that fail with nothing dispersed
-    unexplained: tuple[int, ...]  # flights that fail with no small set alone
+    unexplained: tuple[int, ...]  # flights for which no small set was found
     tried: int  # flights flown to find it
 
     @property

@@ -16,6 +16,7 @@ from abhv_mc import __version__
 from abhv_mc.cli.errors import exit_code_of, settle_output
 from abhv_mc.cli.printing import say
 from abhv_mc.execution.interrupts import sigterm_as_interrupt
+from abhv_mc.io.address import hide_key
 
 _COMMANDS = {
     "Start": ("new", "import", "validate", "plan", "list"),
@@ -76,6 +77,7 @@ def main() -> None:
     # Before numpy is loaded, here and in the processes started from here: further threads spin on matrices of 9 x 9.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.set_threshold(100_000, 10, 10)  # libraries being loaded are no garbage: a tenth of a cached start
+    sys.argv[1:] = map(hide_key, sys.argv[1:])
     with sigterm_as_interrupt():
         try:
             app(prog_name="abhv-mc")  # so that completion knows it, however it was started

@@ -7,6 +7,7 @@ import typer
 
 from abhv_mc.cli.options import Json
 from abhv_mc.cli.printing import new_table, print_table, say, show
+from abhv_mc.io.address import read_address
 from abhv_mc.io.input_error import InputError, one_of
 
 app = typer.Typer(help="List campaigns, parameters, channels, metrics or schemas.", no_args_is_help=True)
@@ -21,9 +22,8 @@ def campaigns(
     """List the campaigns in a folder: state, flights, controllers, when, and the digest's first digits."""
     from abhv_mc.folder.remote import fetched_manifests
     from abhv_mc.folder.status import find_campaigns
-    from abhv_mc.folder.store import parse_address
 
-    address = parse_address(folder)
+    address = read_address(folder)
     if address is None and not folder.is_dir() and folder != _DEFAULT:
         raise InputError(folder, "no such folder", "one that holds campaigns' folders")
     with fetched_manifests(folder, "*/manifest.json") as (here, describe):

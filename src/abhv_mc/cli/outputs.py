@@ -7,6 +7,7 @@ from typing import Any
 
 import typer
 
+from abhv_mc.io.address import read_address
 from abhv_mc.io.input_error import InputError
 
 _INPUTS = (".yaml", ".yml", ".py", ".csv", ".parquet")
@@ -76,8 +77,4 @@ def _check(path: Path, home: Path, campaign: bool = False) -> Path:
 
 
 def _is_address(path: Path) -> bool:
-    if ":" not in str(path):
-        return False
-    from abhv_mc.folder.store import parse_address
-
-    return parse_address(f"{path}/") is not None  # of s3:// a path keeps s3:
+    return read_address(f"{path}/") is not None  # of s3:// a path keeps s3:

@@ -1,6 +1,5 @@
 """What commands print: JSON for programs, and tables as wide as their text, in which no number is ever cut."""
 
-import re
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -13,9 +12,8 @@ if TYPE_CHECKING:
 
 
 def say(*words: Any, sep: str = " ", **options: Any) -> None:
-    """Print, as Python's own ``print``, but nothing that steers the terminal, and no secret of an address."""
-    text = re.sub(r"(://[^/@\s:]*:)[^@\s]+@", r"\1...@", sep.join(map(str, words)))  # of s3://KEY:SECRET@...
-    print(printable(text), **options)
+    """Print, as Python's own ``print``, but nothing that steers the terminal."""
+    print(printable(sep.join(map(str, words))), **options)
 
 
 def beside(file: Path | None) -> TextIO | None:

@@ -25,6 +25,7 @@ from abhv_mc.cli.options import (
 )
 from abhv_mc.cli.outputs import campaign_folder_or_address, output, output_folder
 from abhv_mc.cli.printing import beside, new_table, print_table, say, show
+from abhv_mc.io.address import read_address
 from abhv_mc.io.input_error import InputError, Refusal
 
 if TYPE_CHECKING:
@@ -114,9 +115,8 @@ def finish(
     """
     from abhv_mc.cli.announce import announce_warnings
     from abhv_mc.folder.seeds import name_siblings
-    from abhv_mc.folder.store import parse_address
 
-    named = parse_address(place or "") or str(result.folder)
+    named = str(read_address(place or "") or result.folder)
     told = beside(json)
     entries = result.manifest["requirements"]
     show(result.manifest | {"folder": named}, json, lambda: _print_result(result, named))

@@ -2,6 +2,7 @@
 
 from abhv_mc.cli.options import Folder, Json
 from abhv_mc.cli.printing import say, show
+from abhv_mc.io.address import read_address
 
 
 def command(
@@ -12,11 +13,10 @@ def command(
     from abhv_mc.cli.run import describe_outcomes, print_requirements
     from abhv_mc.folder.remote import fetched_manifests
     from abhv_mc.folder.status import read_status
-    from abhv_mc.folder.store import parse_address
 
     with fetched_manifests(folder, "manifest.json") as (here, describe):
         status = read_status(here, describe and describe(""))
-    status["folder"] = parse_address(folder) or str(folder)
+    status["folder"] = str(read_address(folder) or folder)
 
     def in_words() -> None:
         say(f"{status['name']}: {status['state']}, {status['runs_done']} of {status['runs_planned']} flights")

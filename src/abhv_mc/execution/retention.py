@@ -5,7 +5,6 @@ The worst are known only then, and flying a flight again gives the same bits.
 
 import contextlib
 import hashlib
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,8 +85,8 @@ def write_kept_histories(
     fly: Fly,
     workers: int,
     hashes: FileHashes,
-) -> None:
-    """Fly and write the histories that the campaign keeps; files that are there already stay."""
+) -> list[str]:
+    """Fly and write the histories that the campaign keeps; files that are there already stay. What failed, in words."""
     from joblib import Parallel, delayed
 
     keep = campaign.model.keep.histories
@@ -103,12 +102,12 @@ def write_kept_histories(
     backpressure = Backpressure(2 * workers)
     results = pool(delayed(backpressure.call)(fly_again, part) for part in range(len(missing)))
     total = sum(len(file.flights) for file in missing)
+    failed = []
     with Progress("histories", total) as progress, closing_quietly(results), contextlib.closing(backpressure):
         for part, block in results:
             file = missing[part]
             lost = block.outcome == Outcome.FAILED_TO_RUN  # it flew the first time
-            for flight in np.array(file.flights)[lost]:
-                print(f"no history of flight {flight} of {file.controller}: run again to try again", file=sys.stderr)
+            failed += [f"no history of flight {k} of {file.controller}" for k in np.array(file.flights)[lost]]
             metadata = {} if lost.any() else {"kept": file.mark}
             write_histories(
                 file.path, file.controller, file.flights, block.times, block.history, keep.channels, metadata
@@ -118,6 +117,7 @@ def write_kept_histories(
     for path in set(folder.histories.glob("*.parquet")) - {file.path for file in expected}:
         path.unlink()
         hashes.forget(path)
+    return failed
 
 
 def _parameters(samples: SampleReader, flights: list[int]) -> NDArray[np.float64]:

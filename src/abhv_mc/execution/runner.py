@@ -244,9 +244,16 @@ class _Run:
             number = min(self.completion.goal(), envelope_states.ENVELOPE_FLIGHTS)
             write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables, number)
         flown = replace(self.campaign, runs=self.completion.goal())
-        write_kept_histories(
-            self.folder, flown, self.plans, self.completion.all_counts, self.samples, self.fly, self.workers, self.files
-        )
+        counts = self.completion.all_counts
+        try:
+            failed = write_kept_histories(
+                self.folder, flown, self.plans, counts, self.samples, self.fly, self.workers, self.files
+            )
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+            failed = [f"not all histories are kept ({type(error).__name__}: {error})"]
+        self.manifest["not_made"] = failed
+        for words in failed:
+            print(f"{words}: run again to try again", file=sys.stderr)
         self._write_stability()
         for name, collector in self.collectors.items():
             if not self.completion.all_counts[name].uncomputed.any():  # else the next run tries these flights again

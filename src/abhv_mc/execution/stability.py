@@ -35,7 +35,7 @@ def describe_stability(campaign: CheckedCampaign, plans: Mapping[str, FlightPlan
     """What ``margins.json`` holds: for each controller its nominal rows, and the least over the corners by loop.
 
     ``plans`` are the controllers', with the code of laws of the user's own. Controllers of which no steady flight was
-    found say why. Empty for vehicles without surfaces or engine.
+    found, or whose margins could not be computed, say why. Empty for vehicles without surfaces or engine.
     """
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
@@ -55,6 +55,8 @@ def describe_stability(campaign: CheckedCampaign, plans: Mapping[str, FlightPlan
             found[name] = _describe(name, steady, rows)
         except InputError as error:
             found[name] = {"fault": error.found}
+        except Exception as error:  # the flights are flown, whatever becomes of this
+            found[name] = {"fault": f"not computed ({type(error).__name__}: {error})"}
     whole = len(rows) == 1 + 2 ** len(campaign.names)
     return {"corners": len(rows) - 1, "all_corners": whole, "controllers": found}
 
@@ -72,7 +74,8 @@ def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
     if not stability.poles[0].size:
         return {"fault": NO_SLOPES}
     table = [make_rows(name, None, stability, i) for i in range(len(parameters))]
-    trimmed = [rows for rows, fault in zip(table[1:], points.faults[1:], strict=True) if not fault]
+    known = [poles.size and not fault for poles, fault in zip(stability.poles, points.faults, strict=True)]
+    trimmed = [rows for rows, trim in zip(table[1:], known[1:], strict=True) if trim]
     stable = [rows for rows in trimmed if rows[-1]["stable"]]
     return {
         "nominal": [_rounded(row) for row in table[0]],

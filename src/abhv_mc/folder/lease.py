@@ -93,7 +93,7 @@ class Lease:
         found = read_holder(self._store)
         if found is not None and found[1] != self._token and not abandoned:
             wish = f"its end (or {LEASE:g} s after it was killed), or another address"
-            raise InputError(self._store.address, f"a campaign that {found[0]} is flying", wish)
+            raise InputError(str(self._store.address), f"a campaign that {found[0]} is flying", wish)
 
 
 def read_holder(store: Store) -> tuple[str, str] | None:

@@ -17,7 +17,8 @@ from pyarrow import fs as pyarrow_fs
 from abhv_mc.folder.layout import CampaignFolder, StorageFullError, is_inside
 from abhv_mc.folder.lease import NAME as LEASE_NAME
 from abhv_mc.folder.lease import Lease, read_holder
-from abhv_mc.folder.store import Store, open_store, parse_address
+from abhv_mc.folder.store import Store, open_store
+from abhv_mc.io.address import Address, read_address
 from abhv_mc.io.input_error import InputError
 
 PUSH_INTERVAL = 5.0  # s: what the loss of this machine costs
@@ -40,7 +41,7 @@ class Remote:
                 continue
             if not is_inside(name):  # an object's name is any text
                 found = f"an object named '{name}', which leads out of the folder"
-                raise InputError(self.store.address, found, "a campaign's folder, as it was written")
+                raise InputError(str(self.store.address), found, "a campaign's folder, as it was written")
             path = self.local / name
             path.parent.mkdir(parents=True, exist_ok=True)
             with self.store.system.open_input_stream(info.path) as source, path.open("wb") as target:
@@ -91,25 +92,30 @@ def _stamp(path: Path) -> tuple[int, int]:
 
 def local_path(path: Path) -> Path | None:
     """The path itself, or what a ``file://`` address says; None for an address elsewhere."""
-    address = parse_address(path)
+    found = _open(path)
+    return found if isinstance(found, Path) else None
+
+
+def _open(path: Path) -> Path | Store:
+    """A place on this machine, or the store elsewhere."""
+    address = read_address(path)
     if address is None:
         return path
     store = open_store(address)
-    return Path(store.base) if store.system.type_name == "local" else None
+    return Path(store.base) if store.system.type_name == "local" else store
 
 
 @contextlib.contextmanager
 def fetched(path: Path) -> Iterator[Path]:
     """A campaign's folder to read: ``path``, or a copy for a while of what is at an address."""
-    local = local_path(path)
-    if local is not None:
-        yield local
+    store = _open(path)
+    if isinstance(store, Path):
+        yield store
         return
-    address = str(parse_address(path))
     with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder:
         copy = Path(folder) / "copy"  # nobody else's folders beside it
-        with _explain_store_error(address):
-            Remote(open_store(address), copy).pull()
+        with _explain_store_error(store.address):
+            Remote(store, copy).pull()
         yield copy
 
 
@@ -118,19 +124,17 @@ def fetched_manifests(
     path: Path, pattern: str
 ) -> Iterator[tuple[Path, Callable[[str], tuple[str | None, int]] | None]]:
     """``path``, or a copy of its files that fit ``pattern``, and what else there is to say of folders there."""
-    local = local_path(path)
-    if local is not None:
-        yield local, None
+    store = _open(path)
+    if isinstance(store, Path):
+        yield store, None
         return
-    address = str(parse_address(path))
-    store = open_store(address)
 
     def describe(name: str) -> tuple[str | None, int]:
         one = store.below(name)
         holder, _ = read_holder(one) or (None, "")
         return holder, sum(info.size or 0 for info in one.find())
 
-    with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder, _explain_store_error(address):
+    with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder, _explain_store_error(store.address):
         Remote(store, Path(folder)).pull(pattern)
         yield Path(folder), describe
 
@@ -144,14 +148,12 @@ def mirrored(path: Path, staging: Path | None = None) -> Iterator[Path]:
     Raises InputError where another process flies there, and StorageFullError, which names the local folder that is
     kept, where the address takes nothing in the end.
     """
-    local = local_path(path)
-    if local is not None:
-        yield local
+    store = _open(path)
+    if isinstance(store, Path):
+        yield store
         return
-    address = str(parse_address(path))
     if staging is not None:
         staging.mkdir(parents=True, exist_ok=True)
-    store = open_store(address)
     folder = Path(tempfile.mkdtemp(prefix="abhv-mc-", dir=staging)) / "copy"
     folder.mkdir()
     lease = Lease(store)
@@ -159,7 +161,7 @@ def mirrored(path: Path, staging: Path | None = None) -> Iterator[Path]:
     keep, ended = False, threading.Event()
     pushing = threading.Thread(target=_push, args=(remote, ended), daemon=True)
     try:
-        with _explain_store_error(address):
+        with _explain_store_error(store.address):
             lease.take()
             remote.pull()
         pushing.start()
@@ -185,7 +187,7 @@ def _push(remote: Remote, ended: threading.Event) -> None:
         try:
             remote.push()
         except (OSError, pa.ArrowException) as error:  # perhaps it goes next time; at last it must
-            print(f"{remote.store.address}: {str(error).splitlines()[0]}", file=sys.stderr, flush=True)
+            print(f"{remote.store.address}: {remote.store.address.explain(error)}", file=sys.stderr, flush=True)
         except InputError:  # another process took over: what this one has stays here
             return
 
@@ -197,15 +199,15 @@ def _push_at_last(remote: Remote, lease: Lease) -> None:
         lease.drop()
     except (OSError, pa.ArrowException, InputError) as error:
         raise StorageFullError(
-            f"{remote.store.address}: {str(error).splitlines()[0]}\nWhat was flown is kept in {remote.local}: "
+            f"{remote.store.address}: {remote.store.address.explain(error)}\nWhat was flown is kept in {remote.local}: "
             "go on there with -o, or copy it to the address."
         ) from error
 
 
 @contextlib.contextmanager
-def _explain_store_error(address: str) -> Iterator[None]:
+def _explain_store_error(address: Address) -> Iterator[None]:
     """What a store says, as bad input."""
     try:
         yield
     except (OSError, pa.ArrowException) as error:
-        raise InputError(address, str(error).splitlines()[0], "an address that can be reached") from error
+        raise InputError(str(address), address.explain(error), "an address that can be reached") from error

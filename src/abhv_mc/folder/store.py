@@ -1,31 +1,22 @@
 """A folder at any address that pyarrow.fs knows (s3://, gs://, hdfs://, file://): its objects, whole."""
 
 import contextlib
-import re
-from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 from pyarrow import fs as pyarrow_fs
 
+from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
 
 _PATIENCE = 20.0  # s for a store of Google's to answer
 _OBJECT_STORES = ("s3", "gcs", "abfs")
 
 
-def parse_address(path: Path | str) -> str | None:
-    """The address that a path on the command line is (its slashes may have been taken for doubled); None for a path."""
-    match = re.match(r"([a-z][a-z0-9+.-]+):/+(.*)", str(path))
-    if match is None:
-        return None
-    return f"{match[1]}:///{match[2]}" if match[1] in ("file", "hdfs") else f"{match[1]}://{match[2]}"
-
-
 class Store:
     """The objects below a folder. All methods raise OSError or pyarrow's errors where the store does not answer."""
 
-    def __init__(self, address: str, system: Any, base: str) -> None:
+    def __init__(self, address: Address, system: Any, base: str) -> None:
         self.address, self.system, self.base = address, system, base
 
     def below(self, name: str) -> "Store":
@@ -61,13 +52,14 @@ class Store:
         return [info.mtime for info in self.system.get_file_info([f"{self.base}/{name}" for name in names])]
 
 
-def open_store(address: str) -> Store:
+def open_store(address: Address) -> Store:
     """The folder at an address. Raises InputError for what is none."""
-    if address.startswith(("gs:", "gcs:")) and "retry_limit_seconds=" not in address:
-        address += f"{'&' if '?' in address else '?'}retry_limit_seconds={_PATIENCE:g}"  # 900 s in the library
+    uri = address.uri()
+    if uri.startswith(("gs:", "gcs:")) and "retry_limit_seconds=" not in uri:
+        uri += f"{'&' if '?' in uri else '?'}retry_limit_seconds={_PATIENCE:g}"  # 900 s in the library
     try:
-        system, base = pyarrow_fs.FileSystem.from_uri(address)
+        system, base = pyarrow_fs.FileSystem.from_uri(uri)
     except (pa.ArrowException, OSError, ValueError) as error:
-        found = f"'{address}' ({str(error).splitlines()[0]})"
+        found = f"'{address}' ({address.explain(error)})"
         raise InputError("address", found, "s3://bucket/folder, gs://bucket/folder or a path") from None
     return Store(address, system, base.rstrip("/"))

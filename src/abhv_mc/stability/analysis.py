@@ -22,7 +22,7 @@ _TOGETHER = 64  # flights at a time: their states at every tick are 1 MB each
 # What a campaign's metrics hold where nothing makes a loop unstable.
 NO_GAIN_MARGIN_DB, NO_PHASE_MARGIN_DEG, NO_DELAY_MARGIN_MS = 60.0, 180.0, 1000.0
 
-NO_SLOPES = "the law has no slopes there: what it gives is not a number"
+NO_SLOPES = "the vehicle or the law has no slopes there: what it gives is not a number"
 
 Time = Literal["trim"] | float  # s
 
@@ -32,7 +32,7 @@ class Stability(NamedTuple):
 
     stable: NDArray[np.bool_]  # [system]
     poles: list[NDArray[np.complex128]]  # of the closed loop, as of a continuous one, 1/s, fastest growing first;
-    # none where the law, one of the user's own, has no slopes at the point
+    # none where vehicle or law have no slopes at the point
     margins: Margins  # nan for systems that are not stable
     cut: Ints  # [system, input] where an input has no loop, see abhv_mc.stability.linearize
 
@@ -62,9 +62,9 @@ def analyse(linear: Linear, frequencies: int = FREQUENCIES) -> Stability:
     margins = Margins(*(np.full(shape, np.nan) for shape in _shapes(len(poles), linear.law_D.shape[1])))
     chosen = np.flatnonzero(stable)
     if chosen.size:
-        loops = make_loops(linear)
+        loops = make_loops(linear._replace(**{name: getattr(linear, name)[chosen] for name in Linear._fields[1:]}))
         grid = frequency_grid([discrete[i] for i in chosen], linear.period, frequencies)
-        found = find_margins(lambda i, w: loop_gains(loops, chosen[i], w), grid, linear.period)
+        found = find_margins(lambda i, w: loop_gains(loops, i, w), grid, linear.period)
         for into, value in zip(margins, found, strict=True):
             into[chosen] = value
     return Stability(stable, poles, margins, linear.cut)

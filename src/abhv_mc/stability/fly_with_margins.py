@@ -43,15 +43,25 @@ def count_metrics(plan: FlightPlan) -> int:
 def fly_with_margins(plan: FlightPlan, parameters: Floats, record_every: Recording | int | None = None) -> FlightBlock:
     """As :func:`abhv_mc.flight.fly.fly`; flights of a :class:`MarginPlan` are linearized too.
 
-    A flight's margins depend on its own row alone.
+    A flight's margins depend on its own row alone; they are not-a-number where they cannot be computed.
     """
     block = fly(plan, parameters, record_every)
     if not isinstance(plan, MarginPlan):
         return block
-    found = [_find(plan, parameters[first : first + _GROUP]) for first in range(0, len(parameters), _GROUP)]
+    found = [_find_any(plan, parameters[first : first + _GROUP]) for first in range(0, len(parameters), _GROUP)]
     values = np.concatenate(found) if found else np.empty((0, len(MARGIN_VALUES)))
     values[np.isin(block.outcome, (Outcome.FAILED_TO_RUN, *LAW_LOST))] = np.nan
     return replace(block, metrics=np.hstack([block.metrics, values]))
+
+
+def _find_any(plan: MarginPlan, parameters: Floats) -> Floats:
+    """As :func:`_find`, each flight alone where that fails: no margin costs a flight that was flown."""
+    try:
+        return _find(plan, parameters)
+    except Exception:
+        if len(parameters) == 1:
+            return np.full((1, len(MARGIN_VALUES)), np.nan)
+        return np.vstack([_find_any(plan, row[None]) for row in parameters])
 
 
 def _find(plan: MarginPlan, parameters: Floats) -> Floats:

@@ -80,15 +80,25 @@ class FigureText:
     name: str  # of the file, without its suffix
     title: str
     caption: str
-    paper: str = ""  # what the paper's single flight shows
-    channel: str = ""  # whose range over all flights goes with it
-    unit: str = ""
     gallery: bool = False  # whether it stands among the figures of channels
+    alt: str = "The caption and the tables say what it shows."  # for who cannot see it
 
 
 @dataclass(frozen=True)
 class Picture:
     """Where one of the topic's figures stands, by its name; nothing where that was not made."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """Where the figures of channels and distributions stand, of all topics."""
+
+
+@dataclass(frozen=True)
+class Widget:
+    """What a page alone can show, by the name of its template."""
 
     name: str
 
@@ -108,7 +118,7 @@ class Fold:
     items: "tuple[Item, ...]"
 
 
-Item: TypeAlias = Text | Bullets | Table | Picture | Heading | Fold
+Item: TypeAlias = Text | Bullets | Table | Picture | Gallery | Widget | Heading | Fold
 
 
 @dataclass(frozen=True)

@@ -70,6 +70,8 @@ def test_extent_of_bounded_and_unbounded_laws():
         make_marginal(DENSITY, distribution="uniform", half_width=0.1).at_fraction(ends), [0.9, 1.1]
     )
     np.testing.assert_allclose(make_marginal(DENSITY, distribution="normal", sigma=0.1).at_fraction(ends), [0.7, 1.3])
+    wide = make_marginal(DENSITY, distribution="lognormal", sigma=0.1)  # 0 is where it begins, and no value of it
+    np.testing.assert_allclose(wide.at_fraction(ends), np.exp([-0.3, 0.3]))
     discrete = make_marginal(DENSITY, distribution="discrete", values=[0.8, 1.0, 1.1])
     np.testing.assert_array_equal(discrete.at_fraction(np.array([0.0, 0.5, 1.0])), [0.8, 1.0, 1.1])
 

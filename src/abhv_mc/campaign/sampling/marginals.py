@@ -53,10 +53,8 @@ class ContinuousMarginal:
 
     def at_fraction(self, fraction: Floats) -> Floats:
         low, high = self.frozen.support()
-        if not np.isfinite(low):
-            low = self.frozen.ppf(TAIL_PROBABILITY)
-        if not np.isfinite(high):
-            high = self.frozen.ppf(1.0 - TAIL_PROBABILITY)
+        if not np.isfinite(high - low):  # 0, where a lognormal one begins, is no value that it has
+            low, high = self.frozen.ppf([TAIL_PROBABILITY, 1.0 - TAIL_PROBABILITY])
         return np.asarray(low + (high - low) * fraction, np.float64)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
-from abhv_mc.report.figures.channels import CHANNEL_FIGURES, Curve, ground_track_text
+from abhv_mc.topics.envelopes.channels import CHANNEL_FIGURES, GROUND_TRACK, Curve
 from abhv_mc.topics.figure_style import INK, controller_colors, legend_below, new_figure, pad_if_flat, styled
 from abhv_mc.topics.labels import controller_label
 
@@ -26,7 +26,7 @@ class _Row:
 def plot_flown(flights: Mapping[str, Columns], reference: Columns) -> Iterator[tuple[str, Figure]]:
     """Name and figure of each channel with one flight of each controller."""
     track = _Row(Curve("north_m", "north (km)", "north_reference_m", scale=1e-3), "east", "east (km)", 1e-3)
-    yield ground_track_text(of_paper=False).name, _plot([track], flights, reference)
+    yield GROUND_TRACK.name, _plot([track], flights, reference)
     for figure in CHANNEL_FIGURES:
         yield figure.name, _plot([_Row(curve) for curve in figure.curves], flights, reference)
 

@@ -71,7 +71,7 @@ def _typical(found: Mapping[str, Any]) -> str:
 def _rest(part: Mapping[str, Any]) -> str:
     """'3 of 50 not explained: ...'."""
     total = part["looked_at"]
-    missing = f"{len(part['unexplained'])} of {total} not explained: no set of up to three dispersions is enough"
+    missing = f"{len(part['unexplained'])} of {total} not explained by a set that was tried"
     words = [missing if part["unexplained"] else f"0 of {total} not explained"]
     if part["nominal"]:
         words.append(f"{len(part['nominal'])} fail with nothing dispersed")

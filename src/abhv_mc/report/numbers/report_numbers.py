@@ -24,6 +24,8 @@ from abhv_mc.statistics.judgement import hold_family
 from abhv_mc.statistics.verdicts import Verdict, advice_words, verdict_words
 from abhv_mc.topics.failed_flights import find_tolerance, judge_all, requirement_failures, requirement_words
 from abhv_mc.topics.labels import full_labels
+from abhv_mc.topics.margins import MARGINS
+from abhv_mc.topics.margins.sentences import missing_margins
 from abhv_mc.topics.plain import interval_in_sense, level_name, plain
 from abhv_mc.topics.registry import all_topics
 from abhv_mc.topics.topic import Models
@@ -138,17 +140,6 @@ def _unsettled(results: Results, record: Metric) -> str | None:
     return None
 
 
-def _ranges(results: Results) -> dict[str, Any]:
-    """Smallest and largest value of each channel over all flights and times."""
-    ranges: dict[str, Any] = {}
-    for (controller, channel), envelope in results.envelopes.items():
-        if np.isnan(envelope.bands["min"]).all():  # no flight was computed
-            continue
-        low, high = np.nanmin(envelope.bands["min"]), np.nanmax(envelope.bands["max"])
-        ranges.setdefault(controller, {})[channel] = [plain(float(low)), plain(float(high))]
-    return ranges
-
-
 def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]:
     """All numbers of the report of a campaign, as JSON holds them; those of a ``baseline`` folder beside where given.
 
@@ -171,7 +162,11 @@ def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]
             "dispersions": plain(campaign.dispersions),
         },
         "state": manifest.get("state"),
-        "warnings": list(manifest.get("warnings") or []),
+        "warnings": [
+            *(manifest.get("warnings") or ()),
+            *manifest.get("not_made", ()),
+            *missing_margins(models[MARGINS], models.names),
+        ],
         "digest": manifest.get("digest"),
         "digests": plain(manifest.get("digests") or {}),
         "flights": _flight_counts(results),
@@ -187,7 +182,6 @@ def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]
         "left_out": left_out(results),
         "worst": worst_numbers(results),
         "failure_map": failure_map_numbers(results),
-        "ranges": _ranges(results),
         **{topic.name: plain(models[topic]) for topic in all_topics()},
         "drivers": driver_numbers(results),
         **({"baseline": baseline_numbers(results, baseline)} if baseline else {}),

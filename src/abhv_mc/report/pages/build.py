@@ -119,21 +119,24 @@ def build_report(folder: Path, format: Format = "html", baseline: Path | None = 
     numbers = {**make_numbers(models, baseline), "files": hash_files(folder)}
     figures_folder = folder / "figures"
     figures_folder.mkdir(exist_ok=True)
-    figures = []
-    for text, figure in make_figures(models, numbers):
-        path = figures_folder / f"{text.name}.png"
-        width, height = write_png(figure, path)
-        write_svg(figure, path.with_suffix(".svg"))
-        figures.append(PageFigure(text, path, width, height))
+    figures, failed = [], []
+    for shown, made in make_figures(models, numbers).items():
+        try:
+            for text, figure in made:
+                path = figures_folder / f"{text.name}.png"
+                width, height = write_png(figure, path)
+                write_svg(figure, path.with_suffix(".svg"))
+                figures.append(PageFigure(text, path, width, height))
+        except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
+            failed.append(f"figures of {shown} could not be made ({type(error).__name__}: {error})")
     results.refuse_changes()
     kept = {figure.path.with_suffix(kind) for figure in figures for kind in (".png", ".svg")}
     for stale in [*figures_folder.glob("*.png"), *figures_folder.glob("*.svg")]:
         if stale not in kept:
             stale.unlink(missing_ok=True)  # another report of this folder may do the same
     page = folder / f"report.{format}"
-    write_text(
-        page, make_page(models, numbers, figures) if format == "html" else make_markdown(models, numbers, figures)
-    )
+    make = make_page if format == "html" else make_markdown
+    write_text(page, make(models, {**numbers, "warnings": [*numbers["warnings"], *failed]}, figures))
     if numbers["requirements"]:
         write_text(CampaignFolder(folder).matrix, make_matrix(numbers))
     report = folder / "report.json"

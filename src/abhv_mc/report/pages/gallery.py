@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.folder.results import Results, read_histories
-from abhv_mc.report.figures.channels import channel_figures
 from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributions, plot_error_against_usage
 from abhv_mc.report.numbers.paired import total_usage
+from abhv_mc.topics.envelopes import ENVELOPES
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, off_reference, plot_envelopes, shown_bands
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.registry import all_topics
@@ -109,14 +109,16 @@ def _worst(
         yield text, plot_envelopes(rows, list(labels.values()), list(colors.values()))
 
 
-def make_figures(models: Models, numbers: Mapping[str, Any]) -> Iterator[tuple[FigureText, Figure]]:
-    """Every figure that the campaign's folder has the data for."""
+def make_figures(models: Models, numbers: Mapping[str, Any]) -> dict[str, Iterator[tuple[FigureText, Figure]]]:
+    """Every figure that the campaign's folder has the data for, by what it shows."""
     results = models.results
     labels = numbers["campaign"]["labels"]
     colors = controller_colors(results.controllers)
-    yield from channel_figures(results, list(labels.values()))
-    yield from _distributions(results, labels, colors)
-    yield from _trade(results, labels, colors)
-    yield from _worst(results, numbers, labels, colors)
-    for topic in all_topics():
-        yield from models.figures(topic)
+    topics = {topic.name: models.figures(topic) for topic in all_topics()}
+    return {
+        ENVELOPES.name: topics.pop(ENVELOPES.name),
+        "distributions": _distributions(results, labels, colors),
+        "error against usage": _trade(results, labels, colors),
+        "worst flights": _worst(results, numbers, labels, colors),
+        **topics,
+    }

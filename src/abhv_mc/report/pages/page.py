@@ -54,39 +54,19 @@ class PageFigure:
     height: int
 
 
-def _embedded(figure: PageFigure, numbers: Mapping[str, Any]) -> dict[str, Any]:
+def _embedded(figure: PageFigure) -> dict[str, Any]:
     image = base64.b64encode(figure.path.read_bytes()).decode("ascii")
-    here = _ranges_in_words(figure.text, numbers)
-    paper = f" The paper's single flight: {figure.text.paper}." if figure.text.paper else ""
     return {
         "name": figure.text.name,
         "file": f"figures/{figure.path.name}",
         "title": figure.text.title,
         "gallery": figure.text.gallery,
-        "caption": f"{figure.text.caption}{paper}{' Here: ' + here + '.' if here else ''}",
-        "alt": f"{figure.text.title}. {here + '.' if here else 'The caption and the tables say what it shows.'}",
+        "caption": figure.text.caption,
+        "alt": f"{figure.text.title}. {figure.text.alt}",
         "source": Markup(f"data:image/png;base64,{image}"),  # noqa: S704  letters of base64 only
         "width": figure.width,
         "height": figure.height,
     }
-
-
-def _ranges_in_words(text: FigureText, numbers: Mapping[str, Any]) -> str:
-    if not text.channel:
-        return ""
-    parts = []
-    for name, ranges in numbers["ranges"].items():
-        low, high = ranges.get(text.channel, (None, None))
-        if low is not None:
-            parts.append(f"{numbers['campaign']['labels'][name]} {_ends(low, high, text.unit)}")
-    return "; ".join(parts)
-
-
-def _ends(low: float, high: float, unit: str) -> str:
-    """Both ends of a range, to a thousandth of the range but no finer than four digits of the larger."""
-    spread = high - low
-    places = 2 if spread <= 0.0 else max(0, 2 - len(str(int(spread)))) if spread >= 1.0 else 3
-    return f"{fixed(low, places)} to {fixed(high, places)}{' ' + unit if unit else ''}"
 
 
 def _script_json(data: Any) -> Markup:
@@ -135,12 +115,6 @@ def _plain_words(value: Any) -> str:
     return "\N{EM DASH}" if value is None else str(value)
 
 
-def _sample_step(results: Results) -> str:
-    """Seconds between the samples of the envelopes, as text; empty where there are none."""
-    times = next((envelope.time for envelope in results.envelopes.values() if envelope.time.size > 1), None)
-    return "" if times is None else f"{times[1] - times[0]:.4g}"
-
-
 def _context(models: Models, numbers: Mapping[str, Any]) -> dict[str, Any]:
     results = models.results
     campaign = numbers["campaign"]
@@ -185,9 +159,7 @@ def _context(models: Models, numbers: Mapping[str, Any]) -> dict[str, Any]:
             }
             for name, counts in numbers["flights"].items()
         ],
-        "step": _sample_step(results),
         "state": numbers["state"],
-        "figure_set": results.campaign.figures,
         "provenance": _provenance(results),
         "folder": folder,
         "siblings": name_siblings(results.folder, results.manifest),
@@ -242,7 +214,7 @@ def make_page(models: Models, numbers: Mapping[str, Any], figures: Sequence[Page
     colors = controller_colors(results.controllers)
     marks = {name: mark_of(k) for k, name in enumerate(results.controllers)}
     template = files("abhv_mc.report.pages") / "template"
-    embedded = [_embedded(figure, numbers) for figure in figures]
+    embedded = [_embedded(figure) for figure in figures]
     script = "".join((template / name).read_text("utf-8") for name in ("flights.js", "page.js"))
     packed_library = (template / "plotly-basic.min.js.gz").read_bytes()
     envelopes, arrays = envelope_data(results, labels, colors)
@@ -274,4 +246,4 @@ def make_page(models: Models, numbers: Mapping[str, Any], figures: Sequence[Page
 def make_markdown(models: Models, numbers: Mapping[str, Any], figures: Sequence[PageFigure]) -> str:
     """The report's words, tables and links to its figures as Markdown."""
     template = _environment(html=False).get_template("page.md.j2")
-    return template.render(**_context(models, numbers), figures=[_embedded(figure, numbers) for figure in figures])
+    return template.render(**_context(models, numbers), figures=[_embedded(figure) for figure in figures])

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import GAIN_MARGIN, MARGIN_FAULTS, MARGIN_NAMES, PHASE_MARGIN
+from abhv_mc.flight.outcome import LAW_LOST
+from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.results import Results
 from abhv_mc.folder.steady_margins import SteadyMargins
 from abhv_mc.topics.failed_flights import failed_anyhow
@@ -66,6 +68,7 @@ class Margins:
     steady: SteadyMargins
     points: tuple[str | float, ...]  # of the flights: "trim", or s
     flights: Mapping[str, FlightMargins]
+    missing: Mapping[str, tuple[int, ...]]  # flights that were to have margins, which could not be computed
     required: bool = field(default=False, metadata={DRAWN: True})  # whether anything is
 
 
@@ -97,8 +100,14 @@ def compute_margins(results: Results) -> Margins:
         results.steady_margins,
         tuple(campaign.margin_points),
         {name: entry for name, entry in flights.items() if entry.flights},
+        {name: numbers for name in flights if (numbers := _missing(results.flights[name], campaign.margin_flights))},
         bool(campaign.requirements),
     )
+
+
+def _missing(flights: ControllerFlights, asked: int) -> tuple[int, ...]:
+    lost = np.isin(flights.outcome, LAW_LOST) | (flights.flight >= asked)
+    return tuple(flights.flight[np.isnan(flights.metrics[MARGIN_NAMES[0]]) & ~lost].tolist())
 
 
 def _of_flights(results: Results, controller: str) -> FlightMargins:

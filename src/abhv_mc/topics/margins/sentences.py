@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from abhv_mc.topics.margins.model import LeastMargins, Margins, least_margins
+from abhv_mc.topics.margins.model import LISTED, LeastMargins, Margins, least_margins
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.words import fixed
 
@@ -13,6 +13,15 @@ def margin_sentences(margins: Margins, names: Names) -> Sequence[str]:
     """One of each controller whose loops are known."""
     found = {name: margin_words(margins, name) for name in names.controllers}
     return [f"{names.label(name)}: {words}." for name, words in found.items() if words]
+
+
+def missing_margins(margins: Margins, names: Names) -> Sequence[str]:
+    """Of the flights whose margins could not be computed."""
+    said = []
+    for name, flights in margins.missing.items():
+        listed = ", ".join([*map(str, flights[:LISTED]), *["..."] * (len(flights) > LISTED)])
+        said.append(f"margins of {names.label(name)} could not be computed in {len(flights)} flights ({listed})")
+    return said
 
 
 def margin_words(margins: Margins, controller: str) -> str:

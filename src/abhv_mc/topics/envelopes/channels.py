@@ -12,8 +12,10 @@ from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.results import Results
+from abhv_mc.topics.envelopes.model import Envelopes, range_words
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, off_reference, plot_envelopes, shown_bands
 from abhv_mc.topics.figure_style import controller_colors
+from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
 _SIGN = "The paper plots the mirrored sign (its first bank is positive); its time is ours plus 180 s."
@@ -54,14 +56,14 @@ class ChannelFigure:
     unit: str
     paper: InPaper
 
-    def text(self, of_paper: bool) -> FigureText:
-        """Its words; in the paper's set with the paper's number and what is seen there."""
-        channel = self.curves[-1].channel
-        if not of_paper:
-            return FigureText(self.name, self.title, self.caption, "", channel, self.unit, True)
-        name, title = f"fig{self.paper.number:02d}_{self.name}", f"{self.title} (Fig. {self.paper.number})"
-        caption = f"{self.caption}{' ' + _SIGN if self.paper.mirrored else ''}"
-        return FigureText(name, title, caption, self.paper.shows, channel, self.unit, True)
+    def text(self, of_paper: bool, here: str = "") -> FigureText:
+        """Its words, with the range of its channel ``here``; in the paper's set with what is seen there."""
+        name, title, caption = self.name, self.title, self.caption
+        if of_paper:
+            name, title = f"fig{self.paper.number:02d}_{name}", f"{title} (Fig. {self.paper.number})"
+            caption += f"{' ' + _SIGN if self.paper.mirrored else ''} The paper's single flight: {self.paper.shows}."
+        text = FigureText(name, title, caption, gallery=True)
+        return replace(text, caption=f"{caption} Here: {here}.", alt=f"{here}.") if here else text
 
     def rows(self, of_paper: bool) -> Iterator[Curve]:
         """Its curves; in the paper's set an angle at its own command also in its first seconds, as there."""
@@ -150,7 +152,7 @@ CHANNEL_FIGURES: tuple[ChannelFigure, ...] = (
     ),
 )
 
-_GROUND_TRACK = ChannelFigure(
+GROUND_TRACK = ChannelFigure(
     "ground_track",
     "Ground track",
     "Northward against eastward displacement, and below what is left of it without the reference. The bands at each "
@@ -160,11 +162,6 @@ _GROUND_TRACK = ChannelFigure(
     "",
     InPaper(2, "5 km offset"),
 )
-
-
-def ground_track_text(of_paper: bool) -> FigureText:
-    """The words of the ground track, which has no range of a channel."""
-    return replace(_GROUND_TRACK.text(of_paper), channel="")
 
 
 def _panel(results: Results, controller: str, curve: Curve) -> EnvelopePanel | None:
@@ -218,8 +215,9 @@ def _ground_track(results: Results, controller: str) -> tuple[EnvelopePanel, Env
     return track, deviation
 
 
-def channel_figures(results: Results, titles: list[str]) -> Iterator[tuple[FigureText, Figure]]:
+def channel_figures(found: Envelopes, labels: Names) -> Iterator[tuple[FigureText, Figure]]:
     """The figures of channels, as far as the envelopes hold them."""
+    results, titles = found.source, list(labels.controllers.values())
     names, of_paper = results.controllers, results.campaign.figures == "paper"
     colors = list(controller_colors(names).values())
     tracks = [_ground_track(results, name) for name in names]
@@ -229,7 +227,7 @@ def channel_figures(results: Results, titles: list[str]) -> Iterator[tuple[Figur
             EnvelopeRow("north (km)", [track for track, _ in kept], "east (km)"),
             EnvelopeRow("north minus reference (m)", [deviation for _, deviation in kept], "east (km)"),
         ]
-        yield ground_track_text(of_paper), plot_envelopes(rows, titles, colors)
+        yield GROUND_TRACK.text(of_paper), plot_envelopes(rows, titles, colors)
     for figure in CHANNEL_FIGURES:
         rows = []
         for curve in figure.rows(of_paper):
@@ -237,4 +235,5 @@ def channel_figures(results: Results, titles: list[str]) -> Iterator[tuple[Figur
             if len(panels) == len(names) and np.any([np.isfinite(p.bands["q50"]).any() for p in panels]):
                 rows.append(EnvelopeRow(curve.label, panels, x_range=curve.x_range, note=curve.note))
         if rows:
-            yield figure.text(of_paper), plot_envelopes(rows, titles, colors)
+            here = range_words(found, labels, figure.curves[-1].channel, figure.unit)
+            yield figure.text(of_paper, here), plot_envelopes(rows, titles, colors)
