@@ -162,10 +162,11 @@ def fly(
     """
     import pandas as pd
 
+    from abhv_mc.analysis.end_sentence import describe_end
     from abhv_mc.flight.channels import CHANNELS
     from abhv_mc.flight.fly import fly as fly_plan
     from abhv_mc.flight.metrics import METRICS
-    from abhv_mc.flight.outcome import SENTENCES, Outcome
+    from abhv_mc.flight.outcome import Outcome
 
     steps = check_count(every, 1, "every")
     plan = make_flight_plan(mission, vehicle, controller)
@@ -179,7 +180,7 @@ def fly(
     table.attrs = {
         "units": {"time": "s"} | {channel.name: channel.unit for channel in CHANNELS},
         "outcome": outcome.code,
-        "sentence": SENTENCES[outcome],
+        "sentence": describe_end(plan, parameters, outcome),
         "end_time_s": float(block.end_time[0]),
         "metrics": {metric.name: float(block.metrics[0, i]) for i, metric in enumerate(METRICS)},
         "metric_units": {metric.name: metric.unit for metric in METRICS},

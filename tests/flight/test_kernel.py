@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from short_flights import cut, short_plan
 
+from abhv_mc.analysis.end_sentence import describe_end
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.kernel import COMPACTION
 from abhv_mc.flight.memory import TOGETHER
@@ -83,6 +84,8 @@ def test_a_neighbour_that_breaks_does_not_matter(plans, dispersed, broken):
     ends = Outcome.FUEL_OUT if name == "mass.total" else Outcome.NOT_FINITE
     assert (beside.outcome[[0, 5, 15]] == ends).all()
     assert (beside.end_time[[0, 5, 15]] < 0.1).all()
+    first = {"atmosphere.density": "dynamic pressure of the air (dynamic_pressure_pa) at 0 s", "aero.lift": "at 0"}
+    assert first.get(name, "") in describe_end(plans["tlc"], others[:1], ends)
     kept = np.setdiff1d(np.arange(FLIGHTS), [0, 5, 15])
     assert_equal(healthy, tuple(values[kept] for values in result(beside)), kept)
 
@@ -112,6 +115,7 @@ from pathlib import Path
 import numpy as np
 import numba
 assert numba.config.DISABLE_JIT
+from abhv_mc.analysis.end_sentence import describe_end
 from abhv_mc.flight.fly import fly
 plans, parameters = pickle.loads(Path(sys.argv[1]).read_bytes())
 for law, plan in plans.items():

@@ -10,10 +10,12 @@ import pytest
 from short_flights import assert_same, disperse, short_plan
 from user_code.test_user_law import CASCADE
 
+from abhv_mc.analysis.end_sentence import describe_end
+from abhv_mc.control.controller_file import read_controller
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flying import make_flight_plan
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.numerics.angles import clamp, wrap
 from abhv_mc.numerics.lane_math import sincos
 from abhv_mc.plant.parameters import PARAMETER_INDEX
@@ -149,13 +151,19 @@ def test_a_law_that_returns_an_error_or_no_number_ends_its_flight(make):
     block = fly(failing, parameters)
     assert [Outcome(code) for code in block.outcome] == [Outcome.OK, Outcome.LAW_FAILED, Outcome.OK]
     assert block.end_time[1] == pytest.approx(0.03)
-    block = fly(make(HEAD + INIT + STEP % "dt = own->ticks == 30 ? 0.0 / 0.0 : dt;"), parameters)
+    plan = make(HEAD + INIT + STEP % "dt = own->ticks == 30 ? 0.0 / 0.0 : dt;")
+    block = fly(plan, parameters)
     assert {Outcome(code) for code in block.outcome} == {Outcome.NOT_FINITE}
+    assert describe_end(plan, parameters[:1], Outcome.NOT_FINITE).endswith(
+        "The first was the equivalence ratio command (equivalence_ratio_command) at 0.31 s."
+    )
 
 
 REFUSED = {
     "memory of its own": PLAIN.replace("double alpha =", "static double x; x += m->bank;\n    double alpha = x +"),
-    "SIGSEGV": PLAIN.replace("memory *own = state;", "memory *own = state; *(volatile int *)0 = 1;"),
+    "SIGSEGV, at 0.31 s (tick 31), measured: altitude 20": PLAIN.replace(
+        "own->ticks += 1;", "own->ticks += 1; if (own->ticks == 32) *(volatile int *)0 = 1;"
+    ),
     "'expected": PLAIN.replace("return 2;", "return 2"),
     "helper.h: No such file": '#include "helper.h"\n' + PLAIN,
     "abhv_law_state_get alone": PLAIN.replace("abhv_law_state_set", "another_name"),
@@ -172,6 +180,28 @@ def test_what_is_no_law_is_refused_in_words(make, words):
         assert refused.value.line == REFUSED[words][: REFUSED[words].index("return 2\n")].count("\n") + 1
     if "No such file" in words:
         assert refused.value.expected.startswith("files: [helper.h]")
+
+
+@pytest.mark.parametrize(
+    ("value", "units", "words", "line"),
+    [
+        ("70", "bank_limit: rad", "70 without a unit", 3),
+        ("[7 deg, 70]", "bank_limit: rad", "70 without a unit", 3),
+        ("70 m", "bank_limit: rad", "a length", 3),
+        ("70 deg", "bank_limit: deg", "'deg'", 4),
+        ("70 deg", "bank_limit: rads", "unknown unit 'rads'", 4),
+        ("70 deg", "bank: rad", "a unit of 'bank'", 4),
+    ],
+)
+def test_a_setting_has_the_unit_that_its_file_declares(tmp_path, value, units, words, line):
+    (tmp_path / "law.c").touch()
+    text = "law: c\nsources: [law.c]\nsettings: {{bank_limit: {}}}\nunits: {{{}}}\n"
+    (tmp_path / "law.yaml").write_text(text.format(value, units))
+    with pytest.raises(InputErrors) as refused:
+        read_controller(tmp_path / "law.yaml")
+    assert [(words in error.found, error.line) for error in refused.value.errors] == [(True, line)]
+    (tmp_path / "law.yaml").write_text(text.format("70 deg", "bank_limit: rad"))
+    assert read_controller(tmp_path / "law.yaml").numbers == [pytest.approx(np.radians(70.0))]
 
 
 @pytest.mark.thorough

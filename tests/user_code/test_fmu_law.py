@@ -64,6 +64,8 @@ def test_units_of_the_model_description_are_heeded(make):
         (("  rudder: command.rudder\n", ""), None, "rudder"),
         (("gains.earth_radius: gains.earth_radius", "gains.earth_radius: gains.k"), None, "gains.k"),
         (None, {"measured.altitude": "deg"}, "measured.altitude"),
+        (("bank_limit: 70 deg", "bank_limit: 70"), {"bank_limit": "deg"}, "'bank_limit: 70' of a parameter in deg"),
+        (("bank_limit: 70 deg", "bank_limit: 70 m"), {"bank_limit": "deg"}, "'bank_limit: 70 m' of a parameter in deg"),
     ],
 )
 def test_a_wrong_wiring_is_refused_by_name(make, change, units, words):

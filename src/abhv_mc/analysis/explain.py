@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.analysis.end_sentence import describe_end
 from abhv_mc.analysis.replay import find_row
 from abhv_mc.analysis.shrink import shrink
 from abhv_mc.array_types import Floats
@@ -16,7 +17,7 @@ from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.fly_batches import Fly
 from abhv_mc.execution.margin_plans import make_margin_plans
 from abhv_mc.flight.metrics import MARGIN_NAMES
-from abhv_mc.flight.outcome import SENTENCES, Outcome
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.folder.hashes import read_checked
@@ -121,7 +122,7 @@ def explain_flight(
         controller,
         flight,
         failure,
-        SENTENCES[Outcome(next(o for o in Outcome if o.code == row.outcome[0]))],
+        describe_end(plan, parameters[2:], next(o for o in Outcome if o.code == row.outcome[0])),
         dict(zip(names, values.tolist(), strict=True)),
         sets[0],
         tuple(sets[1:]),

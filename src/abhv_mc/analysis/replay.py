@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.analysis.end_sentence import describe_end
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.fly_batches import Fly
-from abhv_mc.flight.outcome import SENTENCES, Outcome
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flights import DamagedFileError, FlightRows, parse_block_name, read_pieces
 from abhv_mc.folder.hashes import read_checked
@@ -30,15 +31,11 @@ class Replay:
     samples: dict[str, float]
     metrics: dict[str, float]
     differences: tuple[str, ...]  # what differs from the stored row in any bit
+    sentence: str  # how the flight ended
 
     @property
     def outcome(self) -> Outcome:
         return Outcome(int(self.block.outcome[0]))
-
-    @property
-    def sentence(self) -> str:
-        """How the flight ended, in words."""
-        return SENTENCES[self.outcome]
 
 
 def replay_flight(
@@ -56,19 +53,21 @@ def replay_flight(
     read_checked(folder, [folder.campaign, folder.plan(controller), *folder.input_files()])
     plan = read_trusted_plan(folder, read_folder_campaign(folder), controller, trust_code)
     reader = SampleReader(folder.samples)
-    block = fly(plan, full_rows(reader.names, row.samples), every)
+    parameters = full_rows(reader.names, row.samples)
+    block = fly(plan, parameters, every)
     values = np.append(block.metrics[0], block.end_time[0])
     differences = [
         f"{name}: {new!r} instead of {old!r}"
         for name, new, old in zip(row.columns, values.tolist(), row.values[0].tolist(), strict=False)  # margins follow
         if np.float64(new).tobytes() != np.float64(old).tobytes() and not (np.isnan(new) and np.isnan(old))
     ]
-    outcome = Outcome(int(block.outcome[0])).code
-    if outcome != row.outcome[0]:
-        differences.append(f"outcome: {outcome} instead of {row.outcome[0]}")
+    outcome = Outcome(int(block.outcome[0]))
+    if outcome.code != row.outcome[0]:
+        differences.append(f"outcome: {outcome.code} instead of {row.outcome[0]}")
     samples = dict(zip(reader.names, row.samples[0].tolist(), strict=True))
     metrics = dict(zip(row.columns, values.tolist(), strict=False))
-    return Replay(controller, flight, block, samples, metrics, tuple(differences))
+    end = describe_end(plan, parameters, outcome)
+    return Replay(controller, flight, block, samples, metrics, tuple(differences), end)
 
 
 def find_row(folder: CampaignFolder, controller: str, flight: int) -> FlightRows:

@@ -28,7 +28,9 @@ def command(
     files = find_controllers(controllers)
     paths = vehicle or find_input("ghame_x", "vehicle"), mission
     announce_compiling()
+    from abhv_mc.analysis.end_sentence import describe_end
     from abhv_mc.flight.fly import fly, nominal_parameters
+    from abhv_mc.flight.outcome import Outcome
     from abhv_mc.flight.prepare import prepare
     from abhv_mc.user_code.run_in_thread import run_in_thread
 
@@ -38,8 +40,9 @@ def command(
         raise InputError("--output", "controllers of different rates", "one folder for each rate")
     nominal = nominal_parameters()
     blocks = {name: run_in_thread(partial(fly, plan, nominal, record_every=1)) for name, plan in plans.items()}
+    ends = [describe_end(plans[name], nominal, Outcome(int(block.outcome[0]))) for name, block in blocks.items()]
     figures = {"mission": mission.stem, "vehicle": paths[0].stem, "controllers": _make_figures(blocks)}
-    show(figures, json, lambda: _print_table(f"{mission.stem} with {paths[0].stem}, nominal", blocks))
+    show(figures, json, lambda: _print_table(f"{mission.stem} with {paths[0].stem}, nominal", blocks, ends))
     if out is not None:
         from abhv_mc.report.pages.nominal import write_nominal_report
 
@@ -62,9 +65,9 @@ def _make_figures(blocks: "dict[str, FlightBlock]") -> dict[str, Any]:
     }
 
 
-def _print_table(title: str, blocks: "dict[str, FlightBlock]") -> None:
+def _print_table(title: str, blocks: "dict[str, FlightBlock]", ends: list[str]) -> None:
     from abhv_mc.flight.metrics import METRICS
-    from abhv_mc.flight.outcome import SENTENCES, Outcome
+    from abhv_mc.flight.outcome import Outcome
 
     table = new_table(("metric",), blocks, title, padding=(0, 1, 0, 0))
     outcomes = {name: Outcome(int(block.outcome[0])) for name, block in blocks.items()}
@@ -73,5 +76,5 @@ def _print_table(title: str, blocks: "dict[str, FlightBlock]") -> None:
     for i, metric in enumerate(METRICS):
         table.add_row(metric.name, *(f"{block.metrics[0, i]:.4g}" for block in blocks.values()))
     print_table(table)
-    for name, outcome in outcomes.items():
-        say(f"{name}: {SENTENCES[outcome]}")
+    for name, end in zip(blocks, ends, strict=True):
+        say(f"{name}: {end}")

@@ -1,15 +1,16 @@
 """Controller files that name code of the user's own, and which files that code consists of."""
 
+import contextlib
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from abhv_mc.io.documents import File, Refusal, StrictModel
-from abhv_mc.io.units import Frequency, parse_any
+from abhv_mc.io.documents import File, Refusal, StrictModel, one_of
+from abhv_mc.io.units import Frequency, parse_any, parse_in_unit, parse_unit
 
 Rate = Annotated[Frequency, Field(gt=0.0)]
 _RATE = "control ticks per second"
@@ -56,15 +57,24 @@ class CController(ControllerModel):
     settings: dict[str, Any] = Field(
         {}, description="numbers or lists of numbers, with units: the struct abhv_settings"
     )
+    units: dict[str, str] = Field(
+        {}, description="SI units of settings, as {bank_limit: rad}: these are refused without a unit, or in another"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "CController":
         if (self.library is None) == (not self.sources):
             raise Refusal("both or none of the two", "library or sources")
+        for name, unit in self.units.items():
+            if name not in self.settings:
+                raise Refusal(f"a unit of '{name}'", one_of(self.settings, name), ("units", name))
+            with _placed("units", name):
+                if parse_unit(unit)[0] != 1.0:
+                    raise Refusal(f"'{unit}'", "a unit of SI, in which the struct holds it, such as rad")
         for name, value in self.settings.items():
             if not _NAME.fullmatch(name):
                 raise Refusal(f"the setting '{name}'", "a name that C allows", ("settings", name))
-            parse_numbers(value, ("settings", name))
+            parse_numbers(value, ("settings", name), self.units.get(name))
         find_files(self)
         return self
 
@@ -76,7 +86,7 @@ class CController(ControllerModel):
     @property
     def numbers(self) -> list[float]:
         """The settings one after another, SI."""
-        return [number for name, value in self.settings.items() for number in parse_numbers(value, ("settings", name))]
+        return [n for name, value in self.settings.items() for n in parse_numbers(value, (), self.units.get(name))]
 
 
 class FmuController(ControllerModel):
@@ -96,24 +106,31 @@ class FmuController(ControllerModel):
     @model_validator(mode="after")
     def _check(self) -> "FmuController":
         for name, value in self.params.items():
-            parse_numbers(value, ("params", name))
+            with _placed("params", name):
+                parse_any(value)
         find_files(self)
         return self
 
 
-def parse_numbers(value: Any, keys: tuple[str | int, ...]) -> list[float]:
-    """A number or a list of them, each with a unit of any dimension or none, SI. Raises Refusal."""
+def parse_numbers(value: Any, keys: tuple[str | int, ...], unit: str | None = None) -> list[float]:
+    """A number or a list of them in SI, of the dimension of ``unit``, or of any or none. Raises Refusal."""
     items = value if isinstance(value, list) else [value]
     numbers = []
     for i, item in enumerate(items):
-        try:
-            numbers.append(parse_any(item))
-        except Refusal as refusal:
-            place = (*keys, i) if isinstance(value, list) else keys
-            raise Refusal(refusal.found, refusal.expected, place) from None
+        with _placed(*keys, *([i] if isinstance(value, list) else [])):
+            numbers.append(parse_any(item) if unit is None else parse_in_unit(item, unit))
     if not numbers:
         raise Refusal("an empty list", "at least one number", keys)
     return numbers
+
+
+@contextlib.contextmanager
+def _placed(*keys: str | int) -> Iterator[None]:
+    """Refusals inside are about what stands at ``keys``."""
+    try:
+        yield
+    except Refusal as refusal:
+        raise Refusal(refusal.found, refusal.expected, keys) from None
 
 
 Layout = list[tuple[str, int]]  # of settings: name and length, 0 for a number by itself

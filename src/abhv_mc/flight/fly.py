@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.arguments import Kept, KernelPlan, KernelResults, check_written, make_kernel_plan, make_results
+from abhv_mc.flight.arguments import Kept, KernelResults, check_written, make_kernel_plan, make_results
 from abhv_mc.flight.extremes import join_bins
 from abhv_mc.flight.kernel import make_fly_lanes
+from abhv_mc.flight.last_tick import open_memory
 from abhv_mc.flight.lost import fly_in_child
 from abhv_mc.flight.memory import Memory, make_memory
 from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan, Recording, recording_of
@@ -70,9 +71,8 @@ def fly(
     if must_fly_elsewhere(plan):
         return fly_in_child(fly, plan, parameters, recording, lanes, keep_states, start)
     results = make_results(plan, len(parameters), recording, keep_states)
-    kernel_plan, memory, results = flight_arguments(plan, parameters, results, recording, lanes, start)
-    with open_law(plan, lanes, memory_in_rows=start is not None, flights=len(parameters)) as user_code:
-        compiled_flight(lanes)(kernel_plan._replace(user_code=user_code), memory, results)
+    with open_memory(lanes, len(parameters), plan.timing.tick) as memory:
+        fly_in_memory(plan, parameters, results, recording, memory, start)
     return make_block(plan, results, recording)
 
 
@@ -87,21 +87,23 @@ def fly_until(plan: FlightPlan, parameters: Floats, tick: int, start: Kept | Non
         return in_child(fly_until, plan, parameters, tick, start, limit=_LONGEST)
     shorter = replace(plan, timing=plan.timing._replace(ticks=tick))
     results = make_results(shorter, len(parameters), Recording(0), False, keep=True)
-    kernel_plan, memory, results = flight_arguments(shorter, parameters, results, Recording(0), LANES, start)
-    with open_law(plan, LANES, memory_in_rows=True) as user_code:
-        compiled_flight(LANES)(kernel_plan._replace(user_code=user_code), memory, results)
+    fly_in_memory(shorter, parameters, results, Recording(0), make_memory(LANES), start, memory_in_rows=True)
     return Kept(tick, results.kept)
 
 
-def flight_arguments(
+def fly_in_memory(
     plan: FlightPlan,
     parameters: Floats,
     results: KernelResults,
     recording: Recording,
-    lanes: int,
+    memory: Memory,
     start: Kept | None = None,
-) -> tuple[KernelPlan, Memory, KernelResults]:
-    """What the compiled flight takes, checked. Raises ValueError, see :mod:`abhv_mc.flight.arguments`."""
-    arguments = make_kernel_plan(plan, parameters, recording, start), make_memory(lanes), results
-    check_written(*arguments)
-    return arguments
+    memory_in_rows: bool = False,
+) -> None:
+    """Fill the results. Raises ValueError, see :mod:`abhv_mc.flight.arguments`; ``memory_in_rows``: of a user law."""
+    kernel_plan = make_kernel_plan(plan, parameters, recording, start)
+    check_written(kernel_plan, memory, results)
+    width = memory.Z.shape[1]
+    in_rows = memory_in_rows or start is not None
+    with open_law(plan, width, memory_in_rows=in_rows, flights=len(parameters)) as user_code:
+        compiled_flight(width)(kernel_plan._replace(user_code=user_code), memory, results)

@@ -7,6 +7,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.arguments import Kept
+from abhv_mc.flight.last_tick import describe_last_tick
 from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording, join_blocks
 from abhv_mc.plant.state import N_STATES
@@ -38,17 +39,17 @@ def fly_in_child(
 
     try:
         return attempt(parameters)
-    except LostError as error:
+    except LostError:
         if start is not None:
             raise
         if len(parameters) > 1:
             rows = (row[None] for row in parameters)
             return join_blocks([fly_in_child(fly, plan, row, recording, lanes, keep_states) for row in rows])
-        lost = error
     try:
         return attempt(parameters)
-    except LostError:
-        print(f"{plan.controller}: the law was lost with a flight: {lost.words}", file=sys.stderr, flush=True)
+    except LostError as lost:
+        words = f"{lost.words}{describe_last_tick(lost.process)}"
+        print(f"{plan.controller}: the law was lost with a flight: {words}", file=sys.stderr, flush=True)
         outcome = find_lost_outcome(plan.law, lost.hung)
         return make_lost(plan, outcome, recording, len(plan.metrics), keep_states)
 

@@ -165,9 +165,14 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
 
 def parse_any(text: str | float) -> float:
     """A quantity of any dimension in SI, or a plain number. Raises :class:`Refusal`."""
-    match = _QUANTITY.fullmatch(str(text).strip()) if isinstance(text, str) else None
-    unit = match.group(2).strip() if match else ""
+    unit = unit_of(text)
     return parse_quantity(text, dimension_of(unit) if unit else FRACTION)
+
+
+def unit_of(text: str | float) -> str:
+    """The unit that a quantity is written with, empty for a plain number."""
+    match = _QUANTITY.fullmatch(str(text).strip()) if isinstance(text, str) else None
+    return match.group(2).strip() if match else ""
 
 
 def parse_in_unit(value: str | float, unit: str) -> float:

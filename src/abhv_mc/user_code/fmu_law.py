@@ -21,7 +21,7 @@ import numpy as np
 from abhv_mc.compiler_target import code_folder
 from abhv_mc.control.laws.user import MAX_MEMORY
 from abhv_mc.io.input_error import InputError, Refusal, one_of
-from abhv_mc.io.units import parse_unit
+from abhv_mc.io.units import parse_any, parse_unit, unit_of
 from abhv_mc.jit import compiler
 from abhv_mc.user_code.c_source import recipe_of, refuse_platform
 from abhv_mc.user_code.child import may_run_here
@@ -101,7 +101,7 @@ def load_fmu(source: UserSource) -> Fmu:
         _make_instantiate(version, dll, described, folder),
         inputs,
         outputs,
-        tuple(wiring.wire(name, "") for name in recipe["params"]),
+        tuple(wiring.wire(name, "", value) for name, value in recipe["params"].items()),
         {
             state.name: (int(state.valueReference), None if state.start is None else float(state.start))
             for state in (rate.variable.derivative for rate in described.derivatives)
@@ -152,8 +152,11 @@ class _Wiring:
     described: Any
     version: int
 
-    def wire(self, name: str, wired: str) -> Wire:
-        """Raises InputError for a variable that there is not, of another type, or in a unit of another dimension."""
+    def wire(self, name: str, wired: str, value: str | float | None = None) -> Wire:
+        """A variable and what it is wired to, or a parameter and its ``value``.
+
+        Raises InputError for a variable that there is not, of another type, or in a unit of another dimension.
+        """
         variables = {variable.name: variable for variable in self.described.modelVariables}
         variable = variables.get(name)
         if variable is None:
@@ -162,18 +165,22 @@ class _Wiring:
             found = f"the variable '{name}' of the type {variable.type}"
             raise InputError(self.source.file, found, "a scalar floating point number")
         unit = variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
-        factor, offset = self._find_unit(name, unit, find_unit(wired)) if unit else (1.0, 0.0)
+        factor, offset = self._find_unit(name, unit, wired, value) if unit else (1.0, 0.0)
         return Wire(wired, int(variable.valueReference), factor, offset)
 
-    def _find_unit(self, name: str, unit: str, expected: str | None) -> tuple[float, float]:
+    def _find_unit(self, name: str, unit: str, wired: str, value: str | float | None) -> tuple[float, float]:
         base = {each.name: each.baseUnit for each in self.described.unitDefinitions}.get(unit)
         try:
             factor, exponents = parse_unit(unit) if base is None else (base.factor, (base.m, base.kg, base.s, base.rad))
         except Refusal:
             found = f"the unit '{unit}' of '{name}', which the FMU does not define"
             raise InputError(self.source.file, found, "a unit with its base units") from None
-        if expected is not None and exponents[:3] != parse_unit(expected)[1][:3]:  # radians are often left out
-            raise InputError(self.source.file, f"'{name}' in {unit}", f"a quantity in {expected}")
+        expected = find_unit(wired) if value is None else unit_of(value)
+        given = parse_unit(expected or "")[1]
+        places = 4 if value is not None and not any(given) else 3  # radians are often left out
+        if expected is not None and exponents[:places] != given[:places]:
+            found = f"'{name}' in {unit}" if value is None else f"'{name}: {value}' of a parameter in {unit}"
+            raise InputError(self.source.file, found, f"a quantity in {expected if value is None else unit}")
         return factor, 0.0 if base is None else base.offset
 
 
@@ -216,7 +223,8 @@ def open_fmu(
     if not instances.all():
         raise InputError(source.file, "an FMU that makes no instance", "one for each of many flights")
     starts = [
-        (value - wire.offset) / wire.factor for wire, value in zip(fmu.params, recipe["params"].values(), strict=True)
+        (parse_any(value) - wire.offset) / wire.factor
+        for wire, value in zip(fmu.params, recipe["params"].values(), strict=True)
     ]
     values = np.append(starts, np.zeros(len(fmu.inputs) + len(fmu.outputs) + FLAGS + len(states)))
     groups = [tuple(wire.reference for wire in group) for group in (fmu.params, fmu.inputs, fmu.outputs)]

@@ -3,7 +3,7 @@
 from typing import Any
 
 from abhv_mc.control.columns import REFERENCE
-from abhv_mc.control.law_file import FmuController, find_files, parse_numbers
+from abhv_mc.control.law_file import FmuController, find_files
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.user_code.c_source import describe_platform, find_name, read_native_source
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured
@@ -17,14 +17,13 @@ def read_fmu_source(controller: FmuController) -> UserSource:
     """An FMU's file with what its inputs, outputs and parameters are wired to. Raises InputError."""
     _check_names(controller)
     paths = find_files(controller)
-    params = {name: parse_numbers(value, ("params", name))[0] for name, value in controller.params.items()}
     recipe: dict[str, Any] = {
         "law": "fmu",
         "file": next(iter(paths)),
         "library": None,
         "inputs": controller.inputs,
         "outputs": controller.outputs,
-        "params": params,
+        "params": controller.params,
         "platform": describe_platform(),
         "settings": [],
         "design": find_name(paths, controller.design),

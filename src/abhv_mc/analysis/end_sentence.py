@@ -1,0 +1,45 @@
+"""How a flight ended, in words; of one that was no longer finite, which quantity was the first, and when."""
+
+import numpy as np
+
+from abhv_mc.array_types import Floats
+from abhv_mc.flight.arguments import make_results
+from abhv_mc.flight.channels import CHANNELS
+from abhv_mc.flight.fly import fly_in_memory
+from abhv_mc.flight.memory import make_memory
+from abhv_mc.flight.outcome import SENTENCES, Outcome
+from abhv_mc.flight.plan import LANES, FlightPlan, Recording
+from abhv_mc.flight.user_law import must_fly_elsewhere
+from abhv_mc.plant import state as s
+from abhv_mc.user_code.child import in_child
+from abhv_mc.vehicle.model import name_effectors
+
+_NEVER = "stagnation_heat_flux_w_m2"  # of a vehicle without a nose radius
+_ORDER = sorted(range(len(CHANNELS)), key=lambda i: "measured" not in CHANNELS[i].name)  # laws see what is measured
+
+
+def describe_end(plan: FlightPlan, parameters: Floats, outcome: Outcome) -> str:
+    """Sentences on the end of the flight of ``parameters`` [1, parameter], flown again where it was not finite."""
+    if outcome != Outcome.NOT_FINITE:
+        return SENTENCES[outcome]
+    found = in_child(_find, plan, parameters) if must_fly_elsewhere(plan) else _find(plan, parameters)
+    return f"{SENTENCES[outcome]} The first was the {found}."
+
+
+def _find(plan: FlightPlan, parameters: Floats) -> str:
+    """The first quantity that is not finite in a flight that ended so, and when."""
+    recording, memory = Recording(1), make_memory(LANES)
+    results = make_results(plan, 1, recording, False)
+    fly_in_memory(plan, parameters, results, recording, memory)
+    end = int(results.end_tick[0])
+    for tick in range(max(end - 1, 0), end + 1):
+        row = results.history[0, tick]
+        if np.isfinite(row).any():  # else a sample that does not count
+            broken = [CHANNELS[i] for i in _ORDER if not np.isfinite(row[i]) and CHANNELS[i].name != _NEVER]
+            if broken:
+                return f"{broken[0].doc} ({broken[0].name}) at {tick * plan.timing.tick:g} s"
+    lane = memory.Z[:, 0]
+    states = [name for name, value in zip(s.STATES, lane, strict=False) if not np.isfinite(value)]
+    commands = [n for i, n in enumerate(name_effectors(plan.vehicle)) if np.isnan(lane[s.EFFECTOR_COMMAND + i])]
+    words = f"state {states[0]}" if states else f"command of the effector {', '.join(commands[:1])}"
+    return f"{words} at {end * plan.timing.tick:g} s"
