@@ -5,13 +5,15 @@ from typing import Any
 
 from abhv_mc.io.input_error import InputError, describe, one_of
 from abhv_mc.topics.convergence import CONVERGENCE
+from abhv_mc.topics.drivers import DRIVERS
 from abhv_mc.topics.envelopes import ENVELOPES
 from abhv_mc.topics.failure_cases import FAILURE_CASES
+from abhv_mc.topics.failures import FAILURES
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.topic import Topic
 
 GROUP = "abhv_mc.topics"  # of entry points: name = "package.module:TOPIC"
-BUILT_IN: tuple[Topic[Any], ...] = (FAILURE_CASES, ENVELOPES, MARGINS, CONVERGENCE)
+BUILT_IN: tuple[Topic[Any], ...] = (FAILURE_CASES, FAILURES, DRIVERS, ENVELOPES, MARGINS, CONVERGENCE)
 _registered: dict[str, Topic[Any]] = {}
 
 

@@ -4,6 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from abhv_mc.statistics.estimates import Interval
+
 MINUS = "\N{MINUS SIGN}"
 THIN = "\N{NARROW NO-BREAK SPACE}"
 
@@ -29,9 +31,19 @@ def significant(value: float | None, digits: int = 3) -> str:
     return fixed(value, digits - 1 - math.floor(math.log10(abs(value))))
 
 
-def half_width(interval: Mapping[str, Any]) -> float | None:
+def _ends(interval: Interval | Mapping[str, Any]) -> tuple[float | None, float | None, float | None]:
+    """Value, low and high end; None for what is missing or open."""
+    if isinstance(interval, Interval):
+        interval = {"value": interval.value, "low": interval.low, "high": interval.high}
+    value, low, high = (
+        end if (end := interval[key]) is not None and math.isfinite(end) else None for key in ("value", "low", "high")
+    )
+    return value, low, high
+
+
+def half_width(interval: Interval | Mapping[str, Any]) -> float | None:
     """Half the width of an interval (value, low, high); from one side where the other is open."""
-    value, low, high = interval["value"], interval["low"], interval["high"]
+    value, low, high = _ends(interval)
     if value is None:
         return None
     if low is not None and high is not None:
@@ -40,39 +52,38 @@ def half_width(interval: Mapping[str, Any]) -> float | None:
     return None if end is None else abs(float(value - end))
 
 
-def _places(interval: Mapping[str, Any]) -> int | None:
+def _places(interval: Interval | Mapping[str, Any]) -> int | None:
     """Decimal places for an interval: its width's first digit, within one and four digits of its largest number."""
-    value, error = interval["value"], half_width(interval)
+    (value, low, high), error = _ends(interval), half_width(interval)
     if value is None or not error:
         return None
-    largest = max(abs(end) for end in (value, interval["low"], interval["high"]) if end is not None)
+    largest = max(abs(end) for end in (value, low, high) if end is not None)
     leading = -math.floor(math.log10(largest)) if largest else 0
     places = min(max(_decimals(error), leading), leading + 3)
-    ends = [end for end in (interval["low"], interval["high"]) if end]
+    ends = [end for end in (low, high) if end]
     if any(round(end, places) == 0.0 for end in ends):  # an end that is not zero should not read as zero
         places += 1
     return places
 
 
-def estimate(interval: Mapping[str, Any]) -> str:
+def estimate(interval: Interval | Mapping[str, Any]) -> str:
     """The value of an interval to the digits its width allows, four at most."""
     places = _places(interval)
-    return significant(interval["value"]) if places is None else fixed(interval["value"], places)
+    value = _ends(interval)[0]
+    return significant(value) if places is None or value is None else fixed(value, places)
 
 
-def bounds(interval: Mapping[str, Any]) -> str:
+def bounds(interval: Interval | Mapping[str, Any]) -> str:
     """The ends of an interval, to the digits of its value; says where an end is open."""
-    places, low, high = _places(interval), interval["low"], interval["high"]
-    if interval["value"] is None or (low is None and high is None):
+    places, (value, low, high) = _places(interval), _ends(interval)
+    if value is None or (low is None and high is None):
         return ""
 
     def text(end: float) -> str:
         return significant(end) if places is None else fixed(end, places)
 
-    if low is None:
-        return f"at most {text(high)}"
-    if high is None:
-        return f"at least {text(low)}"
+    if low is None or high is None:
+        return f"at most {text(high)}" if high is not None else f"at least {text(low or 0.0)}"
     return f"{text(low)} to {text(high)}"
 
 

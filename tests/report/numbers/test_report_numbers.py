@@ -57,7 +57,8 @@ def test_worst_flights_begin_with_those_that_ended_early(failing_numbers):
 
 def test_the_planted_driver_and_rule_are_found(failing_numbers):
     part = failing_numbers["drivers"]["controllers"]["lqr"]
-    early = next(kind for kind in part["failures"] if kind["kind"] == "ended early")
+    kinds = failing_numbers["failures"]["controllers"]["lqr"]
+    early = next(kind for kind in kinds if kind["kind"] == "ended early")
     assert early["rules"][0]["conditions"][0]["parameter"] == "atmosphere.density"
     assert early["rules"][0]["rule"].startswith("density > +")
     speed = part["metrics"]["angle_of_attack_error_rms_deg"]["parameters"]

@@ -8,6 +8,8 @@ import numpy as np
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.results import Results
 from abhv_mc.topics.failed_flights import EARLY
+from abhv_mc.topics.failures import FAILURES
+from abhv_mc.topics.failures.model import Failures
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.sentences import margin_words
 from abhv_mc.topics.topic import Models
@@ -63,7 +65,7 @@ def finding_sentences(models: Models, numbers: Mapping[str, Any]) -> Iterator[st
         absent = numbers["flights"][name]["not_computed"]
         known = (
             _in("the machine could not compute", absent, part["flown"] + absent),
-            margin_words(margins, name), _cycles(part), _early(numbers, name),
+            margin_words(margins, name), _cycles(part), _early(models[FAILURES], numbers, name),
             _in("surfaces reach a limit of deflection or rate in", part["saturated"], part["flown"]),
             _in("the vehicle's tables are left in", part["outside_tables"], part["flown"]),
         )  # fmt: skip
@@ -86,15 +88,15 @@ def _cycles(part: Mapping[str, Any]) -> str:
     return f"{what} (> {part['ripple_deg']:g} deg) in {joined(found)}" if found else ""
 
 
-def _early(numbers: Mapping[str, Any], name: str) -> str:
+def _early(failures: Failures, numbers: Mapping[str, Any], name: str) -> str:
     """'3 of 40 flights ended early, 70 % of them where lift > +8 % (and 3 % of the others)'."""
     counts = numbers["flights"][name]
     if not counts["failed"]:
         return ""
     text = f"{count_of(counts['failed'], counts['flown'], 'flights')} ended early"
-    kinds = numbers["drivers"].get("controllers", {}).get(name, {}).get("failures", [])
-    rules: list[Any] = next((kind["rules"] for kind in kinds if kind["kind"] == EARLY), [])
+    rules = next((kind.rules for kind in failures.controllers.get(name, ()) if kind.kind == EARLY), ())
     if not rules:
         return text
-    inside, others = (rules[0][f"{kind}_inside"] / rules[0][kind] for kind in ("failures", "others"))
-    return f"{text}, {percent(inside, 2)} of them where {rules[0]['where']} (and {percent(others, 2)} of the others)"
+    first = rules[0]
+    inside, others = first.failures_inside / first.failures, first.others_inside / first.others
+    return f"{text}, {percent(inside, 2)} of them where {first.where} (and {percent(others, 2)} of the others)"

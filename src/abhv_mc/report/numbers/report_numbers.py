@@ -13,7 +13,6 @@ import numpy as np
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.results import Requirement, Results
 from abhv_mc.report.numbers.compare import baseline_numbers
-from abhv_mc.report.numbers.drivers import driver_numbers
 from abhv_mc.report.numbers.failure_map import failure_map_numbers
 from abhv_mc.report.numbers.findings import finding_numbers, left_out
 from abhv_mc.report.numbers.glance import glance_numbers
@@ -183,6 +182,5 @@ def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]
         "worst": worst_numbers(results),
         "failure_map": failure_map_numbers(results),
         **{topic.name: plain(models[topic]) for topic in all_topics()},
-        "drivers": driver_numbers(results),
         **({"baseline": baseline_numbers(results, baseline)} if baseline else {}),
     }

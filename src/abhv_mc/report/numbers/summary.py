@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from abhv_mc.report.numbers.driver_sentences import driver_sentences
 from abhv_mc.report.numbers.findings import finding_sentences
+from abhv_mc.topics.drivers import DRIVERS
 from abhv_mc.topics.failure_cases import FAILURE_CASES
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.words import count_of, fixed, joined, p_value, percent, significant
@@ -215,7 +215,7 @@ def summary_parts(models: Models, numbers: Mapping[str, Any]) -> SummaryParts:
     lost = [*models.sentences(FAILURE_CASES), *_survival_sentences(numbers)]
     asked = [_requirements_sentence(numbers)] if numbers["requirements"] else []
     known = [*asked, *finding_sentences(models, numbers)]
-    return SummaryParts(lost, _pair_sentences(numbers), known, driver_sentences(numbers))
+    return SummaryParts(lost, _pair_sentences(numbers), known, [*models.sentences(DRIVERS)])
 
 
 def summary_sentences(models: Models, numbers: Mapping[str, Any]) -> list[str]:

@@ -5,10 +5,9 @@ from typing import Any
 
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.numerics.bounds import Bounds
-from abhv_mc.report.numbers.drivers import otherwise_words
 from abhv_mc.topics.labels import controller_label
 from abhv_mc.topics.parameter_words import parameter_doc, shown_value, spoken_name
-from abhv_mc.topics.words import bounds, count_of, estimate, fixed, joined, p_value, percent, significant
+from abhv_mc.topics.words import bounds, count_of, estimate, fixed, p_value, percent, significant
 
 GROUPS = {
     "asked": "What is asked",
@@ -211,48 +210,6 @@ def _failure_row(label: str, found: Mapping[str, Any]) -> Row:
         "flights_a": flights("a"),
         "flights_b": flights("b"),
     }
-
-
-def driver_rows(numbers: Mapping[str, Any]) -> list[Row]:
-    """For each controller and headline metric, what drives it."""
-    rows = []
-    for name, part in numbers["drivers"].get("controllers", {}).items():
-        for metric in numbers["asked"]:
-            if metric not in part["metrics"]:
-                continue
-            table = part["metrics"][metric]
-            found = [entry for entry in table["parameters"] if entry["driver"]]
-            rows.append(
-                {
-                    "controller": controller_label(name),
-                    "label": numbers["metrics"][metric]["label"],
-                    "explained": percent(table["explained"], 2),
-                    "otherwise": _otherwise(table["otherwise"]),
-                    "drivers": [
-                        {
-                            "moves_with": spoken_name(entry["moves_with"]) if entry["moves_with"] else None,
-                            **{key: word(entry["parameter"]) for key, word in _PARAMETER_WORDS.items()},
-                            "either_way": entry["either_way"],
-                            "srrc": _cell(_interval(entry["srrc"])),
-                            "prcc": _cell(_interval(entry["prcc"])),
-                        }
-                        for entry in found[:4]
-                    ],
-                }
-            )
-    return rows
-
-
-def _otherwise(entries: Sequence[Mapping[str, Any]]) -> str:
-    """'lift together with density, not steadily up or down: lift 4 % alone and 62 % in all, ...'."""
-    if not entries:
-        return "no single parameter"
-    shares = [
-        f"{spoken_name(entry['parameter'])} {percent(entry['first'], 2)} alone, {percent(entry['total'], 2)} in all"
-        for entry in entries[:4]
-    ]
-    names = joined(otherwise_words(entries[:4]))
-    return f"{names}, not steadily up or down (of the variance of ranks: {'; '.join(shares)})"
 
 
 def _dispersion_words(entry: Mapping[str, Any]) -> str:

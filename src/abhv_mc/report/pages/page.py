@@ -41,7 +41,7 @@ from abhv_mc.topics.registry import all_topics
 from abhv_mc.topics.section import FigureText
 from abhv_mc.topics.section_text import as_markdown
 from abhv_mc.topics.topic import Models
-from abhv_mc.topics.words import fixed, joined, percent, significant
+from abhv_mc.topics.words import fixed, joined, significant
 
 
 @dataclass(frozen=True)
@@ -129,24 +129,13 @@ def _context(models: Models, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "question": campaign["question"] or f"What does the campaign {campaign['name']} show?",
         "answers": parts.known,
         "wins": [*parts.lost, *parts.wins],
-        "moved": parts.drivers,
         "summary": summary_sentences(models, numbers),
         "confidence": confidence_sentence(numbers),
         "verdicts": tables.verdict_rows(numbers),
         "headline": tables.headline_rows(numbers),
         "groups": list(tables.metric_groups(numbers)),
         "pairs": tables.pair_tables(numbers),
-        "drivers": tables.driver_rows(numbers),
-        "failure_rules": {
-            controller_label(name): part["failures"]
-            for name, part in numbers["drivers"].get("controllers", {}).items()
-            if part["failures"]
-        },
         "failure_map": failure_map_tables(numbers["failure_map"], folder, numbers["requirements"]),
-        "rates": {
-            "drivers": percent(numbers["drivers"].get("false_discovery_rate"), 1),
-            "rules": percent(numbers["drivers"].get("rules_false_discovery_rate"), 1),
-        },
         "sections": {topic.name: found for topic in all_topics() if (found := models.section(topic))},
         "worst": tables.worst_tables(numbers, folder),
         "worst_heads": [numbers["metrics"][m]["label_with_unit"] for m in numbers["asked"][: tables.WORST_COLUMNS]],

@@ -7,7 +7,7 @@ import pytest
 from report.synthetic import write_campaign
 
 from abhv_mc.folder.results import read_results
-from abhv_mc.report.numbers.drivers import driver_numbers, otherwise_words
+from abhv_mc.topics.drivers.model import Share, compute_drivers, otherwise_words
 
 METRIC = "altitude_error_max_m"
 
@@ -23,8 +23,8 @@ def told_of(results, error):
     flights = results.flights["tlc"]
     metrics = {name: flights.metrics[name] for name in results.metrics} | {METRIC: error(values)}
     changed = replace(results, flights={**results.flights, "tlc": replace(flights, metrics=metrics)})
-    entry = driver_numbers(changed)["controllers"]["tlc"]["metrics"][METRIC]
-    return [e["parameter"] for e in entry["parameters"] if e["driver"]], otherwise_words(entry["otherwise"])
+    entry = compute_drivers(changed).controllers["tlc"].metrics[METRIC]
+    return [e.parameter for e in entry.parameters if e.driver], otherwise_words(entry.otherwise)
 
 
 def test_a_wave_and_a_product_are_told(results):
@@ -45,7 +45,7 @@ def test_designs_that_are_no_random_draws_have_no_such_indices(results):
 
 def test_each_parameter_is_named_once():
     def entry(name, partner, first):
-        return {"parameter": name, "partner": partner, "first": first, "total": 0.6}
+        return Share(name, first, 0.6, partner)
 
     density, lift, drag = "atmosphere.density", "aero.lift", "aero.drag"
     assert otherwise_words([entry(density, lift, 0.1), entry(lift, density, 0.1), entry(drag, density, 0.0)]) == [
