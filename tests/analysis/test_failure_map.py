@@ -83,7 +83,7 @@ def test_the_command_keeps_it_and_the_report_shows_it(flown, monkeypatch):
     numbers = json.loads(told.stdout)
     assert not is_up_to_date(flown)
     page = build_with(flown).read_text(encoding="utf-8")
-    assert json.loads((flown / "report.json").read_text(encoding="utf-8"))["failure_map"] == numbers
+    assert json.loads((flown / "report.json").read_text(encoding="utf-8"))["failures"]["map"] == numbers
     flight = numbers["two"]["groups"][0]["flights"][0]
     assert "density low" in page and "--controller two --flight NUMBER</code>" in page
     assert f'data-show="two {flight}"' in page

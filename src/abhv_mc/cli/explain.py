@@ -7,7 +7,7 @@ import typer
 
 from abhv_mc.cli.options import Controller, Folder, Json, TrustCode
 from abhv_mc.cli.outputs import output, output_file
-from abhv_mc.cli.printing import new_table, print_table, say, show
+from abhv_mc.cli.printing import print_section_table, say, show
 from abhv_mc.io.input_error import InputError
 
 
@@ -67,7 +67,8 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
     from abhv_mc.execution.engine import make_engine
     from abhv_mc.folder.results import read_results
     from abhv_mc.io.documents import one_of
-    from abhv_mc.report.numbers.failure_map import failure_map_tables, map_numbers
+    from abhv_mc.topics.failures.section import map_table
+    from abhv_mc.topics.names import names_of
     from abhv_mc.topics.worst_flights import rank_failed
 
     results = read_results(folder)
@@ -81,15 +82,10 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
     found = map_failures(folder, failed, make_engine(), trust_code)
     results.refuse_changes()
     path = write_map(folder, found)
-    numbers = map_numbers(found)
+    table = map_table(found.controllers, names_of(results))
 
     def in_words() -> None:
-        for part in failure_map_tables(numbers, str(folder)):
-            table = new_table(["failed", "still fails with", "values", "flights"], ["such as"], part["controller"])
-            for row in part["rows"]:
-                table.add_row(*(row[key] for key in ("failure", "names", "typical", "flights", "flight")))
-            print_table(table)
-            say(part["rest"])
+        print_section_table(table)
         say(f"map       {path}; abhv-mc report {folder} shows it")
 
-    show(numbers, json, in_words)
+    show(found.controllers, json, in_words)

@@ -10,6 +10,8 @@ from abhv_mc.io.input_error import printable
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from abhv_mc.topics.section import Table as SectionTable
+
 
 def say(*words: Any, sep: str = " ", **options: Any) -> None:
     """Print, as Python's own ``print``, but nothing that steers the terminal."""
@@ -68,3 +70,11 @@ def print_table(table: "Table", **options: Any) -> None:
     text = io.StringIO()
     Console(width=width, file=text, color_system=None, markup=False, emoji=False, highlight=False).print(table)
     say(text.getvalue(), end="", **options)
+
+
+def print_section_table(table: "SectionTable") -> None:
+    """Print a table of a topic's section."""
+    drawn = new_table(table.heads, (), table.caption or table.title)
+    for row in table.plain_rows():
+        drawn.add_row(*row)
+    print_table(drawn)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.options import Json
-from abhv_mc.cli.printing import new_table, print_table, say, show
+from abhv_mc.cli.printing import print_section_table, say, show
 
 
 def command(
@@ -18,19 +18,12 @@ def command(
     from abhv_mc.folder.results import read_results
     from abhv_mc.topics.plain import plain
     from abhv_mc.topics.registry import find_topic
-    from abhv_mc.topics.section import Table
     from abhv_mc.topics.topic import Models
 
     asked = find_topic(topic)
     models = Models(read_results(folder))
     model = models[asked]
     models.results.refuse_changes()
-
-    def print_one(table: Table) -> None:
-        drawn = new_table(table.heads, (), table.caption or table.title)
-        for row in table.plain_rows():
-            drawn.add_row(*row)
-        print_table(drawn)
 
     def in_words() -> None:
         for sentence in models.sentences(asked):
@@ -39,6 +32,6 @@ def command(
         if section is None:
             say(f"nothing on {topic} in this campaign")
         for table in section.tables() if section else ():
-            print_one(table)
+            print_section_table(table)
 
     show(plain(model), json, in_words)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from abhv_mc.flight.metrics import Metric
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.results import Requirement, Results
 from abhv_mc.topics.labels import full_labels
 
 
@@ -16,6 +16,7 @@ class Names:
     controllers: Mapping[str, str]  # name -> label, in the campaign's order
     metrics: Mapping[str, Metric]  # records by name
     asked: tuple[str, ...]  # the metrics that stand first
+    requirements: tuple[Requirement, ...]
     folder: str
 
     def label(self, controller: str) -> str:
@@ -26,4 +27,5 @@ class Names:
 def names_of(results: Results) -> Names:
     """The names of a campaign."""
     labels = full_labels(results.folder, results.controllers)
-    return Names(labels, results.campaign.metrics, results.asked, shlex.quote(results.folder.as_posix()))
+    campaign, folder = results.campaign, shlex.quote(results.folder.as_posix())
+    return Names(labels, campaign.metrics, results.asked, campaign.requirements, folder)

@@ -13,7 +13,6 @@ import numpy as np
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.results import Requirement, Results
 from abhv_mc.report.numbers.compare import baseline_numbers
-from abhv_mc.report.numbers.failure_map import failure_map_numbers
 from abhv_mc.report.numbers.findings import finding_numbers, left_out
 from abhv_mc.report.numbers.glance import glance_numbers
 from abhv_mc.report.numbers.paired import paired_numbers
@@ -180,7 +179,6 @@ def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]
         "findings": finding_numbers(results),
         "left_out": left_out(results),
         "worst": worst_numbers(results),
-        "failure_map": failure_map_numbers(results),
         **{topic.name: plain(models[topic]) for topic in all_topics()},
         **({"baseline": baseline_numbers(results, baseline)} if baseline else {}),
     }

@@ -19,7 +19,6 @@ from abhv_mc.folder.results import Results
 from abhv_mc.folder.seeds import name_siblings
 from abhv_mc.report.numbers import tables
 from abhv_mc.report.numbers.confidence import confidence_sentence
-from abhv_mc.report.numbers.failure_map import failure_map_tables
 from abhv_mc.report.numbers.summary import summary_parts, summary_sentences
 from abhv_mc.report.pages.first_screen import (
     LIMIT_PLACE,
@@ -135,7 +134,6 @@ def _context(models: Models, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "headline": tables.headline_rows(numbers),
         "groups": list(tables.metric_groups(numbers)),
         "pairs": tables.pair_tables(numbers),
-        "failure_map": failure_map_tables(numbers["failure_map"], folder, numbers["requirements"]),
         "sections": {topic.name: found for topic in all_topics() if (found := models.section(topic))},
         "worst": tables.worst_tables(numbers, folder),
         "worst_heads": [numbers["metrics"][m]["label_with_unit"] for m in numbers["asked"][: tables.WORST_COLUMNS]],

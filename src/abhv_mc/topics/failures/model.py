@@ -1,10 +1,14 @@
-"""Where failures live: rules of one dispersed parameter or two, for each kind of failure of each controller."""
+"""Why flights fail: the map of failures where it was made, and rules of one dispersed parameter or two.
+
+`abhv-mc explain DIR --all` makes the map, which takes flights of the plant; the rules are mined from the table alone.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from abhv_mc.analysis.failure_map import ControllerFailures, read_map
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.results import Results
 from abhv_mc.statistics.failure_drivers import FALSE_DISCOVERY_RATE, FEWEST_FAILURES, bin_inputs, find_rules
@@ -54,6 +58,7 @@ class Failures:
     """The kinds of failure of each controller; none without dispersions."""
 
     controllers: Mapping[str, tuple[FailureKind, ...]]
+    map: Mapping[str, ControllerFailures] | None = None  # by controller; None where it was not made of these flights
     false_discovery_rate: float = FALSE_DISCOVERY_RATE
     fewest_failures: int = FEWEST_FAILURES  # that tell anything
 
@@ -61,7 +66,8 @@ class Failures:
 def compute_failures(results: Results) -> Failures:
     """Rules for every kind of failure that occurred."""
     names = results.controllers if results.dispersed else ()
-    return Failures({name: _kinds(results, name) for name in names})
+    found = read_map(results.folder, results.manifest.get("digest"))
+    return Failures({name: _kinds(results, name) for name in names}, found.controllers if found else None)
 
 
 def _kinds(results: Results, controller: str) -> tuple[FailureKind, ...]:

@@ -1,15 +1,77 @@
-"""The report's section on where failures live."""
+"""The report's section on why flights fail."""
 
+from collections.abc import Mapping
+
+from abhv_mc.analysis.failure_map import ControllerFailures, Dispersed
+from abhv_mc.topics.failed_flights import requirement_words
 from abhv_mc.topics.failures.model import FailureKind, Failures
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Bullets, Heading, Item, Section, Text
-from abhv_mc.topics.words import fixed, percent
+from abhv_mc.topics.parameter_words import shown_value, spoken_name
+from abhv_mc.topics.section import Bullets, Cell, Heading, Item, Row, Section, Table, Text
+from abhv_mc.topics.words import count_of, fixed, joined, percent
 
 _LISTED = 5  # rules of a kind
 
 
 def failure_section(failures: Failures, names: Names) -> Section:
-    """The rules of every kind of failure."""
+    """The map of failures where it was made, else the rules of every kind of failure."""
+    if failures.map is None:
+        return _rules_section(failures, names)
+    text = Text(
+        "At most three of a flight's own dispersions with which it still fails while all others are nominal, none of "
+        "which can be left out. A flight of several such sets is counted with the set that explains most. Values: "
+        "median (least to largest). Each again: "
+        + ", ".join(f"`abhv-mc replay {names.folder} --controller {name} --flight NUMBER`" for name in failures.map)
+    )
+    return Section("What each failed flight takes to fail", (text, map_table(failures.map, names)))
+
+
+def map_table(found: Mapping[str, ControllerFailures], names: Names) -> Table:
+    """For each controller with failed flights a row a group, and what is in none."""
+    heads = ("Controller", "Failed", "Still fails with", "Values", "Flights", "One of them")
+    groups = tuple(_map_group(name, part, names) for name, part in found.items() if part.failed)
+    return Table("Map of failures", heads, groups, numbers=False)
+
+
+def _map_group(controller: str, part: ControllerFailures, names: Names) -> tuple[Row, ...]:
+    label, total = names.label(controller), part.looked_at
+    required = {f"missed {item.metric} {item.limits}": item for item in names.requirements}
+    rows: list[Row] = []
+    for group in part.groups:
+        item = required.get(group.failure)
+        words = requirement_words(item, names.metrics) if item else ""
+        sides = [f"{spoken_name(each.parameter)} {'high' if each.high else 'low'}" for each in group.dispersions]
+        flights = f"{count_of(len(group.flights), total)} ({percent(len(group.flights) / total, 2)})"
+        cells = (
+            Cell(f"missed {words[:1].lower()}{words[1:]}" if words else group.failure),
+            Cell(joined(sides), head=True),
+            Cell("; ".join(map(_typical, group.dispersions))),
+            Cell(flights),
+            Cell(str(group.flights[0]), flight=(controller, group.flights[0])),
+        )
+        rows.append(cells if rows else (Cell(label, rows=len(part.groups), head=True), *cells))
+    return (*rows, (Cell(label, head=True), Cell(_rest(part), columns=5)))
+
+
+def _typical(found: Dispersed) -> str:
+    """'-35 % (-40 % to -31 %)'; of one flight its value."""
+    low, middle, high = (shown_value(found.parameter, value) for value in (found.least, found.median, found.largest))
+    return f"{middle} ({low} to {high})" if low != high else middle
+
+
+def _rest(part: ControllerFailures) -> str:
+    """'3 of 50 not explained by a set that was tried; ...'."""
+    total = part.looked_at
+    tried = " by a set that was tried" if part.unexplained else ""
+    words = [f"{len(part.unexplained)} of {total} not explained{tried}"]
+    if part.nominal:
+        words.append(f"{len(part.nominal)} fail with nothing dispersed")
+    if part.failed > total:
+        words.append(f"the {total} worst of {part.failed} failed flights were looked at")
+    return "; ".join(words)
+
+
+def _rules_section(failures: Failures, names: Names) -> Section:
     items: list[Item] = []
     for name, kinds in failures.controllers.items():
         if kinds:
