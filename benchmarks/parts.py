@@ -24,19 +24,19 @@ from abhv_mc.control.laws.trim_lookup import look_up_trim
 from abhv_mc.flight import observe
 from abhv_mc.flight.arguments import make_kernel_plan
 from abhv_mc.flight.fly import fly
-from abhv_mc.flight.kernel import evaluate, observe_tick, start_lanes
+from abhv_mc.flight.kernel import evaluate, find_active, observe_tick, start_lanes
 from abhv_mc.flight.memory import has_width, make_memory
 from abhv_mc.flight.navigation import navigate
 from abhv_mc.flight.plan import LANES, FlightPlan, Recording
-from abhv_mc.flight.sensors import active_sensor_errors, sense
+from abhv_mc.flight.sensors import add_biases, sense
 from abhv_mc.jit import kernel
 from abhv_mc.plant import state as s
 from abhv_mc.plant.actuators import run_actuators, set_actuators
 from abhv_mc.plant.aerodynamics import build_up, find_cells, interpolate_groups
 from abhv_mc.plant.air_data import air_data, deflections
-from abhv_mc.plant.disturbance import active_disturbances, disturb
+from abhv_mc.plant.disturbance import calm, disturb
+from abhv_mc.plant.effectors import place_effectors
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
-from abhv_mc.plant.failures import possible_failures
 from benchmarks.document import replace_part, write_json
 from benchmarks.spread import Spread, describe_machine, find_spreads, make_note, make_parser, repeat
 from benchmarks.timing import measure_time
@@ -80,15 +80,16 @@ def run_part(plan, lqr_plan, memory, part, calls):
     width = Z.shape[1]
     for lane in range(width):
         memory.order[lane] = lane
-    start_lanes(plan, memory, width, memory.order, width)
-    disturbances, sensor_errors = active_disturbances(Z, width), active_sensor_errors(Z, width)
+    start_lanes(plan, memory, width, find_active, memory.order, width)
     still = runge_kutta_stage(0, 0.0)  # the state stays where it is
-    evaluate(plan, memory, width, still, False, possible_failures(Z, width, vehicle.constants))
+    active = find_active(Z, width, plan)
+    evaluate(plan, memory, width, still, active)
     for _ in range(calls):
         if part == 0:
             air_data(Z, width, vehicle, earth)
         elif part == 1:
-            deflections(Z, memory.A, width, vehicle, False)
+            deflections(Z, width)
+            place_effectors(Z, memory.A, width, vehicle, False)
         elif part == 2:
             find_cells(Z, width, vehicle.tables, cells)
         elif part == 3:
@@ -104,17 +105,19 @@ def run_part(plan, lqr_plan, memory, part, calls):
             finish_step(Z, width, step, O[observe.ALIVE])
         elif part == 8:
             navigate(Z, width, step, False)
-            disturb(Z, width, plan.vehicle.constants.span, disturbances, step, step, False)
-            sense(Z, width, sensor_errors, step, 1)
+            calm(Z, width)
+            disturb(Z, width, plan.vehicle.constants.span, active.disturbances, step, step, False)
+            add_biases(Z, width)
+            sense(Z, width, active.sensor_errors, step, 1)
         elif part == 9:
-            observe_tick(plan, memory, width, 1)
+            observe_tick(plan, memory, width, active, 1)
         elif part == 10:
             lqr_tick(lqr_plan, memory, width, 1)
         elif part == 11:
             tlc_guidance(Z, width, vehicle, reference, gains, settings, 1, step)
         elif part == 12:
             nominal_variables(Z, width, vehicle, reference, 1)
-            nominal_vehicle(plan, memory, width)
+            nominal_vehicle(plan, memory, width, active)
         elif part == 13:
             look_up_trim(Z, width, plan.trim_tables, memory.trim, s.ALPHA_CMD, s.CMD_ETA, T_LIFT)
         elif part == 14:

@@ -1,5 +1,6 @@
 """Where compiled code is kept: never stale, and compiled once."""
 
+import contextlib
 import threading
 
 from abhv_mc import cache
@@ -63,3 +64,26 @@ def test_only_who_has_to_compile_waits(tmp_path):
     kept.write_text("nachine code")
     assert enter_beside(enter, waits=True) == ["first", "second"] and not kept.exists()
     assert (tmp_path / "lanes._fly-7.py311.nbi").exists()
+
+
+def test_waiting_for_another_process_is_said(tmp_path):
+    said, inside = [], threading.Event()
+
+    @contextlib.contextmanager
+    def waiting():
+        said.append("waits")
+        inside.set()
+        yield
+        said.append("goes on")
+
+    def second():
+        with cache.one_compiles(tmp_path, "fly", waiting):
+            said.append("compiles")
+
+    with cache.one_compiles(tmp_path, "fly", waiting):
+        thread = threading.Thread(target=second)
+        thread.start()
+        assert inside.wait(60.0)
+        said.append("done")
+    thread.join()
+    assert said == ["waits", "done", "goes on", "compiles"]

@@ -3,7 +3,7 @@
 import contextlib
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
 
@@ -46,11 +46,16 @@ def cache_folder(compiler: str) -> Path:
 
 
 @contextlib.contextmanager
-def one_compiles(folder: str | Path | None, name: str) -> Iterator[None]:
+def one_compiles(
+    folder: str | Path | None,
+    name: str,
+    waiting: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext,
+) -> Iterator[None]:
     """Compile ``name`` inside, or have numba load what it kept of it in ``folder`` (None: nothing is kept).
 
     The folder may be one above numba's. Of the processes that miss it there one is inside at a time, so that the
-    others find what it has compiled; the lock goes with the process that holds it. Files that have changed since they
+    others find what it has compiled; the lock goes with the process that holds it. ``waiting`` is entered while
+    another one is inside. Files that have changed since they
     were noted are deleted first: numba would execute whatever they hold.
     """
     if folder is None:
@@ -59,16 +64,19 @@ def one_compiles(folder: str | Path | None, name: str) -> Iterator[None]:
     import fcntl
 
     folder = Path(folder)
-    note = folder / f"{name}.sha256"
     with (folder / f"{name}.lock").open("a") as lock:
-        if not _is_noted(folder, name, note):
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            if not _is_noted(folder, name, note):
+        if not is_noted(folder, name):
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                with waiting():
+                    fcntl.flock(lock, fcntl.LOCK_EX)
+            if not is_noted(folder, name):
                 for file in _files_of(folder, name):
                     file.unlink()
         yield
-        if not _is_noted(folder, name, note):
-            note.write_text(_digest(folder, name))
+        if not is_noted(folder, name):
+            _note(folder, name).write_text(_digest(folder, name))
 
 
 def _files_of(folder: Path, name: str) -> list[Path]:
@@ -76,13 +84,18 @@ def _files_of(folder: Path, name: str) -> list[Path]:
     return sorted(file for file in folder.rglob("*.nb[ic]") if f".{name}-" in f".{file.name}")
 
 
+def _note(folder: Path, name: str) -> Path:
+    return folder / f"{name}.sha256"
+
+
 def _digest(folder: Path, name: str) -> str:
     files = _files_of(folder, name)
     return "".join(f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.name}\n" for file in files)
 
 
-def _is_noted(folder: Path, name: str, note: Path) -> bool:
+def is_noted(folder: Path, name: str) -> bool:
+    """Whether the folder has what numba kept of a function, as it was noted."""
     try:
-        return bool(noted := note.read_text()) and noted == _digest(folder, name)
+        return bool(noted := _note(folder, name).read_text()) and noted == _digest(folder, name)
     except OSError:  # no note, or files that another process is deleting
         return False

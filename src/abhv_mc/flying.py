@@ -169,7 +169,7 @@ def fly(
     from abhv_mc.flight.outcome import Outcome
 
     steps = check_count(every, 1, "every")
-    plan = make_flight_plan(mission, vehicle, controller)
+    plan = make_flight_plan(mission, vehicle, controller).lean_for(dispersions or ())
     parameters = make_parameters(dispersions)
     check_delay(plan, parameters)
     block = fly_plan(plan, parameters, min(steps, plan.timing.ticks + 1))

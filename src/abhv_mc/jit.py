@@ -17,8 +17,12 @@ import contextlib
 import functools
 import gc
 import os
+import signal
+import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any, TypeVar
 
@@ -26,7 +30,7 @@ import numba
 import numpy as np
 from numba.core import event
 
-from abhv_mc.cache import one_compiles, source_unchanged
+from abhv_mc.cache import is_noted, one_compiles, source_unchanged
 from abhv_mc.compiler_target import choose_target, code_folder
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -72,21 +76,67 @@ def compiler() -> str:
     return _mode
 
 
-class _FirstKernel(event.Listener):
-    def __init__(self, called: Callable[[], None]) -> None:
-        self._waiting = [called]
+def is_kept(function: Any) -> bool:
+    """Whether the cache has a kernel."""
+    folder = None if PLAIN else function.stats.cache_path
+    return folder is not None and is_noted(Path(folder), function.py_func.__name__)
 
+
+class _Kernels(event.Listener):
     def on_start(self, event: Any) -> None:
-        if self._waiting and event.data["dispatcher"].targetoptions.get("nogil"):  # which only kernels have
-            self._waiting.pop()()
+        if event.data["dispatcher"].targetoptions.get("nogil"):  # which only kernels have
+            self._told = _tell(event.data["dispatcher"].py_func, False)
+            self._told.__enter__()
 
     def on_end(self, event: Any) -> None:
-        pass
+        if event.data["dispatcher"].targetoptions.get("nogil"):
+            self._told.__exit__(None, None, None)
 
 
-def on_first_compile(called: Callable[[], None]) -> None:
-    """Have ``called`` called once, at the moment when a kernel is about to be compiled that the cache lacks."""
-    event.register("numba:compile", _FirstKernel(called))
+def _say_nothing(function: Any, elsewhere: bool) -> AbstractContextManager[None]:
+    return contextlib.nullcontext()
+
+
+_tell: Callable[[Any, bool], AbstractContextManager[None]] = _say_nothing
+
+
+def tell_compiling(told: Callable[[Any, bool], AbstractContextManager[None]]) -> None:
+    """Have a context entered for each kernel that the cache lacks: while it is compiled here, or is waited for.
+
+    ``told`` gets its function, and whether another process compiles it.
+    """
+    global _tell  # noqa: PLW0603  one listener for all kernels
+    if _tell is _say_nothing:
+        event.register("numba:compile", _Kernels())
+    _tell = told
+
+
+@contextlib.contextmanager
+def _interrupts_kept() -> Iterator[None]:
+    """An interrupt inside is one outside: numba and LLVM may lose it in a callback, and end with another error."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    seen: list[int] = []
+
+    def note(number: int, frame: Any) -> None:
+        seen.append(number)
+        raise KeyboardInterrupt
+
+    before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM) if callable(signal.getsignal(n))}
+    for number in before:
+        signal.signal(number, note)
+    try:
+        yield
+    except Exception:
+        if seen:
+            raise KeyboardInterrupt from None
+        raise
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if seen:
+        raise KeyboardInterrupt
 
 
 def _make_private() -> tuple[Any, Any]:
@@ -163,7 +213,10 @@ def _make_private() -> tuple[Any, Any]:
         def compile(self, sig: Any) -> Any:
             if not source_unchanged():  # keep nothing under the name of a source that was edited meanwhile
                 self._cache = NullCache()
-            with one_compiles(self.stats.cache_path, self.py_func.__name__), contextlib.ExitStack() as stack:
+            with contextlib.ExitStack() as stack:
+                stack.enter_context(_interrupts_kept())
+                waiting = functools.partial(_tell, self.py_func, True)
+                stack.enter_context(one_compiles(self.stats.cache_path, self.py_func.__name__, waiting))
                 if gc.isenabled():
                     gc.disable()
                     stack.callback(gc.enable)

@@ -6,6 +6,7 @@ import io
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ import pytest
 import abhv_mc
 from abhv_mc.cli.app import app
 from abhv_mc.cli.errors import ExitCode, exit_code_of
-from abhv_mc.execution.progress import Progress
+from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.folder.layout import FolderLostError, StorageFullError
 from abhv_mc.io.documents import InputError
 
@@ -122,8 +123,24 @@ def test_a_log_that_takes_nothing_stops_no_campaign():
         def write(self, _: str) -> int:
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    with Progress("flights", 1, FullLog()) as progress:
+    with Progress("flights", 1, FullLog()) as progress, Waiting("compiling", FullLog()):
         progress.add(1)
+
+
+@pytest.mark.parametrize(("terminal", "between"), [(True, "\r"), (False, "\n")])
+def test_a_clock_moves_while_something_is_waited_for(monkeypatch, terminal, between):
+    class Log(io.StringIO):
+        def isatty(self) -> bool:
+            return terminal
+
+    monkeypatch.setattr("abhv_mc.execution.progress._CLOCK", 0.01)
+    monkeypatch.setattr("abhv_mc.execution.progress._PLAIN_INTERVAL", 0.01)
+    log = Log()
+    with Waiting("compiling", log):
+        while "so far" not in log.getvalue():
+            time.sleep(0.01)
+    assert log.getvalue().startswith(f"compiling{between}compiling: 0 s so far")
+    assert log.getvalue().endswith("\n")
 
 
 def test_every_command_prints_through_what_escapes():

@@ -9,7 +9,9 @@ from abhv_mc.report.pages import gallery
 from abhv_mc.report.pages.build import Format, build_report
 
 
-def build_with(folder: Path, *figures: str, page: Format = "html", baseline: Path | None = None) -> Path:
+def build_with(
+    folder: Path, *figures: str, page: Format = "html", baseline: Path | None = None, svg: bool = False
+) -> Path:
     """Build a campaign's report with these of its figures only."""
     make_figures = gallery.make_figures
 
@@ -29,4 +31,4 @@ def build_with(folder: Path, *figures: str, page: Format = "html", baseline: Pat
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gallery, "make_figures", make_few)
-        return build_report(folder, page, baseline=baseline)
+        return build_report(folder, page, baseline=baseline, svg=svg)

@@ -1,23 +1,48 @@
 """What a user should know beside the results, on standard error: that code is compiled, what looks doubtful."""
 
+import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
 
 from abhv_mc.cli.printing import say
 
+_TIMES = "compiled.json"  # beside the folders of compiled code: seconds that each took last time on this machine
+_PARTS = {"flight": "the flight", "stability": "the stability margins", "control": "the reference"}
+
 
 def announce_compiling() -> None:
-    """From here on, tell standard error once when the flight is being compiled instead of found in the cache."""
-    from abhv_mc.jit import PLAIN, on_first_compile
+    """From here on, tell standard error what is compiled instead of found in the cache, or waited for, and how long."""
+    from abhv_mc.jit import PLAIN, tell_compiling
 
     if PLAIN:
         words = "NUMBA_DISABLE_JIT is set: nothing is compiled, and flights take thousands of times as long"
         say(f"warning: {words}", file=sys.stderr, flush=True)
-    on_first_compile(
-        lambda: say(
-            "compiling the flight for this machine (about 20 seconds, once per version)", file=sys.stderr, flush=True
-        )
-    )
+    tell_compiling(_tell)
+
+
+@contextmanager
+def _tell(function: Any, elsewhere: bool) -> Iterator[None]:
+    """While a kernel is compiled, here or by another process that is waited for."""
+    from abhv_mc.cache import user_folder
+    from abhv_mc.execution.progress import Waiting
+
+    part = _PARTS.get(function.__module__.split(".")[1], "a part")
+    if elsewhere:
+        with Waiting(f"waiting for another process, which compiles {part}"):
+            yield
+        return
+    file, name = user_folder("XDG_CACHE_HOME", ".cache") / _TIMES, f"{function.__module__}.{function.__name__}"
+    try:
+        times = json.loads(file.read_text())
+        before = f"; {times[name]:.0f} s last time" if name in times else ""
+    except (OSError, ValueError):
+        times, before = {}, ""
+    with Waiting(f"compiling {part} for this machine (once per version{before})") as waiting:
+        yield
+    with suppress(OSError):
+        file.write_text(json.dumps(times | {name: round(waiting.seconds, 1)}))
 
 
 def announce_warnings(warnings: Iterable[str]) -> None:

@@ -34,7 +34,7 @@ def command(
     from abhv_mc.flight.prepare import prepare
     from abhv_mc.user_code.run_in_thread import run_in_thread
 
-    plans = {name: prepare(*paths, file, name) for name, file in files.items()}
+    plans = {name: prepare(*paths, file, name).lean_for(()) for name, file in files.items()}
     announce_warnings(warning for plan in plans.values() for warning in plan.warnings.tolist())
     if out is not None and len({plan.timing.tick for plan in plans.values()}) > 1:
         raise InputError("--output", "controllers of different rates", "one folder for each rate")

@@ -15,6 +15,7 @@ def command(
     format: Annotated[Literal["html", "md"], typer.Option(help="One HTML file, or Markdown.")] = "html",  # noqa: A002
     out: Annotated[Path | None, output(output_folder, "DIR", "Where to.", "DIR; reports/NAME for an address")] = None,
     baseline: Baseline = None,
+    svg: Annotated[bool, typer.Option("--svg", help="Write each figure as SVG, too.")] = False,
 ) -> None:
     """Make the page, the figures and report.json from a campaign's Parquet alone."""
     import shutil
@@ -26,7 +27,7 @@ def command(
     from abhv_mc.report.pages.build import build_report
 
     with fetched(folder) as source:
-        page = build_report(source, format, baseline)
+        page = build_report(source, format, baseline, svg)
         if out is None and local_path(folder) is None:
             out = output_folder(Path("reports") / read_manifest(CampaignFolder(source).manifest)["name"])
         if out is not None:

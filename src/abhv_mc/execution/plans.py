@@ -71,16 +71,16 @@ def _check_delays(campaign: CheckedCampaign, plans: Iterable[FlightPlan]) -> Non
 
 def declare(campaign: CheckedCampaign, plan: FlightPlan) -> FlightPlan:
     """The plan with the metrics and channels that the campaign itself declares: no file of plans holds them."""
-    plan = _declare(campaign, plan)
-    if campaign.model.channels is None:
-        return plan
-    channels = read_source(campaign.model.channels)
-    check_closure(channels)
-    return replace(plan, channels_source=channels, channels_hash=channels.hash)
+    if campaign.model.channels is not None:
+        channels = read_source(campaign.model.channels)
+        check_closure(channels)
+        plan = replace(plan, channels_source=channels, channels_hash=channels.hash)
+    return _declare(campaign, plan)
 
 
 def _declare(campaign: CheckedCampaign, plan: FlightPlan) -> FlightPlan:
-    return replace(plan, declared=pack_metrics(campaign.declared), user_sources=pack_sources(campaign.user_sources))
+    declared, sources = pack_metrics(campaign.declared), pack_sources(campaign.user_sources)
+    return replace(plan, declared=declared, user_sources=sources).lean_for(campaign.names)
 
 
 def take_plans(

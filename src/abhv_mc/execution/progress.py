@@ -1,12 +1,13 @@
-"""Progress on standard error: a bar on a terminal, a plain line now and then elsewhere."""
+"""Progress on standard error: a bar or a clock on a terminal, a plain line now and then elsewhere."""
 
 import contextlib
 import sys
+import threading
 import time
 from types import TracebackType
 from typing import Any, TextIO
 
-_PLAIN_INTERVAL = 10.0  # s between plain lines
+_PLAIN_INTERVAL, _CLOCK = 10.0, 1.0  # s between plain lines, and of a clock on a terminal
 
 
 class Progress:
@@ -65,3 +66,39 @@ class Progress:
         line = f"{self._label}: {self._done} of {self._total} ({share} %), {rate:.0f}/s, {left}"
         with contextlib.suppress(OSError):  # a log that is full or whose reader has ended stops no campaign
             print(line, file=self._stream, flush=True)
+
+
+class Waiting:
+    """Says what is waited for and how long so far; a context manager, within which ``seconds`` is the time so far."""
+
+    def __init__(self, words: str, stream: TextIO | None = None) -> None:
+        self._words, self._stream = words, stream or sys.stderr
+        self._over = threading.Event()
+        self._start = time.monotonic()
+
+    @property
+    def seconds(self) -> float:
+        return time.monotonic() - self._start
+
+    def __enter__(self) -> "Waiting":
+        if self._stream is not None:
+            self._moving = self._stream.isatty()
+            self._write(self._words if self._moving else f"{self._words}\n")
+            self._thread = threading.Thread(target=self._tell, daemon=True)
+            self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._stream is not None:
+            self._over.set()
+            self._thread.join()
+            self._write("\n" if self._moving else "")
+
+    def _tell(self) -> None:
+        while not self._over.wait(_CLOCK if self._moving else _PLAIN_INTERVAL):
+            told = f"{self._words}: {self.seconds:.0f} s so far"
+            self._write(f"\r{told}" if self._moving else f"{told}\n")
+
+    def _write(self, text: str) -> None:
+        with contextlib.suppress(OSError):
+            print(text, end="", file=self._stream, flush=True)

@@ -30,6 +30,7 @@ from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.stability.fly_with_margins import MarginPlan
+from abhv_mc.user_code.child import called_beside
 from abhv_mc.user_code.packages import find_package_versions
 from abhv_mc.user_code.trust import trust
 
@@ -89,6 +90,8 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     _start_workers(request, engine)
     plans = take_plans(request.plans_from, requested, inputs, engine, request.trust_code)
     plans = plans or make_plans(requested, requested.model.controllers, engine)
+    if request.shard is None:
+        _compile_margins(requested, plans, engine, stack)
     nominal = _fly_nominal(requested, plans, engine)
     margin_plans = make_margin_plans(requested, plans)
     files = begin_folder(folder, inputs, plans, stack)
@@ -106,6 +109,15 @@ def _start_workers(request: Request, engine: Engine) -> None:
     """Have worker processes import what they need while the campaign is made ready."""
     if request.scheduler is None and engine.isolation == PROCESSES:
         start_fork_server(engine.fly)
+
+
+def _compile_margins(campaign: CheckedCampaign, plans: dict[str, FlightPlan], engine: Engine, stack: ExitStack) -> None:
+    """Have another process compile what finds margins, where it never was, while this one goes on and flies."""
+    from abhv_mc.jit import is_kept
+    from abhv_mc.stability.structured import LAST_COMPILED
+
+    if engine.find_stability is not None and engine.isolation == PROCESSES and not is_kept(LAST_COMPILED):
+        stack.enter_context(called_beside(engine.find_stability, campaign, plans))
 
 
 def _check_shard(request: Request, campaign: CheckedCampaign) -> None:

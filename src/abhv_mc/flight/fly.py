@@ -14,14 +14,23 @@ from abhv_mc.flight.kernel import make_fly_lanes
 from abhv_mc.flight.last_tick import open_memory
 from abhv_mc.flight.lost import fly_in_child
 from abhv_mc.flight.memory import Memory, make_memory
-from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan, Recording, recording_of
+from abhv_mc.flight.plan import LANES, NOT_LEAN, FlightBlock, FlightPlan, Recording, recording_of
 from abhv_mc.flight.user_law import must_fly_elsewhere, open_law
+from abhv_mc.jit import is_kept
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.user_code.child import in_child
 
 _LONGEST = 600.0  # s that flights of native code may take up to where they are kept
 
+_NOT_LEAN = np.array([parameter.name.startswith(NOT_LEAN) for parameter in PARAMETERS])
 compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
+
+
+@cache
+def choose_flight(lanes: int, lean: bool) -> Any:
+    """The compiled flight that serves: the full one where the cache has it."""
+    full = compiled_flight(lanes)
+    return make_fly_lanes(lanes, lean=True) if lean and not is_kept(full) else full
 
 
 def nominal_parameters(flights: int = 1) -> Floats:
@@ -101,9 +110,11 @@ def fly_in_memory(
     memory_in_rows: bool = False,
 ) -> None:
     """Fill the results. Raises ValueError, see :mod:`abhv_mc.flight.arguments`; ``memory_in_rows``: of a user law."""
+    if plan.lean and not np.array_equal(parameters[:, _NOT_LEAN], nominal_parameters(len(parameters))[:, _NOT_LEAN]):
+        raise ValueError("parameters of a lean flight disperse what it does not know")
     kernel_plan = make_kernel_plan(plan, parameters, recording, start)
     check_written(kernel_plan, memory, results)
     width = memory.Z.shape[1]
     in_rows = memory_in_rows or start is not None
     with open_law(plan, width, memory_in_rows=in_rows, flights=len(parameters)) as user_code:
-        compiled_flight(width)(kernel_plan._replace(user_code=user_code), memory, results)
+        choose_flight(width, plan.lean)(kernel_plan._replace(user_code=user_code), memory, results)

@@ -26,22 +26,25 @@ from abhv_mc.flight.observe import (
     record_states,
     start_observing,
 )
-from abhv_mc.flight.sensors import SensorErrors, active_sensor_errors, sense
+from abhv_mc.flight.sensors import SensorErrors, active_sensor_errors, add_biases, sense
 from abhv_mc.flight.start import face_air, start_flights
 from abhv_mc.jit import kernel, lanes
 from abhv_mc.jit_pointer import call_address
 from abhv_mc.plant import state as s
-from abhv_mc.plant.actuators import command_ideal, prepare_actuators, run_actuators, set_actuators
+from abhv_mc.plant.actuators import command_ideal, pass_commands, prepare_actuators, run_actuators, set_actuators
 from abhv_mc.plant.aerodynamics import build_up, look_up
 from abhv_mc.plant.air_data import air_data, deflections, move_air
 from abhv_mc.plant.air_profile import nominal_density, nominal_wind
-from abhv_mc.plant.disturbance import Disturbances, active_disturbances, any_lane, disturb
+from abhv_mc.plant.disturbance import Disturbances, active_disturbances, any_lane, calm, disturb
 from abhv_mc.plant.effectors import (
     any_driven,
     end_effectors,
     finish_effectors,
+    leave_effectors,
     move_ideal_effectors,
+    place_effectors,
     run_effectors,
+    set_effectors,
     start_effectors,
 )
 from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
@@ -59,7 +62,11 @@ COMPACTION = 500  # ticks after which lanes of flights that have ended are given
 
 
 class Active(NamedTuple):
-    """What any lane meets in its flight; the rest is never computed."""
+    """What any lane meets in its flight; the rest is never computed.
+
+    Where a function takes ``active``, None stands for still air, a whole vehicle of tables alone that moves its
+    surfaces together, ideal measurements and a law of the program: what else there is is then not even compiled.
+    """
 
     disturbances: Disturbances
     sensor_errors: SensorErrors
@@ -77,6 +84,12 @@ def find_active(Z, width, plan):
         possible_failures(Z, width, plan.vehicle.constants),
         disturbances.windy or plan.profile.shape[0] > 0,
     )
+
+
+@lanes
+def nothing_active(Z, width, plan):
+    """In place of :func:`find_active`, for the lean flight."""
+    return None
 
 
 @lanes
@@ -98,44 +111,52 @@ def begin_tick(plan, memory, width, active, tick):
     """Motion, air and measurement at a control tick."""
     Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
     navigate(Z, width, tick_length, tick == 0)
-    constants = plan.vehicle.constants
-    disturb(Z, width, constants.span, active.disturbances, tick * tick_length, tick_length, tick == 0)
-    nominal_density(Z, width, plan.profile)
-    instruments(plan, Z, width, active, tick)
-    sense(Z, width, active.sensor_errors, tick_length, tick)
-    if active.failures.sensors:
-        fail_sensors(Z, width, tick * tick_length)
+    calm(Z, width)
+    if active is not None:
+        span = plan.vehicle.constants.span
+        disturb(Z, width, span, active.disturbances, tick * tick_length, tick_length, tick == 0)
+        nominal_density(Z, width, plan.profile)
+        instruments(plan, Z, width, active, tick)
+    add_biases(Z, width)
+    if active is not None:
+        sense(Z, width, active.sensor_errors, tick_length, tick)
+        if active.failures.sensors:
+            fail_sensors(Z, width, tick * tick_length)
 
 
 @lanes
-def evaluate(plan, memory, width, stage, windy, failures):
+def evaluate(plan, memory, width, stage, active):
     """One Runge-Kutta stage at ``XS``."""
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
-    if windy:
+    if active is not None and active.windy:
         move_air(Z, width)
         nominal_wind(Z, width, plan.profile)
     air_data(Z, width, vehicle, plan.earth)
-    deflections(Z, memory.A, width, vehicle, failures.effectors)
+    deflections(Z, width)
+    if active is None:
+        set_effectors(Z, width, vehicle.effector_mix)
+    else:
+        place_effectors(Z, memory.A, width, vehicle, active.failures.effectors)
     look_up(Z, T, width, vehicle.tables, memory.cells)
-    if plan.user_code.aerodynamics != 0:
-        foreign_coefficients(Z, memory.A, width, vehicle, plan.user_code, failures.effectors)
+    if active is not None and plan.user_code.aerodynamics != 0:
+        foreign_coefficients(Z, memory.A, width, vehicle, plan.user_code, active.failures.effectors)
     else:
         build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
-    if plan.user_code.propulsion != 0:
+    if active is not None and plan.user_code.propulsion != 0:
         foreign_thrust(Z, width, vehicle, plan.user_code)
     equations_of_motion(Z, width, vehicle, plan.earth, stage)
-    if plan.user_code.propulsion != 0:
+    if active is not None and plan.user_code.propulsion != 0:
         add_thrust(Z, width, vehicle, stage)
-    if failures.engines:
+    if active is not None and active.failures.engines:
         add_engines_out(Z, width, vehicle, plan.user_code, stage)
 
 
 @lanes
-def control(plan, memory, width, law, tick):
+def control(plan, memory, width, law, active, tick):
     """The commands of the plan's law at a control tick."""
     if law == TLC:
-        tlc_tick(plan, memory, width, tick)
-    elif law == LQR:
+        tlc_tick(plan, memory, width, active, tick)
+    elif law == LQR or active is None:
         lqr_tick(plan, memory, width, tick)
     elif law == PYTHON:
         own_tick(plan, memory, width, tick)
@@ -144,13 +165,13 @@ def control(plan, memory, width, law, tick):
 
 
 @lanes
-def observe_tick(plan, memory, width, tick):
+def observe_tick(plan, memory, width, active, tick):
     """Limits and metrics at a control tick."""
     inlet = plan.vehicle.constants.inlet
-    if inlet.unstarts > 0.0:
+    if active is not None and inlet.unstarts > 0.0:
         watch_inlet(memory.Z, width, inlet, tick * plan.timing.step * plan.timing.steps_per_tick)
     derive(memory.Z, width, plan, tick)
-    if plan.user_code.channels != 0:
+    if active is not None and plan.user_code.channels != 0:
         dt = plan.timing.step * plan.timing.steps_per_tick
         call_address(plan.user_code.channels, 0, memory.Z, plan.reference, plan.gains, plan.settings, tick, dt)
     check_limits(memory.Z, memory.O, width, plan.observed, tick)
@@ -178,26 +199,27 @@ def bin_tick(plan, memory, results, width, tick, first, last):
 
 
 @lanes
-def fly_ticks(plan, memory, results, width, law, first_tick, end, flights, n):
+def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flights, n):
     """One group of flights from ``first_tick`` to before tick ``end``, or until all of them have ended."""
     Z, O, A, step, steps_per_tick = memory.Z, memory.O, memory.A, plan.timing.step, plan.timing.steps_per_tick
     effectors = plan.vehicle.effectors
     tick_length = step * steps_per_tick
-    active = find_active(Z, width, plan)
-    failures = active.failures
     for tick in range(first_tick, end):
         begin_tick(plan, memory, width, active, tick)
-        control(plan, memory, width, law, tick)
-        fail_plant(Z, A, width, failures, plan.vehicle, tick * tick_length, tick_length)
+        control(plan, memory, width, law, active, tick)
+        pass_commands(Z, width)
+        if active is not None:
+            fail_plant(Z, A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
         if law != RECORDED:
             command_ideal(Z, width, plan.vehicle.constants)
-        move_ideal_effectors(A, width, effectors)
+        if active is not None:
+            move_ideal_effectors(A, width, effectors)
         flying = True
         for evaluation in range(4 * steps_per_tick):  # one loop, so that its code is there once
             stage = evaluation % 4
-            evaluate(plan, memory, width, runge_kutta_stage(stage, step), active.windy, failures)
+            evaluate(plan, memory, width, runge_kutta_stage(stage, step), active)
             if evaluation == 0:
-                observe_tick(plan, memory, width, tick)
+                observe_tick(plan, memory, width, active, tick)
                 record_tick(plan, memory, results, flights, n, tick)
                 flying = tick < plan.timing.ticks and any_lane(O, width, observe.ALIVE, 1, 0.0)
                 bin_tick(plan, memory, results, width, tick, tick == first_tick, not flying or tick + 1 == end)
@@ -205,19 +227,22 @@ def fly_ticks(plan, memory, results, width, law, first_tick, end, flights, n):
                     break
             if stage == 0:
                 run_actuators(Z, width, plan.vehicle.constants, step, law == RECORDED)
-                run_effectors(Z, A, width, plan.vehicle, step)
+                if active is not None:
+                    run_effectors(Z, A, width, plan.vehicle, step)
             elif stage == 2:
                 set_actuators(Z, width)
-                end_effectors(A, width, effectors)
+                if active is not None:
+                    end_effectors(A, width, effectors)
             elif stage == 3:
                 finish_step(Z, width, step, O[observe.ALIVE])
-                finish_effectors(A, width, effectors, O[observe.ALIVE])
+                if active is not None:
+                    finish_effectors(A, width, effectors, O[observe.ALIVE])
         if not flying:
             break
 
 
 @lanes
-def fly_groups(plan, memory, results, width, law, first_flight, last_flight):
+def fly_groups(plan, memory, results, width, law, find, first_flight, last_flight):
     """Flights from ``first_flight`` to before ``last_flight``, in groups of ``width`` lanes.
 
     They start at the mission's start, or from the plan's kept memories; where the results are to keep memories, they
@@ -244,8 +269,9 @@ def fly_groups(plan, memory, results, width, law, first_flight, last_flight):
                 elif plan.start.shape[0] > 0:
                     restore_lanes(memory, width, plan.start, first + group, n, driven)
                 else:
-                    start_lanes(plan, memory, width, flights, n)
-                fly_ticks(plan, memory, results, width, law, first_tick, end, flights, n)
+                    start_lanes(plan, memory, width, find, flights, n)
+                active = find(memory.Z, width, plan)
+                fly_ticks(plan, memory, results, width, law, active, first_tick, end, flights, n)
                 for lane in range(n):
                     flight = flights[lane]
                     if memory.O[observe.ALIVE, lane] > 0.0 and end < last:
@@ -272,7 +298,7 @@ def fly_groups(plan, memory, results, width, law, first_flight, last_flight):
 
 
 @lanes
-def start_lanes(plan, memory, width, flights, n):
+def start_lanes(plan, memory, width, find, flights, n):
     """Every lane at the start of its flight; spare lanes repeat the last flight, unseen."""
     Z = memory.Z
     for i in range(Z_ROWS):
@@ -283,29 +309,45 @@ def start_lanes(plan, memory, width, flights, n):
         for i in range(s.N_PARAMETERS):
             Z[s.P + i, lane] = plan.parameters[flight, i]
     start_flights(Z, width, plan.initial_state)
-    if plan.vehicle.constants.sensing.sideslip > 0 and find_active(Z, width, plan).windy:
-        move_air(Z, width)
-        nominal_wind(Z, width, plan.profile)
-        face_air(Z, width)
     start_failures(Z, width)
-    if plan.user_code.aerodynamics != 0:
-        find_dispersed(Z, width)
     prepare_actuators(Z, width, plan.vehicle.constants, plan.timing.step)
-    start_effectors(Z, memory.A, width, plan.vehicle, plan.timing.step)
+    leave_effectors(Z, width, plan.vehicle.effectors)
+    start_active(plan, memory, width, find(Z, width, plan))
     start_observing(Z, memory.O, width, plan.counted)
 
 
-def make_fly_lanes(capacity: int) -> Callable[..., None]:
+@lanes
+def start_active(plan, memory, width, active):
+    """What only some flights have at their start."""
+    Z = memory.Z
+    if active is not None:
+        if active.windy and plan.vehicle.constants.sensing.sideslip > 0:
+            move_air(Z, width)
+            nominal_wind(Z, width, plan.profile)
+            face_air(Z, width)
+        if plan.user_code.aerodynamics != 0:
+            find_dispersed(Z, width)
+        start_effectors(Z, memory.A, width, plan.vehicle, plan.timing.step)
+
+
+def make_fly_lanes(capacity: int, lean: bool = False) -> Callable[..., None]:
     """The compiled flight for ``capacity`` lanes (compiled at its first call, kept on disk).
+
+    A ``lean`` one takes half as long to compile and flies what :class:`Active` says of None, with the same bits.
 
     The number of lanes is a constant of the machine code, but for numba a number as any other: functions for each
     constant would be optimized each by itself, and small loops unrolled into scalar code before they became vectors.
     """
 
-    @kernel
     def fly_lanes(plan, memory, results):
         """Fly every row of the plan's parameters in a memory for ``capacity`` lanes; fill the results."""
         if has_width(memory, capacity):  # checked where Python enters, and a constant to LLVM from here on
-            fly_groups(plan, memory, results, memory.Z.shape[1], plan.law, 0, plan.parameters.shape[0])
+            width, flights = memory.Z.shape[1], plan.parameters.shape[0]
+            if lean:
+                fly_groups(plan, memory, results, width, plan.law, nothing_active, 0, flights)
+            else:
+                fly_groups(plan, memory, results, width, plan.law, find_active, 0, flights)
 
-    return fly_lanes
+    fly_lanes.__name__ += "_lean" if lean else ""  # the cache knows them by name
+    fly_lanes.__qualname__ += "_lean" if lean else ""
+    return kernel(fly_lanes)

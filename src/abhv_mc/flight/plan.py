@@ -1,7 +1,8 @@
 """What one controller's flights need, as plain values: made once by the launching process."""
 
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from abhv_mc.plant.effectiveness import Effectiveness
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.foreign import VehicleCode
-from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.vehicle.model import DRIVEN, Vehicle
 from abhv_mc.world.earth import Earth
 
 Limits = outcome.Limits
@@ -60,6 +61,10 @@ class Timing(NamedTuple):
         return self.tick * self.ticks
 
 
+# Beginnings of the names of dispersions that a lean flight does not know.
+NOT_LEAN = ("wind.", "sensor.", "failure.", "atmosphere.density_at_")
+
+
 @dataclass(frozen=True)
 class FlightPlan:
     """Everything that a worker needs to fly one controller, apart from the dispersions."""
@@ -86,6 +91,18 @@ class FlightPlan:
     source: UserSource | None = field(default=None, metadata={"stored": False})  # its text: travels, is not stored
     channels_source: UserSource | None = field(default=None, metadata={"stored": False})
     vehicle_code: VehicleCode | None = field(default=None, metadata={"stored": False})  # of vehicle.foreign's digest
+    lean: bool = field(default=False, metadata={"stored": False})  # flown by less code with the same bits, see lean_for
+
+    def lean_for(self, names: Collection[str]) -> "Self":
+        """The plan for flights with dispersions of these names: lean where neither they nor it need more.
+
+        Named, never valued: so every process of a campaign compiles the same flight.
+        """
+        vehicle, foreign = self.vehicle, self.vehicle.foreign
+        plain = self.law in ("tlc", "lqr") and not (self.channels_hash or foreign.aerodynamics or foreign.propulsion)
+        whole = vehicle.constants.inlet.unstarts == 0.0 and not vehicle.effectors[:, DRIVEN].any()
+        calm = len(self.profile) == 0 and not any(name.startswith(NOT_LEAN) for name in names)
+        return replace(self, lean=bool(plain and whole and calm))
 
     @property
     def metrics(self) -> tuple[Metric, ...]:

@@ -50,11 +50,16 @@ def active_sensor_errors(Z, width):
 
 
 @lanes
-def sense(Z, width, active, dt, tick):
-    """Add bias and noise to the true values in the measured rows, then replace them by delayed ones."""
+def add_biases(Z, width):
+    """To the true values in the measured rows."""
     for i in range(N_MEASURED):
         for lane in range(width):
             Z[MEASURED + i, lane] += Z[_BIAS + i, lane]
+
+
+@lanes
+def sense(Z, width, active, dt, tick):
+    """Add noise to the values in the measured rows, then replace them by delayed ones."""
     if active.noisy:
         if tick == 0:
             seed_stream(Z, width, NOISE, _SEED)

@@ -35,6 +35,14 @@ _K_ETA_LIMIT = parameter_row("engine.equivalence_ratio_limit")
 
 
 @lanes
+def pass_commands(Z, width):
+    """The law's commands to the actuators."""
+    for i in range(4):
+        for lane in range(width):
+            Z[s.ACTUATED + i, lane] = Z[s.CMD + i, lane]
+
+
+@lanes
 def prepare_actuators(Z, width, constants, step):
     """The blocks of the surfaces and of the engine; bandwidth and damping stay over a flight."""
     for lane in range(width):

@@ -6,7 +6,6 @@ from abhv_mc.jit import lanes, scalar
 from abhv_mc.numerics.lane_math import is_shallow, reciprocals, shallow_angles, sincos, two_angles
 from abhv_mc.numerics.quaternion import rotate_meridional, rotate_to_body
 from abhv_mc.plant import state as s
-from abhv_mc.plant.effectors import place_effectors
 from abhv_mc.plant.state import XS, parameter_row, variable_row
 from abhv_mc.world.atmosphere import atmosphere_lanes
 
@@ -129,14 +128,10 @@ def air_data(Z, width, vehicle, earth):
 
 
 @lanes
-def deflections(Z, A, width, vehicle, failing):
-    """Effective deflections and equivalence ratio of the stage, as the aerodynamics see them.
-
-    ``failing`` as in :func:`abhv_mc.plant.effectors.place_effectors`.
-    """
+def deflections(Z, width):
+    """Effective deflections and equivalence ratio of the stage, as the aerodynamics see them."""
     for lane in range(width):
         Z[_DELTA_A, lane] = Z[s.EFFECT, lane] * Z[XS + s.AILERON, lane]
         Z[_DELTA_R, lane] = Z[s.EFFECT + 1, lane] * Z[XS + s.RUDDER, lane]
         Z[_DELTA_E, lane] = Z[s.EFFECT + 2, lane] * Z[XS + s.ELEVATOR, lane]
         Z[_ETA, lane] = Z[XS + s.ETA, lane]
-    place_effectors(Z, A, width, vehicle, failing)

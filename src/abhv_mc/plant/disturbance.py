@@ -103,8 +103,8 @@ def active_disturbances(Z, width):
 
 
 @lanes
-def disturb(Z, width, span, active, time, dt, first):
-    """Gusts in body axes and density factor of the tick that begins at ``time`` (s)."""
+def calm(Z, width):
+    """No gust, and the standard density."""
     for lane in range(width):
         Z[s.GUST_P, lane] = 0.0
         Z[s.GUST_Q, lane] = 0.0
@@ -113,6 +113,11 @@ def disturb(Z, width, span, active, time, dt, first):
         Z[s.GUST_V, lane] = 0.0
         Z[s.GUST_W, lane] = 0.0
         Z[s.DENSITY_PROFILE, lane] = 1.0
+
+
+@lanes
+def disturb(Z, width, span, active, time, dt, first):
+    """Gusts in body axes and density factor of the tick that begins at ``time`` (s), where it was calm."""
     if active.gusty:
         gust(Z, width, time)
     if active.turbulent:

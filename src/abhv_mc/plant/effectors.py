@@ -73,13 +73,19 @@ def place_effectors(Z, A, width, vehicle, failing):
 
 
 @lanes
+def leave_effectors(Z, width, effectors):
+    """No law commands them."""
+    for e in range(effectors.shape[0]):
+        for lane in range(width):
+            Z[s.EFFECTOR_COMMAND + e, lane] = math.inf
+
+
+@lanes
 def start_effectors(Z, A, width, vehicle, step):
     """Effectors where the axes' deflections at the start put them, at rest."""
     effectors = vehicle.effectors
     for e in range(effectors.shape[0]):
         first = e * N_EFFECTOR_ROWS
-        for lane in range(width):
-            Z[s.EFFECTOR_COMMAND + e, lane] = math.inf
         if effectors[e, DRIVEN] > 0.0:
             for lane in range(width):
                 bandwidth = effectors[e, BANDWIDTH] * Z[_K_BANDWIDTH, lane]

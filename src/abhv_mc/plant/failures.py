@@ -102,11 +102,8 @@ def fail_sensors(Z, width, time):
 def fail_plant(Z, A, width, failures, vehicle, time, tick):
     """Commands as the actuators get them, and the factors and increments of the tick that begins at ``time`` (s).
 
-    ``tick`` is its length. Call it after the control law.
+    ``tick`` is its length. Call it when the control law's commands have been passed on.
     """
-    for i in range(4):
-        for lane in range(width):
-            Z[s.ACTUATED + i, lane] = Z[s.CMD + i, lane]
     if failures.surfaces:
         fail_surfaces(Z, width, vehicle.constants, time)
     command_effectors(Z, A, width, vehicle)

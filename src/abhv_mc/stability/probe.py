@@ -15,7 +15,7 @@ from abhv_mc.control.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
 from abhv_mc.control.laws.user import FAULT
 from abhv_mc.flight.arguments import Kept, make_kernel_plan
 from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.flight.kernel import begin_tick, control, evaluate, find_active, instruments
+from abhv_mc.flight.kernel import Active, begin_tick, control, evaluate, find_active, instruments
 from abhv_mc.flight.memory import Z_ROWS, has_width, make_memory
 from abhv_mc.flight.native_check import check_states
 from abhv_mc.flight.navigation import navigate
@@ -24,6 +24,7 @@ from abhv_mc.flight.user_law import law_memory, measured_count, must_fly_elsewhe
 from abhv_mc.io.input_error import InputError
 from abhv_mc.jit import kernel, lanes
 from abhv_mc.plant import state as s
+from abhv_mc.plant.actuators import pass_commands
 from abhv_mc.plant.air_profile import nominal_density
 from abhv_mc.plant.disturbance import density_profile
 from abhv_mc.plant.equations import Stage
@@ -106,6 +107,7 @@ def probe_begin(plan, memory, before, numbers, tick, sensed, acting):
             for lane in range(n):
                 for i in range(before.shape[1]):
                     sensed[start + lane, i] = Z[i, lane]
+            pass_commands(Z, width)
             fail_plant(Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
             for lane in range(n):
                 for i in range(before.shape[1]):
@@ -138,10 +140,12 @@ def probe_plant(plan, memory, held, acting, flight, states, numbers, tick, answe
                 for e in range(plan.vehicle.effectors.shape[0]):
                     for lane in range(width):
                         Z[s.SLOW_EFFECTOR + e, lane] = NEVER
+                pass_commands(Z, width)
                 fail_plant(Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
             found = active.failures
             failures = Failures(found.surfaces, True, found.engine, found.engines, found.sensors)
-            evaluate(plan, memory, width, Stage(1.0, 0.0), True, failures)
+            moving = Active(active.disturbances, active.sensor_errors, failures, True)
+            evaluate(plan, memory, width, Stage(1.0, 0.0), moving)
             navigate(Z, width, tick_length, tick == 0)
             instruments(plan, Z, width, active, 1)
             if active.failures.sensors:
@@ -167,7 +171,7 @@ def probe_law(plan, memory, tick, rows, numbers, before, after, seen):
                 for i in range(rows.size):
                     Z[rows[i], lane] = before[source, i]
                 Z[s.P, lane] = 1.0  # the factor of the nominal vehicle's terms
-            control(plan, memory, width, plan.law, tick)
+            control(plan, memory, width, plan.law, plan.user_code, tick)
             for lane in range(n):
                 for i in range(rows.size):
                     after[start + lane, i] = Z[rows[i], lane]

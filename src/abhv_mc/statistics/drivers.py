@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc, ndtri
-from scipy.stats import false_discovery_control, rankdata
 
 from abhv_mc.array_types import Floats
+from abhv_mc.statistics.ranks import average_ranks, false_discovery
 
 FALSE_DISCOVERY_RATE = 0.005
 LEAST_COEFFICIENT = 0.2  # of a driver
@@ -63,7 +63,7 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
     found = np.zeros(p_value.shape, dtype=np.bool_)
     told = np.isfinite(p_value)
     if told.any():
-        found[told] = false_discovery_control(p_value[told]) <= FALSE_DISCOVERY_RATE
+        found[told] = false_discovery(p_value[told]) <= FALSE_DISCOVERY_RATE
     with np.errstate(invalid="ignore"):
         tells = np.asarray(1.0 - (1.0 - explained) * (flights - 1.0) / freedom > LEAST_EXPLAINED, dtype=np.bool_)
         found &= (np.abs(srrc) > LEAST_COEFFICIENT) & tells
@@ -107,7 +107,7 @@ def _split_twins(found: NDArray[np.bool_], srrc: Floats, correlation: Floats) ->
 
 def _standard(columns: Floats) -> Floats:
     """Ranks of each column (ties share theirs) with zero mean and unit variance; constant columns are zero."""
-    ranks = rankdata(columns, axis=0)
+    ranks = average_ranks(columns)
     ranks -= ranks.mean(axis=0)
     spread = ranks.std(axis=0)
     return ranks / np.where(spread > 0.0, spread, 1.0)

@@ -10,14 +10,15 @@ and pairs together pass the Benjamini-Hochberg procedure.
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import false_discovery_control, hypergeom
+from scipy.special import gammaln
 
 from abhv_mc.array_types import Floats
 from abhv_mc.statistics.failure_rules import Condition, Rule, sharpen, standardise
+from abhv_mc.statistics.ranks import false_discovery
 
 FALSE_DISCOVERY_RATE = 0.05
 FEWEST_FAILURES = 5
@@ -71,7 +72,7 @@ def find_rules(
     if not candidates:
         return []
     p_values = _p_values(candidates)
-    q_values = false_discovery_control(p_values)
+    q_values = false_discovery(p_values)
     rules = [
         _rule(candidate, flights, failures, float(p_values[k]), float(q_values[k]))
         for k, candidate in enumerate(candidates)
@@ -142,11 +143,21 @@ def _score(inside: Floats, failed_inside: Floats, flights: Floats, failures: Flo
     return np.where(variance > 0.0, score, -np.inf)
 
 
+def hypergeometric_tail(bad: int, flights: int, failures: int, inside: int) -> float:
+    """Chance of at least ``bad`` of the ``failures`` among ``inside`` of the ``flights`` drawn at random."""
+
+    def log_choose(n: Any, k: Any) -> Any:
+        return gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0)
+
+    k = np.arange(max(bad, inside + failures - flights), min(inside, failures) + 1)
+    logs = log_choose(failures, k) + log_choose(flights - failures, inside - k) - log_choose(flights, inside)
+    return float(np.exp(logs).sum())
+
+
 def _p_values(candidates: list["_Candidate"]) -> Floats:
     """Exact chance of so many failures inside, the larger where there are two tables, times the candidates tried."""
     rows = np.array([table for candidate in candidates for table in candidate.tables], dtype=np.int64)
-    inside, bad, flights, failures = rows.T
-    tails = hypergeom.sf(bad - 1, flights, failures, inside)
+    tails = [hypergeometric_tail(bad, flights, failures, inside) for inside, bad, flights, failures in rows.tolist()]
     owners = np.repeat(np.arange(len(candidates)), [len(candidate.tables) for candidate in candidates])
     largest = np.zeros(len(candidates))
     np.maximum.at(largest, owners, tails)

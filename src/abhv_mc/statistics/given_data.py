@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr
-from scipy.stats import false_discovery_control, rankdata
 
 from abhv_mc.array_types import Floats
+from abhv_mc.statistics.ranks import average_ranks, false_discovery
 
 FALSE_DISCOVERY_RATE = 0.005
 LEAST_SHARE = 0.1  # of the variance, of an input that is named
@@ -44,12 +44,12 @@ def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | No
     flights, count = inputs.shape
     if flights < FEWEST_FLIGHTS or not count or not outputs.shape[1]:
         return None
-    ranks = np.asarray(rankdata(outputs, axis=0), dtype=np.float64)
+    ranks = average_ranks(outputs)
     ranks -= ranks.mean(axis=0)
     spread = ranks.std(axis=0)
     moving = spread > 0.0
     y = ranks / np.where(moving, spread, 1.0)
-    places = np.asarray(rankdata(inputs, axis=0, method="ordinal"), dtype=np.intp) - 1
+    places = np.argsort(np.argsort(inputs, axis=0, kind="stable"), axis=0)
     varying = np.ptp(inputs, axis=0) > 0.0
     first = np.zeros((count, y.shape[1]))
     for j in np.flatnonzero(varying).tolist():
@@ -66,7 +66,7 @@ def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | No
     found = np.zeros(first.shape, dtype=np.bool_)
     told = np.isfinite(p_value)
     if told.any():
-        found[told] = false_discovery_control(p_value[told]) <= FALSE_DISCOVERY_RATE
+        found[told] = false_discovery(p_value[told]) <= FALSE_DISCOVERY_RATE
     with np.errstate(invalid="ignore"):
         found &= total > LEAST_SHARE
     moves_with = _strip_partners(found, total, together)

@@ -10,8 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
-from scipy.stats import binom
+from scipy.special import bdtr, bdtrik, ndtri
 
 from abhv_mc.array_types import Floats
 from abhv_mc.statistics.estimates import SEED, Interval, sorted_quantile
@@ -31,8 +30,8 @@ def _scores(draws: int) -> tuple[Floats, Floats]:
 @lru_cache(maxsize=64)
 def _places(flights: int, probability: float) -> tuple[int, Floats]:
     """First count of flights below the quantile that matters, and normal scores up to which there are no more."""
-    low, high = (int(binom.ppf(tail, flights, probability)) for tail in (1e-9, 1.0 - 1e-9))
-    return low, np.asarray(ndtri(binom.cdf(np.arange(low, high + 1), flights, probability)), dtype=np.float64)
+    low, high = (int(np.ceil(bdtrik(tail, flights, probability))) for tail in (1e-9, 1.0 - 1e-9))
+    return low, np.asarray(ndtri(bdtr(np.arange(low, high + 1), flights, probability)), dtype=np.float64)
 
 
 def _counts(scores: Floats, flights: int, probability: float) -> NDArray[np.intp]:

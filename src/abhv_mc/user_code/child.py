@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar
@@ -66,6 +66,17 @@ def in_child(function: Callable[..., T], *arguments: Any, limit: float | None = 
     return answer
 
 
+@contextlib.contextmanager
+def called_beside(function: Callable[..., Any], *arguments: Any) -> Iterator[None]:
+    """Call a module's function in a process beside this one, for what it leaves behind; it ends with the context."""
+    child = _Child()
+    threading.Thread(target=child.leave_to, args=(function, arguments), daemon=True).start()
+    try:
+        yield
+    finally:
+        child.end()
+
+
 def describe_exit(code: int | None) -> str:
     """How a process ended, in words."""
     return f"killed by {signal.Signals(-code).name}" if code is not None and code < 0 else f"exit code {code}"
@@ -86,6 +97,10 @@ class _Child:
 
     def is_usable(self) -> bool:
         return self._pid == os.getpid() and self._process.poll() is None
+
+    def leave_to(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+        with contextlib.suppress(OSError, LostError):
+            self.call(function, arguments, None)
 
     def call(self, function: Callable[..., Any], arguments: tuple[Any, ...], limit: float | None) -> tuple[Any, bool]:
         try:

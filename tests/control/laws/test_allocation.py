@@ -61,7 +61,7 @@ def compute(vehicle, effectiveness, cells, width, variables, density, speed, mom
         Z[s.P, lane] = 1.0
         for i in range(s.N_VARIABLES):
             Z[s.VAR + i, lane] = variables[i, lane]
-    nominal_vehicle(Plan(vehicle, effectiveness, unit_factors, _NO_FUNCTIONS), Memory(Z, T, cells, high), width)
+    nominal_vehicle(Plan(vehicle, effectiveness, unit_factors, _NO_FUNCTIONS), Memory(Z, T, cells, high), width, None)
     for lane in range(width):
         q_bar = 0.5 * density * speed[lane] * speed[lane]
         moments[0, lane], moments[1, lane], moments[2, lane] = nominal_moment(

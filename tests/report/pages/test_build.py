@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from report.few_figures import build_with
 from report.synthetic import sign, write_campaign
 
 from abhv_mc.cli.run import finish
@@ -62,3 +63,9 @@ def test_a_report_is_up_to_date_until_something_changes(lost):
         assert not is_up_to_date(lost), name
         (lost / name).write_bytes(held)
         assert is_up_to_date(lost)
+
+
+def test_figures_are_svg_where_asked_for(lost):
+    assert not list((lost / "figures").glob("*.svg"))
+    build_with(lost, "ground_track", svg=True)
+    assert [path.name for path in (lost / "figures").glob("*.svg")] == ["ground_track.svg"] and is_up_to_date(lost)

@@ -270,24 +270,24 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
 
 
 @lanes
-def nominal_forces(plan, memory, width):
+def nominal_forces(plan, memory, width, active):
     """Coefficients, fixed quantities and an engine function's thrust of the nominal vehicle at its variables."""
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
     look_up(Z, T, width, vehicle.tables, memory.cells)
-    if plan.user_code.propulsion != 0:
+    if active is not None and plan.user_code.propulsion != 0:
         nominal_thrust(Z, width, vehicle, plan.user_code, RHO_NOM, s.M_SPEED)
-    if plan.user_code.aerodynamics != 0:
+    if active is not None and plan.user_code.aerodynamics != 0:
         nominal_coefficients(Z, width, vehicle, plan.user_code, RHO_NOM, s.M_SPEED)
     else:
         build_up(Z, T, width, vehicle.build_up, plan.unit_factors)
 
 
 @lanes
-def nominal_vehicle(plan, memory, width):
+def nominal_vehicle(plan, memory, width, active):
     """:func:`nominal_forces` and the coefficients' slopes (rows from ``SLOPES``)."""
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
-    nominal_forces(plan, memory, width)
-    if plan.user_code.aerodynamics != 0:
+    nominal_forces(plan, memory, width, active)
+    if active is not None and plan.user_code.aerodynamics != 0:
         nominal_slopes(Z, width, vehicle, plan.user_code, SLOPES)
     else:
         table_slopes(T, width, vehicle.tables, plan.effectiveness, memory.cells, memory.high)
@@ -295,12 +295,12 @@ def nominal_vehicle(plan, memory, width):
 
 
 @lanes
-def tlc_tick(plan, memory, width, tick):
-    """Commands from the measurement at a control tick."""
+def tlc_tick(plan, memory, width, active, tick):
+    """Commands from the measurement at a control tick; ``active`` None: of a vehicle of tables alone."""
     Z, vehicle, reference, gains, settings = memory.Z, plan.vehicle, plan.reference, plan.gains, plan.settings
     dt = plan.timing.step * plan.timing.steps_per_tick
     tlc_guidance(Z, width, vehicle, reference, gains, settings, tick, dt)
     nominal_variables(Z, width, vehicle, reference, tick)
-    nominal_vehicle(plan, memory, width)
+    nominal_vehicle(plan, memory, width, active)
     look_up_trim(Z, width, plan.trim_tables, memory.trim, s.ALPHA_CMD, s.CMD_ETA, T_LIFT)
     tlc_attitude(Z, width, vehicle, plan.earth, reference, gains, settings, tick, dt, tick == 0)

@@ -97,9 +97,9 @@ def nominal_onboard(plan, memory, width, tick):
             Z[_ALPHA, lane] = Z[s.M_ALPHA, lane] + (_STEP if probe == 1 else 0.0)
             Z[_ETA, lane] = eta + (eta_step if probe == 2 else 0.0)
         if probe == 0:
-            nominal_vehicle(plan, memory, width)
+            nominal_vehicle(plan, memory, width, plan.user_code)
         else:
-            nominal_forces(plan, memory, width)
+            nominal_forces(plan, memory, width, plan.user_code)
         for lane in range(width):
             speed, density = Z[s.M_SPEED, lane], Z[RHO_NOM, lane]
             q_bar = 0.5 * density * speed * speed

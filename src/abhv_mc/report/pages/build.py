@@ -94,8 +94,15 @@ def _seldom_collecting() -> Iterator[None]:
 
 
 @_seldom_collecting()
-def build_report(folder: Path, format: Format = "html", baseline: Path | None = None) -> Path:  # noqa: A002
-    """Write `report.json`, `figures/*.png`, `*.svg` and `report.html` (or `report.md`) into a campaign's folder.
+def build_report(
+    folder: Path,
+    format: Format = "html",  # noqa: A002
+    baseline: Path | None = None,
+    svg: bool = False,
+) -> Path:
+    """Write `report.json`, `figures/*.png` and `report.html` (or `report.md`) into a campaign's folder.
+
+    ``svg``: each figure as `figures/*.svg`, too.
 
     Needs nothing but what the campaign wrote there, and the folder of a ``baseline`` to compare it with. Returns the
     path of the page.
@@ -125,12 +132,13 @@ def build_report(folder: Path, format: Format = "html", baseline: Path | None = 
             for text, figure in made:
                 path = figures_folder / f"{text.name}.png"
                 width, height = write_png(figure, path)
-                write_svg(figure, path.with_suffix(".svg"))
+                if svg:
+                    write_svg(figure, path.with_suffix(".svg"))
                 figures.append(PageFigure(text, path, width, height))
         except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
             failed.append(f"figures of {shown} could not be made ({type(error).__name__}: {error})")
     results.refuse_changes()
-    kept = {figure.path.with_suffix(kind) for figure in figures for kind in (".png", ".svg")}
+    kept = {figure.path.with_suffix(kind) for figure in figures for kind in ((".png", ".svg") if svg else (".png",))}
     for stale in [*figures_folder.glob("*.png"), *figures_folder.glob("*.svg")]:
         if stale not in kept:
             stale.unlink(missing_ok=True)  # another report of this folder may do the same
