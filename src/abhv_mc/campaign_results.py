@@ -104,11 +104,11 @@ class CampaignResults:
 
     @property
     def verdicts(self) -> "pd.DataFrame":
-        """Verdict, counts, tolerance limit and room of each requirement on each controller."""
+        """Verdict, counts, tolerance limit and room of each requirement (by its id or metric) on each controller."""
         import pandas as pd
 
         rows = [
-            {"requirement": entry["words"], "controller": name, **verdict}
+            {"requirement": entry.get("id") or entry["metric"], "controller": name, "asked": entry["words"], **verdict}
             for entry in self.numbers["requirements"]
             for name, verdict in entry["controllers"].items()
         ]
@@ -298,7 +298,7 @@ class CampaignResults:
             (name, ", ".join(f"{count} {outcome}" for outcome, count in part["outcomes"].items()), "")
             for name, part in facts["controllers"].items()
         ]
-        for entry in facts["requirements"]:
+        for entry in (*facts["requirements"], *facts.get("requirements_shown", ())):
             asked = f"{entry['metric']} {Bounds.of(entry)} in {100 * entry['probability']:g} %"
             rows.append((entry["controller"], asked, entry["verdict"]))
         return as_html(head, rows)

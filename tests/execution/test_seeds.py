@@ -115,7 +115,8 @@ def test_a_run_and_its_report_judge_their_folder_and_name_those_beside_it(abhv_m
     own = json.loads(Path("s2/manifest.json").read_text())["requirements"][0]
     assert (code, own["verdict"], own["flights"]) == (0, "NOT SHOWN", 60)
     assert own["words"] in Path("s2.xml").read_text() and "in 60 flights" in own["words"]
-    assert "s1 (400 flights: 1 FAIL)" in out.splitlines()[-1] and "merge s2 s1 -o s2_merged" in out.splitlines()[-1]
+    assert "s1 (400 flights: 1 FAIL)" in out.splitlines()[-2] and "merge s2 s1 -o s2_merged" in out.splitlines()[-2]
+    assert out.splitlines()[-1].startswith("verdicts  one 1 NOT SHOWN; two 1 ") and "follows one (1)." in out
     assert "s1 (400 flights: 1 FAIL)" in Path("s2/report.html").read_text() and is_up_to_date(Path("s2"))
     assert abhv_mc("merge", "s2", "s1", "-o", "s2_merged", "--no-report")[0] == 1
     abhv_mc("run", campaign, "-o", "s3", "--seed", 3, "--runs", 60, "--no-report")

@@ -1,6 +1,7 @@
 """What the browser's view counts, against numpy over the same flights."""
 
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from abhv_mc.explore import counts
 from abhv_mc.explore.counts import Asked, count_flights, find_nearest, find_ranges, open_flights, parse_asked
 from abhv_mc.io.documents import InputError
-from abhv_mc.topics.worst_flights import rank_worst
+from abhv_mc.topics.failed_flights import requirement_failures
 
 X, Y, BRUSHED = "aero.lift", "speed_error_max_mps", "atmosphere.density"
 
@@ -67,8 +68,19 @@ def test_few_flights_are_points_and_the_worst_are_those_of_the_report(table, fai
     places = zip(failing.samples[X].tolist(), flights.metrics[Y].tolist(), strict=True)
     assert points == dict(enumerate(places))
     assert sum(row[4] for row in found["points"]) == 12
-    order = rank_worst(flights, failing.campaign.criteria, flights.flight.size)
+    order = failing.ranking.rows_of("lqr")
     assert [row[1] for row in found["worst"]] == flights.flight[order][: counts.LISTED].tolist()
+    of_all = count_flights(table, Asked(X, Y, failing.controllers, "all", {}))["worst"]
+    first = zip(failing.ranking.controller, failing.ranking.row, strict=True)
+    assert [tuple(row[:2]) for row in of_all[:20]] == [
+        (failing.controllers[k], failing.flights[failing.controllers[k]].flight[row]) for k, row in islice(first, 20)
+    ]
+
+
+def test_the_flights_that_miss_a_requirement(table, failing):
+    for k, item in enumerate(failing.campaign.requirements):
+        missed = requirement_failures(failing.flights["lqr"], item)
+        assert count_flights(table, Asked(X, Y, ("lqr",), f"missed {k}", {}))["count"] == missed.sum() > 0
 
 
 def test_the_nearest_flight_is_the_one_of_the_place(table, failing):
@@ -81,7 +93,7 @@ def test_the_nearest_flight_is_the_one_of_the_place(table, failing):
 
 @pytest.mark.parametrize(
     "change",
-    [{"x": 'flight" from shown; drop table shown --'}, {"y": "no_such"}, {"outcome": "or 1=1"},
+    [{"x": 'flight" from shown; drop table shown --'}, {"y": "no_such"}, {"outcome": "or 1=1"}, {"outcome": "missed 3"},
      {"controllers": ["pid"]}, {"brushes": {"1=1 or x": [0, 1]}}, {"brushes": {X: ["a", 1]}}, {"brushes": 5}],
 )  # fmt: skip
 def test_what_the_view_never_sends_is_refused(table, change):

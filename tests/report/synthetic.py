@@ -16,7 +16,7 @@ from abhv_mc.folder.flights import VALUES, FlightRows, flights_schema, write_blo
 from abhv_mc.folder.histories import write_histories, write_nominal
 from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import write_manifest
-from abhv_mc.statistics.ranking import choose_worst, order_of
+from abhv_mc.statistics.ranking import worst_first
 
 CONTROLLERS = ("tlc", "lqr", "lqr_retuned")
 # How far each controller strays (1 = a wide error) and how much surface it uses, beside the first.
@@ -239,9 +239,9 @@ def sign(folder: Path, manifest: dict[str, Any]) -> None:
 def worst_of(metrics, early):
     """The 20 worst flights by the three requirements, ascending."""
     limits = {"altitude_error_max_m": 50.0, "speed_error_max_mps": 5.0, "sideslip_max_deg": 0.7}
-    whole = np.setdiff1d(np.arange(len(metrics["sideslip_max_deg"])), early)
-    orders = [order_of(metrics[name][whole] - limit, whole) for name, limit in limits.items()]
-    return np.sort(choose_worst([(60.0, k) for k in early.tolist()], orders, 20))
+    beyond = np.max([metrics[name] / limit for name, limit in limits.items()], axis=0)
+    lost_at = np.where(np.isin(np.arange(beyond.size), early), 60.0, np.inf)
+    return np.sort(worst_first(lost_at, beyond)[:20])
 
 
 def write_flights(folder, name, samples, outcome, values):

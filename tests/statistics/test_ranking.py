@@ -1,17 +1,23 @@
-"""Which flights are the worst: early ends first, then the requirements in turn."""
+"""Which flights are the worst: early ends first, then the largest distance beyond a limit."""
 
 import numpy as np
 
 from abhv_mc.numerics.bounds import Bounds
-from abhv_mc.statistics.ranking import Criterion, choose_worst, spread
+from abhv_mc.statistics.ranking import Criterion, spread, worst_first
 
 
-def test_early_ends_come_first_and_requirements_take_turns():
-    early = [(9.0, 7), (3.0, 8)]
-    orders = [[1, 2, 3, 4], [2, 1, 5, 6]]
-    assert choose_worst(early, orders, 20) == [8, 7, 1, 2, 3, 5, 4, 6]
-    for number in range(9):
-        assert choose_worst(early, orders, number) == [8, 7, 1, 2, 3, 5, 4, 6][:number]
+def test_early_ends_come_first_and_equals_keep_their_order():
+    lost_at = np.array([np.inf, 9.0, np.inf, 3.0, np.inf])
+    assert worst_first(lost_at, np.array([0.5, np.inf, 0.7, np.inf, 0.5])).tolist() == [3, 1, 2, 0, 4]
+
+
+def test_distances_are_in_units_of_the_limit_or_of_the_span_where_it_is_zero():
+    values = np.linspace(-1.0, 3.0, 401)
+    assert Criterion("m", "high", Bounds(high=-5.0)).scale(values) == (0.0, 5.0)
+    assert Criterion("m", "high", Bounds(1.0, 2.0)).scale(values) == (0.0, 0.5)
+    assert np.allclose(Criterion("m", "low", Bounds(low=0.0)).scale(values), (0.0, 0.9 * 4.0))
+    assert np.allclose(Criterion("m", "low").scale(values), (-1.0, 1.0))  # without limits: from the median, in its size
+    assert Criterion("m", "high").scale(np.array([])) == (0.0, 1.0)
 
 
 def test_a_criterion_says_how_far_a_flight_is_beyond_its_limit():

@@ -1,6 +1,7 @@
 """``abhv-mc run``: fly a campaign and make its report."""
 
 import sys
+from collections import Counter
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -142,6 +143,8 @@ def finish(
     siblings, merge = name_siblings(result.folder, result.manifest)
     if siblings:
         say(f"{siblings} All judged together: {merge}", file=told)
+    if entries:
+        say(f"verdicts  {describe_verdicts(result.manifest)}", file=told)
     if any(entry["verdict"] == "FAIL" for entry in entries):
         raise typer.Exit(ExitCode.FAILED)
 
@@ -159,7 +162,7 @@ def _print_result(result: "RunResult", named: str) -> None:
     say(f"flights   {manifest['runs_done']} of {manifest['runs_planned']}, {manifest['state']}")
     for name, facts in manifest["controllers"].items():
         say(f"  {name:<12} {describe_outcomes(facts)}")
-    print_requirements(manifest["requirements"])
+    print_requirements(manifest)
     say(f"digest    {manifest['digest']}")
 
 
@@ -168,15 +171,28 @@ def describe_outcomes(facts: dict[str, Any]) -> str:
     return ", ".join(f"{number} {outcome}" for outcome, number in facts["outcomes"].items()) or "none"
 
 
-def print_requirements(entries: list[dict[str, Any]]) -> None:
+def print_requirements(manifest: dict[str, Any]) -> None:
     """A table of the requirements: what each asks of whom, what was counted, the verdict and what it rests on."""
     from abhv_mc.numerics.bounds import Bounds
 
-    if not entries:
+    if not manifest["requirements"]:
         return
     table = new_table(("controller", "requirement", "in", "verdict", ""), (), padding=(0, 1, 0, 0))
-    for entry in entries:
-        asked = f"{entry['metric']} {Bounds.of(entry)}"
-        verdict, _, words = entry.get("words", entry["verdict"]).partition(": ")
-        table.add_row(entry["controller"], asked, f"{100 * entry['probability']:g} %", verdict, words)
+    for key, mark in (("requirements", " (binding)"), ("requirements_shown", "")):
+        for entry in manifest.get(key, ()):
+            asked = f"{entry['metric']} {Bounds.of(entry)}"
+            verdict, _, words = entry.get("words", entry["verdict"]).partition(": ")
+            cells = entry["controller"] + mark, asked, f"{100 * entry['probability']:g} %", verdict, words
+            table.add_row(*cells)
     print_table(table)
+
+
+def describe_verdicts(manifest: dict[str, Any]) -> str:
+    """'tlc 2 PASS, 1 FAIL; lqr 3 NOT SHOWN. The exit code follows tlc (3).', how many of whose verdicts bind."""
+    binding, shown = manifest["requirements"], manifest.get("requirements_shown", ())
+    parts = []
+    for name in manifest["controllers"]:
+        counts = Counter(entry["verdict"] for entry in (*binding, *shown) if entry["controller"] == name)
+        parts.append(f"{name} {', '.join(f'{count} {status}' for status, count in counts.items())}")
+    bound = Counter(entry["controller"] for entry in binding)
+    return f"{'; '.join(parts)}. The exit code follows {', '.join(f'{name} ({n})' for name, n in bound.items())}."

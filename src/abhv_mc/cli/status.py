@@ -24,7 +24,7 @@ def command(
             say(f"  flown now by {status['holder']}")
         for name, facts in status["controllers"].items():
             say(f"  {name:<12} {facts['flights_done']} flown: {describe_outcomes(facts)}")
-        print_requirements(status["requirements"])
+        print_requirements(status)
         say(f"  digest       {status['digest']}")
         say(f"  time flown   {status['wall_time_s']:.1f} s")
         say(f"  on disk      {status['bytes'] / 1e6:.1f} MB")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.campaign.file.asked import worst_asked
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.blocks import choose_batch
@@ -80,8 +81,8 @@ def estimate_campaign(campaign: CheckedCampaign, engine: Engine, workers: int | 
             histories_size += path.stat().st_size // len(block.outcome)
     workers = workers or model.execution.workers or count_cores()
     counts: FlightCounts = next(iter(make_flight_counts(campaign).values()))
-    counts.early = [(0.0, flight) for flight in range(min(counts.worst_kept, campaign.runs))]
-    kept = len(choose_kept(model.keep.histories.flights, campaign.runs, counts))
+    worst = range(min(worst_asked(campaign), campaign.runs))
+    kept = len(choose_kept(model.keep.histories.flights, campaign.runs, counts, worst))
     cells = (first.timing.ticks // every + 1) * len(model.keep.envelopes.channels)
     return Estimate(
         flights=campaign.runs,

@@ -1,4 +1,4 @@
-"""What a campaign counts while it flies: outcomes, failures of requirements, the worst flights, the digest."""
+"""What a campaign counts while it flies: outcomes, failures of requirements, the digest."""
 
 from array import array
 from collections import Counter
@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Mask
-from abhv_mc.campaign.file.asked import ranking_criteria, worst_asked
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import TRACED, Requirement
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
@@ -20,7 +19,6 @@ from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.statistics.judgement import Pair, judge_pairs
-from abhv_mc.statistics.ranking import Criterion, choose_worst
 from abhv_mc.statistics.verdicts import Verdict, verdict_words
 
 _OK, _FAILED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
@@ -53,15 +51,11 @@ class FlightCounts:
     """Everything counted of one controller."""
 
     controller: str
-    worst_kept: int
-    criteria: tuple[Criterion, ...]
     requirements: list[RequirementCount]
     uncomputed: Mask  # [flight] that the machine could not compute
     digest: Digest = field(default_factory=Digest)
     outcomes: Counter[str] = field(default_factory=Counter)
     failed: "array[int]" = field(default_factory=lambda: array("q"))  # flights that ended early; perhaps a million
-    early: list[tuple[float, int]] = field(default_factory=list)  # time and flight of those that ended first
-    beyond: dict[Criterion, list[tuple[float, int]]] = field(default_factory=dict)  # -excess and flight, rising
 
     def add(self, rows: FlightRows, digest: Digest) -> None:
         """Count one block."""
@@ -75,22 +69,6 @@ class FlightCounts:
         for count in self.requirements:
             column = rows.columns.index(count.requirement.metric)
             count.add(rows.values[flown, column], early[flown], rows.flights[flown])
-        if self.worst_kept:
-            self._rank(rows, early, flown & ~early)
-
-    def _rank(self, rows: FlightRows, early: Mask, whole: Mask) -> None:
-        """Keep the first so many of each order in which flights are the worst."""
-        kept = self.worst_kept
-        ends = rows.values[early, rows.columns.index(END_TIME.name)].tolist()
-        self.early = sorted([*self.early, *zip(ends, rows.flights[early].tolist(), strict=True)])[:kept]
-        for criterion in self.criteria:
-            place = -criterion.excess(rows.values[whole, rows.columns.index(criterion.metric)])
-            flights = rows.flights[whole]
-            if len(place) > kept:
-                first = place <= np.partition(place, kept - 1)[kept - 1]
-                place, flights = place[first], flights[first]
-            found = zip(place.tolist(), flights.tolist(), strict=True)
-            self.beyond[criterion] = sorted([*self.beyond.get(criterion, ()), *found])[:kept]
 
     @property
     def not_computed(self) -> list[int]:
@@ -98,17 +76,10 @@ class FlightCounts:
         found: list[int] = np.flatnonzero(self.uncomputed).tolist()
         return found
 
-    @property
-    def worst_flights(self) -> list[int]:
-        """Those that ended early, then in turn those furthest beyond each requirement."""
-        orders = [[flight for _, flight in found] for found in self.beyond.values()]
-        return choose_worst(self.early, orders, self.worst_kept)
-
 
 def make_flight_counts(campaign: CheckedCampaign) -> dict[str, FlightCounts]:
     """Empty counts for each controller."""
     model = campaign.model
-    number, criteria = worst_asked(campaign), ranking_criteria(campaign)
     first = next(iter(model.controllers))
     all_counts = {}
     for name in model.controllers:
@@ -116,7 +87,7 @@ def make_flight_counts(campaign: CheckedCampaign) -> dict[str, FlightCounts]:
             RequirementCount(entry, limits, name in (entry.controllers or (first,)), np.zeros(campaign.runs, bool))
             for entry, limits in zip(model.requirements, campaign.limits, strict=True)
         ]
-        all_counts[name] = FlightCounts(name, number, criteria, counts, np.zeros(campaign.runs, bool))
+        all_counts[name] = FlightCounts(name, counts, np.zeros(campaign.runs, bool))
     return all_counts
 
 
@@ -163,25 +134,32 @@ def judge_counts(
     return [(*pair, verdict) for pair, verdict in zip(counted, verdicts, strict=True)]
 
 
-def judge_requirements(all_counts: Mapping[str, FlightCounts], campaign: CheckedCampaign) -> list[dict[str, Any]]:
-    """Failure counts and verdicts of the requirements that bind, as the manifest holds them."""
-    return [
-        {
-            **{key: text for key in TRACED if (text := getattr(count.requirement, key)) is not None},
-            "metric": count.requirement.metric,
-            **count.limits.as_entry(),
-            "probability": count.requirement.probability,
-            "consumer_risk": count.requirement.consumer_risk,
-            "producer_risk": verdict.producer_risk,
-            "controller": counts.controller,
-            "flights": verdict.flights,
-            "failures": verdict.failures,
-            "failures_ended_early": count.failures_ended_early,
-            "failures_measured": count.failures_measured,
-            "failures_not_computed": verdict.uncomputed,
-            "verdict": verdict.status,
-            "words": verdict_words(verdict),
-        }
-        for counts, count, verdict in judge_counts(all_counts, campaign)
-        if count.binds
-    ]
+def judge_requirements(
+    all_counts: Mapping[str, FlightCounts], campaign: CheckedCampaign
+) -> dict[str, list[dict[str, Any]]]:
+    """Failure counts and verdicts, as the manifest holds them: `requirements` that bind, and those that do not on
+    controllers to which they do not apply (`requirements_shown`)."""
+    judged = judge_counts(all_counts, campaign)
+    return {
+        key: [_judged(*one) for one in judged if one[1].binds == binds]
+        for key, binds in (("requirements", True), ("requirements_shown", False))
+    }
+
+
+def _judged(counts: FlightCounts, count: RequirementCount, verdict: Verdict) -> dict[str, Any]:
+    return {
+        **{key: text for key in TRACED if (text := getattr(count.requirement, key)) is not None},
+        "metric": count.requirement.metric,
+        **count.limits.as_entry(),
+        "probability": count.requirement.probability,
+        "consumer_risk": count.requirement.consumer_risk,
+        "producer_risk": verdict.producer_risk,
+        "controller": counts.controller,
+        "flights": verdict.flights,
+        "failures": verdict.failures,
+        "failures_ended_early": count.failures_ended_early,
+        "failures_measured": count.failures_measured,
+        "failures_not_computed": verdict.uncomputed,
+        "verdict": verdict.status,
+        "words": verdict_words(verdict),
+    }

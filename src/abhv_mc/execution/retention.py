@@ -5,13 +5,14 @@ The worst are known only then, and flying a flight again gives the same bits.
 
 import contextlib
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.campaign.file.asked import worst_asked
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.backpressure import Backpressure, closing_quietly
@@ -23,13 +24,17 @@ from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.histories import history_metadata, write_histories
 from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.ranking import read_worst
 from abhv_mc.folder.samples import SampleReader
 
 _FLIGHTS_PER_FILE = 128
+_UNCOMPUTED = Outcome.FAILED_TO_RUN.code
 
 
-def choose_kept(items: tuple[int | str, ...], flights: int, counts: FlightCounts) -> list[int]:
-    """Numbers of the flights that ``items`` of the campaign's ``keep`` name, ascending."""
+def choose_kept(
+    items: tuple[int | str, ...], flights: int, counts: FlightCounts, worst: Sequence[int] = ()
+) -> list[int]:
+    """Numbers of the flights that ``items`` of the campaign's ``keep`` name, ascending; ``worst`` first."""
     kept: set[int] = set()
     for item in items:
         words = str(item).split()
@@ -42,7 +47,7 @@ def choose_kept(items: tuple[int | str, ...], flights: int, counts: FlightCounts
         elif words[0] == "every":
             kept.update(range(0, flights, int(words[1])))
         elif words[0] == "worst":
-            kept.update(counts.worst_flights[: int(words[1])])
+            kept.update(worst[: int(words[1])])
     return sorted(kept - set(counts.not_computed))
 
 
@@ -67,8 +72,14 @@ def list_histories(
     """The files that the histories of all flights, which have flown, are kept in."""
     keep = campaign.model.keep.histories
     files = []
+    number = worst_asked(campaign)
+    worst = (
+        read_worst(folder, campaign, number)
+        if number and any(set(counts.outcomes) - {_UNCOMPUTED} for counts in all_counts.values())
+        else {}
+    )
     for name, counts in all_counts.items():
-        kept = choose_kept(keep.flights, campaign.runs, counts)
+        kept = choose_kept(keep.flights, campaign.runs, counts, worst.get(name, ()))
         for part, first in enumerate(range(0, len(kept), _FLIGHTS_PER_FILE)):
             flights = kept[first : first + _FLIGHTS_PER_FILE]
             mark = hashlib.sha256(repr((flights, keep.channels, keep.rate)).encode()).hexdigest()
@@ -80,17 +91,17 @@ def write_kept_histories(
     folder: CampaignFolder,
     campaign: CheckedCampaign,
     plans: Mapping[str, FlightPlan],
-    all_counts: Mapping[str, FlightCounts],
+    expected: Sequence[HistoryFile],
     samples: SampleReader,
     fly: Fly,
     workers: int,
     hashes: FileHashes,
 ) -> list[str]:
-    """Fly and write the histories that the campaign keeps; files that are there already stay. What failed, in words."""
+    """Fly and write the ``expected`` files of histories; those that are there already stay, and no other. What failed,
+    in words."""
     from joblib import Parallel, delayed
 
     keep = campaign.model.keep.histories
-    expected = list_histories(folder, campaign, all_counts, hashes)
     missing = [file for file in expected if not file.whole]
 
     def fly_again(part: int) -> tuple[int, FlightBlock]:

@@ -104,7 +104,8 @@ class _Run:
         for rows, digest in read_flown_blocks(self.folder, runs, self.samples, self.columns, self.files):
             self.completion.add(rows, digest)
         if self.manifest["state"] == COMPLETE and self.completion.whole() and self._has_products():
-            if json.loads(json.dumps(self._judge())) != self.manifest["requirements"]:  # with another controller first
+            judged = json.loads(json.dumps(self._judge()))
+            if judged != {key: self.manifest.get(key) for key in judged}:  # with another controller first
                 self._write_manifest(COMPLETE)
             return RunResult(self.folder.root, self.manifest)
         check_source(self.folder, self.manifest, self.engine)
@@ -234,7 +235,8 @@ class _Run:
             self._join_files()
             return
         # Whoever goes on after a kill makes anew what may be replaced from here on.
-        whole = {file.path for file in self._list_histories() if file.whole}
+        histories = self._list_histories()
+        whole = {file.path for file in histories if file.whole}
         self.files.forget(self.folder.margins, *(set(self.folder.histories.glob("*.parquet")) - whole))
         if self.collectors:
             self.files.forget(self.folder.envelopes)
@@ -243,11 +245,9 @@ class _Run:
             tables = {name: self.collectors[name].table() for name in self.plans}
             number = min(self.completion.goal(), envelope_states.ENVELOPE_FLIGHTS)
             write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables, number)
-        flown = replace(self.campaign, runs=self.completion.goal())
-        counts = self.completion.all_counts
         try:
             failed = write_kept_histories(
-                self.folder, flown, self.plans, counts, self.samples, self.fly, self.workers, self.files
+                self.folder, self.campaign, self.plans, histories, self.samples, self.fly, self.workers, self.files
             )
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
             failed = [f"not all histories are kept ({type(error).__name__}: {error})"]
@@ -286,9 +286,9 @@ class _Run:
             self.folder, replace(self.campaign, runs=self.completion.goal()), self.completion.all_counts, self.files
         )
 
-    def _judge(self) -> list[dict[str, Any]]:
+    def _judge(self) -> dict[str, Any]:
         """Counts and verdicts of the requirements; a shard alone judges nothing."""
-        return [] if self.sharded else judge_requirements(self.completion.all_counts, self.campaign)
+        return {} if self.sharded else judge_requirements(self.completion.all_counts, self.campaign)
 
     def _write_manifest(self, state: str) -> None:
         counted, gapless = count_flights(self.completion.all_counts, self.completion.done)
@@ -298,7 +298,7 @@ class _Run:
             "wall_time_s": round(self.wall_before + time.monotonic() - self.start, 3),
         }
         self.manifest["files"] = self.files.listed()
-        self.manifest["requirements"] = self._judge()
+        self.manifest |= self._judge()
         if self.campaign.model.stop:
             self.manifest["stopped_at"] = gapless if state == COMPLETE else None
         write_manifest(self.folder.manifest, self.manifest)

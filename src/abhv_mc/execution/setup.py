@@ -262,6 +262,7 @@ def _new_manifest(
         "digests": {},
         "controllers": {},
         "requirements": [],
+        "requirements_shown": [],
         "versions": find_versions() | find_package_versions(sources),
         "compiler": find_compiler(),
         "commit": find_commit(),

@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from abhv_mc.folder.results import Results, read_results
+from abhv_mc.folder.results import Requirement, Results, read_results
 from abhv_mc.folder.sql import open_database
 from abhv_mc.io.input_error import InputError, describe, one_of
+from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
 from abhv_mc.topics.labels import full_labels
 from abhv_mc.topics.parameter_words import axis_unit, spoken_name
-from abhv_mc.topics.worst_flights import in_order
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
@@ -27,7 +25,7 @@ MOST_POINTS = 4000  # drawn one by one; more are counted in cells
 LISTED = 50  # rows of the table
 _STRIPS = 12
 _HEADED = 4  # metrics in the table
-_SHARES = {"all": "", "failed": "and outcome <> 'ok'", "ok": "and outcome = 'ok'"}
+_SHARES = {"all": "", "failed": "and outcome <> 'ok'", "ok": "and outcome = 'ok'"}  # beside requirements missed
 
 
 @dataclass(frozen=True)
@@ -66,7 +64,7 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
         connection.execute("create type controllers as enum (select distinct controller from ranks)")  # thrice as fast
         connection.execute(
             "create table shown as select controller::controllers as controller, flight, outcome::varchar as outcome, "
-            f"rank, {listed} from flights join ranks using (controller, flight)"
+            f"ranks.* exclude (controller, flight), {listed} from flights join ranks using (controller, flight)"
         )
         connection.unregister("ranks")
         ranges = find_ranges(connection, columns)
@@ -81,16 +79,21 @@ def find_ranges(connection: "DuckDBPyConnection", columns: Sequence[str]) -> dic
 
 
 def _ranks(results: Results) -> Any:
-    """Of each flight that was computed, its place among those of its controller, the worst first."""
+    """Of each flight that was computed, its place among those of all controllers, the worst first, and whether it
+    misses each requirement."""
     import pyarrow as pa
 
     parts = []
     for name in results.controllers:
         flights = results.flights[name]
-        rank = np.empty(flights.flight.size, np.int64)
-        rank[in_order(flights, results.campaign.criteria, np.arange(rank.size))] = np.arange(rank.size)
-        parts.append(pa.table({"controller": [name] * rank.size, "flight": flights.flight, "rank": rank}))
+        columns: dict[str, Any] = {"flight": flights.flight, "rank": results.ranking.places_of(name)}
+        columns |= {f"missed {k}": requirement_failures(flights, item) for k, item in _requirements(results)}
+        parts.append(pa.table({"controller": [name] * flights.flight.size, **columns}))
     return pa.concat_tables(parts)
+
+
+def _requirements(results: Results) -> Iterator[tuple[int, Requirement]]:
+    return enumerate(results.campaign.requirements)
 
 
 def _describe(results: Results, ranges: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
@@ -111,6 +114,7 @@ def _describe(results: Results, ranges: Mapping[str, tuple[float, float]]) -> di
         "dispersions": dispersions,
         "ranges": {name: list(ends) for name, ends in ranges.items()},
         "headed": [{"name": name, "label": records[name].label_with_unit} for name in headed],
+        "missed": [requirement_words(item, records) for _, item in _requirements(results)],
         "strips": [entry["name"] for entry in dispersions[:_STRIPS]],
         "cells": list(CELLS),
         "x": (results.dispersed or results.metrics)[0],
@@ -130,8 +134,9 @@ def parse_asked(data: Any, table: FlightTable) -> Asked:
     for name in (asked.x, asked.y, *brushes):
         if name not in table.ranges:
             raise InputError("request", f"no column {describe(name)}", one_of(list(table.ranges), name))
-    if asked.outcome not in _SHARES or not set(names) <= set(known):
-        raise InputError("request", "an unknown outcome or controller", f"{', '.join(_SHARES)}; {known}")
+    shares = [*_SHARES, *(f"missed {k}" for k in range(len(table.view["missed"])))]
+    if asked.outcome not in shares or not set(names) <= set(known):
+        raise InputError("request", "an unknown outcome or controller", f"{', '.join(shares)}; {known}")
     return asked
 
 
@@ -170,8 +175,7 @@ def count_flights(table: FlightTable, asked: Asked) -> dict[str, Any]:
         found["strips"][name] = cursor.execute(query, [*given, *values]).fetchall()
     headed = ", ".join(_finite(entry["name"]) for entry in table.view["headed"])
     found["worst"] = cursor.execute(
-        f"select controller, flight, outcome, {headed} from shown where {where} "
-        f"order by rank, controller limit {LISTED}",
+        f"select controller, flight, outcome, {headed} from shown where {where} order by rank limit {LISTED}",
         values,
     ).fetchall()
     return found
@@ -197,7 +201,8 @@ def find_nearest(table: FlightTable, asked: Asked, x: float, y: float) -> tuple[
 def _condition(table: FlightTable, asked: Asked) -> tuple[str, list[Any]]:
     """The SQL of what is asked, and its parameters."""
     marks = ", ".join("?" * len(asked.controllers)) or "null"
-    text = f"controller in ({marks}) {_SHARES[asked.outcome]}"
+    share = _SHARES[asked.outcome] if asked.outcome in _SHARES else f"and {_quoted(asked.outcome)}"
+    text = f"controller in ({marks}) {share}"
     parameters: list[Any] = [*asked.controllers]
     for name, ends in asked.brushes.items():
         text += f" and {_quoted(name)} between ? and ?"

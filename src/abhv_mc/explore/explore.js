@@ -187,6 +187,7 @@
       count();
     });
   }
+  view.missed.forEach((words, k) => at("outcome").append(new Option(`missed: ${words}`, `missed ${k}`)));
   for (const id of ["x", "y", "outcome"]) at(id).addEventListener("change", count);
   at("channel").addEventListener("change", () => { state.channel = at("channel").value; drawFlight(); });
   at("controls").addEventListener("submit", (event) => event.preventDefault());

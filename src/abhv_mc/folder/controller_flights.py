@@ -104,11 +104,14 @@ class _Collected:
 
 
 def read_flights(
-    folder: Path, known: Collection[Path] | None = None, records: Mapping[str, Metric] = BUILT_IN
+    folder: Path,
+    known: Collection[Path] | None = None,
+    records: Mapping[str, Metric] = BUILT_IN,
+    columns: Collection[str] | None = None,
 ) -> dict[str, ControllerFlights]:
     """All blocks of a folder, each read once; controllers without a computed flight are left out.
 
-    ``records``: the metrics that the campaign knows.
+    ``records``: the metrics that the campaign knows; ``columns``: the numbers that are read, by default all.
 
     With ``known``, only those among them, which are as they were written.
 
@@ -118,6 +121,7 @@ def read_flights(
     if not files:
         raise missing_file(folder, "at least one flown block (*.parquet)")
     metrics = _find_metrics(next(read_pieces(files[0], _EXPECTED)).schema)
+    metrics = [name for name in metrics if columns is None or name in columns]
     collected: dict[str, _Collected] = {}
     expected = ["flight", "controller", "outcome", *metrics]
     for table in chain.from_iterable(read_pieces(path, _EXPECTED, expected) for path in files):

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.ranking import Ranking, rank_flights
 from abhv_mc.folder.steady_margins import SteadyMargins, read_steady_margins
 from abhv_mc.io.input_error import InputError
 from abhv_mc.numerics.bounds import Bounds
@@ -112,6 +114,11 @@ class Results:
     def controllers(self) -> tuple[str, ...]:
         """Those that flew, in the campaign's order."""
         return tuple(name for name in self.campaign.controllers if name in self.flights)
+
+    @cached_property
+    def ranking(self) -> Ranking:
+        """Its flights, the worst first."""
+        return rank_flights({name: self.flights[name] for name in self.controllers}, self.campaign.criteria)
 
     @property
     def dispersed(self) -> tuple[str, ...]:

@@ -1,10 +1,5 @@
-"""Which flights are the worst, in one order for every use: arrays only.
+"""Which flights are the worst, in one order for every use: arrays only."""
 
-Flights that ended early come first, the earliest before all others. The rest is shared in turn over what is asked, each
-in the order of how far a flight is beyond its limit, so that no requirement crowds out the others.
-"""
-
-from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +26,14 @@ class Criterion(NamedTuple):
             return severity(values, self.bad)
         return severity(self.limits.worse(values) - self.limits.limit, "high")
 
+    def scale(self, values: Floats) -> tuple[float, float]:
+        """From where an excess is measured, and in what: from the limits in their size, which is the 5 to 95 % span of
+        these ``values`` [flight] where the limit is 0; without limits from their median in its size."""
+        excess = self.excess(values)
+        finite = excess[np.isfinite(excess)]
+        start = 0.0 if self.limits or not finite.size else float(np.median(finite))
+        return start, (self.limits.size if self.limits else abs(start)) or spread(values)
+
 
 def spread(values: Floats) -> float:
     """95 minus 5 % quantile of the finite values; 1 where there is none."""
@@ -39,24 +42,7 @@ def spread(values: Floats) -> float:
     return float(high - low) or 1.0
 
 
-def order_of(excess: Floats, flights: NDArray[np.int64]) -> list[int]:
-    """Flight numbers [flight], the largest excess first; of equals the lower number."""
-    return flights[np.lexsort((flights, -excess))].tolist()
-
-
-def choose_worst(early: Iterable[tuple[float, int]], orders: Sequence[Sequence[int]], number: int) -> list[int]:
-    """The ``number`` worst flights: those that ended ``early`` (time, flight), then one of each order in turn."""
-    chosen = [flight for _, flight in sorted(early)][:number]
-    seen = set(chosen)
-    places = [0] * len(orders)
-    while len(chosen) < number:
-        before = len(chosen)
-        for i, order in enumerate(orders):
-            while places[i] < len(order) and order[places[i]] in seen:
-                places[i] += 1
-            if places[i] < len(order) and len(chosen) < number:
-                chosen.append(order[places[i]])
-                seen.add(order[places[i]])
-        if len(chosen) == before:
-            break
-    return chosen
+def worst_first(lost_at: Floats, beyond: Floats) -> NDArray[np.intp]:
+    """The flights, the worst first: those that were lost by the time of their end (``lost_at`` [flight], infinite for
+    the others), then by their distance ``beyond`` a limit, the largest first; of equals the first."""
+    return np.lexsort((-beyond, lost_at))

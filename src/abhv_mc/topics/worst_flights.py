@@ -1,6 +1,6 @@
 """The worst flights of each controller."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,6 @@ from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.results import Results, kept_flights
-from abhv_mc.statistics.ranking import Criterion, choose_worst, order_of, spread
 from abhv_mc.topics.failed_flights import failed_anyhow
 from abhv_mc.topics.plain import plain
 
@@ -19,59 +18,20 @@ _LISTED = 10  # at most, where no number of worst flights keeps its histories
 _LARGEST = 3  # dispersions of a flight that are told
 
 
-def rank_worst(flights: ControllerFlights, criteria: Sequence[Criterion], number: int) -> list[int]:
-    """The rows [flight] of the worst flights, as histories are kept of them; listed with the very worst first.
-
-    Those that ended early, then those furthest beyond a limit, in spreads of its metric.
-    """
-    whole = ~flights.failed
-    early = zip(flights.end_time[~whole].tolist(), flights.flight[~whole].tolist(), strict=True)
-    excess = [criterion.excess(flights.metrics[criterion.metric])[whole] for criterion in criteria]
-    chosen = choose_worst(early, [order_of(each, flights.flight[whole]) for each in excess], number)
-    return in_order(flights, criteria, np.searchsorted(flights.flight, chosen)).tolist()
-
-
-def in_order(flights: ControllerFlights, criteria: Sequence[Criterion], rows: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Rows [flight], the very worst first: early ends by their time, then by the distance beyond a limit."""
-    beyond = distance_beyond(flights, criteria)[0][rows]
-    early_first = np.where(flights.failed[rows], flights.end_time[rows], np.inf)
-    return rows[np.lexsort((flights.flight[rows], -beyond, early_first))]
-
-
 def listed_worst(results: Results, name: str) -> list[int]:
     """The rows [flight] of the flights that a report lists: those whose histories are kept, the worst without any.
 
     At most as many as the campaign asks for with 'worst N', or 10 where it keeps others.
     """
-    flights, criteria, number = results.flights[name], results.campaign.criteria, results.campaign.worst
-    kept = np.flatnonzero(np.isin(flights.flight, list(kept_flights(results.folder, name))))
-    if not kept.size:
-        return rank_worst(flights, criteria, number or _LISTED)
-    return in_order(flights, criteria, kept)[: max(number, _LISTED)].tolist()
-
-
-def distance_beyond(flights: ControllerFlights, criteria: Sequence[Criterion]) -> tuple[Floats, NDArray[np.intp]]:
-    """The largest distance [flight] beyond a limit, in spreads of its metric over all flights, and which limit that is.
-
-    Without requirements the limit is the median. Infinite where the flight ended early.
-    """
-    table = np.zeros((max(1, len(criteria)), flights.flight.size))
-    for i, criterion in enumerate(criteria):
-        values = flights.metrics[criterion.metric]
-        excess = criterion.excess(values)
-        finite = excess[np.isfinite(excess) & ~flights.failed]
-        middle = 0.0 if criterion.limits or not finite.size else float(np.median(finite))
-        table[i] = (excess - middle) / spread(values[~flights.failed])
-    which = np.argmax(table, axis=0)
-    return np.where(flights.failed, np.inf, table.max(axis=0)), which
+    rows = results.ranking.rows_of(name)
+    kept = np.isin(results.flights[name].flight[rows], list(kept_flights(results.folder, name)))
+    return (rows[kept] if kept.any() else rows)[: results.campaign.worst or _LISTED].tolist()
 
 
 def rank_failed(results: Results, controller: str) -> list[int]:
     """Numbers of the flights that ended early or missed a requirement, the worst first."""
-    flights = results.flights[controller]
-    failed = failed_anyhow(flights, results.campaign.requirements)
-    rows = rank_worst(flights, results.campaign.criteria, flights.flight.size) if failed.any() else []
-    return [int(flights.flight[row]) for row in rows if failed[row]]
+    flights, rows = results.flights[controller], results.ranking.rows_of(controller)
+    return flights.flight[rows[failed_anyhow(flights, results.campaign.requirements)[rows]]].tolist()
 
 
 def _moments(column: Floats) -> tuple[float, float]:
@@ -110,7 +70,7 @@ def worst_numbers(results: Results) -> dict[str, Any]:
     for name in results.controllers:
         flights = results.flights[name]
         rows = np.array(listed_worst(results, name), dtype=np.intp)
-        beyond, which = distance_beyond(flights, criteria)
+        beyond, which = results.ranking.beyond[name], results.ranking.by[name]
         numbers = flights.flight[rows]
         metrics = {m: _counted(flights, m, rows) for m in results.compared}
         samples = {key: value[numbers] for key, value in results.samples.items()}

@@ -70,8 +70,8 @@ class KeepHistories(StrictModel):
     )
     by: str = Field(
         BY_REQUIREMENTS,
-        description="what 'worst' goes by: requirements, shared in turn over them, or a metric; flights that ended "
-        "early come first",
+        description="what 'worst' goes by: requirements (the largest distance beyond a limit, in units of it) or a "
+        "metric; flights that ended early come first",
     )
     channels: Channels = Field(_ALL_CHANNELS, description="names of channels, or all")
     rate: Rate = Field(10.0, description="samples per second of flight")

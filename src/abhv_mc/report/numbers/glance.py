@@ -7,6 +7,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.results import Results
 from abhv_mc.numerics.bounds import Bounds
+from abhv_mc.statistics.ranking import spread
 from abhv_mc.topics.plain import plain
 from abhv_mc.topics.words import count_of, significant
 
@@ -33,7 +34,8 @@ def glance_numbers(results: Results, requirements: list[dict[str, Any]]) -> list
         rows.append(
             {
                 "metric": item.metric, "label": record.label, "text": record.with_unit(limits.symbols), "cells": cells,
-                "unit": f"{record.unit} outside the limits" if limits.both else record.unit, **_scale(limits),
+                "unit": f"{record.unit} outside the limits" if limits.both else record.unit,
+                **_scale(limits, results, item.metric),
             }
         )  # fmt: skip
     return rows or [_unlimited(results, metric) for metric in results.asked]
@@ -49,13 +51,16 @@ def _unlimited(results: Results, metric: str) -> dict[str, Any]:
     text = f"median {significant(middle, 3)} {'' if record.unit == '-' else record.unit}".strip()
     return {
         "metric": metric, "label": record.label, "unit": record.unit, "text": text, "cells": cells,
-        **_scale(side), "limit": middle, "size": abs(middle),
+        **_scale(side, results, metric), "limit": middle, **({"size": abs(middle)} if middle else {}),
     }  # fmt: skip
 
 
-def _scale(limits: Bounds) -> dict[str, Any]:
-    """What the chart needs of limits: where the line is, on which side of it values are good, and its unit."""
-    return {"limit": limits.sign * limits.limit, "below": limits.sign > 0.0, "size": limits.size}
+def _scale(limits: Bounds, results: Results, metric: str) -> dict[str, Any]:
+    """What the chart needs of limits: where the line is, on which side of it values are good, and its unit, which is
+    the first controller's span of 5 to 95 % where the limit is 0."""
+    first = results.flights[results.controllers[0]]
+    size = limits.size or spread(first.metrics[metric][~first.failed])
+    return {"limit": limits.sign * limits.limit, "below": limits.sign > 0.0, "size": size}
 
 
 def _quantiles(results: Results, name: str, metric: str, limits: Bounds) -> dict[str, Any]:

@@ -35,7 +35,8 @@ class Bar:
     high: float | None
     median: float | None
     tolerance: float | None
-    edge: str | None  # what lies to the right of the chart: a median's value, 'lost', or '' for fewer flights; or None
+    beyond: bool  # whether flights lie to the right of the chart
+    edge: str  # said right of it: the tolerance limit off its scale, or 'lost' where the median is
     words: str  # the same for those who cannot see it
     status: str
     failures: str
@@ -66,12 +67,12 @@ class Card:
     usage: str
 
 
-def place(value: float | None, entry: Mapping[str, Any], span: float) -> float | None:
-    """Where a value stands: its room to the limit in units of the limit's size (0: of the flights' span), bad to the
-    right, the limit at 1. In percent of the chart's width; None for what is missing."""
+def place(value: float | None, entry: Mapping[str, Any]) -> float | None:
+    """Where a value stands: its room to the limit in units of its size, bad to the right, the limit at 1. In percent of
+    the chart's width; None for what is missing."""
     if value is None or not math.isfinite(value):
         return None
-    at = 1.0 + (value - entry["limit"]) / (entry["size"] or span or 1.0) * (1.0 if entry["below"] else -1.0)
+    at = 1.0 + (value - entry["limit"]) / entry["size"] * (1.0 if entry["below"] else -1.0)
     return 100.0 * (min(max(at, _LEFT), _RIGHT) - _LEFT) / (_RIGHT - _LEFT)
 
 
@@ -88,16 +89,16 @@ def chart_rows(numbers: Mapping[str, Any], colors: Mapping[str, str], marks: Map
     for entry in entries:
         bars = []
         for name, cell in entry["cells"].items():
-            span = abs((cell["high"] or 0.0) - (cell["low"] or 0.0))
-            at = {key: place(cell[key], entry, span) for key in ("low", "median", "high")}
-            tolerance = place(cell["tolerance"], entry, span)
+            at = {key: place(cell[key], entry) for key in ("low", "median", "high", "tolerance")}
             ends = sorted(value for value in (at["low"], at["high"]) if value is not None)
-            edge = _edge(entry, cell, at)
+            outside = at["median"] in (None, 100.0)
             bars.append(
                 Bar(
                     name, labels[name], colors[name], marks[name],
                     low=ends[0] if ends else None, high=ends[-1] if len(ends) > 1 else 100.0 if ends else None,
-                    median=None if edge else at["median"], tolerance=tolerance, edge=edge,
+                    median=None if outside else at["median"],
+                    tolerance=None if at["tolerance"] == 100.0 else at["tolerance"],
+                    beyond=not {None, 100.0}.isdisjoint((at["low"], at["high"])), edge=_edge(entry, cell, at),
                     words=_bar_words(entry, labels[name], cell), status=cell["status"], failures=cell["failures"],
                 )
             )  # fmt: skip
@@ -105,18 +106,18 @@ def chart_rows(numbers: Mapping[str, Any], colors: Mapping[str, str], marks: Map
     return rows
 
 
-def _edge(entry: Mapping[str, Any], cell: Mapping[str, Any], at: Mapping[str, float | None]) -> str | None:
-    """The word at the chart's right edge; None where nothing lies beyond."""
+def _edge(entry: Mapping[str, Any], cell: Mapping[str, Any], at: Mapping[str, float | None]) -> str:
+    """What is said right of the chart."""
     if cell["median"] is None:
         return "lost"
-    if at["median"] == 100.0:
-        return f"{significant(cell['median'], 2)} {entry['unit'].removeprefix('-')}".strip()
-    return "" if None in (at["low"], at["high"]) or 100.0 in (at["low"], at["high"]) else None
+    if at["tolerance"] != 100.0:
+        return ""
+    return f"{significant(cell['tolerance'], 3)} {entry['unit'].removeprefix('-')}".strip()
 
 
 def _nearest(entry: Mapping[str, Any]) -> float:
     """How near the worst controller comes to the limit; infinite where something is lost."""
-    places = [place(cell["high"] if entry["below"] else cell["low"], entry, 1.0) for cell in entry["cells"].values()]
+    places = [place(cell["high"] if entry["below"] else cell["low"], entry) for cell in entry["cells"].values()]
     return max((math.inf if at is None else at for at in places), default=0.0)
 
 

@@ -12,9 +12,10 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.results import Results, read_histories
+from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
 from abhv_mc.topics.parameter_words import axis_unit, spoken_name
 from abhv_mc.topics.words import fixed
-from abhv_mc.topics.worst_flights import listed_worst, rank_worst
+from abhv_mc.topics.worst_flights import listed_worst
 
 MOST_FLIGHTS = 6000  # points of the view, of all controllers together
 LISTED = 100  # rows of the table
@@ -50,8 +51,7 @@ def make_flights_view(results: Results, labels: Mapping[str, str], colors: Mappi
     headed = results.asked[:_HEADED]
     limits = {item.metric: results.campaign.limits_of(item.metric) for item in results.campaign.requirements}
     most = MOST_FLIGHTS // len(names)
-    ranking = {name: _rank(results, name, most) for name in names}
-    kept = {name: _kept(results.flights[name].flight.size, ranking[name], most) for name in names}
+    kept = {name: _kept(results.flights[name].flight.size, _rank(results, name), most) for name in names}
     controller = np.concatenate([np.full(rows.size, k) for k, rows in enumerate(kept.values())])
     flights = {name: results.flights[name] for name in names}
     number = np.concatenate([flights[name].flight[rows] for name, rows in kept.items()])
@@ -70,7 +70,12 @@ def make_flights_view(results: Results, labels: Mapping[str, str], colors: Mappi
     }
     history = np.full(number.size, -1)
     channels, count = _add_histories(results, names, places, history, arrays)
-    position = _in_order(kept, ranking)
+    rank = [results.ranking.places_of(name)[rows] for name, rows in kept.items()]
+    required = results.campaign.requirements
+    missed = [
+        np.concatenate([requirement_failures(flights[name], item)[rows] for name, rows in kept.items()])
+        for item in required
+    ]
     total = sum(flights[name].flight.size for name in names)
     data = {
         "controllers": [
@@ -84,9 +89,11 @@ def make_flights_view(results: Results, labels: Mapping[str, str], colors: Mappi
             "outcome": outcome.tolist(),
             "failed": (outcome != Outcome.OK).astype(int).tolist(),
             "history": history.tolist(),
+            "missed": [flags.astype(int).tolist() for flags in missed],
         },
         "outcomes": {int(code): Outcome(int(code)).code.replace("_", " ") for code in np.unique(outcome)},
-        "order": position,
+        "order": np.argsort(np.concatenate(rank)).tolist(),
+        "missed": [requirement_words(item, records) for item in required],
         "metrics": metrics,
         "dispersions": dispersions,
         "headed": list(headed),
@@ -112,10 +119,9 @@ def mark_of(number: int) -> str:
     return _MARKS[number % len(_MARKS)]
 
 
-def _rank(results: Results, name: str, most: int) -> list[int]:
-    """Rows of the worst flights of a controller: those that the report lists in its order, then the next."""
-    flights, criteria = results.flights[name], results.campaign.criteria
-    return list(dict.fromkeys([*listed_worst(results, name), *rank_worst(flights, criteria, most)]))
+def _rank(results: Results, name: str) -> list[int]:
+    """Rows of a controller's flights: those that the report lists, then the worst of the others."""
+    return list(dict.fromkeys([*listed_worst(results, name), *results.ranking.rows_of(name).tolist()]))
 
 
 def _kept(flights: int, worst: Sequence[int], most: int) -> NDArray[np.intp]:
@@ -125,18 +131,6 @@ def _kept(flights: int, worst: Sequence[int], most: int) -> NDArray[np.intp]:
     worst = worst[: most // 2]
     others = np.setdiff1d(np.arange(most), worst)[: most - len(worst)]
     return np.sort(np.concatenate([worst, others]).astype(np.intp))
-
-
-def _in_order(kept: Mapping[str, NDArray[np.intp]], ranking: Mapping[str, Sequence[int]]) -> list[int]:
-    """Rows of the view, the worst first, the controllers in turn."""
-    columns, start = [], 0
-    for name, rows in kept.items():
-        rank = {row: place for place, row in enumerate(ranking[name])}
-        places = [rank.get(row, len(rank)) for row in rows.tolist()]
-        columns.append((start + np.argsort(places, kind="stable")).tolist())
-        start += rows.size
-    longest = max(map(len, columns), default=0)
-    return [column[i] for i in range(longest) for column in columns if i < len(column)]
 
 
 def _add_histories(

@@ -94,7 +94,7 @@ def _provenance(results: Results) -> list[tuple[str, str]]:
     """What the manifest says, flat, as pairs of words."""
     rows = []
     for key, value in results.manifest.items():
-        if key in ("controllers", "requirements", "files", "inputs"):  # in tables of their own
+        if key in ("controllers", "requirements", "requirements_shown", "files", "inputs"):  # in tables of their own
             continue
         label = "question hash" if key == "question" else key.replace("_", " ")
         if isinstance(value, dict):

@@ -23,11 +23,11 @@ def margin_figures(margins: Margins, names: Names) -> Iterator[tuple[FigureText,
     text = FigureText(
         "margins",
         "Margins against failure",
-        f"Each mark is one flight: how far it is beyond the {words}, in the metric's spread (5 to 95 %), "
+        f"Each mark is one flight: how far it is beyond the {words}, in units of its size, "
         "over its least gain and phase margin. "
         + ("Filled marks failed; marks at the upper end ended early." if required else "Filled marks ended early."),
     )
-    yield text, plot_margins(marks, f"beyond a {'limit' if required else 'median'} (spreads)", names)
+    yield text, plot_margins(marks, f"beyond a {'limit' if required else 'median'} (units of it)", names)
 
 
 @styled

@@ -14,7 +14,6 @@ from abhv_mc.folder.results import Results
 from abhv_mc.folder.steady_margins import SteadyMargins
 from abhv_mc.topics.failed_flights import failed_anyhow
 from abhv_mc.topics.plain import DRAWN
-from abhv_mc.topics.worst_flights import distance_beyond
 
 LISTED = 5  # flights of least margin
 
@@ -136,7 +135,7 @@ def _of_flights(results: Results, controller: str) -> FlightMargins:
         ),
         failed_below=(int((lost & low).sum()), int(low.sum())) if required else None,
         failed_above=(int((lost & ~low).sum()), int((~low).sum())) if required else None,
-        marks=Marks(gain, phase, distance_beyond(flights, results.campaign.criteria)[0][rows], lost),
+        marks=Marks(gain, phase, results.ranking.beyond[controller][rows], lost),
     )
 
 

@@ -9,9 +9,12 @@ const flightsView = (data, numbers, style) => {
   const all = [...data.metrics, ...data.dispersions];
   const state = { controllers: new Set(data.controllers.map((_, i) => i)), outcome: "all", brush: null, current: -1 };
 
-  const shown = (row) =>
-    state.controllers.has(rows.controller[row]) &&
-    (state.outcome === "all" || (state.outcome === "failed") === Boolean(rows.failed[row]));
+  const shares = { all: () => true, failed: (row) => rows.failed[row] === 1, ok: (row) => rows.failed[row] === 0 };
+  data.missed.forEach((words, k) => {
+    shares[`missed ${k}`] = (row) => rows.missed[k][row] === 1;
+    at("flights-outcome").append(new Option(`missed: ${words}`, `missed ${k}`));
+  });
+  const shown = (row) => state.controllers.has(rows.controller[row]) && shares[state.outcome](row);
   const chosen = (row) => shown(row) && (!state.brush || state.brush.has(row));
   const numberText = (value) => (Number.isFinite(value) ? String(Number(value.toPrecision(4))).replace("-", "\u2212") : "none");
   const grouped = (number) => number.toLocaleString("en").replaceAll(",", "\u202f"); // as in the page's tables
