@@ -348,7 +348,7 @@ def test_memory_does_not_fill_when_the_disk_is_slower_than_the_flights(campaign,
         return write(*arguments)
 
     monkeypatch.setattr(runner, "write_block", slow)
-    monkeypatch.setattr(runner, "write_kept_histories", lambda *_: None)
+    monkeypatch.setattr(runner, "write_kept_histories", lambda *_: [])
     campaign = write_campaign(tmp_path / "files", execution="{batch: 16}")
     trials = 2
     run(campaign, tmp_path / "out", replace(ENGINE, fly=count), workers=2)

@@ -30,7 +30,6 @@ def test_a_little_worse_is_not_worse_by_more():
     a = draw.lognormal(size=1000)
     b = 1.03 * a * draw.lognormal(0.0, 0.02, 1000)
     assert judge(a, b).shown
-    assert judge(a, b).ratio.value == pytest.approx(1.03, abs=0.01)
     assert not judge(a, b, 0.01).shown
     assert judge(-a, -a, 0.0).shown  # metrics below zero have no ratio, but an order
     assert judge(np.zeros(1000), np.zeros(1000)).shown
@@ -73,5 +72,3 @@ def test_lost_flights_are_worse():
     assert found.within == 970 and found.loses_more and not found.shown
     assert judge(np.where(many, np.inf, a), a, 0.0, lost=(many, NONE)).shown
     assert judge(np.full(1000, np.inf), np.full(1000, np.inf), lost=(~NONE, ~NONE)).shown
-    with pytest.raises(ValueError, match="margin"):
-        judge(a, a, -0.1)

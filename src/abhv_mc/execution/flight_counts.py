@@ -137,29 +137,24 @@ def judge_counts(
 def judge_requirements(
     all_counts: Mapping[str, FlightCounts], campaign: CheckedCampaign
 ) -> dict[str, list[dict[str, Any]]]:
-    """Failure counts and verdicts, as the manifest holds them: `requirements` that bind, and those that do not on
-    controllers to which they do not apply (`requirements_shown`)."""
-    judged = judge_counts(all_counts, campaign)
-    return {
-        key: [_judged(*one) for one in judged if one[1].binds == binds]
-        for key, binds in (("requirements", True), ("requirements_shown", False))
-    }
-
-
-def _judged(counts: FlightCounts, count: RequirementCount, verdict: Verdict) -> dict[str, Any]:
-    return {
-        **{key: text for key in TRACED if (text := getattr(count.requirement, key)) is not None},
-        "metric": count.requirement.metric,
-        **count.limits.as_entry(),
-        "probability": count.requirement.probability,
-        "consumer_risk": count.requirement.consumer_risk,
-        "producer_risk": verdict.producer_risk,
-        "controller": counts.controller,
-        "flights": verdict.flights,
-        "failures": verdict.failures,
-        "failures_ended_early": count.failures_ended_early,
-        "failures_measured": count.failures_measured,
-        "failures_not_computed": verdict.uncomputed,
-        "verdict": verdict.status,
-        "words": verdict_words(verdict),
-    }
+    """Failure counts and verdicts, as the manifest holds them: `requirements` that bind, and `requirements_shown`."""
+    entries: dict[str, list[dict[str, Any]]] = {"requirements": [], "requirements_shown": []}
+    for counts, count, verdict in judge_counts(all_counts, campaign):
+        entry = {
+            **{key: text for key in TRACED if (text := getattr(count.requirement, key)) is not None},
+            "metric": count.requirement.metric,
+            **count.limits.as_entry(),
+            "probability": count.requirement.probability,
+            "consumer_risk": count.requirement.consumer_risk,
+            "producer_risk": verdict.producer_risk,
+            "controller": counts.controller,
+            "flights": verdict.flights,
+            "failures": verdict.failures,
+            "failures_ended_early": count.failures_ended_early,
+            "failures_measured": count.failures_measured,
+            "failures_not_computed": verdict.uncomputed,
+            "verdict": verdict.status,
+            "words": verdict_words(verdict),
+        }
+        entries["requirements" if count.binds else "requirements_shown"].append(entry)
+    return entries

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from abhv_mc.folder.results import Requirement, Results, read_results
+from abhv_mc.folder.results import Results, read_results
 from abhv_mc.folder.sql import open_database
 from abhv_mc.io.input_error import InputError, describe, one_of
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
@@ -83,17 +83,13 @@ def _ranks(results: Results) -> Any:
     misses each requirement."""
     import pyarrow as pa
 
-    parts = []
+    parts, required = [], results.campaign.requirements
     for name in results.controllers:
         flights = results.flights[name]
         columns: dict[str, Any] = {"flight": flights.flight, "rank": results.ranking.places_of(name)}
-        columns |= {f"missed {k}": requirement_failures(flights, item) for k, item in _requirements(results)}
+        columns |= {f"missed {k}": requirement_failures(flights, item) for k, item in enumerate(required)}
         parts.append(pa.table({"controller": [name] * flights.flight.size, **columns}))
     return pa.concat_tables(parts)
-
-
-def _requirements(results: Results) -> Iterator[tuple[int, Requirement]]:
-    return enumerate(results.campaign.requirements)
 
 
 def _describe(results: Results, ranges: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
@@ -114,7 +110,7 @@ def _describe(results: Results, ranges: Mapping[str, tuple[float, float]]) -> di
         "dispersions": dispersions,
         "ranges": {name: list(ends) for name, ends in ranges.items()},
         "headed": [{"name": name, "label": records[name].label_with_unit} for name in headed],
-        "missed": [requirement_words(item, records) for _, item in _requirements(results)],
+        "missed": [requirement_words(item, records) for item in results.campaign.requirements],
         "strips": [entry["name"] for entry in dispersions[:_STRIPS]],
         "cells": list(CELLS),
         "x": (results.dispersed or results.metrics)[0],

@@ -4,6 +4,7 @@ Sources: Hanson & Beard, "Applying Monte Carlo Simulation to Launch Vehicle Desi
 NASA/TP-2010-216447; Clopper & Pearson 1934; McNemar 1947 in its exact form. All of it needs independent flights.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 
 from scipy.special import betainc, betaincinv
@@ -29,8 +30,8 @@ def success_lower_bound(failures: int, runs: int, consumer_risk: float) -> float
     return 0.0 if failures == runs else float(betaincinv(runs - failures, failures + 1, consumer_risk))
 
 
-def _first(low: int, holds) -> int:  # type: ignore[no-untyped-def]
-    """Smallest integer >= low where `holds` is true; `holds` must be monotone."""
+def first_where(low: int, holds: Callable[[int], bool]) -> int:
+    """Smallest integer >= low where `holds`, which holds from the first one on."""
     high = max(low, 1)
     while not holds(high):
         low, high = high + 1, 2 * high
@@ -44,7 +45,7 @@ def _first(low: int, holds) -> int:  # type: ignore[no-untyped-def]
 def runs_needed(failures: int, probability: float, consumer_risk: float) -> int:
     """Fewest flights with which `failures` failures still prove `probability` at `consumer_risk`."""
     _check(failures, failures, probability=probability, consumer_risk=consumer_risk)
-    return _first(
+    return first_where(
         failures + 1, lambda runs: float(betainc(runs - failures, failures + 1, probability)) <= consumer_risk
     )
 
@@ -59,7 +60,7 @@ def quantile_upper_rank(runs: int, probability: float, confidence: float) -> int
     if runs == 0 or 1.0 - probability**runs < confidence:
         return None
     # P(at most rank - 1 values lie below the quantile), exactly.
-    return _first(
+    return first_where(
         1, lambda rank: rank >= runs or float(betainc(runs - rank + 1, rank, 1.0 - probability)) >= confidence
     )
 

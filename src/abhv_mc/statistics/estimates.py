@@ -6,12 +6,10 @@ sense of the metric, so a quantile is finite only as long as fewer flights faile
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betainc
 
 from abhv_mc.array_types import Floats
 from abhv_mc.statistics.binomial import quantile_upper_rank
@@ -54,46 +52,23 @@ def sorted_quantile(ascending: Floats, probability: float) -> float:
     return high if low == high or np.isinf(high) else low + part * (high - low)
 
 
-@lru_cache(maxsize=4096)
-def _lower_rank(runs: int, probability: float, tail: float) -> int:
-    """Largest rank (1-based) whose value exceeds the quantile with probability at most `tail`; 0 where none does."""
-    low, high = 0, runs
-    while low < high:
-        middle = (low + high + 1) // 2
-        if float(betainc(runs - middle + 1, middle, 1.0 - probability)) <= tail:
-            low = middle
-        else:
-            high = middle - 1
-    return low
-
-
 def quantile(values: Floats, probability: float, confidence: float = 0.95) -> Interval:
     """The `probability` quantile with its exact, distribution-free two-sided interval from order statistics."""
-    return _quantile_of_sorted(np.sort(values), probability, confidence)
+    return quantiles(values, (probability,), confidence)[0]
 
 
 def quantiles(values: Floats, probabilities: Sequence[float], confidence: float = 0.95) -> list[Interval]:
     """The same for several probabilities, the values sorted once."""
-    ascending = np.sort(values)
-    return [_quantile_of_sorted(ascending, probability, confidence) for probability in probabilities]
-
-
-def _quantile_of_sorted(ascending: Floats, probability: float, confidence: float) -> Interval:
-    tail = (1.0 - confidence) / 2.0
-    if ascending.size == 0:
-        return Interval(np.nan, -np.inf, np.inf)
-    lower = _lower_rank(ascending.size, probability, tail)
-    upper = quantile_upper_rank(ascending.size, probability, 1.0 - tail)
-    return Interval(
-        sorted_quantile(ascending, probability),
-        float(ascending[lower - 1]) if lower else -np.inf,
-        float(ascending[upper - 1]) if upper is not None else np.inf,
-    )
-
-
-def paired_median_difference(a: Floats, b: Floats, confidence: float = 0.95) -> Interval:
-    """Median of `a - b` over the pairs, with the exact interval of the sign test; two infinities are a tie."""
-    return quantile(pair_differences(a, b), 0.5, confidence)
+    ascending, tail, found = np.sort(values), (1.0 - confidence) / 2.0, []
+    for probability in probabilities:
+        if not ascending.size:
+            found.append(Interval(np.nan, -np.inf, np.inf))
+            continue
+        lower = quantile_upper_rank(ascending.size, 1.0 - probability, 1.0 - tail)  # counted from the other end
+        upper = quantile_upper_rank(ascending.size, probability, 1.0 - tail)
+        ends = -np.inf if lower is None else ascending[-lower], np.inf if upper is None else ascending[upper - 1]
+        found.append(Interval(sorted_quantile(ascending, probability), *map(float, ends)))
+    return found
 
 
 def pair_differences(a: Floats, b: Floats) -> Floats:

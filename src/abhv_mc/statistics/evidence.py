@@ -10,11 +10,12 @@ that just misses (meets) it ever brings E_pass (E_fail) to 1/risk with at most t
 often one looks (Robbins 1970; Howard, Ramdas, McAuliffe & Sekhon 2021; Ramdas, Gruenwald, Vovk & Shafer 2023).
 """
 
-from collections.abc import Callable
 from functools import lru_cache
 from math import log, log1p
 
 from scipy.special import betainc, betaincc, betaln
+
+from abhv_mc.statistics.binomial import first_where
 
 _FEWEST_TO_FAIL = 2  # failures: a single one shows no rate
 _ENOUGH = 1e-300  # of an incomplete beta function, below which its logarithm is lost
@@ -67,25 +68,10 @@ def log_coin_evidence(heads: int, tails: int) -> float:
     return _log_part(tails + 1.0, heads + 1.0, 0.5) - log(2.0)
 
 
-def _first(low: int, high: int, holds: Callable[[int], bool]) -> int:
-    """Smallest integer of low..high where `holds`, which holds at `high` and from the first on."""
-    while low < high:
-        middle = (low + high) // 2
-        low, high = (low, middle) if holds(middle) else (middle + 1, high)
-    return low
-
-
 @lru_cache(maxsize=65536)
 def flights_to_pass(failures: int, probability: float, risk: float) -> int:
     """Fewest flights with which so many failures PASS."""
-
-    def passes(flights: int) -> bool:
-        return log_pass_evidence(failures, flights, probability) >= -log(risk)
-
-    low, high = failures + 1, max(2 * failures, 16)
-    while not passes(high):
-        low, high = high + 1, 2 * high
-    return _first(low, high, passes)
+    return first_where(failures + 1, lambda flights: log_pass_evidence(failures, flights, probability) >= -log(risk))
 
 
 @lru_cache(maxsize=65536)
@@ -97,10 +83,7 @@ def flights_to_fail(failures: int, probability: float, risk: float) -> int:
 
     if failures < _FEWEST_TO_FAIL or holds_out(failures):
         return 0
-    low, high = failures + 1, 2 * failures
-    while not holds_out(high):
-        low, high = high + 1, 2 * high
-    return _first(low, high, holds_out) - 1
+    return first_where(failures + 1, holds_out) - 1
 
 
 def most_failures(flights: int, probability: float, risk: float) -> int:
@@ -109,4 +92,4 @@ def most_failures(flights: int, probability: float, risk: float) -> int:
     def fails_to_pass(failures: int) -> bool:
         return failures > flights or log_pass_evidence(failures, flights, probability) < -log(risk)
 
-    return _first(0, flights + 1, fails_to_pass) - 1
+    return first_where(0, fails_to_pass) - 1

@@ -13,9 +13,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.statistics.binomial import clopper_pearson, mcnemar_one_sided
-from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.judgement import holm
-from abhv_mc.statistics.paired import median_ratio
 from abhv_mc.statistics.winner import worse_tails
 
 RISK = 0.05  # of each test; the two quantiles of the tail share it, and so do the requirements
@@ -29,7 +27,6 @@ class Gate:
     pairs: int
     within: int  # pairs in which b <= a + margin |a|
     within_low: float  # one-sided bound on the share of such pairs
-    ratio: Interval | None  # median of b/a over pairs that can be divided, for the reader
     worse_tails: tuple[float, ...]  # quantiles of `b` that are shown to lie beyond those of a + margin |a|
     worst_doubled: (
         bool  # whether the worst flight of `b` that is not lost lies beyond that of `a` by more than its size
@@ -51,10 +48,8 @@ def judge_change(
 
     ``lost`` and each of ``missed`` (a requirement) are masks [pair] of `a` and of `b`. On most flights `b` is at most
     `margin` |a| worse by the sign test: for positive metrics the median ratio of the pairs is at most 1 + margin. A
-    flight that both lost is no worse under `b`. Raises ValueError for a margin below zero.
+    flight that both lost is no worse under `b`.
     """
-    if margin < 0.0:
-        raise ValueError(f"a margin cannot be negative, found {margin}")
     with np.errstate(invalid="ignore"):
         allowed = np.where(np.isfinite(a), a + margin * np.abs(a), a)
     within = int(np.sum(b <= allowed))
@@ -65,7 +60,6 @@ def judge_change(
         pairs=a.size,
         within=within,
         within_low=clopper_pearson(within, a.size, 1.0 - 2.0 * RISK)[0],
-        ratio=median_ratio(b, a),
         worse_tails=worse_tails(b, allowed, 1.0 - RISK)[0],
         worst_doubled=bool(np.isfinite(worst_a) and worst_b - worst_a > abs(worst_a)),
         loses_more=p_lost <= RISK,

@@ -39,8 +39,6 @@ def judge_pairs(pairs: Sequence[Pair], independent: bool = True, family_risk: fl
 
 def holm(p_values: Sequence[float], risk: float) -> list[bool]:
     """Which hypotheses are rejected so that any false rejection has a chance of at most `risk`, in their order."""
-    if not 0.0 < risk < 1.0:
-        raise ValueError(f"risk must lie between 0 and 1, found {risk}")
     rejected = [False] * len(p_values)
     for rank, k in enumerate(np.argsort(p_values, kind="stable").tolist()):
         if p_values[k] > risk / (len(p_values) - rank):

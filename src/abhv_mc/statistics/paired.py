@@ -6,7 +6,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.statistics.binomial import mcnemar_exact
-from abhv_mc.statistics.estimates import LEVELS, Interval, pair_differences, paired_median_difference, quantile
+from abhv_mc.statistics.estimates import LEVELS, Interval, pair_differences, quantile
 from abhv_mc.statistics.quantile_pairs import quantile_differences
 
 
@@ -14,28 +14,24 @@ from abhv_mc.statistics.quantile_pairs import quantile_differences
 class PairedMetric:
     """One metric of `a` against `b`, larger being worse; differences are `a - b`."""
 
-    pairs: int
     a_better: int
     b_better: int
     ties: int
     median_difference: Interval  # of the pairs, exact
-    quantile_differences: list[Interval]  # at `levels`, open where the flights do not bound them
-    levels: tuple[float, ...]
+    quantile_differences: list[Interval]  # at LEVELS, open where the flights do not bound them
     pairing_gain: float | None  # how many times the flights an unpaired comparison of means would need
 
 
-def compare_metric(a: Floats, b: Floats, levels: tuple[float, ...] = LEVELS, confidence: float = 0.95) -> PairedMetric:
+def compare_metric(a: Floats, b: Floats) -> PairedMetric:
     """Compare severities [pair] of the same flights; +infinity marks a lost flight."""
     difference = pair_differences(a, b)
     a_better, b_better = int(np.sum(difference < 0.0)), int(np.sum(difference > 0.0))
     return PairedMetric(
-        pairs=a.size,
         a_better=a_better,
         b_better=b_better,
         ties=a.size - a_better - b_better,
-        median_difference=paired_median_difference(a, b, confidence),
-        quantile_differences=quantile_differences(a, b, levels, confidence),
-        levels=levels,
+        median_difference=quantile(difference, 0.5),
+        quantile_differences=quantile_differences(a, b, LEVELS),
         pairing_gain=pairing_gain(a, b),
     )
 

@@ -45,8 +45,6 @@ def decide(a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, comparisons: int, r
     `lost_a` and `lost_b` [pair] are the flights that each lost, whatever the metric says of them; `comparisons` are
     all metrics times rivals that are decided together.
     """
-    if comparisons < 1:
-        raise ValueError(f"comparisons must be at least 1, found {comparisons}")
     confidence = 1.0 - risk / comparisons
     difference = pair_differences(a, b)
     better, worse = int(np.sum(difference < 0.0)), int(np.sum(difference > 0.0))

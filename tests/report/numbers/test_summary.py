@@ -1,6 +1,7 @@
 import copy
 
 from abhv_mc.report.numbers.summary import summary_sentences
+from abhv_mc.topics.words import significant
 
 
 def test_the_first_sentence_says_who_wins_and_at_what_usage(models, report_json):
@@ -9,12 +10,10 @@ def test_the_first_sentence_says_who_wins_and_at_what_usage(models, report_json)
         entry["controllers"]["lqr"]["status"] = "NOT SHOWN"  # as its rival's: the campaign's order holds
     first = summary_sentences(models, numbers)[0]
     assert first.startswith("TLC is better: against LQR, on the same")
-    medians = {
-        name: cell["q50"]["value"]
-        for name, cell in report_json["metrics"]["speed_error_max_mps"]["controllers"].items()
-    }
+    cells = report_json["metrics"]["speed_error_max_mps"]["controllers"]
+    worst = " and ".join(significant(cells[name]["worst"]) for name in ("tlc", "lqr"))
     assert "TLC is better on more flights in max speed error (closer on" in first
-    assert f"medians {medians['tlc']:.1f} and {medians['lqr']:.1f} m/s)" in first
+    assert f"; worst {worst} m/s)" in first
     assert "no difference is shown in max altitude error" in first
     usage = "TLC uses 10\u202f% more aileron, 10\u202f% more elevator and 10\u202f% more rudder"
     assert f"{usage} (rms, median of the flights' ratios)" in first

@@ -10,7 +10,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import SURFACE_USAGE, Metric
 from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances
 from abhv_mc.folder.results import Requirement, Results
-from abhv_mc.statistics.estimates import pair_differences
+from abhv_mc.statistics.estimates import LEVELS, pair_differences
 from abhv_mc.statistics.paired import compare_failures, compare_metric, compare_usage, median_ratio
 from abhv_mc.statistics.winner import Decision, decide
 from abhv_mc.topics.failed_flights import failed_anyhow, requirement_failures
@@ -104,7 +104,7 @@ def _metric(
     found = compare_metric(a, b)
     decision = decide(a, b, *lost, rows) if rows else Decision("")
     sense = "high" if record.band else record.bad
-    levels = zip(found.levels, found.quantile_differences, strict=True)
+    levels = zip(LEVELS, found.quantile_differences, strict=True)
     return {
         "compared": rows > 0,
         "a_better": found.a_better,

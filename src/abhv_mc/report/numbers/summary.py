@@ -69,22 +69,13 @@ def _standing(pair: Mapping[str, Any], numbers: Mapping[str, Any], full: bool = 
 
 
 def _counts(pair: Mapping[str, Any], metric: str, numbers: Mapping[str, Any]) -> str:
-    """' (closer on 83 %, further on 17 %; worst 0.2 and 0.9 deg, medians 0.07 and 0.08 deg)', what was tested first."""
+    """' (closer on 83 %, further on 17 %; worst 0.2 and 0.9 deg)', what was tested first."""
     entry, of = pair["metrics"][metric], pair["pairs"]
     shares = [("closer", entry["a_better"]), ("further", entry["b_better"])]
     words = [f"{word} on {percent(count / of, 2)}" for word, count in shares]
     words += [f"equal on {percent(entry['ties'] / of, 2)}"] if entry["ties"] else []
     unit = numbers["metrics"][metric]["unit"].removeprefix("-")
-    ends = " and ".join(map(significant, entry["worst"]))
-    text = f"{', '.join(words)}; worst {ends} {unit}".rstrip()
-    cells = [numbers["metrics"][metric]["controllers"][pair[side]]["q50"] for side in ("a", "b")]
-    if any(cell["value"] is None for cell in cells):  # so many flights were lost that there is no median
-        return f" ({text})"
-    for digits in (2, 3, 4, 6):  # as many as tell them apart
-        a, b = (significant(cell["value"], digits) for cell in cells)
-        if a != b:
-            break
-    return f" ({text}, medians {a} and {b} {unit})".replace(" )", ")")
+    return f" ({', '.join(words)}; worst {' and '.join(map(significant, entry['worst']))} {unit})".replace(" )", ")")
 
 
 def _contradiction(entry: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:

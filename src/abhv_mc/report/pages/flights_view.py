@@ -22,13 +22,8 @@ LISTED = 100  # rows of the table
 _HISTORY_RATE = 5.0  # Hz
 _STRIPS = 24  # dispersions drawn
 _HEADED = 4  # metrics in the table
-_MARKS = (
-    "circle",
-    "square",
-    "triangle-up",
-    "diamond",
-    "triangle-down",
-)  # one fewer than colours: pairs come again late
+# one fewer than colours: pairs come again late
+_MARKS = ("circle", "square", "triangle-up", "diamond", "triangle-down")
 
 
 @dataclass(frozen=True)
