@@ -5,7 +5,7 @@ from typing import Any
 
 from tables import code, table
 
-from abhv_mc.campaign.file.inputs import MODELS
+from abhv_mc.campaign.file.kinds import MODELS
 from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.io.units import DIMENSIONS, dimension_of
 

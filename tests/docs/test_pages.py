@@ -108,7 +108,7 @@ def test_examples_are_those_of_commands() -> None:
 
 def test_generated_pages_hold_every_key_metric_and_parameter(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "path", [str(ROOT / "docs/_ext"), *sys.path])
-    from abhv_mc.campaign.file.inputs import MODELS
+    from abhv_mc.campaign.file.kinds import MODELS
     from abhv_mc.campaign.file.schema import make_schema
     from abhv_mc.flight.channels import CHANNEL_INDEX
     from abhv_mc.flight.metrics import METRIC_INDEX

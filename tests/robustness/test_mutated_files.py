@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.mission import read_mission
 from abhv_mc.io.input_error import InputError
@@ -21,7 +20,6 @@ READERS = {
     "configs/mission/s_manoeuvre.yaml": read_mission,
     "configs/control/tlc.yaml": read_controller,
     "configs/vehicle/ghame_x.yaml": load_vehicle,
-    "campaigns/s_manoeuvre.yaml": read_campaign,
 }
 SNIPPETS = [
     *("-1", "0", "1e7 m/s", "1e400", ".nan", ".inf", "-.inf", "0x10", "1e-300 m", "99999999999999999999", "null", "~"),

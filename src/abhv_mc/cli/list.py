@@ -93,7 +93,7 @@ def schemas(
     json: Json = None,
 ) -> None:
     """List the kinds of input file, or print the JSON Schema of one of them, for editors."""
-    from abhv_mc.campaign.file.inputs import MODELS
+    from abhv_mc.campaign.file.kinds import MODELS
     from abhv_mc.campaign.file.schema import make_schema
 
     if kind is None:

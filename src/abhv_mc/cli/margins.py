@@ -129,7 +129,7 @@ def _find_files(
     vehicle: Path | None, mission: Path, controllers: str | None, trust_code: bool
 ) -> tuple[tuple[Path, Path], dict[str, Path]]:
     """Files of the vehicle and the mission, and those of the controllers by name."""
-    from abhv_mc.campaign.file.inputs import find_kind
+    from abhv_mc.campaign.file.kinds import find_kind
     from abhv_mc.cli.options import parse_names
     from abhv_mc.shipped import find_input
 

@@ -49,7 +49,7 @@ def command(
 def _estimate(file: Path) -> "Estimate | None":
     """What a campaign will cost; None for another kind of file."""
     from abhv_mc.campaign.file.check import read_campaign
-    from abhv_mc.campaign.file.inputs import find_kind
+    from abhv_mc.campaign.file.kinds import find_kind
     from abhv_mc.cli.announce import announce_compiling, announce_warnings
     from abhv_mc.execution.engine import make_engine
     from abhv_mc.execution.estimate import estimate_campaign

@@ -106,7 +106,8 @@ def read_document(path: "str | Path | Document") -> Document:
         if len(_composed) >= _MOST_COMPOSED:
             _composed.clear()
         _composed[raw] = compose(path, raw)
-    return Document(path, *deepcopy(_composed[raw]))
+    data, *places = _composed[raw]
+    return Document(path, deepcopy(data), *places)
 
 
 def write_document(path: str | Path, data: Plain, comment: str = "") -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 from jsonschema import Draft202012Validator
 
-from abhv_mc.campaign.file.inputs import MODELS, find_kind
+from abhv_mc.campaign.file.kinds import MODELS, find_kind
 from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.io.documents import Refusal, read_document

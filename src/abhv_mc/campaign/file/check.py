@@ -9,6 +9,7 @@ import numpy as np
 
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
+from abhv_mc.campaign.file.kinds import find_kind, find_wrong_kinds
 from abhv_mc.campaign.file.mistakes import find_more
 from abhv_mc.campaign.file.requirement_table import read_requirements
 from abhv_mc.campaign.file.requirements import (
@@ -110,11 +111,21 @@ def read_campaign(
 
 def check_campaign(document: Document) -> CheckedCampaign:
     """Check a campaign that was read already. Raises :class:`InputError` as :func:`read_campaign` does."""
+    if (kind := find_kind(document, "campaign")) != "campaign":
+        raise document.error((), f"a {kind} file", "a campaign file")
     document = name_effectors(read_requirements(document))
+    wrong = list(find_wrong_kinds(document))
     try:
         model = validate(document, Campaign)
     except InputErrors as refused:
-        raise find_more(document, refused, check_campaign) from None
+        wrong += refused.errors
+    if wrong:
+        raise find_more(document, wrong, lambda rest: _check(rest, validate(rest, Campaign)))
+    return _check(document, model)
+
+
+def _check(document: Document, model: Campaign) -> CheckedCampaign:
+    """What the model does not say. Raises :class:`InputError`."""
     errors: list[InputError] = []
     marginals = _make_marginals(document, model, errors)
     sample_file = read_sample_file(model.sampling.path, DISPERSIBLE) if model.sampling.path else None

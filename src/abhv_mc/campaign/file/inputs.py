@@ -1,33 +1,18 @@
-"""The four kinds of input file: which one a file is, its model, and its full check without flying."""
+"""The full check of a file of any kind, and of what it names, without flying."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-from pydantic import BaseModel
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.feasibility import find_impossible
-from abhv_mc.control.controller_file import CONTROLLERS, ControllerFile, read_controller
+from abhv_mc.campaign.file.kinds import files_named, find_kind
+from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.law_file import UserController
-from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.io.documents import InputError, InputErrors, describe, one_of, read_document
+from abhv_mc.control.mission import read_mission
+from abhv_mc.io.documents import InputError, InputErrors, read_document
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.document import VehicleDocument
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
-
-MODELS: dict[str, type[BaseModel]] = {
-    "campaign": Campaign,
-    "vehicle": VehicleDocument,
-    "mission": Mission,
-    "controller": ControllerFile,
-}
-_KEYS: dict[str, set[str]] = {
-    **{kind: set(model.model_fields) for kind, model in MODELS.items()},
-    "controller": {key for model in CONTROLLERS.values() for key in model.model_fields},
-}
 
 Pending = list[tuple[Path, str | None, tuple[Path, Path] | None]]  # file, kind, vehicle and mission of its campaign
 
@@ -39,17 +24,6 @@ class CheckedInput:
     path: Path
     kind: str
     warnings: tuple[str, ...] = ()
-
-
-def find_kind(path: Path) -> str:
-    """The kind of a file by its keys. Raises :class:`InputError` where they fit none."""
-    document = read_document(path)
-    keys = set(document.data) if isinstance(document.data, dict) else set()
-    shared = {kind: len(keys & known) for kind, known in _KEYS.items()}
-    kind = max(shared, key=lambda name: shared[name])
-    if not shared[kind]:
-        raise document.error((), describe(document.data), f"the keys of {one_of(MODELS)}")
-    return kind
 
 
 def check_inputs(path: Path) -> list[CheckedInput]:
@@ -67,7 +41,7 @@ def check_inputs(path: Path) -> list[CheckedInput]:
             continue
         seen.add(file.resolve())
         try:
-            kind = kind or find_kind(file)
+            kind = find_kind(file, kind)
             warnings = tuple(_check(file, kind, flown, pending))
             checked.append(CheckedInput(file, kind, warnings))
         except InputErrors as several:
@@ -85,7 +59,8 @@ def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pend
         try:
             checked = read_campaign(file)
         except InputError:
-            pending += _files_named(file)  # what is wrong with them is said in the same breath
+            # What is wrong with the files that it names is said in the same breath.
+            pending += [(path, kind, None) for _, kind, path in files_named(read_document(file))]
             raise
         campaign = checked.model
         problems = find_impossible(checked, load_vehicle(campaign.vehicle))
@@ -105,14 +80,3 @@ def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pend
             from abhv_mc.campaign.file.try_law import try_law
 
             yield from try_law(file, controller, *(flown or (None, None)))
-
-
-def _files_named(campaign: Path) -> Pending:
-    """The files that a campaign names, where they are there, whatever else is wrong with it."""
-    document = read_document(campaign)
-    data: dict[str, Any] = document.data if isinstance(document.data, dict) else {}
-    controllers = data.get("controllers")
-    named = [(data.get(kind), kind) for kind in ("vehicle", "mission")]
-    named += [(name, "controller") for name in (controllers.values() if isinstance(controllers, dict) else ())]
-    paths = [(document.resolve(name), kind) for name, kind in named if isinstance(name, str)]
-    return [(path, kind, None) for path, kind in paths if path.is_file()]

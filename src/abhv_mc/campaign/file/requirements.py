@@ -109,8 +109,9 @@ def check_margins(document: Document, model: Campaign, runs: int, errors: list[I
         found = f"margins of {model.margins.of(runs)} of {runs} flights, and a requirement on {metric}"
         expected = "'flights: all': a verdict needs the metric of every flight"
         errors.append(document.error(("margins", "flights"), found, expected))
-    duration = read_mission(model.mission).duration
-    for i, time in enumerate(model.margins.at):
-        if time != "trim" and not 0.0 <= time <= duration:
+    times = {i: time for i, time in enumerate(model.margins.at) if time != "trim"}
+    duration = read_mission(model.mission).duration if times else 0.0
+    for i, time in times.items():
+        if not 0.0 <= time <= duration:
             where = ("margins", "at", i)
             errors.append(document.error(where, f"{time:g} s", f"trim, or a time of the mission, 0 to {duration:g} s"))

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic.json_schema import GenerateJsonSchema
 
 from abhv_mc import __version__
-from abhv_mc.campaign.file.inputs import MODELS
+from abhv_mc.campaign.file.kinds import MODELS
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import MARGIN_NAMES, METRIC_INDEX
 from abhv_mc.io.units import dimension_of, format_quantity, parse_quantity, parse_unit
