@@ -268,6 +268,17 @@ class CampaignResults:
 
         return Models(self._results)
 
+    def __getattr__(self, name: str) -> Any:
+        """The model of a topic of the report by its name, such as ``margins``, or of a user's own."""
+        if name.startswith("_"):
+            raise AttributeError(name)
+        from abhv_mc.topics.registry import all_topics
+
+        for topic in all_topics():
+            if topic.name == name:
+                return self._models[topic]
+        raise AttributeError(f"no topic '{name}': {', '.join(each.name for each in all_topics())}")
+
     def _files_in(self, part: Path) -> list[Path]:
         return [path for path in data_files(self._paths, self.manifest) if path.parent == part]
 

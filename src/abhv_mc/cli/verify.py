@@ -30,18 +30,21 @@ def campaign(folder: Folder) -> None:
     from abhv_mc.folder.manifest import read_manifest
     from abhv_mc.folder.remote import fetched
     from abhv_mc.report.pages.searched import search_command
-    from abhv_mc.report.pages.verify import verify_campaign
+    from abhv_mc.report.pages.verify import skipped_topics, verify_campaign
 
     with fetched(folder) as source:
         for difference in verify_campaign(source):
             say(difference)
             raise typer.Exit(1)
         manifest = read_manifest(CampaignFolder(source).manifest)
+        skipped = skipped_topics(source)
     if "search" in manifest:
         say(f"{folder}: every file is as the search wrote it; this makes its page again from its flights:")
         say(search_command(folder, manifest))
         return
     say(f"{folder}: every file is as it was written, and every number of the report follows from the flights")
+    if skipped:
+        say(f"not checked, as they are not installed here: the topics {', '.join(skipped)}")
 
 
 @app.command("nesc")

@@ -1,1 +1,33 @@
-"""What is said of a campaign: one room for each topic, its numbers, figures, sentences and section."""
+"""What is said of a campaign: one room for each topic, its numbers, figures, sentences and section.
+
+Public: what a user's topic is written with.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from abhv_mc.folder.results import Results
+    from abhv_mc.topics.names import Names
+    from abhv_mc.topics.registry import register
+    from abhv_mc.topics.section import Bullets, Cell, FigureText, Fold, Heading, Picture, Section, Table, Text
+    from abhv_mc.topics.topic import Topic
+
+_HOMES = {
+    "Results": "abhv_mc.folder.results",
+    "Names": "abhv_mc.topics.names",
+    "Topic": "abhv_mc.topics.topic",
+    "register": "abhv_mc.topics.registry",
+}
+
+__all__ = [
+    "Bullets", "Cell", "FigureText", "Fold", "Heading", "Names", "Picture", "Results", "Section", "Table", "Text",
+    "Topic", "register",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    """Public names when they are asked for: rooms import this package, too."""
+    if name not in __all__:
+        raise AttributeError(f"module 'abhv_mc.topics' has no attribute '{name}'")
+    return getattr(import_module(_HOMES.get(name, "abhv_mc.topics.section")), name)

@@ -25,7 +25,7 @@ from abhv_mc.topics.labels import full_labels
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.sentences import missing_margins
 from abhv_mc.topics.plain import interval_in_sense, level_name, plain
-from abhv_mc.topics.registry import all_topics
+from abhv_mc.topics.registry import BUILT_IN, user_topics
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.worst_flights import worst_numbers
 
@@ -179,6 +179,7 @@ def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]
         "findings": finding_numbers(results),
         "left_out": left_out(results),
         "worst": worst_numbers(results),
-        **{topic.name: plain(models[topic]) for topic in all_topics()},
+        **{topic.name: plain(models[topic]) for topic in BUILT_IN},
+        **({"topics": {topic.name: plain(models[topic]) for topic in user_topics()}} if user_topics() else {}),
         **({"baseline": baseline_numbers(results, baseline)} if baseline else {}),
     }

@@ -51,6 +51,7 @@ def _read_pages(path: Path, numbers: dict[str, Any]) -> dict[str, Any]:
 def make_key(folder: Path, baseline: Path | None = None) -> str:
     """What a report follows from: the data and manifests of the folder and its baseline, and the program."""
     import abhv_mc
+    from abhv_mc.topics.registry import user_topics
 
     source = Path(abhv_mc.__file__).parent
     parts = sorted(
@@ -58,6 +59,7 @@ def make_key(folder: Path, baseline: Path | None = None) -> str:
     )
     code = {path.relative_to(source).as_posix(): hash_file(path) for path in parts if path.suffix != ".pyc"}
     data: list[Any] = [abhv_mc.__version__, code, hash_file(folder / "manifest.json")]
+    data.append([topic.name for topic in user_topics()])
     data += name_siblings(folder, read_manifest(CampaignFolder(folder).manifest))
     if CampaignFolder(folder).failure_map.is_file():
         data.append(hash_file(CampaignFolder(folder).failure_map))

@@ -1,0 +1,43 @@
+"""A topic: the rank correlation (Spearman) of each dispersion with each required metric."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from scipy.stats import spearmanr
+
+from abhv_mc.topics import Cell, Names, Results, Section, Table, Topic
+
+
+@dataclass(frozen=True)
+class Correlations:
+    """Controller -> metric -> parameter -> correlation of the ranks."""
+
+    controllers: Mapping[str, Mapping[str, Mapping[str, float]]]
+
+
+def compute(results: Results) -> Correlations:
+    """Of all flights of each controller."""
+    return Correlations({name: {m: _row(results, name, m) for m in results.asked} for name in results.controllers})
+
+
+def _row(results: Results, controller: str, metric: str) -> dict[str, float]:
+    flights = results.flights[controller]
+    sampled = {name: results.samples[name][flights.flight] for name in results.dispersed}
+    return {name: float(spearmanr(x, flights.metrics[metric]).statistic) for name, x in sampled.items()}
+
+
+def section(found: Correlations, names: Names) -> Section:
+    """A row for each controller and metric."""
+    groups, parameters = [], ()
+    for name, metrics in found.controllers.items():
+        rows = []
+        for metric, row in metrics.items():
+            parameters = tuple(row)
+            words = names.label(name), names.metrics[metric].label, *(f"{value:+.2f}" for value in row.values())
+            rows.append(tuple(map(Cell, words)))
+        groups.append(tuple(rows))
+    table = Table("Rank correlations", ("Controller", "Metric", *parameters), tuple(groups))
+    return Section("Rank correlations", (table,))
+
+
+CORRELATE = Topic("correlate", Correlations, compute, section)
