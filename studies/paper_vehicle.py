@@ -5,14 +5,16 @@
 Zhu and Shen (2014) print neither their tables nor their S. Searched are vehicles of the class (paper_vehicle_box.py)
 on which Table 1 and the printed LQR weights show what Figures 3 to 11 show (paper_vehicle_flights.py). Each seed draws
 a vehicle and changes it until it does (paper_vehicle_search.py). For three members each figure in turn is then left out
-from the same start and predicted. Stopped at any time, the same command goes on. It writes studies/paper_vehicle.json.
-Riccati equations of 4 x 4 gain nothing from more threads.
+from the same start and predicted. studies/paper_vehicle.json is written after each seed and each figure; stopped at
+any time, the same command goes on from DIR, which is emptied when the box changes. Riccati equations of 4 x 4 gain
+nothing from more threads.
 """
 
 import argparse
 import json
 import time
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -23,17 +25,6 @@ from paper_vehicle_search import Outcome, Search, run
 SEEDS = tuple(range(1, 25))
 FIGURES = (4, 5, 6, 7, 8, 9, 10, 11)
 LEFT_OUT_FOR = 3  # members
-
-
-def find_members(folder: Path, go_on: Callable[[], bool]) -> tuple[list[dict[str, Any]], bool]:
-    """What each seed has found by now, the better ones first, and whether all searches are done."""
-    found, done = [], True
-    for seed in SEEDS:
-        outcome = run_and_tell(Search(seed), folder, go_on)
-        done = done and outcome.done
-        if outcome.values is not None:
-            found.append(describe(seed, outcome.values))
-    return sorted(found, key=lambda member: (-member["ends_in"], member["worst"])), done
 
 
 def run_and_tell(search: Search, folder: Path, go_on: Callable[[], bool]) -> Outcome:
@@ -54,7 +45,6 @@ def describe(seed: int, values: dict[str, float]) -> dict[str, Any]:
         "worst": round(candidate.worst, 4),
         "values": values,
         "traits": dict(zip(TRAITS, candidate.traits, strict=True)),
-        "ends": [ends_of(each) for each in candidate.seen],
     }
 
 
@@ -80,37 +70,46 @@ def choose(members: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return chosen
 
 
-def leave_out(members: list[dict[str, Any]], folder: Path, go_on: Callable[[], bool]) -> list[dict[str, Any]]:
-    """Each figure predicted by vehicles that were fitted to the others alone, from the member's own start."""
-    predictions = []
-    for member in members:
-        for figure in FIGURES:
-            outcome = run_and_tell(Search(member["seed"], figure), folder, go_on)
-            if outcome.values is not None:
-                seen = [each for each in fly_candidate(outcome.values).seen if each.axis.figure == figure]
-                predictions.append({"member": member["name"], "figure": figure, "ends": [ends_of(s) for s in seen]})
-    return predictions
+def write(members: list[dict[str, Any]], seeds_done: list[int], without: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The ensemble so far, to the results file."""
+    better = sorted(members, key=lambda member: (-member["ends_in"], member["worst"]))
+    chosen = choose(better)
+    too_close = [member["name"] for member in better if member not in chosen]
+    result = {"seeds_done": seeds_done, "ensemble": chosen, "too_close": too_close, "without": without}
+    (ROOT / "studies/paper_vehicle.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    return chosen
+
+
+def find(folder: Path, go_on: Callable[[], bool]) -> None:
+    """Search from each seed; then predict figures by vehicles fitted to the others alone, from members' own starts."""
+    members: list[dict[str, Any]] = []
+    chosen: list[dict[str, Any]] = []
+    without: list[dict[str, Any]] = []
+    seeds_done: list[int] = []
+    for seed in SEEDS:
+        outcome = run_and_tell(Search(seed), folder, go_on)
+        seeds_done += [seed] if outcome.done else []
+        members += [] if outcome.values is None else [describe(seed, outcome.values)]
+        chosen = write(members, seeds_done, without)
+    if len(seeds_done) < len(SEEDS):
+        return
+    for member, figure in product(chosen[:LEFT_OUT_FOR], FIGURES):
+        outcome = run_and_tell(Search(member["seed"], figure), folder, go_on)
+        if outcome.done and outcome.values is not None:
+            ends = [ends_of(each) for each in fly_candidate(outcome.values).seen if each.axis.figure == figure]
+            without.append({"member": member["name"], "figure": figure, "ends": ends})
+            write(members, seeds_done, without)
 
 
 def main() -> None:
-    """Search, choose, leave out, write."""
+    """Search until it is done or the time is over."""
     parser = argparse.ArgumentParser(description="Find vehicles that show what the paper's figures show.")
     parser.add_argument("--state", type=Path, default=ROOT / "reports/paper_vehicle", help="what has been flown")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop then; the same command goes on")
     arguments = parser.parse_args()
     arguments.state.mkdir(parents=True, exist_ok=True)
     end: float = time.monotonic() + 60.0 * arguments.minutes
-
-    def go_on() -> bool:
-        return time.monotonic() < end
-
-    members, done = find_members(arguments.state, go_on)
-    chosen = choose(members)
-    predictions = leave_out(chosen[:LEFT_OUT_FOR], arguments.state, go_on) if done else []
-    result = {"ensemble": chosen, "too_close": [m["name"] for m in members if m not in chosen], "without": predictions}
-    target = ROOT / "studies/paper_vehicle.json" if done else arguments.state / "so_far.json"
-    target.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    print(f"{len(chosen)} vehicles in {target}")
+    find(arguments.state, lambda: time.monotonic() < end)
 
 
 if __name__ == "__main__":

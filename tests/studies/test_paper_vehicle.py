@@ -1,5 +1,6 @@
 """The search for the paper's vehicle: what it scales, what it counts as in, and that it goes on where it stopped."""
 
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "studies"))
 
+import paper_vehicle as study
 import paper_vehicle_box as box
 import paper_vehicle_flights as flights
 import paper_vehicle_search as searches
@@ -107,8 +109,8 @@ def test_how_far_vehicles_are_apart() -> None:
     assert flights.apart(one, (1.5, 1.6, 1.4, *one[3:]))[2] < 1.0
 
 
-def test_a_search_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A made-up vehicle whose 28 ends are linear in its numbers: the search finds it, in one go or in two."""
+def make_up_a_vehicle(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, float]]:
+    """A made-up vehicle whose 28 ends are linear in its numbers; what is flown of it."""
     matrix = np.random.default_rng(8).standard_normal((28, len(box.FREE)))
     goal = box.to_numbers(VALUES)
     flown = []
@@ -118,11 +120,18 @@ def test_a_search_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.M
         off = (0.02 * matrix @ (box.to_numbers(values) - goal)).reshape(-1, 2)
         seen = (
             flights.Seen(axis, 0.0, 0.0, False, (abs(a), abs(b)), (a, b))
-            for axis, (a, b) in zip(flights.AXES, off, strict=True)
+            for axis, (a, b) in zip(flights.AXES, off.tolist(), strict=True)
         )
-        return flights.Candidate(tuple(seen), off_node=1.0)
+        return flights.Candidate(tuple(seen), traits=tuple(values.values())[:8], off_node=1.0)
 
     monkeypatch.setattr(searches, "fly_candidate", fly)
+    monkeypatch.setattr(study, "fly_candidate", fly)
+    return flown
+
+
+def test_a_search_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search finds the made-up vehicle, in one go or in two."""
+    flown = make_up_a_vehicle(monkeypatch)
     whole = searches.run(searches.Search(3), tmp_path, lambda: True)
     assert whole.done
     assert whole.rank < 0.01
@@ -133,3 +142,33 @@ def test_a_search_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.M
     assert searches.run(searches.Search(3), tmp_path / "later", lambda: True) == whole
     assert len(flown) == 2 * count
     assert (tmp_path / "seed-3.jsonl").read_text() == (tmp_path / "later/seed-3.jsonl").read_text()
+
+
+def test_each_seed_is_written_when_it_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Interrupted in the second of two seeds the file has the first; the same command then gives what one go gives."""
+    flown = make_up_a_vehicle(monkeypatch)
+    monkeypatch.setattr(study, "SEEDS", (3, 4))
+    monkeypatch.setattr(study, "FIGURES", (9,))
+    monkeypatch.setattr(study, "ROOT", tmp_path)
+    file = tmp_path / "studies/paper_vehicle.json"
+    for name in ("studies", "whole", "later"):
+        (tmp_path / name).mkdir()
+    study.find(tmp_path / "whole", lambda: True)
+    whole = json.loads(file.read_text())
+    assert whole["seeds_done"] == [3, 4]
+    assert [each["figure"] for each in whole["without"]] == [9] * len(whole["ensemble"])
+    enough = len(flown) + len((tmp_path / "whole/seed-3.jsonl").read_text().splitlines()) + 20
+
+    def go_on() -> bool:
+        if len(flown) > enough:
+            raise KeyboardInterrupt
+        return True
+
+    with pytest.raises(KeyboardInterrupt):
+        study.find(tmp_path / "later", go_on)
+    so_far = json.loads(file.read_text())
+    assert so_far["seeds_done"] == [3]
+    assert [member["name"] for member in so_far["ensemble"]] == ["seed-3"]
+    assert so_far["without"] == []
+    study.find(tmp_path / "later", lambda: True)
+    assert json.loads(file.read_text()) == whole
