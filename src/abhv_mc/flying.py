@@ -12,7 +12,7 @@ import hashlib
 import math
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -145,6 +145,30 @@ def check_delay(plan: "FlightPlan", parameters: "NDArray[np.float64]") -> None:
         raise InputError("dispersions", late, delays_known(plan.timing.tick))
 
 
+def check_felt(plan: "FlightPlan", parameters: "NDArray[np.float64]", names: Iterable[str]) -> None:
+    """Raise InputError for a dispersion without which the flight is the same to the bit, here and farther out."""
+    import numpy as np
+
+    from abhv_mc.execution.probe_dispersions import differs
+    from abhv_mc.flight.fly import fly as fly_plan
+    from abhv_mc.plant.parameters import NEVER, PARAMETER_INDEX, PARAMETERS
+
+    at = [PARAMETER_INDEX[name] for name in names]
+    at = [i for i in at if parameters[0, i] != PARAMETERS[i].nominal]
+    for farther in (False, True):
+        rows = np.tile(parameters, (1 + len(at), 1))
+        for row, i in zip(rows[1:], at, strict=True):
+            nominal = PARAMETERS[i].nominal
+            far = {0.0: 25.0 * row[i], NEVER: 0.5 * plan.timing.duration}.get(nominal, 1e-3 * nominal)
+            row[i] = far if farther else nominal
+        block = fly_plan(plan, rows)
+        at = [i for k, i in enumerate(at, 1) if not differs(block, 0, k)]
+        if not at:
+            return
+    named = ", ".join(f"'{PARAMETERS[i].name}'" for i in at)
+    raise InputError("dispersions", f"{named}, without effect on this flight", "what this vehicle feels in it")
+
+
 def fly(
     mission: Input,
     vehicle: Input = "ghame_x",
@@ -155,7 +179,8 @@ def fly(
     """Fly one flight: a table of ``time`` (s) and every recorded channel, a row each ``every`` control ticks.
 
     dispersions: parameters of this flight (``abhv-mc list parameters`` lists them), the others nominal; a number is a
-    factor or SI, text has its unit, as in ``{"aero.drag": "110 %", "wind.north": 12.0}``.
+    factor or SI, text has its unit, as in ``{"aero.drag": "110 %", "wind.north": 12.0}``. One without effect is
+    refused.
     The table's ``attrs`` hold ``units`` (of the columns), ``outcome``, ``sentence``, ``end_time_s``, ``metrics`` and
     ``metric_units`` by name, and ``warnings``. A flight that ends early has fewer rows. Raises
     :class:`abhv_mc.io.documents.InputError` for what is wrong with an input.
@@ -172,6 +197,7 @@ def fly(
     plan = make_flight_plan(mission, vehicle, controller).lean_for(dispersions or ())
     parameters = make_parameters(dispersions)
     check_delay(plan, parameters)
+    check_felt(plan, parameters, dispersions or ())
     block = fly_plan(plan, parameters, min(steps, plan.timing.ticks + 1))
     outcome = Outcome(int(block.outcome[0]))
     table = pd.DataFrame(block.history[0].astype("float64"), columns=[channel.name for channel in CHANNELS])

@@ -14,6 +14,7 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.folder.plans import flatten, read_plan
+from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.user_code.vehicle_functions import load_vehicle
@@ -83,6 +84,16 @@ def test_no_flight_leaves_the_band_of_all_flights_at_any_tick(flown, engine):
         sampled = history[:, :: round(band["time"].iloc[1] / block.times[1])]
         between += sampled.max() < history.max() or sampled.min() > history.min()
     assert between  # samples alone would not hold them
+
+
+def test_a_metric_of_what_the_vehicle_does_not_have_is_refused(engine, tmp_path):
+    """It passed: heat that is not a number was never above its limit."""
+    text = CAMPAIGN.read_text(encoding="utf-8").replace("../configs", str(CAMPAIGN.parents[1] / "configs"))
+    text += "metrics: {hot_s: {of: stagnation_heat_flux_w_m2, statistic: time_outside, limit: 1}}\n"
+    (tmp_path / "c.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"'hot_s', which is not a number in tlc's.*reference\.nose_radius"):
+        run_campaign(Request(tmp_path / "c.yaml", tmp_path / "out", RUNS), engine)
+    assert not (tmp_path / "out").exists()
 
 
 def test_nominal_and_reference_stand_on_the_same_times(flown):

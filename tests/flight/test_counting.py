@@ -10,7 +10,14 @@ from short_flights import short_plan
 from abhv_mc.campaign.file.user_metrics import MetricEntry, declare_metrics
 from abhv_mc.flight.channels import CHANNEL_INDEX, SURFACES
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.metrics import METRIC_INDEX, METRICS, TAKES_LIMIT, pack_metrics, unpack_metrics
+from abhv_mc.flight.metrics import (
+    METRIC_INDEX,
+    METRICS,
+    TAKES_LIMIT,
+    Statistic,
+    pack_metrics,
+    unpack_metrics,
+)
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import LANES
 from abhv_mc.io.documents import Document
@@ -147,6 +154,21 @@ def test_a_declared_metric_that_repeats_a_built_in_one_gives_its_bits(plan, para
     for i, name in enumerate(SURFACES):
         found = declared.metrics[:, 2 * len(METRICS) + i]
         assert np.array_equal(found, plain.metrics[:, METRIC_INDEX[f"{name}_travel_deg"]]), name
+
+
+def test_a_tick_that_is_not_a_number_makes_the_metric_not_a_number(plan, parameters):
+    """GHAME-X names no nose radius: its heat flux was above no limit for 0 s, and the requirement passed."""
+    entries = {}
+    for i, of in enumerate(("stagnation_heat_flux_w_m2", "sqrt(pitch_rate_dps)", "max(0, sqrt(pitch_rate_dps))")):
+        for statistic in Statistic:
+            limit = {"limit": 1.0} if statistic in TAKES_LIMIT else {}
+            entries[f"m{i}_{statistic.word}"] = {"of": of, "statistic": statistic.word, "empty": 0.0, **limit}
+    some, every = {k: v for k, v in entries.items() if k < "m2"}, {k: v for k, v in entries.items() if k >= "m2"}
+    for declared in (some, every):
+        block = fly(declare(plan, **declared), parameters[2:4])
+        assert (block.outcome == Outcome.OK).all() and np.isnan(block.metrics[:, len(METRICS) :]).all()
+    before = {"early": {"of": "sqrt(2.0 - altitude_error_m)", "statistic": "max", "to": "0.01 s"}}
+    assert np.isfinite(fly(declare(plan, **before), parameters[2:4]).metrics[:, -1]).all()
 
 
 def test_records_come_back_from_their_text(plan):

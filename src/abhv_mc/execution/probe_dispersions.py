@@ -1,8 +1,11 @@
 """Trial flights before a campaign: the nominal one, and a sensitivity check of every dispersion.
 
 A dispersion that reaches no equation gives the same flight to the last bit; it is refused before anything is flown,
-so that no campaign silently varies nothing.
+so that no campaign silently varies nothing. So is a metric of a quantity that the vehicle does not have.
 """
+
+import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -11,6 +14,7 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.fly_batches import Fly
 from abhv_mc.execution.retry import time_limit
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
@@ -48,15 +52,16 @@ def ends_of(campaign: CheckedCampaign, i: int) -> Floats:
 def fly_probes(campaign: CheckedCampaign, plans: dict[str, FlightPlan], fly: Fly, every: int) -> dict[str, FlightBlock]:
     """Fly the trials of every controller; the first flight of each block is the nominal one.
 
-    Raises InputError for a dispersion that changes no controller's flight, and where flights do not end.
+    Raises InputError for a dispersion that changes no controller's flight, for a metric that is no finite number in a
+    nominal flight that ends as planned, and where flights do not end.
     """
     trials = make_trials(campaign)
     limit = _COMPILING + time_limit(len(trials), campaign.model.execution.flight_time_limit or _USUAL)
     flown = {name: _fly_temporary(fly, plan, trials, every, limit) for name, plan in plans.items()}
-    errors: list[InputError] = []
+    errors = list(_find_not_finite(campaign, plans, flown))
     for i, name in enumerate(campaign.names):
         unchanged, *rows = range(1 + _ROWS * i, 1 + _ROWS * (i + 1))
-        if not any(_differs(block, row, unchanged) for block in flown.values() for row in rows):
+        if not any(differs(block, row, unchanged) for block in flown.values() for row in rows):
             low, high = trials[rows, PARAMETER_INDEX[name]]
             where = ("sampling",) if campaign.sample_file is not None else ("dispersions", name)
             found = f"'{name}' from {low:g} to {high:g}, which changes no controller's flight"
@@ -75,7 +80,25 @@ def _fly_temporary(fly: Fly, plan: FlightPlan, trials: Floats, every: int, limit
         raise InputError("controllers", found, wish) from None
 
 
-def _differs(block: FlightBlock, a: int, b: int) -> bool:
+def _find_not_finite(
+    campaign: CheckedCampaign, plans: dict[str, FlightPlan], flown: dict[str, FlightBlock]
+) -> Iterator[InputError]:
+    told = set()
+    for controller, block in flown.items():
+        for (name, metric), value in zip(campaign.metrics.items(), block.metrics[0].tolist(), strict=False):
+            if block.outcome[0] != Outcome.OK or math.isfinite(value) or name in told:
+                continue
+            told.add(name)
+            found = (
+                f"'{name}', which is {'not a number' if math.isnan(value) else value} in {controller}'s nominal flight"
+            )
+            wish = "a number at each tick of its window ('empty' says what it is without one)"
+            if "heat_flux" in metric.of and plans[controller].vehicle.constants.nose_radius == 0.0:
+                wish = "reference.nose_radius in the vehicle's file"
+            yield campaign.document.key_error(("metrics", name), found, wish)
+
+
+def differs(block: FlightBlock, a: int, b: int) -> bool:
     """Whether two flights of a block differ in any bit of what was measured."""
     same = np.array_equal(block.metrics[a], block.metrics[b], equal_nan=True)
     return not (same and block.outcome[a] == block.outcome[b] and block.end_time[a] == block.end_time[b])

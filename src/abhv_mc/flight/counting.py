@@ -76,7 +76,8 @@ class Counted(NamedTuple):
 
 
 # Rows of the observer's memory that each program keeps: two accumulators, the last value (or the turning sense), the
-# last tick that counted (from 1), and how many did. Before them one row for each lean metric.
+# last tick that counted (from 1), and how many did: not-a-number from the first on that was not one, as is the metric
+# then. Before them one row for each lean metric.
 _A, _B, _C, _TICK, _COUNT = range(5)
 ROWS = 5
 N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
@@ -192,12 +193,12 @@ def calculate(Z, T, code, constant, width):
         elif operation == _DIVIDE:
             for lane in range(width):
                 out[lane] = a[lane] / b[lane]
-        elif operation == _MINIMUM:
+        elif operation == _MINIMUM:  # not-a-number where one of both is
             for lane in range(width):
-                out[lane] = smaller(a[lane], b[lane])
+                out[lane] = b[lane] if b[lane] < a[lane] or b[lane] != b[lane] else a[lane]
         elif operation == _MAXIMUM:
             for lane in range(width):
-                out[lane] = larger(a[lane], b[lane])
+                out[lane] = b[lane] if b[lane] > a[lane] or b[lane] != b[lane] else a[lane]
         elif operation == _ABSOLUTE:
             for lane in range(width):
                 out[lane] = abs(a[lane])
@@ -264,7 +265,8 @@ def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, widt
             c[lane] = (1.0 if moved > 0.0 else -1.0) if counts and (starts or turns) else sense
     for lane in range(width):
         last[lane] = now + 1.0 if counted[lane] > 0.0 else last[lane]
-        count[lane] += counted[lane]
+        ticks = counted[lane] if value[lane] == value[lane] else math.nan
+        count[lane] += ticks if counted[lane] > 0.0 else 0.0
 
 
 @lanes
@@ -299,4 +301,4 @@ def finish_value(statistic, a, b, count, start, last, empty):
         value = start
     elif statistic == _FIRST and b == 0.0:
         value = last
-    return value if count > 0.0 else empty
+    return value if count > 0.0 else empty if count == 0.0 else math.nan
