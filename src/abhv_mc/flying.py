@@ -137,12 +137,17 @@ def make_parameters(dispersions: Mapping[str, Quantity] | None) -> "NDArray[np.f
     return row
 
 
-def check_delay(plan: "FlightPlan", parameters: "NDArray[np.float64]") -> None:
-    """Raise InputError for measurements that are later than the lanes remember."""
+def check_dispersed(plan: "FlightPlan", parameters: "NDArray[np.float64]") -> None:
+    """Raise InputError for measurements later than the lanes remember, and for a limit on oscillation in moving air."""
     from abhv_mc.flight.sensors import delays_known, find_late
+    from abhv_mc.plant.parameters import DISTURBANCES, PARAMETER_INDEX
+    from abhv_mc.vehicle.limits import STILL_AIR
 
     if late := find_late(parameters, plan.timing.tick):
         raise InputError("dispersions", late, delays_known(plan.timing.tick))
+    moving = [name for name in DISTURBANCES if parameters[:, PARAMETER_INDEX[name]].any()]
+    if refused := plan.limits.loads.refuse_in(moving):
+        raise InputError("dispersions", refused, STILL_AIR)
 
 
 def check_felt(plan: "FlightPlan", parameters: "NDArray[np.float64]", names: Iterable[str]) -> None:
@@ -196,7 +201,7 @@ def fly(
     steps = check_count(every, 1, "every")
     plan = make_flight_plan(mission, vehicle, controller).lean_for(dispersions or ())
     parameters = make_parameters(dispersions)
-    check_delay(plan, parameters)
+    check_dispersed(plan, parameters)
     check_felt(plan, parameters, dispersions or ())
     block = fly_plan(plan, parameters, min(steps, plan.timing.ticks + 1))
     outcome = Outcome(int(block.outcome[0]))

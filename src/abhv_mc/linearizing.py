@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from abhv_mc.flying import Input, Quantity, check_delay, make_document, make_parameters, to_si
+from abhv_mc.flying import Input, Quantity, check_dispersed, make_document, make_parameters, to_si
 from abhv_mc.io.documents import Document, InputError
 from abhv_mc.io.units import ANGLE, TIME
 
@@ -258,7 +258,7 @@ def fly_on(
     if not 0 <= tick <= plan.timing.ticks:
         raise InputError("at", f"{at}", f"a time of the mission, 0 to {plan.timing.duration:g} s")
     parameters = make_parameters(dispersions)
-    check_delay(plan, parameters)
+    check_dispersed(plan, parameters)
     states = fly_disturbed(plan, parameters, tick, change, ticks)
     times = (tick + np.arange(len(states))) * plan.timing.tick
     return pd.DataFrame(states, columns=names, index=pd.Index(times, name="time"))
@@ -278,7 +278,7 @@ def _place(
     setup = read_setup((make_document("vehicle", vehicle), make_document("mission", mission), law))
     parameters = make_parameters(dispersions)
     place = find_point(setup, law.path.stem, time, angle, parameters)
-    check_delay(place.plan, parameters)
+    check_dispersed(place.plan, parameters)
     return place, parameters
 
 

@@ -7,6 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from abhv_mc import flying
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.execution.engine import make_engine
+from abhv_mc.execution.plans import make_plans
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
@@ -15,6 +19,7 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flying import make_flight_plan
 from abhv_mc.io.documents import InputError, read_document, validate
 from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.shipped import shipped_configs
 from abhv_mc.vehicle.document import FlightLimits
 from abhv_mc.vehicle.limits import LoadBounds, tighter
 
@@ -77,6 +82,27 @@ def test_an_oscillation_ends_it_where_the_ripple_exceeds_the_limit() -> None:
     assert ended is Outcome.OSCILLATION_LIMIT
     assert 4.0 < block.metrics[0, METRIC_INDEX["angle_of_attack_ripple_deg"]] < 12.0
     assert last > 500  # not before the reference has settled
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("wind.turbulence", "1 m/s"), ("wind.gust_down", "1 m/s"), ("sensor.bank_noise", "0.1 deg")],
+)
+def test_an_oscillation_in_gusts_turbulence_or_noise_has_no_limit(name: str, value: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=rf"'{name}' with 'limits: {{oscillation}}'.*still air"):
+        flying.fly({"base": "level", "limits": {"oscillation": "5 deg"}}, dispersions={name: value})
+    configs = shipped_configs()
+    level = (configs / "mission/level.yaml").read_text(encoding="utf-8")
+    (tmp_path / "mission.yaml").write_text(f"{level}\nlimits: {{oscillation: {{sideslip: 5 deg}}}}\n", encoding="utf-8")
+    (tmp_path / "campaign.yaml").write_text(
+        f"name: swings\nvehicle: {configs}/vehicle/ghame_x.yaml\nmission: mission.yaml\n"
+        f"controllers: {{tlc: {configs}/control/tlc.yaml}}\nruns: 9\nseed: 1\nsampling: random\n"
+        f"dispersions: {{{name}: {{distribution: uniform, half_width: {value}}}}}\n",
+        encoding="utf-8",
+    )
+    campaign = read_campaign(tmp_path / "campaign.yaml")
+    with pytest.raises(InputError, match=rf"campaign.yaml:8.*'{name}' with 'limits: {{oscillation}}'"):
+        make_plans(campaign, ["tlc"], make_engine())
 
 
 def test_the_files_say_them(tmp_path: Path) -> None:

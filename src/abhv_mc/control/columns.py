@@ -18,7 +18,7 @@ REFERENCE = (
     "north",  # integral of the north ground speed at altitude
     "east",
     "latitude",
-    "settled",  # 0 in an S's ramps or steps and 5 s after, else 1
+    "settled",  # 0 in an S's ramps or steps and 5 s after, else ticks of this settled stretch: 1, 2, ...
     "track_north",  # unit vector of positive cross-track error (left of the start's heading), constant
     "track_east",
     "density",  # nominal air and gravity at the reference

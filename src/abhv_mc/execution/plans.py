@@ -20,10 +20,11 @@ from abhv_mc.folder.inputs import FolderInputs
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.plans import read_trusted_plan
 from abhv_mc.io.documents import Document, InputError
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.plant.parameters import DISTURBANCES, PARAMETER_INDEX
 from abhv_mc.user_code.channels import compile_channels
 from abhv_mc.user_code.closure import check_closure
 from abhv_mc.user_code.source import read_source
+from abhv_mc.vehicle.limits import STILL_AIR
 from abhv_mc.vehicle.sensing import IN_WIND
 
 _RARELY = 1e-6  # probability that a law may have beyond a bound
@@ -45,6 +46,7 @@ def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) 
     check_user_code(campaign)
     made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
     _check_delays(campaign, made.values())
+    _check_oscillation(campaign, made.values())
     plans = {name: declare(campaign, plan) for name, plan in made.items()}
     for plan in plans.values():
         if plan.channels_source is not None:
@@ -67,6 +69,15 @@ def _check_delays(campaign: CheckedCampaign, plans: Iterable[FlightPlan]) -> Non
     for plan in plans:
         if late := find_late(rows, plan.timing.tick):
             raise campaign.document.key_error(place, late, delays_known(plan.timing.tick))
+
+
+def _check_oscillation(campaign: CheckedCampaign, plans: Iterable[FlightPlan]) -> None:
+    """Raise InputError for a limit on oscillation where gusts, turbulence or noise swing the angles."""
+    moving = [name for name in DISTURBANCES if name in campaign.names]
+    for plan in plans:
+        if refused := plan.limits.loads.refuse_in(moving):
+            place = ("dispersions", moving[0]) if campaign.sample_file is None else ("sampling",)
+            raise campaign.document.key_error(place, refused, STILL_AIR)
 
 
 def declare(campaign: CheckedCampaign, plan: FlightPlan) -> FlightPlan:

@@ -118,7 +118,7 @@ _SOURCES: tuple[Source, ...] = (
         Source(
             f"{name}_ripple_deg",
             "deg",
-            f"amplitude, from side to side, of a cycle of the {words} that ends just now in a settled stretch, or zero",
+            f"largest cycle of the {words} in settled stretches so far, from side to side",
             f"{name}_ripple_deg",
             True,
         )

@@ -9,12 +9,19 @@ from typing import NamedTuple
 from abhv_mc.array_types import Floats
 from abhv_mc.control import columns as ref
 from abhv_mc.flight.plan import Timing
-from abhv_mc.flight.ripple import FREQUENCY, N_RIPPLE_ROWS, begin_swings, end_swing, watch_swings
+from abhv_mc.flight.ripple import (
+    FREQUENCY,
+    LARGEST,
+    N_RIPPLE_ROWS,
+    begin_stretch,
+    change_side,
+    keep_cycle,
+    watch_sides,
+)
 from abhv_mc.flight.sensors import END_ROW
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.angles import larger, wrap
 from abhv_mc.plant import state as s
-from abhv_mc.plant.disturbance import any_lane
 from abhv_mc.plant.heating import heat_flux
 from abhv_mc.plant.state import X, parameter_row, variable_row
 from abhv_mc.vehicle.model import Constants
@@ -32,6 +39,9 @@ LAST_SURFACE = FIRST_SURFACE + 3  # deflections at the last tick
 FIRST_MASS = LAST_SURFACE + 3
 RIPPLES = FIRST_MASS + 1  # of bank, angle of attack and sideslip
 FIRST_DERIVED = RIPPLES + 3 * N_RIPPLE_ROWS  # the quantities themselves
+_EACH = tuple(RIPPLES + i * N_RIPPLE_ROWS for i in range(3))
+BANK_RIPPLE_DEG, ANGLE_OF_ATTACK_RIPPLE_DEG, SIDESLIP_RIPPLE_DEG = (row + LARGEST for row in _EACH)
+BANK_CYCLE_HZ, ANGLE_OF_ATTACK_CYCLE_HZ, SIDESLIP_CYCLE_HZ = (row + FREQUENCY for row in _EACH)
 
 
 class Observing(NamedTuple):
@@ -44,14 +54,14 @@ class Observing(NamedTuple):
 
 @lanes
 def remember_start(Z, width):
-    """Deflections and mass at the start, to which some quantities refer; no swing has been seen."""
+    """Deflections and mass at the start, to which some quantities refer; no side has been seen."""
     for lane in range(width):
         for i in range(3):
             Z[FIRST_SURFACE + i, lane] = Z[X + s.AILERON + i, lane]
             Z[LAST_SURFACE + i, lane] = Z[X + s.AILERON + i, lane]
         Z[FIRST_MASS, lane] = Z[X + s.MASS, lane]
     for i in range(3):
-        begin_swings(Z, width, RIPPLES + i * N_RIPPLE_ROWS)
+        begin_stretch(Z, width, RIPPLES + i * N_RIPPLE_ROWS)
 
 
 @lanes
@@ -107,58 +117,26 @@ def load_factor_g(Z, lane, plan, tick):
 
 
 @lanes
-def bank_ripple_deg(Z, lane, plan, tick):
-    """The cycle of the bank error that ends at this tick, which :func:`follow_ripples` finds."""
-    return 0.0
-
-
-@lanes
-def angle_of_attack_ripple_deg(Z, lane, plan, tick):
-    """The same of the angle-of-attack error."""
-    return 0.0
-
-
-@lanes
-def sideslip_ripple_deg(Z, lane, plan, tick):
-    """The same of the sideslip, whose command is zero."""
-    return 0.0
-
-
-@lanes
-def follow_ripples(Z, width, plan, tick, errors, ripples, cycles):
-    """Cycles of bank, angle of attack and sideslip: from rows of their errors to rows of ripples and frequencies."""
-    length = plan.timing.step * plan.timing.steps_per_tick
-    settled = plan.reference[tick, ref.SETTLED] > 0.0
-    settled_before = tick > 0 and plan.reference[tick - 1, ref.SETTLED] > 0.0
+def follow_ripples(Z, width, plan, tick, errors):
+    """Cycles of bank, angle of attack and sideslip, from rows of their errors."""
+    length, now = plan.timing.step * plan.timing.steps_per_tick, float(tick)
+    settled = plan.reference[tick, ref.SETTLED]
     for i in range(3):
         row, factor = RIPPLES + i * N_RIPPLE_ROWS, _DEG if i == 2 else 1.0
-        if settled:
-            watch_swings(Z, width, row, errors[i], factor, float(tick), ripples[i])
-            if any_lane(Z, width, ripples[i], 1, 0.0):
-                for lane in range(width):
-                    if Z[ripples[i], lane] > 0.0:
-                        Z[ripples[i], lane] = end_swing(Z, lane, row, Z[errors[i], lane] * factor, float(tick), length)
-                        Z[cycles[i], lane] = Z[row + FREQUENCY, lane]
-        elif settled_before:
-            begin_swings(Z, width, row)
+        if settled == 1.0:
+            for lane in range(width):
+                keep_cycle(Z, lane, row, length)
+            begin_stretch(Z, width, row)
+        if settled > 0.0 and watch_sides(Z, width, row, errors[i], factor, 1.0 / settled, now) > 0.0:
+            for lane in range(width):
+                change_side(Z, lane, row, Z[errors[i], lane] * factor, now, length)
 
 
 @lanes
-def bank_cycle_hz(Z, lane, plan, tick):
-    """Frequency of the largest cycle of the bank so far."""
-    return Z[RIPPLES + FREQUENCY, lane]
-
-
-@lanes
-def angle_of_attack_cycle_hz(Z, lane, plan, tick):
-    """Frequency of the largest cycle of the angle of attack so far."""
-    return Z[RIPPLES + N_RIPPLE_ROWS + FREQUENCY, lane]
-
-
-@lanes
-def sideslip_cycle_hz(Z, lane, plan, tick):
-    """Frequency of the largest cycle of the sideslip so far."""
-    return Z[RIPPLES + 2 * N_RIPPLE_ROWS + FREQUENCY, lane]
+def end_ripples(Z, lane, plan):
+    """At the end of a flight the third side of a cycle counts as far as it has got."""
+    for i in range(3):
+        keep_cycle(Z, lane, RIPPLES + i * N_RIPPLE_ROWS, plan.timing.step * plan.timing.steps_per_tick)
 
 
 @lanes

@@ -22,6 +22,7 @@ from abhv_mc.flight.navigation import measure_air, measure_more, navigate
 from abhv_mc.flight.observe import (
     check_limits,
     derive,
+    finish_flights,
     record,
     record_states,
     start_observing,
@@ -174,7 +175,9 @@ def observe_tick(plan, memory, width, active, tick):
     if active is not None and plan.user_code.channels != 0:
         dt = plan.timing.step * plan.timing.steps_per_tick
         call_address(plan.user_code.channels, 0, memory.Z, plan.reference, plan.gains, plan.settings, tick, dt)
-    check_limits(memory.Z, memory.O, width, plan.observed, tick)
+    ended = check_limits(memory.Z, memory.O, width, plan.observed, tick)
+    if ended > 0.0 or tick == plan.timing.ticks:
+        finish_flights(memory.Z, memory.O, width, plan, tick)
     count_tick(memory, width, plan, tick, observe.FIRST_METRIC)
 
 

@@ -15,7 +15,7 @@ from abhv_mc.array_types import Floats, Ints
 from abhv_mc.control.laws.user import FAULT
 from abhv_mc.flight import counting, derived
 from abhv_mc.flight.channels import CHANNELS, SOURCES
-from abhv_mc.flight.derived import FIRST_DERIVED, follow_ripples, remember_start
+from abhv_mc.flight.derived import FIRST_DERIVED, end_ripples, follow_ripples, remember_start
 from abhv_mc.flight.outcome import LIMITS, Limits, Outcome
 from abhv_mc.jit import lanes
 from abhv_mc.numerics.tables import natural
@@ -39,7 +39,7 @@ def _row_in_memory(source: str) -> int | None:
         return X + STATE_INDEX[source]
     if source in VARIABLES:
         return s.variable_row(source)
-    return getattr(s, source.upper(), None)
+    return getattr(s, source.upper(), getattr(derived, source.upper(), None))
 
 
 # The sources that are derived, each once, and a row for each.
@@ -57,15 +57,12 @@ def find_row(source: str) -> int:
     return FIRST_DERIVED + DERIVED.index(source) if row is None else row
 
 
-_ANGLES = ("bank", "angle_of_attack", "sideslip")
 _ERRORS = tuple(find_row(name) for name in ("bank_error_deg", "angle_of_attack_error_deg", "sideslip"))
-_RIPPLES = tuple(find_row(f"{name}_ripple_deg") for name in _ANGLES)
-_CYCLES = tuple(find_row(f"{name}_cycle_hz") for name in _ANGLES)
 
 
 def find_factor(source: str, unit: str) -> float:
     """What turns the row of a source into a unit: rows are in SI and radians, derived quantities in their own unit."""
-    return _DEG if unit in ("deg", "deg/s") and source not in DERIVED else 1.0
+    return _DEG if unit in ("deg", "deg/s") and source not in DERIVED and not source.endswith("_deg") else 1.0
 
 
 def _compose(functions: Sequence[Callable[..., Any]], row: int) -> Callable[..., None]:
@@ -142,12 +139,13 @@ def derive(Z, width, plan, tick):
     observing = derived.Observing(plan.reference, plan.timing, plan.vehicle.constants)
     for lane in range(width):
         _derive_lane(Z, lane, observing, tick)
-    follow_ripples(Z, width, observing, tick, _ERRORS, _RIPPLES, _CYCLES)
+    follow_ripples(Z, width, observing, tick, _ERRORS)
 
 
 @lanes
 def check_limits(Z, O, width, observed, tick):
-    """End the flights that left their limits or are no longer finite; metrics keep what was counted."""
+    """End the flights that left their limits or are no longer finite: how many. Metrics keep what was counted."""
+    ended = 0.0
     for lane in range(width):
         Z[VERDICT, lane] = 0.0
     for i in range(observed.limit_row.size):
@@ -175,6 +173,16 @@ def check_limits(Z, O, width, observed, tick):
         O[SAMPLES, lane] += counts
         O[ALIVE, lane] = 0.0 if ends else alive
         Z[s.COUNTED, lane] = counts
+        ended += 1.0 if ends else 0.0
+    return ended
+
+
+@lanes
+def finish_flights(Z, O, width, plan, tick):
+    """What metrics count of flights that have ended, at this tick or before."""
+    for lane in range(width):
+        if tick == plan.timing.ticks or O[ALIVE, lane] == 0.0:
+            end_ripples(Z, lane, plan)
 
 
 @lanes

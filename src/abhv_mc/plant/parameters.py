@@ -224,6 +224,10 @@ PARAMETERS: tuple[Parameter, ...] = (
     *_more_failures(),
 )
 
+SENSOR_NOISES = tuple(f"sensor.{name}_noise" for name in _NAVIGATION)
+# What swings an angle without a limit cycle.
+DISTURBANCES = ("wind.gust_north", "wind.gust_east", "wind.gust_down", "wind.turbulence", *SENSOR_NOISES)
+
 FAILURE_TIMES = tuple(
     parameter.name
     for parameter in PARAMETERS

@@ -1,6 +1,7 @@
 """Limits on loads, heat, bank and oscillation: what a vehicle file and a mission file may both name."""
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, Any, NamedTuple
 
 from pydantic import BeforeValidator, Field
@@ -9,6 +10,7 @@ from abhv_mc.io.documents import StrictModel
 from abhv_mc.io.units import Angle, HeatFlux, Pressure
 
 Positive = Field(gt=0.0)
+STILL_AIR = "still air and no noise: they swing an angle where nothing cycles"
 
 
 class LoadBounds(NamedTuple):
@@ -21,6 +23,11 @@ class LoadBounds(NamedTuple):
     bank_ripple: float = math.inf  # rad, see abhv_mc.flight.ripple
     angle_of_attack_ripple: float = math.inf
     sideslip_ripple: float = math.inf
+
+    def refuse_in(self, disturbances: Sequence[str]) -> str:
+        """Why a flight with these gusts, turbulence or noise has no limit on oscillation; '' where it may."""
+        limited = min(self.bank_ripple, self.angle_of_attack_ripple, self.sideslip_ripple) < math.inf
+        return f"'{disturbances[0]}' with 'limits: {{oscillation}}'" if limited and disturbances else ""
 
 
 class Oscillation(StrictModel):

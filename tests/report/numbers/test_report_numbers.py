@@ -1,13 +1,18 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from report.synthetic import write_campaign
 
 from abhv_mc.folder.results import read_results
+from abhv_mc.report.numbers.findings import finding_sentences
 from abhv_mc.report.numbers.report_numbers import make_numbers
+from abhv_mc.report.pages.first_screen import cards
 from abhv_mc.statistics import judge
 from abhv_mc.topics.topic import Models
+
+GUSTS = {"wind.gust_east": np.zeros(100)}
 
 
 def test_the_same_folder_gives_the_same_numbers(failing_folder, failing_numbers):
@@ -77,3 +82,17 @@ def test_convergence_ends_with_the_table(failing_numbers):
     assert trace["flights"][-1] == 100
     last = trace["metrics"]["speed_error_max_mps"]["q95"]["value"][-1]
     assert last == failing_numbers["metrics"]["speed_error_max_mps"]["controllers"]["tlc"]["q95"]["value"]
+
+
+@pytest.mark.parametrize(
+    ("air", "card", "finding"), [({}, "cycle", "limit cycle"), (GUSTS, "swing", "swings, in gusts")]
+)
+def test_a_cycle_in_gusts_turbulence_or_noise_is_called_a_swing(failing, air, card, finding):
+    flights = {
+        name: replace(found, metrics={**found.metrics, "bank_ripple_deg": np.full(found.flight.size, 9.0)})
+        for name, found in failing.flights.items()
+    }
+    models = Models(replace(failing, flights=flights, samples={**failing.samples, **air}))
+    numbers = make_numbers(models)
+    assert finding in " ".join(finding_sentences(models, numbers))
+    assert f" {card}" in " ".join(cards(models, numbers, dict.fromkeys(flights, "#000"))[0].notes)

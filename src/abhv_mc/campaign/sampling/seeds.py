@@ -11,10 +11,9 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.designs import FACTORIAL
 from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
-from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.plant.parameters import PARAMETERS, SENSOR_NOISES
 
-_NOISES = tuple(p.name for p in PARAMETERS if p.name.startswith("sensor.") and p.name.endswith("_noise"))
-NOISE_OF_SEED = {"wind.turbulence_seed": ("wind.turbulence",), "sensor.noise_seed": _NOISES}
+NOISE_OF_SEED = {"wind.turbulence_seed": ("wind.turbulence",), "sensor.noise_seed": SENSOR_NOISES}
 """By seed, the parameters that make the noise that it belongs to."""
 
 

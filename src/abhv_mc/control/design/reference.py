@@ -59,6 +59,8 @@ def solve_reference(
     settled = np.ones(ticks + 1)
     for first, last in ramp_times(mission):
         settled[(times - first > -0.5 * tick) & (times - last < SETTLING - 0.5 * tick)] = 0.0
+    count = np.cumsum(settled)
+    settled *= count - np.maximum.accumulate(np.where(settled > 0.0, 0.0, count))
     heading = mission.start.heading
     column = {
         "time": times,

@@ -7,6 +7,7 @@ import numpy as np
 
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.results import Results
+from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.topics.failed_flights import EARLY
 from abhv_mc.topics.failures import FAILURES
 from abhv_mc.topics.failures.model import Failures
@@ -22,7 +23,7 @@ _LIMITS = {"saturates": 0.0, "leaves_tables": 0.0, "cycles": _CYCLES}  # of a re
 
 def finding_numbers(results: Results) -> dict[str, Any]:
     """Flights [count] of each controller whose surfaces saturate, that cycle by channel, that leave the tables."""
-    disturbed = any(name == "wind.turbulence" or name.endswith("_noise") for name in results.samples)
+    disturbed = not set(DISTURBANCES).isdisjoint(results.samples)
     return {name: _of(results.flights[name]) | {"disturbed": disturbed} for name in results.controllers}
 
 
@@ -84,7 +85,7 @@ def _cycles(part: Mapping[str, Any]) -> str:
         for channel, count in part["cycling"].items()
         if count
     ]
-    what = "swings, in turbulence or noise," if part.get("disturbed") else "limit cycle"
+    what = "swings, in gusts, turbulence or noise," if part.get("disturbed") else "limit cycle"
     return f"{what} (> {part['ripple_deg']:g} deg) in {joined(found)}" if found else ""
 
 

@@ -142,7 +142,7 @@ def _card(models: Models, numbers: Mapping[str, Any], name: str, color: str) -> 
     notes = [
         f"unstable at {corners} of {steady} corners" if corners and margin != "unstable" else "",
         f"{count_of(found['saturated'], found['flown'])} saturate" if found["saturated"] else "",
-        f"{count_of(cycling, found['flown'])} cycle" if cycling else "",
+        f"{count_of(cycling, found['flown'])} {'swing' if found['disturbed'] else 'cycle'}" if cycling else "",
         f"{counts['not_computed']} not computed" if counts["not_computed"] else "",
     ]
     used = [
