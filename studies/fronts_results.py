@@ -1,6 +1,6 @@
 """Flies what ``fronts.py`` found on fresh seeds: writes studies/fronts/results.json and the pairs of equal usage.
 
-    OPENBLAS_NUM_THREADS=1 python studies/fronts_results.py [--work DIR]
+    OPENBLAS_NUM_THREADS=1 python studies/fronts_results.py [--work DIR] [--recount]
 
 From each search the best design within each of ``GRID``'s budgets that keeps every limit: margins also at the corners
 of the paper's box, and no flight lost or cycling at the 128 corners of the wide box and in ``WIDE`` fresh ones.
@@ -33,9 +33,11 @@ from fronts import (
     nearest_pair,
     retuned,
 )
-from robust_flights import CORNER, NOMINAL, random_flights, search_flights
+from robust_flights import CORNER, NOMINAL, Flown, random_flights, search_flights
 
-from abhv_mc.control.controller_file import read_controller
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.sampling.samples import full_rows
+from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.stability.steady import make_steady_plan
@@ -82,9 +84,19 @@ class Judge:
         plan = make_plan(self.duel.vehicle, self.duel.mission, controller, file.stem)
         steady = make_steady_plan(self.duel.vehicle, self.duel.mission, controller, file.stem)
         margins = self.duel.margins(plan, steady)[:, :3]
-        block, wide = fly(plan, self.paper), self.duel.fly(plan, np.vstack([self.corners, self.wide]))
+        block, wide = fly(plan, self.paper), self.count(controller, file.stem)
         least = np.hstack([margins[0], margins[1:].min(axis=0)])
         return Fresh(columns(block, ERRORS), columns(block, USAGE), least, wide.lost, wide.cycling)
+
+    def count(self, controller: Controller, name: str) -> Flown:
+        """The wide box's flights, which last LONG."""
+        plan = make_plan(self.duel.vehicle, self.duel.long, controller, name)
+        return self.duel.fly(plan, np.vstack([self.corners, self.wide]))
+
+    def recount(self, design: dict[str, Any], controller: Controller, name: str) -> None:
+        """Count a design's lost and cycling flights again."""
+        flown = self.count(controller, name)
+        design |= {"lost": flown.lost, "cycling": flown.cycling}
 
     def keeps(self, fresh: Fresh) -> bool:
         """Whether every limit is kept."""
@@ -224,15 +236,51 @@ def pairs(judge: Judge, vehicle: str, tried: dict[str, Tried]) -> list[dict[str,
     return found
 
 
+def recount(judge: Judge, vehicle: str, told: dict[str, Any]) -> None:
+    """Count the lost and cycling flights of every design in the results again."""
+    for name, design in told["shipped"].items():
+        file = retuned(vehicle) if name == "lqr_retuned" else name
+        judge.recount(design, read_controller(ROOT / f"configs/control/{file}.yaml"), name)
+    for key, designs in told["fronts"].items():
+        law = key.split()[0]
+        for design in designs:
+            judge.recount(design, judge.trials[law].controller(np.array(design["point"])), law)
+    for pair in told["pairs"]:
+        for law in LAWS:
+            file = FOLDER / f"{law}_{vehicle}_{pair['budget']:g}.yaml" if pair["budget"] else None
+            if file and file.exists():
+                judge.recount(pair[law], read_controller(file), law)
+    if vehicle == "ghame_x":
+        told["early_design"] = count_early_design(judge)
+
+
+def count_early_design(judge: Judge) -> dict[str, list[int]]:
+    """Lost and cycling flights of ``campaigns/wide.yaml``'s dispersions, by controller; each lasts LONG."""
+    campaign = read_campaign(ROOT / "campaigns/wide.yaml")
+    samples = campaign.make_samples()
+    rows, found = full_rows(samples.names, samples.draw(0, campaign.runs)), {}
+    for name in ("tlc", "lqr", "tlc_robust", "lqr_robust"):
+        controller = read_controller(ROOT / f"configs/control/{name}.yaml")
+        flown = judge.duel.fly(make_plan(judge.duel.vehicle, judge.duel.long, controller, name), rows)
+        found[name] = [flown.lost, flown.cycling]
+    return found
+
+
 def main() -> None:
     """Fly what was found."""
     parser = argparse.ArgumentParser(description="Fly the designs that fronts.py found.")
     parser.add_argument("--work", type=Path, default=ROOT / "build/fronts")
     parser.add_argument("--vehicle", nargs="+", choices=VEHICLES, default=VEHICLES)
+    parser.add_argument("--recount", action="store_true", help="fly the designs of the results, count what cycles")
     arguments = parser.parse_args()
     FOLDER.mkdir(exist_ok=True)
     into = FOLDER / "results.json"
     for vehicle in arguments.vehicle:
+        if arguments.recount:
+            results = json.loads(into.read_text(encoding="utf-8"))
+            recount(Judge(vehicle), vehicle, results[vehicle])
+            into.write_text(json.dumps(results) + "\n", encoding="utf-8")
+            continue
         archive, judge = Archive(arguments.work, vehicle), Judge(vehicle)
         shipped = {"tlc": "tlc", "lqr": "lqr", "tlc_robust": "tlc_robust", "lqr_robust": "lqr_robust"}
         shipped["lqr_retuned"] = retuned(vehicle)
@@ -254,7 +302,7 @@ def main() -> None:
                 told["fronts"][f"{law} {search}"] = front(judge, law, tried)
             both[law] = archive.tried(law, SEARCHES)
         told["pairs"] = pairs(judge, vehicle, both)
-        results: dict[str, Any] = json.loads(into.read_text(encoding="utf-8")) if into.exists() else {}
+        results = json.loads(into.read_text(encoding="utf-8")) if into.exists() else {}
         results[vehicle] = told
         into.write_text(json.dumps(results) + "\n", encoding="utf-8")
         print(f"{vehicle}: {told['candidates']}, {told['hours']} h, {len(told['pairs'])} pairs", flush=True)

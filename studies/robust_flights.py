@@ -1,18 +1,16 @@
 """What the robust designs are held against: boxes of uncertainties, flights, cycling angles, margins and limits."""
 
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 from experiment import ALLOWED, DISPERSIONS, ERRORS, ROOT, USAGE, Floats, columns
-from numpy.typing import NDArray
 
 from abhv_mc.control import columns as ref
 from abhv_mc.control.controller_file import Controller, TlcController, read_controller
 from abhv_mc.control.design.lqr_design import gains_of_models, make_lqr_gains, make_lqr_models
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.control.mission import Level, read_mission
-from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
@@ -25,6 +23,8 @@ from abhv_mc.user_code.vehicle_functions import load_vehicle
 NOMINAL = (6.0, 35.0, 40.0)  # dB, deg, ms: the least of every loop
 CORNER = (4.5, 30.0, 30.0)
 RIPPLE = 5.0  # deg
+RIPPLES = tuple(f"{angle}_ripple_deg" for angle in ("angle_of_attack", "sideslip", "bank"))
+LONG = 180.0  # s: flights in which cycles are counted; one that begins late needs them
 EFFECTIVENESS, LONGEST_DELAY = 0.20, 0.040  # s
 SURFACES = ("aileron", "rudder", "elevator")
 SEARCH_SEED, RANDOM = 2014, 55
@@ -65,29 +65,6 @@ def search_flights() -> Floats:
     return np.vstack([paper_corners(), corners, random_flights(RANDOM, SEARCH_SEED)])
 
 
-def ripple(error: NDArray[np.float64]) -> float:
-    """The largest swing of ``error`` [time] that a swing back of at least half its size follows, deg.
-
-    Turning points count from half of RIPPLE on, so that no wiggle hides a slow cycle; 0 without such a pair. The first
-    swing begins at no turning point and does not count.
-    """
-    if np.ptp(error) < 0.5 * RIPPLE:
-        return 0.0
-    least, swings, way, extreme, turn = 0.5 * RIPPLE, [], 0.0, float(error[0]), float(error[0])
-    for value in error.tolist():
-        if way == 0.0:
-            way = float(np.sign(value - extreme)) if abs(value - extreme) >= least else 0.0
-            extreme = value if way else extreme
-        elif way * (value - extreme) > 0.0:
-            extreme = value
-        elif way * (extreme - value) >= least:
-            swings.append(abs(extreme - turn))
-            turn, extreme, way = extreme, value, -way
-    swings.append(abs(extreme - turn))
-    pairs = pairwise(swings[1:])
-    return max((one for one, back in pairs if back >= 0.5 * one), default=0.0)
-
-
 @dataclass(frozen=True)
 class Flown:
     """Flights of one controller."""
@@ -113,6 +90,7 @@ class Duel:
     def __init__(self, vehicle: str, law: str) -> None:
         self.vehicle = load_vehicle(ROOT / f"configs/vehicle/{vehicle}.yaml")
         self.mission = read_mission(ROOT / "configs/mission/s_manoeuvre.yaml")
+        self.long = self.mission.model_copy(update={"duration": LONG})
         self.level = self.mission.model_copy(update={"manoeuvre": Level(kind="level")})
         self.corners, self.flights = paper_corners(), search_flights()
         table_1 = read_controller(ROOT / "configs/control/tlc.yaml")
@@ -128,20 +106,8 @@ class Duel:
 
     def fly(self, plan: FlightPlan, parameters: Floats) -> Flown:
         """Fly these parameters."""
-        block = fly(plan, parameters, record_every=10)
-        settled = plan.reference[::10, ref.SETTLED][: len(block.times)] > 0.0
-        ends = np.flatnonzero(np.diff(np.concatenate([[False], settled, [False]]).astype(int)))
-        history = block.history.astype(np.float64)
-        pairs = (("angle_of_attack_deg", "angle_of_attack_command_deg"), ("bank_deg", "bank_command_deg"))
-        errors = [history[:, :, CHANNEL_INDEX[a]] - history[:, :, CHANNEL_INDEX[b]] for a, b in pairs]
-        errors.append(history[:, :, CHANNEL_INDEX["sideslip_deg"]])
-        ripples = np.full(len(parameters), np.nan)
-        for flight in np.flatnonzero(block.outcome == Outcome.OK):
-            ripples[flight] = max(
-                ripple(error[flight, first:last])
-                for error in errors
-                for first, last in zip(ends[::2], ends[1::2], strict=True)
-            )
+        block = fly(plan, parameters)
+        ripples = np.where(block.outcome == Outcome.OK, columns(block, RIPPLES).max(axis=1), np.nan)
         return Flown(columns(block, ERRORS), columns(block, USAGE), ripples)
 
     def plans(self, controller: Controller) -> tuple[FlightPlan, FlightPlan]:
