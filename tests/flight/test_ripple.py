@@ -5,7 +5,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from abhv_mc import flying
 from abhv_mc.control import columns as ref
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
@@ -132,31 +131,6 @@ def test_a_third_side_counts_as_far_as_it_has_got() -> None:
         assert follow(wave, end > TIME)[0] == pytest.approx(size, abs=0.01)
 
 
-LONG = {"base": "level", "duration": "200 s"}
-CYCLING = {
-    "rudder": ("level", "tlc", {"control.rudder_effectiveness": 1.12}, "bank", 18.9, 0.070),
-    "aileron": ("level", "tlc", {"control.aileron_effectiveness": 0.84}, "bank", 26.6, 0.058),
-    "slow": (LONG, "tlc", {"control.rudder_effectiveness": 1.3}, "bank", 28.4, 0.0134),
-    "slow_aileron": (LONG, "tlc", {"control.aileron_effectiveness": 0.7}, "bank", 55.2, 0.014),
-    "paper": ("level", "lqr", {}, "angle_of_attack", 12.8, 0.429),
-    "turn": ("turn", "tlc", {}, "bank", 1.75, 0.044),
-    "turn_lqr": ("turn", "lqr_robust", {}, "bank", 0.0, 0.0),
-    "s": ("s_manoeuvre", "lqr_robust", {}, "bank", 2.5, 0.023),
-    "climb": ("climb", "tlc", {}, "bank", 0.0, 0.0),
-}
-EACH_KIND = ("rudder", "slow", "paper", "turn", "s")
-
-
-@pytest.mark.parametrize(
-    "case", [case if case in EACH_KIND else pytest.param(case, marks=pytest.mark.thorough) for case in CYCLING]
-)
-def test_flights_that_cycle_and_flights_that_do_not(case: str) -> None:
-    mission, controller, dispersions, angle, size, frequency = CYCLING[case]
-    metrics = flying.fly(mission, "ghame_x", controller, dispersions, every=100).attrs["metrics"]
-    assert metrics[f"{angle}_ripple_deg"] == pytest.approx(size, abs=0.15)
-    assert metrics[f"{angle}_cycle_hz"] == pytest.approx(frequency, rel=0.1, abs=5e-3)
-
-
 @pytest.mark.parametrize("name", ["tlc", "lqr"])
 def test_the_metrics_are_those_of_the_recorded_flight(name: str) -> None:
     plan = make_flight_plan("s_manoeuvre", controller=name)
@@ -168,8 +142,10 @@ def test_the_metrics_are_those_of_the_recorded_flight(name: str) -> None:
     for row, metrics in zip(block.history.astype(np.float64), block.metrics, strict=True):
         for angle in ("bank", "angle_of_attack"):
             error = row[:, CHANNEL_INDEX[f"{angle}_deg"]] - row[:, CHANNEL_INDEX[f"{angle}_command_deg"]]
-            wanted, _ = expected_ripple(error, settled)  # histories are float32
+            wanted, frequencies = expected_ripple(error, settled)  # histories are float32
             assert metrics[METRIC_INDEX[f"{angle}_ripple_deg"]] == pytest.approx(wanted, abs=2e-5, rel=1e-5)
+            frequency = metrics[METRIC_INDEX[f"{angle}_cycle_hz"]]
+            assert any(frequency == pytest.approx(each, rel=0.05) for each in frequencies)
     if name == "lqr":  # it cycles in angle of attack, which nobody sees in its rms
         assert block.metrics[0, METRIC_INDEX["angle_of_attack_ripple_deg"]] > 5.0
 
