@@ -1,4 +1,4 @@
-"""A member of the ensemble as files: configs/vehicle/abhv.yaml with its tables, and configs/mission/paper_s.yaml.
+"""A member of the ensemble as files below configs: the vehicle abhv with its tables, and the mission paper_s.
 
     python studies/paper_vehicle_export.py [MEMBER]
 
