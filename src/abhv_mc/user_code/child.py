@@ -70,10 +70,13 @@ def in_child(function: Callable[..., T], *arguments: Any, limit: float | None = 
 def called_beside(function: Callable[..., Any], *arguments: Any) -> Iterator[None]:
     """Call a module's function in a process beside this one, for what it leaves behind; it ends with the context."""
     child = _Child()
-    threading.Thread(target=child.leave_to, args=(function, arguments), daemon=True).start()
+    caller = threading.Thread(target=child.leave_to, args=(function, arguments), daemon=True)
+    caller.start()
     try:
         yield
     finally:
+        child.kill()  # with which the call ends, before its pipe is closed
+        caller.join()
         child.end()
 
 
@@ -112,11 +115,14 @@ class _Child:
             words = f"its process ended: {describe_exit(self._process.wait())}"
             raise LostError(words, False, self._process.pid) from None
 
+    def kill(self) -> None:
+        with contextlib.suppress(OSError):
+            self._process.kill()
+
     def end(self) -> None:
         if self._pid != os.getpid():  # a fork's copy
             return
-        with contextlib.suppress(OSError):
-            self._process.kill()
+        self.kill()
         self._process.wait()
         if self._process.stdin is not None:
             self._process.stdin.close()
