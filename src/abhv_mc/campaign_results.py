@@ -100,17 +100,19 @@ class CampaignResults:
         from abhv_mc.report.numbers.confidence import confidence_sentence
         from abhv_mc.report.numbers.summary import summary_sentences
 
-        return [*summary_sentences(self._models, self.numbers), confidence_sentence(self.numbers)]
+        return [*summary_sentences(self._models, self.numbers), confidence_sentence(self._models, self.numbers)]
 
     @property
     def verdicts(self) -> "pd.DataFrame":
         """Verdict, counts, tolerance limit and room of each requirement (by its id or metric) on each controller."""
         import pandas as pd
 
+        from abhv_mc.topics.verdicts import VERDICTS
+
         rows = [
-            {"requirement": entry.get("id") or entry["metric"], "controller": name, "asked": entry["words"], **verdict}
-            for entry in self.numbers["requirements"]
-            for name, verdict in entry["controllers"].items()
+            {"requirement": entry.name, "controller": name, "asked": entry.words, **vars(verdict)}
+            for entry in self._models[VERDICTS].requirements
+            for name, verdict in entry.controllers.items()
         ]
         return pd.DataFrame(rows).set_index(["requirement", "controller"]) if rows else pd.DataFrame()
 

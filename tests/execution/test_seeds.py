@@ -16,10 +16,9 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.folder.results import read_results
 from abhv_mc.folder.seeds import name_siblings
 from abhv_mc.io.input_error import InputError
-from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.statistics.verdicts import judge, verdict_words
-from abhv_mc.topics.topic import Models
+from abhv_mc.topics.verdicts.model import compute_verdicts
 
 # About 4 % of the fake flights end early.
 ASKED = "[{metric: altitude_error_max_m, below: 50, probability: 0.93}]"
@@ -39,8 +38,8 @@ def test_a_merge_is_judged_by_the_counts_of_all(tmp_path):
     verdict = judge(entry["failures"], 600, 0.93, entry["consumer_risk"])
     assert (entry["verdict"], entry["words"]) == (verdict.status, verdict_words(verdict))
     assert merged.manifest["question"] == parts[0]["question"]
-    numbers = make_numbers(Models(read_results(tmp_path / "all")))["requirements"][0]["controllers"]["one"]
-    assert (numbers["flights"], numbers["failures"], numbers["status"]) == (600, entry["failures"], entry["verdict"])
+    found = compute_verdicts(read_results(tmp_path / "all")).requirements[0].controllers["one"]
+    assert (found.flights, found.failures, found.status) == (600, entry["failures"], entry["verdict"])
 
 
 def test_each_flight_keeps_its_seed_and_number(tmp_path):

@@ -14,8 +14,7 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.results import read_results
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.topics.topic import Models
+from abhv_mc.topics.verdicts.model import compute_verdicts
 
 # About 4 % of the fake flights end early: proven at 90 %, disproven at 99 %.
 PROVEN = "[{metric: altitude_error_max_m, below: 50, probability: 0.9}]"
@@ -103,11 +102,10 @@ def test_what_is_not_settled_flies_to_the_end(tmp_path):
 def test_the_report_gives_the_same_verdicts(tmp_path):
     out = tmp_path / "out"
     manifest = run(make(tmp_path / "f"), out).manifest
-    numbers = make_numbers(Models(read_results(out)))
-    first, second = (entry["controllers"] for entry in numbers["requirements"])
-    assert first["one"]["status"] == "PASS" and second["two"]["status"] == "FAIL"
-    assert first["one"]["flights"] == second["two"]["flights"] == manifest["stopped_at"]
-    assert first["one"]["room"] > 0.0 > (second["two"]["room"] or -1.0)
+    first, second = (entry.controllers for entry in compute_verdicts(read_results(out)).requirements)
+    assert first["one"].status == "PASS" and second["two"].status == "FAIL"
+    assert first["one"].flights == second["two"].flights == manifest["stopped_at"]
+    assert first["one"].room > 0.0 > (second["two"].room or -1.0)
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,7 @@ def flown(repository, tmp_path_factory):
 def test_it_heads_the_answer_and_its_smallest_value_is_the_worst(flown):
     _, page, numbers = flown
     assert numbers["asked"] == [LOW] and next(iter(numbers["metrics"])) == LOW
-    assert numbers["requirements"][0]["controllers"]["tlc"]["failures"] == 17
+    assert numbers["verdicts"]["requirements"][0]["controllers"]["tlc"]["failures"] == 17
     cell = numbers["metrics"][LOW]["controllers"]["tlc"]
     assert cell["worst_flight"] == 10 and cell["worst"] == pytest.approx(19980.69, abs=0.01)
     assert numbers["paired"]["tlc - lqr"]["metrics"][LOW]["winner"] == "lqr"

@@ -55,13 +55,13 @@ def test_the_report_ranks_and_bounds_by_the_distance_outside(flown):
     numbers = json.loads((out / "report.json").read_text("utf-8"))
     values, lost = table[METRIC].to_numpy(), (table["outcome"] != "ok").to_numpy()
     outside = np.where(lost, np.inf, np.maximum(LOW - values, values - HIGH))
-    (entry,) = numbers["requirements"]
+    (entry,) = numbers["verdicts"]["requirements"]
     found = entry["controllers"]["one"]
     assert "between 0.4 and 2.3" in entry["words"]
     k = most_failures(len(values), 0.5, 0.1)
     assert found["tolerance_limit"] == pytest.approx(np.sort(outside)[::-1][k])
     assert found["room"] == pytest.approx(-found["tolerance_limit"] / 0.95)
-    cell = numbers["glance"][0]["cells"]["one"]
+    cell = numbers["verdicts"]["glance"][0]["cells"]["one"]
     assert cell["median"] == pytest.approx(np.percentile(outside, 50.0, method="nearest"))
     listed = [item["flight"] for item in numbers["worst"]["one"]]
     assert [outside[flight] for flight in listed] == np.sort(outside)[::-1][:40].tolist()

@@ -74,7 +74,9 @@ def test_it_flies_and_its_report_follows_from_the_data(name, engine, tmp_path):
     assert f"<h1>{question}</h1>" in page and markdown.startswith(f"# {question}\n")
     assert list(verify_campaign(flown.folder)) == []
     check_captions(page, numbers, pq.read_table(flown.folder / "flights"))
-    statuses = {entry["status"] for item in numbers["requirements"] for entry in item["controllers"].values()}
+    statuses = {
+        entry["status"] for item in numbers["verdicts"]["requirements"] for entry in item["controllers"].values()
+    }
     failed = {name: counts["failed"] for name, counts in numbers["flights"].items()}
     if name == "wide":
         assert failed["tlc"] > 0 and failed["lqr"] > failed["tlc"] and "FAIL" in statuses

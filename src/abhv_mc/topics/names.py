@@ -18,6 +18,8 @@ class Names:
     asked: tuple[str, ...]  # the metrics that stand first
     requirements: tuple[Requirement, ...]
     folder: str
+    design: str = "random"  # of its samples
+    independent: bool = True  # whether its flights are independent draws, so that exact statistics hold
 
     def label(self, controller: str) -> str:
         """How a controller is called in print."""
@@ -28,4 +30,5 @@ def names_of(results: Results) -> Names:
     """The names of a campaign."""
     labels = full_labels(results.folder, results.controllers)
     campaign, folder = results.campaign, shlex.quote(results.folder.as_posix())
-    return Names(labels, campaign.metrics, results.asked, campaign.requirements, folder)
+    asked, requirements = results.asked, campaign.requirements
+    return Names(labels, campaign.metrics, asked, requirements, folder, campaign.sampling, campaign.independent)

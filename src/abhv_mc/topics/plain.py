@@ -16,6 +16,8 @@ def plain(value: Any) -> Any:
     """The value as JSON holds it, without what serves figures alone; infinite and missing numbers are None."""
     if is_dataclass(value) and not isinstance(value, type):
         return {item.name: plain(getattr(value, item.name)) for item in fields(value) if not item.metadata.get(DRAWN)}
+    if hasattr(value, "_asdict"):  # a named tuple
+        value = value._asdict()
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

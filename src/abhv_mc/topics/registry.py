@@ -11,9 +11,12 @@ from abhv_mc.topics.failure_cases import FAILURE_CASES
 from abhv_mc.topics.failures import FAILURES
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.topic import Topic
+from abhv_mc.topics.verdicts import VERDICTS
 
 GROUP = "abhv_mc.topics"  # of entry points: name = "package.module:TOPIC"
-BUILT_IN: tuple[Topic[Any], ...] = (FAILURE_CASES, FAILURES, DRIVERS, ENVELOPES, MARGINS, CONVERGENCE)
+BUILT_IN: tuple[Topic[Any], ...] = (
+    VERDICTS, FAILURE_CASES, FAILURES, DRIVERS, ENVELOPES, MARGINS, CONVERGENCE,
+)  # fmt: skip
 _registered: dict[str, Topic[Any]] = {}
 
 

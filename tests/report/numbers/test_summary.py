@@ -1,13 +1,28 @@
 import copy
+from dataclasses import replace
+
+from topics.changed import changed
 
 from abhv_mc.report.numbers.summary import summary_sentences
+from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.words import significant
+
+
+def judged(models, **statuses):
+    """The models with other verdicts of controllers."""
+
+    def of(entry):
+        told = {name: replace(entry.controllers[name], status=status) for name, status in statuses.items()}
+        return replace(entry, controllers={**entry.controllers, **told})
+
+    verdicts = models[VERDICTS]
+    requirements = tuple(of(entry) for entry in verdicts.requirements)
+    return changed(models, {VERDICTS: replace(verdicts, requirements=requirements)})
 
 
 def test_the_first_sentence_says_who_wins_and_at_what_usage(models, report_json):
     numbers = copy.deepcopy(report_json)
-    for entry in numbers["requirements"]:
-        entry["controllers"]["lqr"]["status"] = "NOT SHOWN"  # as its rival's: the campaign's order holds
+    models = judged(models, lqr="NOT SHOWN")  # as its rival's: the campaign's order holds
     first = summary_sentences(models, numbers)[0]
     assert first.startswith("TLC is better: against LQR, on the same")
     cells = report_json["metrics"]["speed_error_max_mps"]["controllers"]
@@ -46,7 +61,5 @@ def test_of_rivals_that_stand_alike_the_one_that_fails_less_comes_first(models, 
     for pair in numbers["paired"].values():
         for metric, entry in pair["metrics"].items():
             entry |= {"winner": "tlc" if metric == "sideslip_max_deg" else None, "mixed": False}
-    for entry in numbers["requirements"]:
-        entry["controllers"]["lqr"]["status"] = "FAIL"
-        entry["controllers"]["lqr_retuned"]["status"] = "NOT SHOWN"
+    models = judged(models, lqr="FAIL", lqr_retuned="NOT SHOWN")
     assert summary_sentences(models, numbers)[0].startswith("TLC is better: against LQR retuned")

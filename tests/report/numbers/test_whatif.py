@@ -53,7 +53,10 @@ def agree(found, fresh, metrics=("altitude_error_max_m", "speed_error_max_mps", 
                 after, there = part["metrics"][metric][level]["after"], numbers["metrics"][metric]["controllers"][name]
                 assert after["low"] <= there[level]["high"] and there[level]["low"] <= after["high"], (metric, level)
             assert after != part["metrics"][metric]["q95"]["before"]
-        share, verdict = part["requirements"][0]["failure_share"], numbers["requirements"][0]["controllers"][name]
+        share, verdict = (
+            part["requirements"][0]["failure_share"],
+            numbers["verdicts"]["requirements"][0]["controllers"][name],
+        )
         low, high = clopper_pearson(verdict["failures"], verdict["flights"])
         assert share["after"]["low"] <= high and low <= share["after"]["high"]
 

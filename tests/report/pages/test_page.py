@@ -1,7 +1,6 @@
 """The page as text: structure, accessibility, escaping. What a browser makes of it is in test_browser."""
 
 import base64
-import copy
 import dataclasses
 import gzip
 import hashlib
@@ -16,7 +15,6 @@ from report.synthetic import write_campaign
 
 from abhv_mc.folder.results import read_results
 from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.pages.first_screen import chart_rows
 from abhv_mc.report.pages.page import make_markdown, make_page
 from abhv_mc.topics.topic import Models
 
@@ -156,20 +154,3 @@ def test_markdown_shows_any_text_as_text(tmp_path):
     assert markdown.startswith(f"# {shown}\n")
     assert f"| commit | {shown} |" in markdown
     assert "<script" not in markdown
-
-
-def test_the_chart_prints_the_tolerance_limit_that_is_off_its_scale(report_json):
-    """It printed the median, unlabelled, at its right edge."""
-    numbers = copy.deepcopy(report_json)
-    (entry,) = numbers["glance"] = numbers["glance"][2:]
-    for name, ends in {
-        "tlc": (0.2, 0.4, 0.6, 0.65),
-        "lqr": (0.5, 0.98, 1.4, 1.57),
-        "lqr_retuned": (0.5, None, None, None),
-    }.items():
-        entry["cells"][name] |= dict(zip(("low", "median", "high", "tolerance"), ends, strict=True))
-    names = dict.fromkeys(entry["cells"], "circle")
-    (row,) = chart_rows(numbers, names, names)
-    assert [bar.edge for bar in row.bars] == ["", "1.57 deg", "lost"]
-    assert [(bar.median is None, bar.tolerance is None, bar.beyond) for bar in row.bars] == [
-        (False, False, False), (True, True, True), (True, True, True)]  # fmt: skip

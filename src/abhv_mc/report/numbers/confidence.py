@@ -3,10 +3,12 @@
 from collections.abc import Mapping
 from typing import Any
 
+from abhv_mc.topics.topic import Models
+from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.words import fixed, joined, percent
 
 
-def confidence_sentence(numbers: Mapping[str, Any]) -> str:
+def confidence_sentence(models: Models, numbers: Mapping[str, Any]) -> str:
     """What the intervals and verdicts rest on."""
     campaign = numbers["campaign"]
     flown = {counts["flown"] for counts in numbers["flights"].values()}
@@ -18,8 +20,8 @@ def confidence_sentence(numbers: Mapping[str, Any]) -> str:
             f" The flights of a {campaign['sampling']} design are not independent draws: exact binomial statistics do "
             "not hold, so quantiles, differences and their intervals are estimates and no verdict is given."
         )
-    elif numbers["requirements"]:
-        largest = max(entry["consumer_risk"] for entry in numbers["requirements"])
+    elif models[VERDICTS].requirements:
+        largest = max(entry.asked.consumer_risk for entry in models[VERDICTS].requirements)
         text += (
             f" A system that just misses a requirement would ever PASS with a probability of at most "
             f"{percent(largest, 2)}, however often one looks or extends the campaign; the intervals are for one look."

@@ -11,16 +11,12 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.flight.metrics import Metric
-from abhv_mc.folder.results import Requirement, Results
+from abhv_mc.folder.results import Results
 from abhv_mc.report.numbers.compare import baseline_numbers
 from abhv_mc.report.numbers.findings import finding_numbers, left_out
-from abhv_mc.report.numbers.glance import glance_numbers
 from abhv_mc.report.numbers.paired import paired_numbers
-from abhv_mc.statistics.binomial import clopper_pearson, success_lower_bound
+from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
-from abhv_mc.statistics.judgement import hold_family
-from abhv_mc.statistics.verdicts import Verdict, advice_words, verdict_words
-from abhv_mc.topics.failed_flights import find_tolerance, judge_all, requirement_failures, requirement_words
 from abhv_mc.topics.labels import full_labels
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.sentences import missing_margins
@@ -30,7 +26,6 @@ from abhv_mc.topics.topic import Models
 from abhv_mc.topics.worst_flights import worst_numbers
 
 FORMAT = 1
-FAMILY_RISK = 0.10  # at which the report asks which PASSes would stand together
 
 
 def _flight_counts(results: Results) -> dict[str, Any]:
@@ -47,55 +42,6 @@ def _flight_counts(results: Results) -> dict[str, Any]:
             "failure_share": plain(Interval(failed / flown, *ends)),
         }
     return counts
-
-
-def _requirements(results: Results, judged: list[dict[str, Verdict]]) -> list[dict[str, Any]]:
-    return [
-        {
-            **item.traced,
-            **{key: getattr(item, key) for key in ("metric", "probability", "consumer_risk")},
-            **item.limits.as_entry(),
-            "words": requirement_words(item, results.campaign.metrics),
-            "unit": results.campaign.metrics[item.metric].unit.removeprefix("-"),
-            "binds": list(item.controllers),
-            "controllers": {name: _verdict(results, item, name, verdict) for name, verdict in verdicts.items()},
-        }
-        for item, verdicts in zip(results.campaign.requirements, judged, strict=True)
-    ]
-
-
-def _verdict(results: Results, item: Requirement, name: str, verdict: Verdict) -> dict[str, Any]:
-    flights = results.flights[name]
-    given = results.campaign.independent
-    return {
-        **plain(verdict),
-        "ended_early": int((requirement_failures(flights, item) & flights.failed).sum()),
-        "advice": advice_words(verdict) if verdict.status == "NOT SHOWN" else "",
-        **(plain(find_tolerance(flights, item)) if given else {}),
-        # For one look at a number of flights that was fixed before.
-        "one_look_bound": success_lower_bound(verdict.failures, verdict.flights, item.consumer_risk) if given else None,
-        "words": verdict_words(verdict),
-    }
-
-
-def _together(results: Results, judged: list[dict[str, Verdict]]) -> dict[str, Any] | None:
-    """All verdicts as a family: how many PASS, and would stand at one risk for all; None where no verdict is given."""
-    verdicts = [verdict for row in judged for verdict in row.values()]
-    if not verdicts or not results.campaign.independent:
-        return None
-    risk = results.campaign.family_risk or FAMILY_RISK
-    held = hold_family(verdicts, risk)
-    names = [(i, name) for i, row in enumerate(judged) for name in row]
-    return {
-        "risk": risk,
-        "verdicts": len(verdicts),
-        "stand": sum(verdict.status == "PASS" for verdict in held),
-        "dropped": [
-            [i, name]
-            for (i, name), alone, verdict in zip(names, verdicts, held, strict=True)
-            if alone.status == "PASS" and verdict.status != "PASS"
-        ],
-    }
 
 
 def _metric_table(results: Results) -> dict[str, Any]:
@@ -145,8 +91,6 @@ def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]
     """
     results = models.results
     campaign, manifest = results.campaign, results.manifest
-    verdicts = judge_all(results)
-    requirements = _requirements(results, verdicts)
     return {
         "format": FORMAT,
         "campaign": {
@@ -168,10 +112,6 @@ def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]
         "digest": manifest.get("digest"),
         "digests": plain(manifest.get("digests") or {}),
         "flights": _flight_counts(results),
-        "family_risk": results.campaign.family_risk,
-        "held_together": _together(results, verdicts),
-        "requirements": requirements,
-        "glance": glance_numbers(results, requirements),
         "asked": list(results.asked),
         "compared": list(results.compared),
         "metrics": _metric_table(results),

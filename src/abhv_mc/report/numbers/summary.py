@@ -7,9 +7,9 @@ from abhv_mc.report.numbers.findings import finding_sentences
 from abhv_mc.topics.drivers import DRIVERS
 from abhv_mc.topics.failure_cases import FAILURE_CASES
 from abhv_mc.topics.topic import Models
-from abhv_mc.topics.words import count_of, fixed, joined, p_value, percent, significant
+from abhv_mc.topics.verdicts import VERDICTS
+from abhv_mc.topics.words import fixed, joined, p_value, percent, significant
 
-_DROPPED = 4  # verdicts that do not stand jointly, told by name
 _OPEN = 2  # rivals told one by one, of whom no difference in lost flights is shown
 _LOST_RISK = 0.05  # of saying that one controller loses more flights where both are as good
 
@@ -20,32 +20,6 @@ def _label(numbers: Mapping[str, Any], name: str) -> str:
 
 def _phrase(numbers: Mapping[str, Any], metric: str) -> str:
     return str(numbers["metrics"][metric]["phrase"])
-
-
-def _requirements_sentence(numbers: Mapping[str, Any]) -> str:
-    parts = []
-    for name in numbers["campaign"]["controllers"]:
-        words = [entry["controllers"][name]["status"] for entry in numbers["requirements"]]
-        counts = [f"{words.count(word)} {word}" for word in ("PASS", "FAIL", "NOT SHOWN") if word in words]
-        if "ESTIMATE" in words:
-            kept = sum(entry["controllers"][name]["failures"] == 0 for entry in numbers["requirements"])
-            counts = [f"{count_of(kept, len(words))} kept in every flight"]
-        parts.append(f"{_label(numbers, name)} {joined(counts)}")
-    return f"Requirements: {'; '.join(parts)}.{_together_words(numbers)}"
-
-
-def _together_words(numbers: Mapping[str, Any]) -> str:
-    """How many of several PASS hold at one risk for all verdicts, and which do not."""
-    held = numbers["held_together"]
-    if held is None or held["stand"] + len(held["dropped"]) < 2:
-        return ""
-    risk = f"at most {percent(held['risk'], 2)} chance of any false PASS among {held['verdicts']} verdicts (Holm)"
-    if numbers["family_risk"] or not held["dropped"]:
-        return f" {'They hold' if numbers['family_risk'] else 'All PASS also hold'} together, with {risk}."
-    dropped = [f"{numbers['requirements'][i]['words']} ({_label(numbers, name)})" for i, name in held["dropped"]]
-    passed = held["stand"] + len(dropped)
-    named = f"; not {joined(dropped)}" if held["stand"] and len(dropped) <= _DROPPED else ""
-    return f" Taken together, with {risk}, {held['stand'] or 'none'} of the {passed} PASS would stand{named}."
 
 
 def _standing(pair: Mapping[str, Any], numbers: Mapping[str, Any], full: bool = False) -> dict[str, list[str]]:
@@ -97,21 +71,21 @@ def _verdict_of(pair: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
     return "mixed" if len(sides) == 2 else next(iter(sides), "open")
 
 
-def _by_strength(numbers: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def _by_strength(models: Models, numbers: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The pairs, the rival first against which the first controller stands worst; of equals the one that fails less."""
     order = {"worse": 0, "mixed": 1, "open": 2, "better": 3}
 
     def strength(pair: Mapping[str, Any]) -> tuple[int, int, int]:
         found = _standing(pair, numbers)
-        failed = sum(entry["controllers"][pair["b"]]["status"] == "FAIL" for entry in numbers["requirements"])
+        failed = models[VERDICTS].statuses(pair["b"]).count("FAIL")
         return order[_verdict_of(pair, numbers)], len(found["better"]) - len(found["worse"]), failed
 
     return sorted(numbers["paired"].values(), key=strength)
 
 
-def _pair_sentences(numbers: Mapping[str, Any]) -> list[str]:
+def _pair_sentences(models: Models, numbers: Mapping[str, Any]) -> list[str]:
     """Against each rival, the strongest first; the first sentence begins with the answer over all rivals."""
-    pairs = [pair for pair in _by_strength(numbers) if any(_standing(pair, numbers).values())]
+    pairs = [pair for pair in _by_strength(models, numbers) if any(_standing(pair, numbers).values())]
     if not pairs:
         return []
     if not numbers["campaign"]["independent_flights"]:
@@ -204,9 +178,8 @@ class SummaryParts(NamedTuple):
 def summary_parts(models: Models, numbers: Mapping[str, Any]) -> SummaryParts:
     """The sentences of :func:`summary_sentences`, for a page to put below its headings."""
     lost = [*models.sentences(FAILURE_CASES), *_survival_sentences(numbers)]
-    asked = [_requirements_sentence(numbers)] if numbers["requirements"] else []
-    known = [*asked, *finding_sentences(models, numbers)]
-    return SummaryParts(lost, _pair_sentences(numbers), known, [*models.sentences(DRIVERS)])
+    known = [*models.sentences(VERDICTS), *finding_sentences(models, numbers)]
+    return SummaryParts(lost, _pair_sentences(models, numbers), known, [*models.sentences(DRIVERS)])
 
 
 def summary_sentences(models: Models, numbers: Mapping[str, Any]) -> list[str]:

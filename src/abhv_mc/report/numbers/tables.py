@@ -3,8 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from abhv_mc.campaign.file.config import TRACED
-from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.topics.labels import controller_label
 from abhv_mc.topics.parameter_words import parameter_doc, shown_value, spoken_name
 from abhv_mc.topics.words import bounds, count_of, estimate, fixed, p_value, percent, significant
@@ -38,58 +36,6 @@ def _interval(ends: Sequence[float]) -> dict[str, float]:
 def _pair_of(numbers: Mapping[str, Any], first: str, other: str) -> Mapping[str, Any] | None:
     found: Mapping[str, Any] | None = numbers["paired"].get(f"{first} - {other}")
     return found
-
-
-def verdict_rows(numbers: Mapping[str, Any]) -> list[Row]:
-    """One row a requirement: its words and every controller's verdict."""
-    rows = []
-    for entry in numbers["requirements"]:
-        cells = [
-            {
-                "controller": controller_label(name),
-                "binds": name in entry["binds"],
-                "status": verdict["status"],
-                "failures": count_of(verdict["failures"], verdict["flights"]),
-                "advice": verdict["advice"],
-                **dict(zip(("tolerance", "room"), _tolerance(verdict, entry), strict=True)),
-                "ended_early": verdict["ended_early"],
-                "not_computed": verdict["uncomputed"],
-                "note": verdict["note"],
-                "one_look_bound": percent(verdict["one_look_bound"]),
-            }
-            for name, verdict in entry["controllers"].items()
-        ]
-        share, risk = percent(entry["probability"]), percent(entry["consumer_risk"])
-        traced = " \N{MIDDLE DOT} ".join(entry[key] for key in TRACED if key != "id" and key in entry)
-        rows.append(
-            {
-                "id": entry.get("id", ""),
-                "traced": traced,
-                "words": entry["words"],
-                "share": share,
-                "risk": risk,
-                "cells": cells,
-            }
-        )
-    return rows
-
-
-def _tolerance(found: Mapping[str, Any], entry: Mapping[str, Any]) -> tuple[str, str]:
-    """The tolerance limit, and the room between it and what is required."""
-    if "tolerance_limit" not in found:
-        return "\N{EM DASH}", "\N{EM DASH}"
-    if found["tolerance_limit"] is None:
-        return ("too many flights lost" if found["beyond_lost"] else "too few flights"), "\N{EM DASH}"
-    unit, room = entry["unit"], found["room"]
-    asked, value = Bounds.of(entry), found["tolerance_limit"]
-    sign = "" if asked.both else "> " if asked.high is None else "< "
-    limit = f"{sign}{significant(abs(value) if asked.both else value, 4)}\N{NO-BREAK SPACE}{unit}".rstrip()
-    if asked.both:
-        limit += " outside" if value > 0.0 else " inside"
-    if room is None:
-        return limit, "\N{EM DASH}"
-    missed = "too little" if asked.high is None else "too much"
-    return limit, f"{percent(abs(room), 2)} {'to spare' if room > 0.0 else missed}"
 
 
 def headline_rows(numbers: Mapping[str, Any]) -> list[Row]:
@@ -159,7 +105,7 @@ def metric_groups(numbers: Mapping[str, Any]) -> Iterator[Row]:
             yield {"title": title, "name": group, "entries": entries}
 
 
-def pair_tables(numbers: Mapping[str, Any]) -> list[Row]:
+def pair_tables(numbers: Mapping[str, Any], requirements: Sequence[str]) -> list[Row]:
     """Quantile differences, failures of only one, error against usage, and what pairing saved."""
     tables = []
     for pair in numbers["paired"].values():
@@ -176,10 +122,7 @@ def pair_tables(numbers: Mapping[str, Any]) -> list[Row]:
                         "saved": f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none",
                     }
                 )
-        failures = [
-            _failure_row(entry["words"], found)
-            for entry, found in zip(numbers["requirements"], pair["requirements"], strict=True)
-        ]
+        failures = [_failure_row(words, found) for words, found in zip(requirements, pair["requirements"], strict=True)]
         failures.append(_failure_row("Reached the end of the mission", pair["ended_early"]))
         usage = [
             {

@@ -120,6 +120,7 @@ def build_report(
     from abhv_mc.report.pages.searched import refuse_search
     from abhv_mc.topics.figure_style import write_png, write_svg
     from abhv_mc.topics.topic import Models
+    from abhv_mc.topics.verdicts import VERDICTS
 
     refuse_search(folder, read_manifest(CampaignFolder(folder).manifest))
     key = make_key(folder, baseline)  # as it is now: a run may go on meanwhile
@@ -147,8 +148,8 @@ def build_report(
     page = folder / f"report.{format}"
     make = make_page if format == "html" else make_markdown
     write_text(page, make(models, {**numbers, "warnings": [*numbers["warnings"], *failed]}, figures))
-    if numbers["requirements"]:
-        write_text(CampaignFolder(folder).matrix, make_matrix(numbers))
+    if results.campaign.requirements:
+        write_text(CampaignFolder(folder).matrix, make_matrix(models[VERDICTS], results.campaign.metrics))
     report = folder / "report.json"
     names = [*_read_pages(report, numbers), page.name]
     pictures = [path.relative_to(folder).as_posix() for path in sorted(kept)]

@@ -6,9 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from abhv_mc.flight.metrics import GAIN_MARGIN, SURFACE_USAGE
+from abhv_mc.report.pages.flights_view import mark_of
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.model import corners_unstable, least_margins
 from abhv_mc.topics.topic import Models
+from abhv_mc.topics.verdicts import VERDICTS
+from abhv_mc.topics.verdicts.model import GlanceCell, GlanceRow, Verdicts
 from abhv_mc.topics.words import count_of, fixed, joined, percent, significant
 
 _ROWS, _SENTENCES = 8, 2  # shown; then 'and n more'
@@ -67,66 +70,59 @@ class Card:
     usage: str
 
 
-def place(value: float | None, entry: Mapping[str, Any]) -> float | None:
+def place(value: float | None, entry: GlanceRow) -> float | None:
     """Where a value stands: its room to the limit in units of its size, bad to the right, the limit at 1. In percent of
     the chart's width; None for what is missing."""
     if value is None or not math.isfinite(value):
         return None
-    at = 1.0 + (value - entry["limit"]) / entry["size"] * (1.0 if entry["below"] else -1.0)
+    at = 1.0 + (value - entry.limit) / entry.size * (1.0 if entry.below else -1.0)
     return 100.0 * (min(max(at, _LEFT), _RIGHT) - _LEFT) / (_RIGHT - _LEFT)
 
 
 LIMIT_PLACE = 100.0 * (1.0 - _LEFT) / (_RIGHT - _LEFT)
 
 
-def chart_rows(numbers: Mapping[str, Any], colors: Mapping[str, str], marks: Mapping[str, str]) -> list[Row]:
+def chart_rows(entries: Sequence[GlanceRow], labels: Mapping[str, str], colors: Mapping[str, str]) -> list[Row]:
     """The rows of the chart, those nearest to their limit first where there are more than eight."""
-    entries = list(numbers["glance"])
     if len(entries) > _ROWS:
         entries = sorted(entries, key=lambda entry: -_nearest(entry))[:_ROWS]
-    labels = numbers["campaign"]["labels"]
+    marks = {name: mark_of(k) for k, name in enumerate(labels)}
     rows = []
     for entry in entries:
         bars = []
-        for name, cell in entry["cells"].items():
-            at = {key: place(cell[key], entry) for key in ("low", "median", "high", "tolerance")}
-            ends = sorted(value for value in (at["low"], at["high"]) if value is not None)
-            outside = at["median"] in (None, 100.0)
+        for name, cell in entry.cells.items():
+            low, median, high, tolerance = (
+                place(value, entry) for value in (cell.low, cell.median, cell.high, cell.tolerance)
+            )
+            ends = sorted(value for value in (low, high) if value is not None)
+            off_scale = tolerance == 100.0
+            edge = f"{significant(cell.tolerance, 3)} {entry.unit.removeprefix('-')}".strip() if off_scale else ""
             bars.append(
                 Bar(
                     name, labels[name], colors[name], marks[name],
                     low=ends[0] if ends else None, high=ends[-1] if len(ends) > 1 else 100.0 if ends else None,
-                    median=None if outside else at["median"],
-                    tolerance=None if at["tolerance"] == 100.0 else at["tolerance"],
-                    beyond=not {None, 100.0}.isdisjoint((at["low"], at["high"])), edge=_edge(entry, cell, at),
-                    words=_bar_words(entry, labels[name], cell), status=cell["status"], failures=cell["failures"],
+                    median=None if median == 100.0 else median, tolerance=None if off_scale else tolerance,
+                    beyond=not {None, 100.0}.isdisjoint((low, high)),
+                    edge=edge if math.isfinite(cell.median) else "lost",
+                    words=_bar_words(entry, labels[name], cell), status=cell.status, failures=cell.failures,
                 )
             )  # fmt: skip
-        rows.append(Row(entry["metric"], entry["label"], entry["text"], tuple(bars)))
+        rows.append(Row(entry.metric, entry.label, entry.text, tuple(bars)))
     return rows
 
 
-def _edge(entry: Mapping[str, Any], cell: Mapping[str, Any], at: Mapping[str, float | None]) -> str:
-    """What is said right of the chart."""
-    if cell["median"] is None:
-        return "lost"
-    if at["tolerance"] != 100.0:
-        return ""
-    return f"{significant(cell['tolerance'], 3)} {entry['unit'].removeprefix('-')}".strip()
-
-
-def _nearest(entry: Mapping[str, Any]) -> float:
+def _nearest(entry: GlanceRow) -> float:
     """How near the worst controller comes to the limit; infinite where something is lost."""
-    places = [place(cell["high"] if entry["below"] else cell["low"], entry) for cell in entry["cells"].values()]
+    places = [place(cell.high if entry.below else cell.low, entry) for cell in entry.cells.values()]
     return max((math.inf if at is None else at for at in places), default=0.0)
 
 
-def _bar_words(entry: Mapping[str, Any], label: str, cell: Mapping[str, Any]) -> str:
+def _bar_words(entry: GlanceRow, label: str, cell: GlanceCell) -> str:
     low, median, high = (
-        "beyond all" if cell[key] is None else significant(cell[key], 3) for key in ("low", "median", "high")
+        significant(value, 3) if math.isfinite(value) else "beyond all" for value in (cell.low, cell.median, cell.high)
     )
-    tolerance = "" if cell["tolerance"] is None else f", tolerance limit {significant(cell['tolerance'], 3)}"
-    return f"{label}: median {median}, 5 to 95 % {low} to {high}{tolerance} {entry['unit']}".strip()
+    tolerance = "" if cell.tolerance is None else f", tolerance limit {significant(cell.tolerance, 3)}"
+    return f"{label}: median {median}, 5 to 95 % {low} to {high}{tolerance} {entry.unit}".strip()
 
 
 def cards(models: Models, numbers: Mapping[str, Any], colors: Mapping[str, str]) -> list[Card]:
@@ -151,20 +147,19 @@ def _card(models: Models, numbers: Mapping[str, Any], name: str, color: str) -> 
         if metric in numbers["metrics"]
     ]
     return Card(
-        name, numbers["campaign"]["labels"][name], color, met_words(numbers, name),
+        name, numbers["campaign"]["labels"][name], color, met_words(models[VERDICTS], name),
         f"{fixed(counts['failed'], 0)} of {fixed(counts['flown'], 0)} lost", margin, poor,
         tuple(filter(None, notes)), f"{' / '.join(used)} deg" if len(used) == len(SURFACE_USAGE) else "",
     )  # fmt: skip
 
 
-def met_words(numbers: Mapping[str, Any], name: str) -> str:
+def met_words(verdicts: Verdicts, name: str) -> str:
     """'5 of 5 met', and what fails or is not shown; '' without requirements."""
-    found = [entry["controllers"][name]["status"] for entry in numbers["requirements"]]
+    found = verdicts.statuses(name)
     if not found:
         return ""
     if "ESTIMATE" in found:
-        kept = sum(entry["controllers"][name]["failures"] == 0 for entry in numbers["requirements"])
-        return f"{kept} of {len(found)} kept in every flight"
+        return f"{verdicts.kept(name)} of {len(found)} kept in every flight"
     rest = [f"{found.count(word)} {words}" for word, words in (("FAIL", "missed"), ("NOT SHOWN", "not shown"))
             if word in found]  # fmt: skip
     return ", ".join([f"{found.count('PASS')} of {len(found)} met", *rest])
@@ -224,14 +219,14 @@ def _standing(pair: Mapping[str, Any], asked: Sequence[str]) -> str:
 
 def _strength(models: Models, numbers: Mapping[str, Any], name: str) -> tuple[int, int, bool]:
     """Verdicts passed, flights not lost, and whether it is stable."""
-    passed = sum(entry["controllers"][name]["status"] == "PASS" for entry in numbers["requirements"])
+    passed = models[VERDICTS].statuses(name).count("PASS")
     margin = least_margins(models[MARGINS], name)
     return passed, -numbers["flights"][name]["failed"], margin is None or margin.stable
 
 
 def _sentence(models: Models, numbers: Mapping[str, Any], name: str) -> str:
     label, counts = numbers["campaign"]["labels"][name], numbers["flights"][name]
-    found = [entry["controllers"][name]["status"] for entry in numbers["requirements"]]
+    found = models[VERDICTS].statuses(name)
     parts = []
     if found and "ESTIMATE" not in found:
         parts.append(f"meets {found.count('PASS')} of {len(found)}{_usage_against_first(numbers, name)}")
@@ -256,18 +251,20 @@ def _usage_against_first(numbers: Mapping[str, Any], name: str) -> str:
     return f" at {significant(1.0 / ratios[0], 2)} times {numbers['campaign']['labels'][first]}'s surface usage"
 
 
-def confidence_line(numbers: Mapping[str, Any]) -> str:
+def confidence_line(verdicts: Verdicts, state: str) -> str:
     """How sure the verdicts are, each and jointly."""
-    if numbers["state"] != "complete":
-        return f"This campaign is {numbers['state']}: all numbers are preliminary."
-    held = numbers["held_together"]
-    if not numbers["requirements"] or held is None:
-        return "Exact for independent flights only: no verdicts for this design." if numbers["requirements"] else ""
-    risks = {entry["consumer_risk"] for entry in numbers["requirements"]}
-    passed = held["stand"] + len(held["dropped"])
-    text = f"Each verdict at {percent(max(risks), 2)} risk, however often one looks."
+    if state != "complete":
+        return f"This campaign is {state}: all numbers are preliminary."
+    held = verdicts.held_together
+    if not verdicts.requirements:
+        return ""
+    if held is None:
+        return "Exact for independent flights only: no verdicts for this design."
+    risk = max(entry.asked.consumer_risk for entry in verdicts.requirements)
+    passed = held.stand + len(held.dropped)
+    text = f"Each verdict at {percent(risk, 2)} risk, however often one looks."
     if passed > 1:
-        text += f" Jointly {held['stand'] or 'none'} of the {passed} PASS stand{'s' if held['stand'] == 1 else ''}."
+        text += f" Jointly {held.stand or 'none'} of the {passed} PASS stand{'s' if held.stand == 1 else ''}."
     return text
 
 

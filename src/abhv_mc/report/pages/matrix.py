@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 from abhv_mc.campaign.file.config import TRACED
+from abhv_mc.flight.metrics import Metric
 from abhv_mc.numerics.bounds import Bounds
+from abhv_mc.topics.verdicts.model import Verdicts
 
 _COLUMNS = (
     *TRACED, "metric", "above", "below", "unit", "probability", "controller", "binding", "verdict", "failures",
@@ -15,24 +17,19 @@ _COLUMNS = (
 )  # fmt: skip
 
 
-def make_matrix(numbers: Mapping[str, Any]) -> str:
-    """A row for each requirement and controller, from a report's numbers."""
+def make_matrix(verdicts: Verdicts, metrics: Mapping[str, Metric]) -> str:
+    """A row for each requirement and controller; ``metrics`` are the records of the campaign."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, _COLUMNS, extrasaction="ignore", lineterminator="\n")
+    writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
     writer.writeheader()
-    for entry in numbers["requirements"]:
-        for name, verdict in entry["controllers"].items():
-            row = {
-                **entry,
-                "controller": name,
-                "binding": "yes" if name in entry["binds"] else "no",
-                "verdict": verdict["status"],
-                "failures": verdict["failures"],
-                "flights": verdict["flights"],
-                "tolerance_limit": verdict.get("tolerance_limit"),
-                "words": verdict["words"],
-            }
-            writer.writerow(row)
+    for entry in verdicts.requirements:
+        item = entry.asked
+        asked = {**item.traced, **item.limits.as_entry(), "metric": item.metric, "probability": item.probability,
+                 "unit": metrics[item.metric].unit.removeprefix("-"), "consumer_risk": item.consumer_risk}  # fmt: skip
+        for name, verdict in entry.controllers.items():
+            found = {key: getattr(verdict, key) for key in ("failures", "flights", "tolerance_limit", "words")}
+            binding = "yes" if name in item.controllers else "no"
+            writer.writerow({**asked, **found, "controller": name, "binding": binding, "verdict": verdict.status})
     return text.getvalue()
 
 

@@ -30,7 +30,7 @@ from abhv_mc.report.pages.first_screen import (
     more_words,
     sentences,
 )
-from abhv_mc.report.pages.flights_view import make_flights_view, mark_of
+from abhv_mc.report.pages.flights_view import make_flights_view
 from abhv_mc.report.pages.interactive import envelope_data
 from abhv_mc.report.pages.packed import pack_arrays
 from abhv_mc.topics.figure_style import controller_colors
@@ -40,6 +40,7 @@ from abhv_mc.topics.registry import all_topics
 from abhv_mc.topics.section import FigureText
 from abhv_mc.topics.section_text import as_markdown
 from abhv_mc.topics.topic import Models
+from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.words import fixed, joined, significant
 
 
@@ -129,11 +130,11 @@ def _context(models: Models, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "answers": parts.known,
         "wins": [*parts.lost, *parts.wins],
         "summary": summary_sentences(models, numbers),
-        "confidence": confidence_sentence(numbers),
-        "verdicts": tables.verdict_rows(numbers),
+        "confidence": confidence_sentence(models, numbers),
+        "verdicts": models[VERDICTS].requirements,
         "headline": tables.headline_rows(numbers),
         "groups": list(tables.metric_groups(numbers)),
-        "pairs": tables.pair_tables(numbers),
+        "pairs": tables.pair_tables(numbers, [entry.words for entry in models[VERDICTS].requirements]),
         "sections": {topic.name: found for topic in all_topics() if (found := models.section(topic))},
         "worst": tables.worst_tables(numbers, folder),
         "worst_heads": [numbers["metrics"][m]["label_with_unit"] for m in numbers["asked"][: tables.WORST_COLUMNS]],
@@ -199,7 +200,6 @@ def make_page(models: Models, numbers: Mapping[str, Any], figures: Sequence[Page
     environment, results = _environment(html=True), models.results
     labels = numbers["campaign"]["labels"]
     colors = controller_colors(results.controllers)
-    marks = {name: mark_of(k) for k, name in enumerate(results.controllers)}
     template = files("abhv_mc.report.pages") / "template"
     embedded = [_embedded(figure) for figure in figures]
     script = "".join((template / name).read_text("utf-8") for name in ("flights.js", "page.js"))
@@ -218,14 +218,14 @@ def make_page(models: Models, numbers: Mapping[str, Any], figures: Sequence[Page
         packed=Markup(packed),  # noqa: S704  letters of base64 only
         data=_script_json({"envelopes": envelopes, "flights": view.data, "places": places}),
         strips=view.strips,
-        chart=chart_rows(numbers, colors, marks),
+        chart=chart_rows(models[VERDICTS].glance, labels, colors),
         cards=cards(models, numbers, colors),
         sentences=sentences(models, numbers),
-        confidence_line=confidence_line(numbers),
+        confidence_line=confidence_line(models[VERDICTS], numbers["state"]),
         baseline_line=baseline_line(numbers),
         limit_place=LIMIT_PLACE,
         shapes=SHAPES,
-        more_rows=more_words(numbers["glance"]),
+        more_rows=more_words(models[VERDICTS].glance),
         flight_heads=[numbers["metrics"][name]["label_with_unit"] for name in view.data["headed"]],
     )
 
