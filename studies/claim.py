@@ -84,9 +84,10 @@ flight-path angle and heading; LQR its weights but one of roll and yaw and the p
 design on a line keeps at least 6 dB, 35 deg and 40 ms in every loop in level flight (4.5 dB, 30 deg and 30 ms at \
 the corners of the paper's box); of the *wide box* (the paper's, effectiveness ±20 % of each surface, and a delay of \
 0 to 40 ms: its 128 corners and 500 fresh flights, 200 on the other two vehicles, of 180 s each) it loses none and \
-cycles in none by more than 5 deg{cycling}; no error of altitude, speed or heading is above 1.5 times Table 1's in the searches' \
-flights (2.5 in the fresh ones, where Table 1 keeps its altitude within 4 m and its heading within 0.1 deg, rms), or a law \
-would follow closely because it asks for little. `studies/fronts.py` ran CMA-ES for one budget after another, \
+cycles in none by more than 5 deg{cycling}; no error of altitude, speed or heading is above 1.5 times Table 1's in \
+the searches' flights (2.5 in the fresh ones, where Table 1 keeps its altitude within 4 m and its heading within 0.1 \
+deg, rms), or a law would follow closely because it asks for little. `studies/fronts.py` ran CMA-ES for one budget \
+after another, \
 {effort}; `studies/fronts_results.py` flies the results on seeds of their own (`studies/fronts/results.json`).
 
 ## Table 1, the printed weights and the shipped designs
