@@ -28,7 +28,7 @@ _FIRST, _LAST = 5, 25  # ticks: past the start, where differentiators and hints 
 
 def count_operations(plans: dict[str, FlightPlan]) -> dict[str, Operations]:
     """The operations of each plan's flight, counted over some ticks in a process of its own without the compiler."""
-    from abhv_mc.folder.plans import write_plan
+    from abhv_mc.folder.plan_file import write_plan
 
     with tempfile.TemporaryDirectory() as folder:
         paths = []
@@ -88,8 +88,8 @@ def _main(paths: list[str]) -> None:
         return
     if os.environ.get("NUMBA_DISABLE_JIT") != "1":
         raise SystemExit("counting needs NUMBA_DISABLE_JIT=1")
-    from abhv_mc.folder.plans import read_plan
     from abhv_mc.shipped import find_input
+    from abhv_mc.simulators.stored_plans import read_plan
     from abhv_mc.user_code.vehicle_functions import load_vehicle
 
     vehicle = load_vehicle(find_input("ghame_x", "vehicle"))

@@ -19,11 +19,11 @@ from statistics import median
 from abhv_mc.bench.peak import measure_peak
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.engine import make_engine
-from abhv_mc.execution.plans import make_plans
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.fly import fly
+from abhv_mc.simulators.engine import make_engine
+from abhv_mc.simulators.make_plans import make_plans
 
 CAMPAIGN = Path(__file__).parents[1] / "campaigns" / "s_manoeuvre.yaml"
 LAWS = ("tlc", "lqr")

@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from document import write_json
 
-from abhv_mc.execution.engine import make_engine
 from abhv_mc.search.methods.worst import search_worst
 from abhv_mc.search.search_flights import SearchRequest, open_search
 from abhv_mc.search.severity import ENDED_EARLY, Severity
 from abhv_mc.search.worst import WorstSettings
+from abhv_mc.simulators.engine import make_engine
 
 ROOT = Path(__file__).resolve().parents[1]
 

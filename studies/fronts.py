@@ -33,8 +33,8 @@ from abhv_mc.campaign.file.tuning import Free
 from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.io.documents import read_document
-from abhv_mc.search.controller_numbers import ControllerNumbers
 from abhv_mc.search.methods.tune import Scores, pareto_front, tune
+from abhv_mc.simulators.controller_numbers import ControllerNumbers
 from abhv_mc.stability.analysis import margins_of_flights
 
 VEHICLES = ("ghame_x", "ghame_x_coupled", "ghame")

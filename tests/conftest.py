@@ -52,6 +52,7 @@ _CAMPAIGNS_FLY = (
     "report",
     "robustness",
     "search",
+    "simulators",
     "test_notebook.py",
 )
 
@@ -78,7 +79,7 @@ def source(tmp_path):
 @pytest.fixture(scope="session")
 def engine():
     """The compiled flight; the plans of shipped inputs are made once."""
-    from abhv_mc.execution.engine import make_engine
+    from abhv_mc.simulators.engine import make_engine
 
     compiled = make_engine()
     return replace(compiled, prepare=cache(compiled.prepare))

@@ -13,7 +13,6 @@ import numpy as np
 
 from abhv_mc.control.columns import REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.control.design.trim_tables import rebuild_trim_tables
-from abhv_mc.execution.engine import Engine
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.flight.metrics import METRICS, NO_METRICS, Statistic
 from abhv_mc.flight.outcome import Outcome
@@ -24,6 +23,7 @@ from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.plant.state import N_STATES
 from abhv_mc.shipped import shipped_configs
+from abhv_mc.simulators.engine import Engine
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.arrays import CHUNK
 from abhv_mc.vehicle.model import Vehicle

@@ -26,7 +26,7 @@ def flown(tmp_path_factory):
 
 @pytest.fixture
 def fake(monkeypatch):
-    monkeypatch.setattr("abhv_mc.execution.engine.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.simulators.engine.make_engine", lambda: ENGINE)
 
 
 def test_the_import_takes_nothing_heavy():

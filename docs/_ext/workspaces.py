@@ -8,7 +8,7 @@ from shutil import copy, rmtree
 from subprocess import run
 
 import abhv_mc
-from abhv_mc.campaign.file.new_campaign import write_new_campaign
+from abhv_mc.simulators.new_campaign import write_new_campaign
 
 RUNS = 200
 PROGRAM = Path(abhv_mc.__file__).parent

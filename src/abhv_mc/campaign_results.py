@@ -200,8 +200,8 @@ class CampaignResults:
         import pandas as pd
 
         from abhv_mc.analysis.replay import replay_flight
-        from abhv_mc.execution.engine import make_engine
         from abhv_mc.flight.channels import CHANNEL_INDEX
+        from abhv_mc.simulators.engine import make_engine
 
         again = replay_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly)
         refuse_changes(self._paths, self.manifest)
@@ -214,7 +214,7 @@ class CampaignResults:
     def explain(self, flight: int, controller: str | None = None, requirement: str | None = None) -> "Explanation":
         """The smallest set of a failing flight's dispersions with which it still fails; see ``abhv-mc explain``."""
         from abhv_mc.analysis.explain import explain_flight
-        from abhv_mc.execution.engine import make_engine
+        from abhv_mc.simulators.engine import make_engine
 
         refuse_changes(self._paths, self.manifest)
         return explain_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly, requirement)

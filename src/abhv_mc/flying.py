@@ -192,11 +192,11 @@ def fly(
     """
     import pandas as pd
 
-    from abhv_mc.analysis.end_sentence import describe_end
     from abhv_mc.flight.channels import CHANNELS
     from abhv_mc.flight.fly import fly as fly_plan
     from abhv_mc.flight.metrics import METRICS
     from abhv_mc.flight.outcome import Outcome
+    from abhv_mc.simulators.end_sentence import describe_end
 
     steps = check_count(every, 1, "every")
     plan = make_flight_plan(mission, vehicle, controller).lean_for(dispersions or ())

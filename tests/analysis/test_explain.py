@@ -81,7 +81,7 @@ def test_the_command_prints_the_causes_and_draws_the_flight(flown, table, tmp_pa
 
     from abhv_mc.cli.app import app
 
-    monkeypatch.setattr("abhv_mc.execution.engine.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.simulators.engine.make_engine", lambda: ENGINE)
     flight = int(table.query("outcome != 'ok'").index[0])
     shown = CliRunner().invoke(app, ["explain", str(flown), "--flight", str(flight), "--controller", "two"])
     assert shown.exit_code == 0, shown.exception

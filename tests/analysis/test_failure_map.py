@@ -75,7 +75,7 @@ def test_the_command_keeps_it_and_the_report_shows_it(flown, monkeypatch):
     from abhv_mc.cli.app import app
     from abhv_mc.report.pages.build import is_up_to_date
 
-    monkeypatch.setattr("abhv_mc.execution.engine.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.simulators.engine.make_engine", lambda: ENGINE)
     build_with(flown)
     assert is_up_to_date(flown)
     told = CliRunner().invoke(app, ["explain", str(flown), "--all", "--json", "-"])

@@ -80,7 +80,7 @@ from dataclasses import replace
 from pathlib import Path
 from benchmarks import operations
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.folder.plans import read_plan
+from abhv_mc.simulators.stored_plans import read_plan
 from abhv_mc.shipped import find_input
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 plan = read_plan(Path(sys.argv[1]), load_vehicle(find_input("ghame_x", "vehicle")))
@@ -91,7 +91,7 @@ np.save(sys.argv[2], fly(plan, nominal_parameters(), lanes=1).metrics)
 
 def test_counted_floats_fly_the_same_flight(plans, tmp_path):
     from abhv_mc.flight.fly import nominal_parameters
-    from abhv_mc.folder.plans import write_plan
+    from abhv_mc.folder.plan_file import write_plan
 
     short = shortened(plans["tlc"], 8)
     write_plan(tmp_path / "plan.npz", short)

@@ -9,11 +9,11 @@ import pytest
 
 import abhv_mc
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.inputs import check_inputs
 from abhv_mc.campaign.file.kinds import find_kind
-from abhv_mc.campaign.file.new_campaign import write_new_campaign
 from abhv_mc.io.documents import InputError
 from abhv_mc.shipped import shipped_campaigns, shipped_files
+from abhv_mc.simulators.check_inputs import check_inputs
+from abhv_mc.simulators.new_campaign import write_new_campaign
 
 
 def test_new_folder_stands_alone(tmp_path: Path) -> None:

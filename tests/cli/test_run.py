@@ -101,7 +101,7 @@ def test_replay_names_what_differs(abhv_mc, flown, monkeypatch):
         block.metrics[:, 3] = np.nextafter(block.metrics[:, 3], 1e9)
         return block
 
-    monkeypatch.setattr("abhv_mc.execution.engine.make_engine", lambda: replace(ENGINE, fly=other))
+    monkeypatch.setattr("abhv_mc.simulators.engine.make_engine", lambda: replace(ENGINE, fly=other))
     code, out, _ = abhv_mc("replay", flown, "--flight", 17, "--controller", "two")
     assert code == 1 and "speed_error_max_mps" in out and "differ" in out
 
@@ -167,7 +167,7 @@ def test_export_keeps_every_bit(abhv_mc, flown, tmp_path):
 
 
 def test_dry_run_says_what_it_costs_and_leaves_nothing(abhv_mc, tmp_path, monkeypatch):
-    monkeypatch.setattr("abhv_mc.campaign.file.inputs.check_inputs", lambda file: [])
+    monkeypatch.setattr("abhv_mc.simulators.check_inputs.check_inputs", lambda file: [])
     code, out, _ = abhv_mc("validate", "--dry-run", write_campaign(tmp_path / "files"))
     assert code == 0 and "300 flights of 2 controllers" in out and "MB at most" in out
     assert [path.name for path in tmp_path.iterdir()] == ["files"]

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from abhv_mc.campaign.file.inputs import check_inputs
 from abhv_mc.campaign.file.kinds import find_kind
 from abhv_mc.cli.app import app
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.shipped import shipped_campaigns, shipped_configs
+from abhv_mc.simulators.check_inputs import check_inputs
 
 SHIPPED = [
     *(("campaign", path) for path in sorted(shipped_campaigns().glob("*.yaml"))),

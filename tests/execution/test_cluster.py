@@ -19,7 +19,6 @@ from search.line_flight import LINE, METRIC, write_line
 
 from abhv_mc.cli.errors import ExitCode, exit_code_of
 from abhv_mc.execution.cluster import connect_cluster
-from abhv_mc.execution.engine import make_engine
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.retry import UnusableError
 from abhv_mc.execution.runner import run_campaign
@@ -31,6 +30,7 @@ from abhv_mc.search.search_flights import SearchRequest
 from abhv_mc.search.tune import tune_controller
 from abhv_mc.search.worst import WorstSettings, find_worst
 from abhv_mc.shipped import shipped_campaigns
+from abhv_mc.simulators.engine import make_engine
 from abhv_mc.stability.fly_with_margins import fly_with_margins
 
 pytest.importorskip("distributed")

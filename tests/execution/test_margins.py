@@ -11,7 +11,6 @@ from fake_flight import interrupted_after
 from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution import stability
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.metrics import MARGIN_NAMES
@@ -20,6 +19,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.shipped import shipped_configs
+from abhv_mc.simulators import corner_margins
 from abhv_mc.stability import fly_with_margins
 from abhv_mc.topics.topic import Models
 
@@ -111,7 +111,7 @@ def test_margins_that_fail_are_named_and_cost_no_flight(engine, tmp_path, monkey
         return find(plan, rows)
 
     monkeypatch.setattr(fly_with_margins, "_find", find_some)
-    monkeypatch.setattr(stability, "_describe", lambda *_: 1 // 0)
+    monkeypatch.setattr(corner_margins, "_describe", lambda *_: 1 // 0)
     path = _write(tmp_path / "c.yaml", "{at: [trim], flights: all}")
     folder = run_campaign(Request(path, tmp_path / "c", runs=12, workers=1), engine).folder
     table = _table(folder, "tlc")

@@ -16,7 +16,6 @@ from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.cli import linearize, margins
-from abhv_mc.execution.engine import make_engine
 from abhv_mc.execution.estimate import estimate_campaign
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
@@ -30,6 +29,7 @@ from abhv_mc.search.search_flights import SearchRequest
 from abhv_mc.search.tune import TuneRequest, tune_controller
 from abhv_mc.search.worst import WorstSettings, find_worst
 from abhv_mc.shipped import find_input
+from abhv_mc.simulators.engine import make_engine
 from abhv_mc.user_code.channels import compile_channels
 from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.load_law import load_law
@@ -261,7 +261,7 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):
     assert ran.exists()
     ran.unlink()
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "somebody_else"))
-    from abhv_mc.campaign.file.inputs import check_inputs
+    from abhv_mc.simulators.check_inputs import check_inputs
 
     for kept in (run_module, load_law, compile_law, compile_channels):
         kept.cache_clear()

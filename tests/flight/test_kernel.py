@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from short_flights import cut, short_plan
 
-from abhv_mc.analysis.end_sentence import describe_end
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.kernel import COMPACTION
 from abhv_mc.flight.memory import TOGETHER
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import LANES
 from abhv_mc.plant.parameters import FAILURE_TIMES, PARAMETER_INDEX, PARAMETERS
+from abhv_mc.simulators.end_sentence import describe_end
 
 FLIGHTS = LANES
 FACTOR = 0.05
@@ -115,7 +115,7 @@ from pathlib import Path
 import numpy as np
 import numba
 assert numba.config.DISABLE_JIT
-from abhv_mc.analysis.end_sentence import describe_end
+from abhv_mc.simulators.end_sentence import describe_end
 from abhv_mc.flight.fly import fly
 plans, parameters = pickle.loads(Path(sys.argv[1]).read_bytes())
 for law, plan in plans.items():

@@ -9,8 +9,6 @@ import pytest
 
 from abhv_mc import flying
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution.engine import make_engine
-from abhv_mc.execution.plans import make_plans
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
@@ -20,6 +18,8 @@ from abhv_mc.flying import make_flight_plan
 from abhv_mc.io.documents import InputError, read_document, validate
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
+from abhv_mc.simulators.engine import make_engine
+from abhv_mc.simulators.make_plans import make_plans
 from abhv_mc.vehicle.document import FlightLimits
 from abhv_mc.vehicle.limits import LoadBounds, tighter
 

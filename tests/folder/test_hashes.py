@@ -56,7 +56,7 @@ ASKED = {
 @pytest.mark.parametrize("asked", ASKED)
 def test_a_notebook(request_, fly_meanwhile, monkeypatch, asked):
     """Flights of one campaign stood beside samples of the other, which drivers then came from."""
-    monkeypatch.setattr("abhv_mc.execution.engine.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.simulators.engine.make_engine", lambda: ENGINE)
     results = open_results(request_.out)
     before = results.flights
     assert results.controllers == ("one", "two")

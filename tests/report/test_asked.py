@@ -8,7 +8,6 @@ from report.few_figures import build_with
 
 from abhv_mc.campaign.file.asked import known_metrics, ranking_criteria
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution.engine import make_engine
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flights import END_TIME
@@ -17,6 +16,7 @@ from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.search.rare import RareSettings, find_rare
 from abhv_mc.search.search_flights import SearchRequest
 from abhv_mc.searching import compare
+from abhv_mc.simulators.engine import make_engine
 
 LOW = "altitude_low_m"
 CAMPAIGN = """\

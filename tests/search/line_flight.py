@@ -3,11 +3,11 @@
 import numpy as np
 from fake_flight import DENSITY, LIFT, prepare, record, write_campaign
 
-from abhv_mc.execution.engine import Engine
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, recording_of
+from abhv_mc.simulators.engine import Engine
 
 METRIC = "altitude_error_max_m"
 

@@ -4,7 +4,6 @@ from fake_flight import ENGINE, LIFT, LOST_BELOW, interrupted_after, prepare, wr
 from scipy import stats
 from search.line_flight import LIMIT, LINE, METRIC, fly_line, write_line
 
-from abhv_mc.execution.engine import Engine
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
@@ -13,6 +12,7 @@ from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.search.rare import RareSettings, find_rare
 from abhv_mc.search.search_flights import SearchRequest
 from abhv_mc.search.worst import WorstSettings, find_worst
+from abhv_mc.simulators.engine import Engine
 
 
 @pytest.fixture

@@ -7,11 +7,11 @@ from search.tuned_flight import BLOCK, CONTROLLER, ENGINE, fly, prepare, write_t
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.control.controller_file import read_controller
-from abhv_mc.execution.engine import Engine
 from abhv_mc.folder.arrays import write_array
 from abhv_mc.io.documents import InputError
 from abhv_mc.search import tune as module
 from abhv_mc.search.tune import TuneRequest, tune_controller
+from abhv_mc.simulators.engine import Engine
 
 
 @pytest.fixture

@@ -6,11 +6,11 @@ import numpy as np
 from fake_flight import LIFT, make_plan, write_campaign
 
 from abhv_mc.control.controller_file import read_controller
-from abhv_mc.execution.engine import Engine
 from abhv_mc.flight.metrics import METRIC_INDEX, METRICS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.search.tune import TuneRequest
+from abhv_mc.simulators.engine import Engine
 
 ERROR, TRAVEL = METRIC_INDEX["altitude_error_rms_m"], METRIC_INDEX["elevator_travel_deg"]
 CONTROLLER = (Path(__file__).parents[2] / "configs/control/tlc.yaml").read_text(encoding="utf-8")

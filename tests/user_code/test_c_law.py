@@ -10,7 +10,6 @@ import pytest
 from short_flights import assert_same, disperse, short_plan
 from user_code.test_user_law import CASCADE
 
-from abhv_mc.analysis.end_sentence import describe_end
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
@@ -19,6 +18,7 @@ from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.numerics.angles import clamp, wrap
 from abhv_mc.numerics.lane_math import sincos
 from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.simulators.end_sentence import describe_end
 from abhv_mc.stability.analysis import analyse
 from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.points import flown_points

@@ -7,15 +7,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.analysis.end_sentence import describe_end
 from abhv_mc.analysis.replay import find_row
 from abhv_mc.analysis.shrink import shrink
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.fly_batches import Fly
-from abhv_mc.execution.margin_plans import make_margin_plans
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
@@ -23,11 +20,14 @@ from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.plans import read_trusted_plan
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.simulators.end_sentence import describe_end
+from abhv_mc.simulators.engine import Fly
+from abhv_mc.simulators.margin_plans import make_margin_plans
+from abhv_mc.simulators.stored_plans import read_trusted_plan
 
 _MOST_SAMPLES = 10_000  # flights that tell how unusual a value is
 

@@ -16,7 +16,6 @@ from abhv_mc.analysis.shrink import Shrunk, shrink_together
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.engine import Engine
 from abhv_mc.execution.executor import open_executor
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
@@ -24,9 +23,10 @@ from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder, write_bytes
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.plans import read_trusted_plan
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
+from abhv_mc.simulators.engine import Engine
+from abhv_mc.simulators.stored_plans import read_trusted_plan
 
 MOST_FLIGHTS = 50  # of a controller
 _BUDGET = 400  # sets tried in order of size for a flight: all pairs of up to 27 dispersions

@@ -6,9 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.analysis.end_sentence import describe_end
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.fly_batches import Fly
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flights import DamagedFileError, FlightRows, parse_block_name, read_pieces
@@ -16,9 +14,11 @@ from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.plans import read_trusted_plan
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.simulators.end_sentence import describe_end
+from abhv_mc.simulators.engine import Fly
+from abhv_mc.simulators.stored_plans import read_trusted_plan
 
 
 @dataclass(frozen=True)

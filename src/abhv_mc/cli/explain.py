@@ -46,10 +46,10 @@ def _explain_one(
     trust_code: bool,
 ) -> None:  # fmt: skip
     from abhv_mc.analysis.explain import explain_flight
-    from abhv_mc.execution.engine import make_engine
     from abhv_mc.folder.layout import CampaignFolder
     from abhv_mc.folder.results import read_facts
     from abhv_mc.report.pages.explained import explanation_numbers, explanation_words, write_explained_figure
+    from abhv_mc.simulators.engine import make_engine
     from abhv_mc.user_code.run_in_thread import run_in_thread
 
     paths = CampaignFolder(folder)
@@ -64,9 +64,9 @@ def _explain_one(
 
 def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code: bool) -> None:
     from abhv_mc.analysis.failure_map import map_failures, write_map
-    from abhv_mc.execution.engine import make_engine
     from abhv_mc.folder.results import read_results
     from abhv_mc.io.documents import one_of
+    from abhv_mc.simulators.engine import make_engine
     from abhv_mc.topics.failures.section import map_table
     from abhv_mc.topics.names import names_of
     from abhv_mc.topics.worst_flights import rank_failed

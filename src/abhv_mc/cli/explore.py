@@ -24,9 +24,9 @@ def command(
     from contextlib import suppress
 
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.execution.engine import make_engine
     from abhv_mc.explore.counts import open_flights
     from abhv_mc.explore.server import ExploreServer
+    from abhv_mc.simulators.engine import make_engine
 
     with open_flights(folder) as table:
         announce_compiling()

@@ -28,10 +28,10 @@ def command(
     files = find_controllers(controllers)
     paths = vehicle or find_input("ghame_x", "vehicle"), mission
     announce_compiling()
-    from abhv_mc.analysis.end_sentence import describe_end
     from abhv_mc.flight.fly import fly, nominal_parameters
     from abhv_mc.flight.outcome import Outcome
     from abhv_mc.flight.prepare import prepare
+    from abhv_mc.simulators.end_sentence import describe_end
     from abhv_mc.user_code.run_in_thread import run_in_thread
 
     plans = {name: prepare(*paths, file, name).lean_for(()) for name, file in files.items()}

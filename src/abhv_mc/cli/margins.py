@@ -110,10 +110,10 @@ def read_setups(
     vehicle: Path | None, mission: Path, controllers: str | None, one: bool = False, trust_code: bool = False
 ) -> "dict[str, Setup]":
     """What is to be linearized, by the controllers' names; ``mission`` may be a campaign file. Raises InputError."""
-    from abhv_mc.campaign.file.user_code import check_user_law
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.linearizing import read_setup
+    from abhv_mc.simulators.campaign_code import check_user_law
 
     paths, files = _find_files(vehicle, mission, controllers, trust_code)
     if one and len(files) > 1:
@@ -135,7 +135,7 @@ def _find_files(
 
     if find_kind(mission) == "campaign":
         from abhv_mc.campaign.file.check import read_campaign
-        from abhv_mc.campaign.file.user_code import check_user_code
+        from abhv_mc.simulators.campaign_code import check_user_code
 
         campaign = read_campaign(mission)
         check_user_code(campaign, trust_code)

@@ -21,7 +21,7 @@ def command(
     ] = None,
 ) -> None:
     """Write a commented campaign with its vehicle, mission and control files to start from."""
-    from abhv_mc.campaign.file.new_campaign import write_new_campaign
+    from abhv_mc.simulators.new_campaign import write_new_campaign
 
     if language is not None and not law:
         raise InputError(language, "a language without --law", "--law before it")

@@ -26,9 +26,9 @@ def command(
     """
     from abhv_mc.analysis.replay import replay_flight
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.execution.engine import make_engine
     from abhv_mc.flight.channels import CHANNEL_INDEX
     from abhv_mc.folder.histories import write_histories
+    from abhv_mc.simulators.engine import make_engine
     from abhv_mc.user_code.run_in_thread import run_in_thread
 
     if out is not None and out.suffix != ".parquet":  # the only kind it writes, whatever the name promises

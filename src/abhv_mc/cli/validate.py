@@ -23,10 +23,10 @@ def command(
     json: Json = None,
 ) -> None:
     """Check files, and the files that they name, without flying."""
-    from abhv_mc.campaign.file.inputs import check_inputs
     from abhv_mc.cli.announce import announce_warnings
     from abhv_mc.io.documents import InputError, InputErrors
     from abhv_mc.shipped import find_input
+    from abhv_mc.simulators.check_inputs import check_inputs
 
     errors: list[InputError] = []
     paths = [find_input(file, "campaign", "vehicle", "mission", "control") for file in files]
@@ -51,8 +51,8 @@ def _estimate(file: Path) -> "Estimate | None":
     from abhv_mc.campaign.file.check import read_campaign
     from abhv_mc.campaign.file.kinds import find_kind
     from abhv_mc.cli.announce import announce_compiling, announce_warnings
-    from abhv_mc.execution.engine import make_engine
     from abhv_mc.execution.estimate import estimate_campaign
+    from abhv_mc.simulators.engine import make_engine
 
     if find_kind(file) != "campaign":
         return None

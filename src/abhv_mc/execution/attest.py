@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.engine import Engine
 from abhv_mc.execution.retry import UnusableError
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.identity import Flyer, this_flyer
+from abhv_mc.simulators.engine import Engine
 
 Check = Callable[[FlightPlan, Floats, FlightBlock], FlightBlock]
 

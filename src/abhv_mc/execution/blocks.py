@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.execution.fly_batches import AT_ONCE, Fly, Recorded
+from abhv_mc.execution.fly_batches import AT_ONCE
 from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan
+from abhv_mc.simulators.engine import Fly, Recorded
 
 _MOST_PLAIN = 8192  # flights of a block that records nothing, some ten seconds of work: what a kill costs a worker
 

@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -19,25 +18,22 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.attest import Attestation, Check, sign
-from abhv_mc.execution.engine import Engine
-from abhv_mc.execution.fly_batches import AT_ONCE, Fly, Recorded, fly_in_batches
+from abhv_mc.execution.fly_batches import AT_ONCE, fly_in_batches
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, make_failed, time_limit
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
-from abhv_mc.folder.plans import flatten, rebuild
+from abhv_mc.folder.plan_file import flatten
 from abhv_mc.identity import code_hash
 from abhv_mc.io.input_error import InputError
-from abhv_mc.stability.fly_with_margins import MarginPlan
+from abhv_mc.simulators.engine import Engine, Fly, Recorded
+from abhv_mc.simulators.stored_plans import Code, code_of, rebuild_sent
 from abhv_mc.user_code.c_source import refuse_platform
 from abhv_mc.user_code.child import allow_here
-from abhv_mc.user_code.source import UserSource
-from abhv_mc.vehicle.foreign import VehicleCode
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 Arrays = dict[str, np.ndarray]
-Code = tuple[UserSource | None, UserSource | None, VehicleCode | None]  # of a law, of channels, of a vehicle
 
 _CONNECT = 10.0  # s to find the scheduler
 _PER_THREAD = 2  # blocks under way for each thread of the cluster, so that none waits for the next one
@@ -52,13 +48,6 @@ def hold_plan(arrays: Arrays) -> Arrays:
     return arrays
 
 
-def with_code(plan: FlightPlan, code: Code) -> FlightPlan:
-    """A plan with the code that travelled beside it."""
-    if isinstance(plan, MarginPlan):
-        plan = replace(plan, steady=replace(plan.steady, source=code[0], vehicle_code=code[2]))
-    return replace(plan, source=code[0], channels_source=code[1], vehicle_code=code[2])
-
-
 def fly_remote(
     fly: Fly, source: str, arrays: Arrays, code: Code, parameters: Floats, recorded: Recorded, limit: float
 ) -> FlightBlock:
@@ -66,8 +55,7 @@ def fly_remote(
 
     A flight that hangs ends its process: Dask takes it for a worker that died.
     """
-    kind_of_plan = MarginPlan if "margin_times" in arrays else FlightPlan
-    plan: FlightPlan = with_code(rebuild(kind_of_plan, arrays), code)
+    plan = rebuild_sent(arrays, code)
     if source and code_hash() != source:
         return sign(make_failed(plan, None))  # refused where it is merged, before it costs a flight
     allow_here()
@@ -140,7 +128,7 @@ class Cluster:
 
         engine, limit = self._engine, time_limit(min(len(parameters), AT_ONCE), self.limit)
         source = engine.source if engine.checked else ""
-        held, code = self._hold(plan), (plan.source, plan.channels_source, plan.vehicle_code)
+        held, code = self._hold(plan), code_of(plan)
         future = self._client.submit(
             fly_remote, engine.fly, source, held, code, parameters, recorded, limit, pure=False
         )

@@ -11,9 +11,7 @@ from abhv_mc.campaign.file.asked import worst_asked
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.blocks import choose_batch
-from abhv_mc.execution.engine import Engine
 from abhv_mc.execution.flight_counts import FlightCounts, make_flight_counts
-from abhv_mc.execution.plans import find_warnings, make_plans, record_every
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.retention import choose_kept
 from abhv_mc.flight.outcome import Outcome
@@ -21,6 +19,8 @@ from abhv_mc.folder.envelope_states import ENVELOPE_FLIGHTS
 from abhv_mc.folder.flights import END_TIME, FlightRows, flights_schema, write_block
 from abhv_mc.folder.histories import write_histories
 from abhv_mc.folder.provenance import count_cores
+from abhv_mc.simulators.engine import Engine
+from abhv_mc.simulators.make_plans import find_warnings, make_plans, record_every
 
 TRIAL_FLIGHTS = 64
 

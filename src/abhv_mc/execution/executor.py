@@ -14,12 +14,12 @@ from abhv_mc.campaign.file.config import PROCESSES, Execution
 from abhv_mc.execution.attest import Attestation, sign
 from abhv_mc.execution.blocks import choose_batch
 from abhv_mc.execution.cluster import Cluster
-from abhv_mc.execution.engine import Engine
-from abhv_mc.execution.fly_batches import Fly, Recorded, fly_in_batches
+from abhv_mc.execution.fly_batches import fly_in_batches
 from abhv_mc.execution.retry import FlightLostError, fly_with_retries
 from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
 from abhv_mc.folder.provenance import count_cores
+from abhv_mc.simulators.engine import Engine, Fly, Recorded
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,8 @@
 from collections.abc import Callable
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording, join_blocks
-
-Recorded = Recording | int | None  # as flight.fly takes it
-Fly = Callable[[FlightPlan, Floats, Recorded], FlightBlock]
+from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
+from abhv_mc.simulators.engine import Fly, Recorded
 
 AT_ONCE = 256  # flights of one call: enough for every lane, few enough to lose
 

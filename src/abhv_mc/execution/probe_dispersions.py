@@ -12,18 +12,17 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.fly_batches import Fly
 from abhv_mc.execution.retry import time_limit
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.simulators.engine import Fly
 from abhv_mc.user_code.run_in_thread import run_in_thread
 
 _ROWS = 3  # trials of each dispersion
 _USUAL = 600.0  # s for 16 flights where the campaign gives no limit
 _COMPILING = 1800.0  # s at most, before they fly: on a busy machine more than 600 were seen
-_MIDDLE = 0.6  # of its extent, where a dispersion stands in other trials: no nominal value of a symmetric law
 
 
 def make_trials(campaign: CheckedCampaign) -> Floats:
@@ -34,19 +33,12 @@ def make_trials(campaign: CheckedCampaign) -> Floats:
     """
     names = campaign.names
     nominal = np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in names])
-    quantiles = np.stack([ends_of(campaign, i) for i in range(len(names))]) if names else np.empty((0, _ROWS))
+    quantiles = np.stack([campaign.ends_of(i) for i in range(len(names))]) if names else np.empty((0, _ROWS))
     values = np.tile(quantiles[:, 1], (1 + _ROWS * len(names), 1))
     values[0] = nominal
     for i in range(len(names)):
         values[1 + _ROWS * i : 1 + _ROWS * (i + 1), i] = nominal[i], quantiles[i, 0], quantiles[i, 2]
     return full_rows(names, values)
-
-
-def ends_of(campaign: CheckedCampaign, i: int) -> Floats:
-    """Low end, about the middle, and high end of a dispersion."""
-    if campaign.sample_file is not None:
-        return np.quantile(campaign.sample_file.values[: campaign.runs, i], [0.0, _MIDDLE, 1.0])
-    return np.asarray(campaign.marginals[campaign.names[i]].at_fraction(np.array([0.0, _MIDDLE, 1.0])))
 
 
 def fly_probes(campaign: CheckedCampaign, plans: dict[str, FlightPlan], fly: Fly, every: int) -> dict[str, FlightBlock]:

@@ -17,7 +17,6 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.backpressure import Backpressure, closing_quietly
 from abhv_mc.execution.flight_counts import FlightCounts
-from abhv_mc.execution.fly_batches import Fly
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
@@ -26,6 +25,7 @@ from abhv_mc.folder.histories import history_metadata, write_histories
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.ranking import read_worst
 from abhv_mc.folder.samples import SampleReader
+from abhv_mc.simulators.engine import Fly
 
 _FLIGHTS_PER_FILE = 128
 _UNCOMPUTED = Outcome.FAILED_TO_RUN.code

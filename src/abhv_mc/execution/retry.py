@@ -11,11 +11,12 @@ from collections.abc import Callable
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.fly_batches import AT_ONCE, Recorded, fly_in_batches
+from abhv_mc.execution.fly_batches import AT_ONCE, fly_in_batches
 from abhv_mc.flight.lost import make_lost
 from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, recording_of
-from abhv_mc.stability.fly_with_margins import count_metrics
+from abhv_mc.simulators.engine import Recorded
+from abhv_mc.simulators.margin_plans import count_metrics
 
 Attempt = Callable[[Floats, Recorded], FlightBlock]
 

@@ -18,11 +18,9 @@ from abhv_mc.execution.backpressure import Backpressure, closing_quietly
 from abhv_mc.execution.blocks import Block, choose_batch, choose_plain, cut_blocks, fly_block
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.completion import Completion
-from abhv_mc.execution.engine import Engine, check_source, make_engine
 from abhv_mc.execution.executor import Executor, open_executor
 from abhv_mc.execution.flight_counts import count_flights, flight_values, judge_requirements
 from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
-from abhv_mc.execution.plans import record_every
 from abhv_mc.execution.progress import Progress
 from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
 from abhv_mc.execution.setup import OpenCampaign, Request, open_campaign
@@ -40,6 +38,8 @@ from abhv_mc.folder.flown_by import note_flyers
 from abhv_mc.folder.layout import write_text
 from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
 from abhv_mc.folder.samples import SampleReader
+from abhv_mc.simulators.engine import Engine, check_source, make_engine
+from abhv_mc.simulators.make_plans import record_every
 
 _CODES = {int(outcome): outcome.code for outcome in Outcome}
 _SAVE_INTERVAL = 5.0  # s between manifests on disk

@@ -11,10 +11,6 @@ from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES
-from abhv_mc.campaign.file.user_code import check_user_code
-from abhv_mc.execution.engine import Engine, check_source
-from abhv_mc.execution.margin_plans import make_margin_plans
-from abhv_mc.execution.plans import find_warnings, make_plans, record_every, take_plans
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.worker_processes import start_fork_server
 from abhv_mc.flight.plan import FlightPlan
@@ -24,12 +20,16 @@ from abhv_mc.folder.inputs import FolderInputs, collect_inputs, describe_changes
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import COMPLETE, RUNNING, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, grow_folder, open_folder
-from abhv_mc.folder.plans import read_trusted_plan
 from abhv_mc.folder.provenance import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
-from abhv_mc.stability.fly_with_margins import MarginPlan
+from abhv_mc.simulators.campaign_code import check_user_code
+from abhv_mc.simulators.corner_margins import is_compiled
+from abhv_mc.simulators.engine import Engine, check_source
+from abhv_mc.simulators.make_plans import find_warnings, make_plans, record_every, reference_of, take_plans
+from abhv_mc.simulators.margin_plans import make_margin_plans
+from abhv_mc.simulators.stored_plans import read_trusted_plan
 from abhv_mc.user_code.child import called_beside
 from abhv_mc.user_code.packages import find_package_versions
 from abhv_mc.user_code.trust import trust
@@ -63,7 +63,7 @@ class OpenCampaign:
     manifest: dict[str, Any]
     to_fly: tuple[str, ...]  # controllers
     files: FileHashes
-    margin_plans: dict[str, MarginPlan]  # where the campaign asks for margins
+    margin_plans: dict[str, FlightPlan]  # where the campaign asks for margins
 
     @property
     def part(self) -> tuple[int, int]:
@@ -113,10 +113,7 @@ def _start_workers(request: Request, engine: Engine) -> None:
 
 def _compile_margins(campaign: CheckedCampaign, plans: dict[str, FlightPlan], engine: Engine, stack: ExitStack) -> None:
     """Have another process compile what finds margins, where it never was, while this one goes on and flies."""
-    from abhv_mc.jit import is_kept
-    from abhv_mc.stability.structured import LAST_COMPILED
-
-    if engine.find_stability is not None and engine.isolation == PROCESSES and not is_kept(LAST_COMPILED):
+    if engine.find_stability is not None and engine.isolation == PROCESSES and not is_compiled():
         stack.enter_context(called_beside(engine.find_stability, campaign, plans))
 
 
@@ -220,7 +217,7 @@ def _write_nominal(
     every = record_every(campaign.document, first, campaign.model.keep.histories.rate, "histories")
     times = next(iter(nominal.values()))[0]
     write_nominal(folder.nominal, times, {name: history for name, (_, history) in nominal.items()})
-    write_reference(folder.reference, first, every)
+    write_reference(folder.reference, reference_of(first, every))
 
 
 def _write_samples(folder: CampaignFolder, campaign: CheckedCampaign) -> None:

@@ -8,10 +8,11 @@ from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 
 from abhv_mc.execution.attest import sign
-from abhv_mc.execution.fly_batches import AT_ONCE, Fly, fly_in_batches
+from abhv_mc.execution.fly_batches import AT_ONCE, fly_in_batches
 from abhv_mc.execution.retry import PIECE, time_limit
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.simulators.engine import Fly
 from abhv_mc.user_code.child import allow_here
 
 _LEAST, _TIMES = 30.0, 20.0  # s for 16 flights, and times the processor time of 16 flights like the nominal one

@@ -21,11 +21,11 @@ from typing import Any
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.attest import Check
-from abhv_mc.execution.fly_batches import Fly, Recorded
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries
 from abhv_mc.execution.worker import serve
 from abhv_mc.flight.last_tick import describe_last_tick
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.simulators.engine import Fly, Recorded
 from abhv_mc.user_code.child import describe_exit
 
 # Give up after 20 + workers consecutive failed starts (refused or SIGKILL counts 1, a crash 4).

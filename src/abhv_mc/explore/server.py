@@ -14,10 +14,10 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from abhv_mc.analysis.replay import replay_flight
-from abhv_mc.execution.engine import Engine
 from abhv_mc.explore.counts import FlightTable, count_flights, find_nearest, parse_asked
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.io.input_error import InputError
+from abhv_mc.simulators.engine import Engine
 from abhv_mc.topics.plain import plain
 from abhv_mc.user_code.run_in_thread import run_in_thread
 

@@ -1,6 +1,6 @@
 """Histories of flights, the nominal flights and the reference as Parquet."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +9,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.design.reference import COLUMN_INDEX
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS, REFERENCE_CHANNELS
-from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.flights import make_field, write_parquet
 
 _TIME = make_field("time", pa.float64(), "s", "time since the start")
@@ -67,13 +65,8 @@ def write_nominal(path: Path, times: Floats, nominal: dict[str, NDArray[np.float
     write_parquet(path, pa.concat_tables(tables), ["time", *CHANNEL_INDEX], ["controller"])
 
 
-def write_reference(path: Path, plan: FlightPlan, stride: int) -> None:
-    """Write the mission's reference at every ``stride``-th tick, in the units of REFERENCE_CHANNELS."""
-    reference = plan.reference[::stride]
-    fields, columns = [_TIME], [pa.array(np.arange(len(reference)) * (stride * plan.timing.tick))]
-    for signal in REFERENCE_CHANNELS:
-        column = reference[:, COLUMN_INDEX[signal.name.partition("_reference")[0]]]
-        columns.append(pa.array(np.degrees(column) if signal.unit == "deg" else np.ascontiguousarray(column)))
-        fields.append(make_field(signal.name, pa.float64(), signal.unit, signal.doc))
-    table = pa.Table.from_arrays(columns, schema=pa.schema(fields))
+def write_reference(path: Path, reference: Mapping[str, Floats]) -> None:
+    """Write the mission's reference: ``time`` and REFERENCE_CHANNELS [time], in their units."""
+    fields = [_TIME, *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in REFERENCE_CHANNELS)]
+    table = pa.Table.from_pydict(dict(reference), schema=pa.schema(fields))
     write_parquet(path, table, table.column_names, [])

@@ -14,7 +14,7 @@ from abhv_mc.folder.hashes import damage_error, find_damage, record_hashes
 from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, read_manifest, write_manifest
-from abhv_mc.folder.plans import read_stored_parts
+from abhv_mc.folder.plan_file import read_stored_parts
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader
 from abhv_mc.io.documents import InputError
 

@@ -11,7 +11,7 @@ from abhv_mc.folder.inputs import FolderInputs
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import RUNNING, read_manifest, write_manifest
-from abhv_mc.folder.plans import write_plan
+from abhv_mc.folder.plan_file import write_plan
 from abhv_mc.io.input_error import InputError
 
 

@@ -22,7 +22,7 @@ from abhv_mc.folder.inputs import FolderInputs, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, read_manifest, write_manifest
-from abhv_mc.folder.plans import read_stored_parts
+from abhv_mc.folder.plan_file import read_stored_parts
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
 

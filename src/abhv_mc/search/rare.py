@@ -8,7 +8,6 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Requirement
-from abhv_mc.execution.engine import Engine, make_engine
 from abhv_mc.flight.metrics import BUILT_IN, Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError, one_of
@@ -21,6 +20,7 @@ from abhv_mc.search.methods.subset import SubsetPlan
 from abhv_mc.search.search_flights import DrawnFlights, SearchRequest, open_search, read_searched
 from abhv_mc.search.severity import FAILS_ABOVE, Severity, ended_early, rank_distinct
 from abhv_mc.search.space import Space, make_space
+from abhv_mc.simulators.engine import Engine, make_engine
 from abhv_mc.statistics.ranking import Criterion
 
 

@@ -19,13 +19,9 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.asked import known_metrics
 from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
-from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.cluster import connect_cluster
-from abhv_mc.execution.engine import Engine, check_source
 from abhv_mc.execution.executor import Executor, open_executor
-from abhv_mc.execution.margin_plans import make_margin_plans
-from abhv_mc.execution.plans import make_plans
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
@@ -37,13 +33,17 @@ from abhv_mc.folder.inputs import FolderInputs, collect_inputs, read_folder_inpu
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
-from abhv_mc.folder.plans import read_trusted_plan
 from abhv_mc.folder.provenance import find_commit, find_machine, find_versions
 from abhv_mc.folder.samples import write_samples
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.search.severity import not_computed, rank_distinct
 from abhv_mc.search.space import Space, make_space
+from abhv_mc.simulators.campaign_code import check_user_code
+from abhv_mc.simulators.engine import Engine, check_source
+from abhv_mc.simulators.make_plans import make_plans
+from abhv_mc.simulators.margin_plans import make_margin_plans
+from abhv_mc.simulators.stored_plans import read_trusted_plan
 from abhv_mc.user_code.trust import trust
 
 _DRAWN = 3  # flights whose histories a page shows

@@ -17,7 +17,6 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import THREADS
 from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
 from abhv_mc.execution.cluster import connect_cluster
-from abhv_mc.execution.engine import Engine, make_engine
 from abhv_mc.execution.executor import open_executor
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
@@ -27,13 +26,15 @@ from abhv_mc.folder.lock import hold_lock
 from abhv_mc.io.documents import Document, InputError, read_document, validate
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.numerics.bounds import Bounds
-from abhv_mc.search.controller_numbers import ControllerNumbers, read_controller_numbers
 from abhv_mc.search.methods.tune import Scores, Tuning, Validation, tune
 from abhv_mc.search.methods.tune import validate as validate_gain
 from abhv_mc.search.search_flights import find_metric, read_searched
 from abhv_mc.search.space import make_space
 from abhv_mc.search.tune_limits import bound_of, excess_of, limited_value, score, severities_of, value_of
 from abhv_mc.search.tune_trials import MOST_CORNERED, Trials, cornered_vehicles
+from abhv_mc.simulators.candidates import Candidates
+from abhv_mc.simulators.controller_numbers import ControllerNumbers, read_controller_numbers
+from abhv_mc.simulators.engine import Engine, make_engine
 from abhv_mc.statistics.estimates import Interval
 
 _KEPT, _PAGE = ".tuning", ".html"  # endings of the folder of candidates and of the page
@@ -209,10 +210,10 @@ def _tune(request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None
         executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))
         identity = hashlib.sha256(text.encode()).hexdigest()
         vehicles = cornered_vehicles(space, block)
-        beside = kept, identity, engine, executor
+        candidates = Candidates(campaign, name, numbers, engine)
         asked = {block.minimise.metric, block.usage.metric} & set(MARGIN_NAMES)
         times = model.margins.at if model.margins and asked else ()
-        trials = Trials(campaign, name, space, numbers, *beside, vehicles, block.margins_at, times)
+        trials = Trials(campaign, candidates, space, kept, identity, executor, vehicles, block.margins_at, times)
         metrics = known_metrics(campaign)
         flown = trials.draw(model.seed, block.flights)
         (start,) = trials.measure(np.zeros((1, len(block.free))), flown)
@@ -257,7 +258,7 @@ def _validate(trials: Trials, block: Tune, found: Tuning, name: str, metrics: Ma
     known = [(aim.metric, aim.quantile), *((entry.metric, entry.quantile) for entry in limits)]
     more = () if (usage.metric, usage.quantile) in known else (side(usage),)
     validation = validate_gain(of_start, of_best, aim.quantile)
-    return TuneFound(name, block, trials.numbers, found, validation, (side(aim), *limits, *more), metrics)
+    return TuneFound(name, block, trials.candidates.numbers, found, validation, (side(aim), *limits, *more), metrics)
 
 
 def _comment(found: TuneFound, request: TuneRequest, seed: int) -> str:

@@ -15,24 +15,12 @@ from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.tuning import Tune
 from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
 from abhv_mc.campaign.sampling.samples import DrawnSamples, full_rows
-from abhv_mc.control.controller_file import Controller, read_controller
-from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.execution.engine import Engine
 from abhv_mc.execution.executor import Executor
-from abhv_mc.execution.plans import declare
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.prepare import user_parts_of
 from abhv_mc.folder.arrays import read_array, write_array
-from abhv_mc.io.documents import InputError
-from abhv_mc.search.controller_numbers import ControllerNumbers
 from abhv_mc.search.space import Space
-from abhv_mc.stability.analysis import Time, margins_of_flights
-from abhv_mc.stability.fly_with_margins import add_margins
-from abhv_mc.stability.steady import make_steady_plan
-from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.simulators.candidates import Candidate, Candidates, Time
 
 MOST_CORNERED = 7  # dispersions whose corners' margins are found: 128 vehicles
 _BLOCK = 128  # flights of one call
@@ -52,14 +40,6 @@ class Trial:
         return self.metrics[:, self.columns.index(metric)]
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """A controller with its numbers, and the plan of its flights."""
-
-    controller: Controller
-    plan: FlightPlan
-
-
 def cornered_vehicles(space: Space, block: Tune) -> Floats:
     """Parameter rows ``[vehicle, parameter]`` whose margins the limits ask for: nominal, then corners."""
     asked = [limit.vehicles or "nominal" for limit in block.limits if limit.is_margin]
@@ -76,12 +56,10 @@ class Trials:
     """Flies candidates of one campaign and controller."""
 
     campaign: CheckedCampaign
-    name: str  # of the controller
+    candidates: Candidates
     space: Space
-    numbers: ControllerNumbers
     kept: Path  # folder
     identity: str  # of all that the flights depend on besides point and parameters
-    engine: Engine
     executor: Executor
     vehicles: Floats  # [vehicle, parameter] whose margins are found
     margins_at: tuple[Time, ...]
@@ -106,7 +84,7 @@ class Trials:
         return (*self.campaign.metrics, *(signal.name for signal in (MARGIN_VALUES if self.flights_at else ())))
 
     def _one(self, point: Floats, parameters: Floats) -> Trial:
-        candidate, columns = self._plan(point), self.columns
+        candidate, columns = self._make(point), self.columns
         metrics = self._remember(point, parameters, len(columns), lambda: self._fly(candidate(), parameters))
         if not len(self.vehicles):
             return Trial(columns, metrics, np.empty((0, len(MARGIN_NAMES))))
@@ -126,8 +104,7 @@ class Trials:
     def _fly(self, candidate: Candidate | None, parameters: Floats) -> Floats:
         if candidate is None:
             return np.full((len(parameters), len(self.columns)), np.nan)
-        steady = self._steady(candidate) if self.flights_at else None
-        plan = candidate.plan if steady is None else add_margins(candidate.plan, steady, self.flights_at)
+        plan = candidate.with_margins(self.flights_at) if self.flights_at else candidate.plan
         starts = range(0, len(parameters), _BLOCK)
         pieces = [self.executor.fly(plan, parameters[start : start + _BLOCK], None) for start in starts]
         metrics = np.concatenate([piece.metrics for piece in pieces])
@@ -138,42 +115,12 @@ class Trials:
 
     def margins_of(self, candidate: Candidate | None) -> Floats:
         """Least margins ``[vehicle, margin]``; zero where there is no controller, or none in steady flight."""
-        none = np.zeros((len(self.vehicles), len(MARGIN_NAMES)))
         if candidate is None:
-            return none
-        steady = self._steady(candidate)
-        return (
-            none if steady is None else margins_of_flights(candidate.plan, steady, self.vehicles, self.margins_at).table
-        )
+            return np.zeros((len(self.vehicles), len(MARGIN_NAMES)))
+        return candidate.margins(self.vehicles, self.margins_at)
 
-    def _steady(self, candidate: Candidate) -> FlightPlan | None:
-        """The plan of the candidate's steady flight; None where there is none."""
-        try:
-            parts = user_parts_of(candidate.plan)
-            return make_steady_plan(*self._vehicle_and_mission, candidate.controller, self.name, user_code=parts)
-        except (InputError, np.linalg.LinAlgError):
-            return None
-
-    @functools.cached_property
-    def _vehicle_and_mission(self) -> tuple[Vehicle, Mission]:
-        return load_vehicle(self.campaign.model.vehicle), read_mission(self.campaign.model.mission)
-
-    def _plan(self, point: Floats) -> Callable[[], Candidate | None]:
-        """Makes the candidate's plan once, when it is first asked for; None where its numbers make no controller."""
+    def _make(self, point: Floats) -> Callable[[], Candidate | None]:
+        """Makes the candidate once, when it is first asked for; None where its numbers make no controller."""
         file = self.kept / f"{hashlib.sha256(point.tobytes()).hexdigest()[:32]}.yaml"
-        model = self.campaign.model
-
-        @functools.cache
-        def make() -> Candidate | None:
-            try:
-                self.numbers.write(file, point)
-                plan = self.engine.prepare(model.vehicle, model.mission, file, self.name)
-                return Candidate(read_controller(file), declare(self.campaign, plan))
-            except InputError:
-                if not np.any(point):
-                    raise
-                return None
-            finally:
-                file.unlink(missing_ok=True)
-
-        return make
+        steady = bool(self.flights_at or len(self.vehicles))
+        return functools.cache(lambda: self.candidates.make(point, file, steady))

@@ -6,7 +6,6 @@ from typing import Any, Literal
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.engine import Engine, make_engine
 from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError
@@ -21,6 +20,7 @@ from abhv_mc.search.search_flights import (
 )
 from abhv_mc.search.severity import Severity, ended_early
 from abhv_mc.search.space import make_space
+from abhv_mc.simulators.engine import Engine, make_engine
 from abhv_mc.statistics.ranking import Criterion
 
 

@@ -35,11 +35,6 @@ def add_margins(plan: FlightPlan, steady: FlightPlan, times: "tuple[Time, ...]")
     )
 
 
-def count_metrics(plan: FlightPlan) -> int:
-    """Columns of the metrics of this plan's flights."""
-    return len(plan.metrics) + (len(MARGIN_VALUES) if isinstance(plan, MarginPlan) else 0)
-
-
 def fly_with_margins(plan: FlightPlan, parameters: Floats, record_every: Recording | int | None = None) -> FlightBlock:
     """As :func:`abhv_mc.flight.fly.fly`; flights of a :class:`MarginPlan` are linearized too.
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from abhv_mc.campaign.file import try_law
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.shipped import shipped_campaigns, shipped_configs
+from abhv_mc.simulators import try_law
 
 BAD = Path(__file__).parent / "bad"
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
 from abhv_mc.campaign.file.kinds import find_kind, find_wrong_kinds
@@ -40,6 +41,7 @@ from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one
 from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.plant.parameters import EFFECTORS, ENGINES, PARAMETER_INDEX, PARAMETERS
 
+_MIDDLE = 0.6  # of its extent, where a dispersion stands in other trials: no nominal value of a symmetric law
 DISPERSIBLE = tuple(parameter.name for parameter in PARAMETERS[1:])
 
 
@@ -71,6 +73,12 @@ class CheckedCampaign:
     def extensible(self) -> bool:
         """Whether more flights leave the first ones as they are."""
         return self.model.sampling.design in (*EXTENSIBLE, "file")
+
+    def ends_of(self, i: int) -> Floats:
+        """Low end, about the middle, and high end of a dispersion."""
+        if self.sample_file is not None:
+            return np.quantile(self.sample_file.values[: self.runs, i], [0.0, _MIDDLE, 1.0])
+        return np.asarray(self.marginals[self.names[i]].at_fraction(np.array([0.0, _MIDDLE, 1.0])))
 
     def make_samples(self) -> SampleSource:
         """The source of its samples: the dispersed parameters, then the seeds that the flights' noise needs."""

@@ -21,13 +21,14 @@ def write_nominal_report(
 
     from abhv_mc.folder.histories import write_nominal, write_reference
     from abhv_mc.report.figures.flown import plot_flown
+    from abhv_mc.simulators.make_plans import reference_of
     from abhv_mc.topics.figure_style import write_png
 
     plan = next(iter(plans.values()))
     times = np.arange(plan.timing.ticks + 1).astype(np.float64) * plan.timing.tick
     write_nominal(folder / "nominal.parquet", times, dict(histories))
     yield folder / "nominal.parquet"
-    write_reference(folder / "reference.parquet", plan, 1)
+    write_reference(folder / "reference.parquet", reference_of(plan, 1))
     yield folder / "reference.parquet"
     flights = {
         name: {"time": times} | {channel: history[:, i].astype(np.float64) for channel, i in CHANNEL_INDEX.items()}

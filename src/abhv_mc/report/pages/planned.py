@@ -7,8 +7,8 @@ import numpy as np
 
 from abhv_mc.campaign.file.asked import known_metrics
 from abhv_mc.campaign.file.check import CheckedCampaign
-from abhv_mc.campaign.file.feasibility import asked_in_vain
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
+from abhv_mc.simulators.feasibility import asked_in_vain
 from abhv_mc.statistics.evidence import flights_to_pass, most_failures
 from abhv_mc.statistics.flights_planned import PLANNED_FAILURES, ever_chance, pass_chance, together
 from abhv_mc.topics.failed_flights import limit_words

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.feasibility import find_impossible
 from abhv_mc.campaign.file.kinds import files_named, find_kind
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.law_file import UserController
 from abhv_mc.control.mission import read_mission
 from abhv_mc.io.documents import InputError, InputErrors, read_document
+from abhv_mc.simulators.feasibility import find_impossible
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
@@ -77,6 +77,6 @@ def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pend
         controller = read_controller(file)
         yield from controller.warnings()
         if isinstance(controller, UserController):
-            from abhv_mc.campaign.file.try_law import try_law
+            from abhv_mc.simulators.try_law import try_law
 
             yield from try_law(file, controller, *(flown or (None, None)))

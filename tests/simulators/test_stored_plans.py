@@ -7,8 +7,9 @@ import pytest
 from fake_flight import make_plan
 
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.folder.plans import flatten, read_plan, stored_parts, write_plan
+from abhv_mc.folder.plan_file import flatten, stored_parts, write_plan
 from abhv_mc.io.input_error import InputError
+from abhv_mc.simulators.stored_plans import read_plan
 
 
 def read(path, plan):

@@ -9,7 +9,6 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.execution.probe_dispersions import ends_of
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
@@ -21,7 +20,7 @@ _DIGITS = 6
 def make_corners(campaign: CheckedCampaign) -> Floats:
     """Parameter rows: the nominal vehicle, then corners of the dispersions' ranges (of their extreme quantiles)."""
     count = len(campaign.names)
-    ends = np.array([ends_of(campaign, i)[[0, 2]] for i in range(count)]).reshape(count, 2)
+    ends = np.array([campaign.ends_of(i)[[0, 2]] for i in range(count)]).reshape(count, 2)
     if count <= _ALL_CORNERS:
         sides = np.array(list(product((0, 1), repeat=count)), int)
     else:
@@ -99,3 +98,11 @@ def _least(rows: list[dict[str, Any]]) -> dict[str, Any]:
 def _rounded(row: dict[str, Any]) -> dict[str, Any]:
     """Numbers to the digits that are known of them."""
     return {k: float(f"{v:.{_DIGITS}g}") if isinstance(v, float) else v for k, v in row.items()}
+
+
+def is_compiled() -> bool:
+    """Whether what finds margins was compiled on this machine before."""
+    from abhv_mc.jit import is_kept
+    from abhv_mc.stability.structured import LAST_COMPILED
+
+    return is_kept(LAST_COMPILED)

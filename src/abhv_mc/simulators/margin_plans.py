@@ -1,12 +1,13 @@
 """Plans of the flights whose stability margins a campaign asks for."""
 
 from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.fly_with_margins import MarginPlan, add_margins
 
 
-def make_margin_plans(campaign: CheckedCampaign, plans: dict[str, FlightPlan]) -> dict[str, MarginPlan]:
+def make_margin_plans(campaign: CheckedCampaign, plans: dict[str, FlightPlan]) -> dict[str, FlightPlan]:
     """The plans with margins; none where the campaign asks for none. Raises InputError where there can be none."""
     model = campaign.model
     if model.margins is None:
@@ -29,3 +30,8 @@ def make_margin_plans(campaign: CheckedCampaign, plans: dict[str, FlightPlan]) -
         )
         for name, plan in plans.items()
     }
+
+
+def count_metrics(plan: FlightPlan) -> int:
+    """Columns of the metrics of this plan's flights."""
+    return len(plan.metrics) + (len(MARGIN_VALUES) if isinstance(plan, MarginPlan) else 0)

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
-from abhv_mc.campaign.file.feasibility import asked_in_vain
-from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.campaign.file.user_metrics import pack_sources
-from abhv_mc.execution.engine import Engine, check_source
+from abhv_mc.control.design.reference import COLUMN_INDEX
+from abhv_mc.flight.channels import REFERENCE_CHANNELS
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import pack_metrics
 from abhv_mc.flight.plan import LANES, FlightPlan
@@ -18,9 +18,12 @@ from abhv_mc.flight.sensors import delays_known, find_late
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.inputs import FolderInputs
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.plans import read_trusted_plan
 from abhv_mc.io.documents import Document, InputError
 from abhv_mc.plant.parameters import DISTURBANCES, PARAMETER_INDEX
+from abhv_mc.simulators.campaign_code import check_user_code
+from abhv_mc.simulators.engine import Engine, check_source
+from abhv_mc.simulators.feasibility import asked_in_vain
+from abhv_mc.simulators.stored_plans import read_trusted_plan
 from abhv_mc.user_code.channels import compile_channels
 from abhv_mc.user_code.closure import check_closure
 from abhv_mc.user_code.source import read_source
@@ -121,3 +124,13 @@ def _sensing(plans: dict[str, FlightPlan], campaign: CheckedCampaign) -> list[st
     plan = next(iter(plans.values()))
     windy = any(name.startswith("wind.") for name in campaign.names) or plan.profile[:, 1:3].any()
     return [f"{IN_WIND} {plan.vehicle.constants.sensing.words}"] if windy else []
+
+
+def reference_of(plan: FlightPlan, stride: int) -> dict[str, Floats]:
+    """The mission's reference: ``time`` and REFERENCE_CHANNELS, each [time] in its unit, every ``stride``-th tick."""
+    reference = plan.reference[::stride]
+    columns: dict[str, Floats] = {"time": np.arange(float(len(reference))) * (stride * plan.timing.tick)}
+    for signal in REFERENCE_CHANNELS:
+        column = reference[:, COLUMN_INDEX[signal.name.partition("_reference")[0]]]
+        columns[signal.name] = np.degrees(column) if signal.unit == "deg" else np.ascontiguousarray(column)
+    return columns

@@ -5,15 +5,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
-from abhv_mc.execution.fly_batches import Fly
-from abhv_mc.execution.stability import describe_stability
-from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.identity import code_hash
 from abhv_mc.io.documents import InputError
+from abhv_mc.simulators.corner_margins import describe_stability
 
+Recorded = Recording | int | None  # as flight.fly takes it
+Fly = Callable[[FlightPlan, Floats, Recorded], FlightBlock]
 Prepare = Callable[[Path, Path, Path, str], FlightPlan]
 
 

@@ -3,7 +3,7 @@ import numpy as np
 from abhv_mc.campaign.file.tuning import Free
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.io.documents import read_document
-from abhv_mc.search.controller_numbers import read_controller_numbers
+from abhv_mc.simulators.controller_numbers import read_controller_numbers
 
 LAW = "law: python\nfile: ../laws/mine.py\nrate: 100 Hz\nsettings: {path: 0.5 1/s}\n"
 
