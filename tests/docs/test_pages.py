@@ -21,7 +21,8 @@ PAGES = sorted(
     for folder in ("docs", "reports")
     for page in (ROOT / folder).rglob("*.md")
     if not set(BUILT) & set(page.relative_to(ROOT).parts)
-) + [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")]
+) + [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "paper/paper.md")]
+PAGES += sorted((ROOT / ".github").glob("*.md"))
 PLACES = re.compile(
     r"`{1,2}((?:src|tests|docs|configs|campaigns|benchmarks|studies|reports/example)/[\w./*-]+)(?:::(\w+))?`"
 )
