@@ -9,7 +9,8 @@ from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
 
 from abhv_mc.campaign import MOST_WORKERS
-from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.references import find_references
 from abhv_mc.campaign_results import CampaignResults, as_html
 from abhv_mc.flying import check_count, check_mapping, make_document
@@ -25,7 +26,7 @@ Paths = str | Path
 class Campaign:
     """A campaign file, read and checked; :meth:`run` flies it."""
 
-    def __init__(self, path: Path, checked: CheckedCampaign) -> None:
+    def __init__(self, path: Path, checked: Experiment) -> None:
         self.path, self._checked = path.absolute(), checked  # whoever changes the working folder means no other
         self.name: str = checked.model.name
         self.question: str = checked.model.question  # what it asks

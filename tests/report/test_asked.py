@@ -6,7 +6,6 @@ import pyarrow.parquet as pq
 import pytest
 from report.few_figures import build_with
 
-from abhv_mc.campaign.file.asked import known_metrics, ranking_criteria
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
@@ -89,7 +88,7 @@ def test_a_gate_takes_it_on_its_bad_side(flown):
 
 def test_a_requirement_rules_the_side_and_a_written_one_that_contradicts_is_refused(repository, tmp_path):
     campaign = read_campaign(write(tmp_path, repository, BELOW))
-    assert known_metrics(campaign)[LOW].bad == "high" and ranking_criteria(campaign)[0].bad == "high"
+    assert campaign.metrics[LOW].bad == "high" and campaign.criteria[0].bad == "high"
     with pytest.raises(InputError, match="above") as caught:
         read_campaign(write(tmp_path, repository, ABOVE, ", bad: high"))
     assert caught.value.line == 14

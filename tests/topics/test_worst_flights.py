@@ -8,6 +8,7 @@ from fake_flight import ENGINE
 from fake_flight import write_campaign as write_fake
 from report.synthetic import write_campaign
 
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.outcome import Outcome
@@ -46,18 +47,18 @@ def test_the_flights_that_are_listed_are_those_with_histories(tmp_path):
         assert beyond == sorted(beyond, reverse=True)
 
 
-def test_a_settled_error_of_a_flight_lost_before_anything_settled_is_none(tmp_path):
+def test_a_settled_error_of_a_flight_lost_before_anything_settled_is_none(tmp_path, monkeypatch):
     """It read 0: the best value in the table of the worst flights."""
     results = read_results(write_campaign(tmp_path / "c", runs=30))
     flights = results.flights["tlc"]
     metric = next(name for name in flights.metrics if flights.records[name].settled)
     values = np.zeros(flights.flight.size)
     values[::2] = 1.5
-    campaign = replace(results.campaign, asked=(metric,))
+    monkeypatch.setattr(Experiment, "asked", (metric,))
 
     def found(outcome):
         each = replace(flights, metrics={**flights.metrics, metric: values}, outcome=np.full(values.size, outcome))
-        (entries, *_) = worst_numbers(replace(results, campaign=campaign, flights={"tlc": each})).values()
+        (entries, *_) = worst_numbers(replace(results, flights={"tlc": each})).values()
         return {(entry["flight"] % 2, entry["metrics"][metric]) for entry in entries}
 
     assert found(Outcome.OK) <= {(0, 1.5), (1, 0.0)}

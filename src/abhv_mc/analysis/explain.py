@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from abhv_mc.analysis.replay import find_row
 from abhv_mc.analysis.shrink import shrink
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.check import CheckedCampaign
-from abhv_mc.campaign.file.config import Requirement
+from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.flight.outcome import Outcome
@@ -22,7 +21,6 @@ from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.simulators.end_sentence import describe_end
 from abhv_mc.simulators.engine import Fly
@@ -37,14 +35,13 @@ class Failure:
     """What counts as failing: ending early, or missing one requirement."""
 
     requirement: Requirement | None
-    limits: Bounds
     column: int = 0  # of its metric
 
     @property
     def words(self) -> str:
         if self.requirement is None:
             return "ended early"
-        return f"missed {self.requirement.metric} {self.limits}"
+        return f"missed {self.requirement.metric} {self.requirement.limits}"
 
     def severity(self, outcome: NDArray[np.int64], end_time: Floats, metrics: Floats) -> Floats:
         """How badly flights fail, larger being worse; -inf where they do not. ``metrics`` is [flight, metric]."""
@@ -52,8 +49,9 @@ class Failure:
         if self.requirement is None:
             return np.where(early, -end_time, -np.inf)
         value = metrics[:, self.column]
-        failed = self.limits.failures(value, early & self.requirement.early_is_failure)
-        return np.where(failed, np.nan_to_num(self.limits.worse(value), nan=np.inf), -np.inf)
+        limits = self.requirement.limits
+        failed = limits.failures(value, early & self.requirement.early_is_failure)
+        return np.where(failed, np.nan_to_num(limits.worse(value), nan=np.inf), -np.inf)
 
 
 @dataclass(frozen=True)
@@ -138,7 +136,7 @@ def nominal_values(names: Sequence[str]) -> Floats:
     return np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in names])
 
 
-def find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked: str | None) -> Failure:
+def find_failure(root: Path, campaign: Experiment, row: FlightRows, asked: str | None) -> Failure:
     """What to explain of a flight: its early end, or else the first requirement that it missed, or the one ``asked``.
 
     Raises InputError where it did not fail so.
@@ -150,15 +148,12 @@ def find_failure(root: Path, campaign: CheckedCampaign, row: FlightRows, asked: 
     places = [i for i, name in enumerate(row.columns) if name != END_TIME.name]  # margins follow it
     columns = [row.columns[i] for i in places]
     state = np.array([int(outcome)]), row.end_time, row.values[:, places]
-    failures = [
-        Failure(entry, limits, columns.index(entry.metric))
-        for entry, limits in zip(campaign.model.requirements, campaign.limits, strict=True)
-    ]
+    failures = [Failure(item, columns.index(item.metric)) for item in campaign.requirements]
     metrics = [failure.requirement.metric for failure in failures if failure.requirement]
     if asked is not None and asked not in metrics:
         found = f"no requirement on '{asked}'"
         raise InputError("--requirement", found, one_of(metrics, asked) if metrics else "no requirement")
-    candidates = [Failure(None, Bounds()), *failures] if asked is None else failures
+    candidates = [Failure(None), *failures] if asked is None else failures
     for failure in candidates:
         named = asked is None or (failure.requirement is not None and failure.requirement.metric == asked)
         if named and failure.severity(*state)[0] > -np.inf:

@@ -14,7 +14,7 @@ from abhv_mc.analysis.explain import Failure, find_failure, mildest_first, nomin
 from abhv_mc.analysis.replay import find_rows
 from abhv_mc.analysis.shrink import Shrunk, shrink_together
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.executor import open_executor
 from abhv_mc.flight.outcome import Outcome
@@ -103,7 +103,7 @@ def map_failures(
 
 def _map_controller(
     folder: CampaignFolder,
-    campaign: CheckedCampaign,
+    campaign: Experiment,
     controller: str,
     failed: Sequence[int],
     fly: Callable[[Floats], FlightBlock],

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import Campaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, DiscreteMarginal, Marginal, SometimesMarginal
@@ -46,7 +46,7 @@ def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
     return settings
 
 
-def make_change(campaign: CheckedCampaign, settings: Mapping[str, Mapping[str, Any]]) -> Change:
+def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]]) -> Change:
     """Check other settings of a campaign's dispersions. Raises InputError for what cannot be asked of its flights."""
     design = campaign.model.sampling.design
     if design != INDEPENDENT:
@@ -99,7 +99,7 @@ def _check_support(name: str, old: Marginal, new: Marginal) -> None:
         raise InputError(_SET, found, f"a distribution within {low:g} .. {high:g}, or a fresh campaign")
 
 
-def weigh_flights(campaign: CheckedCampaign, change: Change, samples: Floats) -> Floats:
+def weigh_flights(campaign: Experiment, change: Change, samples: Floats) -> Floats:
     """By how much each flight ``[flight, parameter]`` counts under the changed distributions, mean about 1."""
     weights = np.ones(len(samples))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -126,7 +126,7 @@ def _log_copula(copula: Copula, marginals: Sequence[Marginal], columns: Floats) 
     return np.asarray(0.5 * (np.sum(normal**2, axis=1) - np.sum(mixed**2, axis=0)))
 
 
-def unseen_probability(campaign: CheckedCampaign, change: Change, samples: Floats) -> Unseen:
+def unseen_probability(campaign: Experiment, change: Change, samples: Floats) -> Unseen:
     """Probability, under the changed distributions, of values that no flight ``[flight, parameter]`` stands for."""
     parts = []
     for name, marginal in change.marginals.items():

@@ -3,7 +3,7 @@
 import numpy as np
 
 from abhv_mc.array_types import Mask
-from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.flight_counts import FlightCounts, judge_counts, make_flight_counts
 from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.envelope_states import Collector
@@ -16,7 +16,7 @@ _FIRST_JUDGED = 64  # flights after which a campaign that stops when proven is j
 class Completion:
     """The flights that a folder holds, counted; what is not among them is missing."""
 
-    def __init__(self, campaign: CheckedCampaign, part: tuple[int, int], to_fly: tuple[str, ...]) -> None:
+    def __init__(self, campaign: Experiment, part: tuple[int, int], to_fly: tuple[str, ...]) -> None:
         """``part``: first flight of this folder's shard and the one after its last; ``to_fly``: controllers to fly."""
         self.campaign, self.to_fly = campaign, to_fly
         self.first, self.stop = part

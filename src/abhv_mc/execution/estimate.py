@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.campaign.file.asked import worst_asked
-from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.blocks import choose_batch
 from abhv_mc.execution.flight_counts import FlightCounts, make_flight_counts
@@ -47,7 +46,7 @@ class Estimate:
         return self.rows_bytes + self.histories_bytes + self.envelope_bytes
 
 
-def estimate_campaign(campaign: CheckedCampaign, engine: Engine, workers: int | None = None) -> Estimate:
+def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None = None) -> Estimate:
     """Fly a few of the campaign's flights of each controller and extrapolate; nothing is left behind.
 
     Raises InputError for what only a flight shows, such as a dispersion that changes nothing.
@@ -70,7 +69,7 @@ def estimate_campaign(campaign: CheckedCampaign, engine: Engine, workers: int | 
             seconds.append((time.perf_counter() - start) / number)
             outcomes = tuple(Outcome(code).code for code in block.outcome)
             table = np.column_stack([block.metrics, block.end_time])
-            columns = (*campaign.metrics, END_TIME.name)
+            columns = (*(metric.name for metric in campaign.measured), END_TIME.name)
             rows = FlightRows(name, 0, tuple(source.names), values, outcomes, table, columns)
             write_block(Path(folder), rows, flights_schema(source.names, {}, (*plan.metrics, END_TIME)))
             rows_size += next(Path(folder).glob(f"{name}-*")).stat().st_size
@@ -81,7 +80,7 @@ def estimate_campaign(campaign: CheckedCampaign, engine: Engine, workers: int | 
             histories_size += path.stat().st_size // len(block.outcome)
     workers = workers or model.execution.workers or count_cores()
     counts: FlightCounts = next(iter(make_flight_counts(campaign).values()))
-    worst = range(min(worst_asked(campaign), campaign.runs))
+    worst = range(min(campaign.worst, campaign.runs))
     kept = len(choose_kept(model.keep.histories.flights, campaign.runs, counts, worst))
     cells = (first.timing.ticks // every + 1) * len(model.keep.envelopes.channels)
     return Estimate(

@@ -9,15 +9,12 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Mask
-from abhv_mc.campaign.file.check import CheckedCampaign
-from abhv_mc.campaign.file.config import TRACED, Requirement
-from abhv_mc.campaign.sampling.designs import INDEPENDENT
+from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.flights import END_TIME, FlightRows
-from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.statistics.judgement import Pair, judge_pairs
 from abhv_mc.statistics.verdicts import Verdict, verdict_words
 
@@ -29,7 +26,6 @@ class RequirementCount:
     """One requirement on one controller; flights that could not be computed are not in these counts."""
 
     requirement: Requirement
-    limits: Bounds
     binds: bool  # whether it applies to this controller, or is only shown
     missed: Mask  # [flight]
     flights: int = 0
@@ -38,7 +34,7 @@ class RequirementCount:
 
     def add(self, values: np.ndarray, early: np.ndarray, flights: np.ndarray) -> None:
         """Count flights by their metric; not-a-number fails."""
-        measured = self.limits.failures(values)
+        measured = self.requirement.limits.failures(values)
         failed = measured | (early & self.requirement.early_is_failure)
         self.failures_measured += int(measured.sum())
         self.failures_ended_early += int((failed & ~measured).sum())
@@ -77,23 +73,21 @@ class FlightCounts:
         return found
 
 
-def make_flight_counts(campaign: CheckedCampaign) -> dict[str, FlightCounts]:
+def make_flight_counts(campaign: Experiment) -> dict[str, FlightCounts]:
     """Empty counts for each controller."""
-    model = campaign.model
-    first = next(iter(model.controllers))
     all_counts = {}
-    for name in model.controllers:
+    for name in campaign.controllers:
         counts = [
-            RequirementCount(entry, limits, name in (entry.controllers or (first,)), np.zeros(campaign.runs, bool))
-            for entry, limits in zip(model.requirements, campaign.limits, strict=True)
+            RequirementCount(item, name in item.controllers, np.zeros(campaign.runs, bool))
+            for item in campaign.requirements
         ]
         all_counts[name] = FlightCounts(name, counts, np.zeros(campaign.runs, bool))
     return all_counts
 
 
-def flight_values(campaign: CheckedCampaign) -> tuple[Signal, ...]:
+def flight_values(campaign: Experiment) -> tuple[Signal, ...]:
     """What the flights table holds after the samples, in the order of its columns."""
-    return (*campaign.metrics.values(), END_TIME, *(MARGIN_VALUES if campaign.model.margins else ()))
+    return (*campaign.measured, END_TIME, *(MARGIN_VALUES if campaign.model.margins else ()))
 
 
 def count_flights(all_counts: Mapping[str, FlightCounts], done: Mapping[str, Mask]) -> tuple[dict[str, Any], int]:
@@ -115,7 +109,7 @@ def count_flights(all_counts: Mapping[str, FlightCounts], done: Mapping[str, Mas
 
 
 def judge_counts(
-    all_counts: Mapping[str, FlightCounts], campaign: CheckedCampaign, flights: int | None = None
+    all_counts: Mapping[str, FlightCounts], campaign: Experiment, flights: int | None = None
 ) -> list[tuple[FlightCounts, RequirementCount, Verdict]]:
     """The verdict of every requirement on every controller, after all flights or the first so many.
 
@@ -128,22 +122,18 @@ def judge_counts(
         number, asked = count.flights + uncomputed if flights is None else flights, count.requirement
         risks = asked.consumer_risk, asked.producer_risk
         pairs.append(Pair(failures, number, uncomputed, asked.probability, *risks))
-    family = campaign.model.family
-    independent = campaign.model.sampling.design == INDEPENDENT
-    verdicts = judge_pairs(pairs, independent, family.risk if family else None)
+    verdicts = judge_pairs(pairs, campaign.independent, campaign.family_risk)
     return [(*pair, verdict) for pair, verdict in zip(counted, verdicts, strict=True)]
 
 
-def judge_requirements(
-    all_counts: Mapping[str, FlightCounts], campaign: CheckedCampaign
-) -> dict[str, list[dict[str, Any]]]:
+def judge_requirements(all_counts: Mapping[str, FlightCounts], campaign: Experiment) -> dict[str, list[dict[str, Any]]]:
     """Failure counts and verdicts, as the manifest holds them: `requirements` that bind, and `requirements_shown`."""
     entries: dict[str, list[dict[str, Any]]] = {"requirements": [], "requirements_shown": []}
     for counts, count, verdict in judge_counts(all_counts, campaign):
         entry = {
-            **{key: text for key in TRACED if (text := getattr(count.requirement, key)) is not None},
+            **count.requirement.traced,
             "metric": count.requirement.metric,
-            **count.limits.as_entry(),
+            **count.requirement.limits.as_entry(),
             "probability": count.requirement.probability,
             "consumer_risk": count.requirement.consumer_risk,
             "producer_risk": verdict.producer_risk,

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.retry import time_limit
 from abhv_mc.flight.outcome import Outcome
@@ -25,7 +25,7 @@ _USUAL = 600.0  # s for 16 flights where the campaign gives no limit
 _COMPILING = 1800.0  # s at most, before they fly: on a busy machine more than 600 were seen
 
 
-def make_trials(campaign: CheckedCampaign) -> Floats:
+def make_trials(campaign: Experiment) -> Floats:
     """Parameter rows: the nominal flight, then for each dispersion its nominal value and both ends of its range.
 
     The others stand a little above their middles meanwhile: a gust's start matters only where there is a gust, and a
@@ -41,7 +41,7 @@ def make_trials(campaign: CheckedCampaign) -> Floats:
     return full_rows(names, values)
 
 
-def fly_probes(campaign: CheckedCampaign, plans: dict[str, FlightPlan], fly: Fly, every: int) -> dict[str, FlightBlock]:
+def fly_probes(campaign: Experiment, plans: dict[str, FlightPlan], fly: Fly, every: int) -> dict[str, FlightBlock]:
     """Fly the trials of every controller; the first flight of each block is the nominal one.
 
     Raises InputError for a dispersion that changes no controller's flight, for a metric that is no finite number in a
@@ -73,11 +73,12 @@ def _fly_temporary(fly: Fly, plan: FlightPlan, trials: Floats, every: int, limit
 
 
 def _find_not_finite(
-    campaign: CheckedCampaign, plans: dict[str, FlightPlan], flown: dict[str, FlightBlock]
+    campaign: Experiment, plans: dict[str, FlightPlan], flown: dict[str, FlightBlock]
 ) -> Iterator[InputError]:
     told = set()
     for controller, block in flown.items():
-        for (name, metric), value in zip(campaign.metrics.items(), block.metrics[0].tolist(), strict=False):
+        for metric, value in zip(campaign.measured, block.metrics[0].tolist(), strict=False):
+            name = metric.name
             if block.outcome[0] != Outcome.OK or math.isfinite(value) or name in told:
                 continue
             told.add(name)

@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.file.asked import worst_asked
-from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.backpressure import Backpressure, closing_quietly
 from abhv_mc.execution.flight_counts import FlightCounts
@@ -67,12 +66,12 @@ class HistoryFile:
 
 
 def list_histories(
-    folder: CampaignFolder, campaign: CheckedCampaign, all_counts: Mapping[str, FlightCounts], hashes: FileHashes
+    folder: CampaignFolder, campaign: Experiment, all_counts: Mapping[str, FlightCounts], hashes: FileHashes
 ) -> list[HistoryFile]:
     """The files that the histories of all flights, which have flown, are kept in."""
     keep = campaign.model.keep.histories
     files = []
-    number = worst_asked(campaign)
+    number = campaign.worst
     worst = (
         read_worst(folder, campaign, number)
         if number and any(set(counts.outcomes) - {_UNCOMPUTED} for counts in all_counts.values())
@@ -89,7 +88,7 @@ def list_histories(
 
 def write_kept_histories(
     folder: CampaignFolder,
-    campaign: CheckedCampaign,
+    campaign: Experiment,
     plans: Mapping[str, FlightPlan],
     expected: Sequence[HistoryFile],
     samples: SampleReader,

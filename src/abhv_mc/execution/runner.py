@@ -222,7 +222,7 @@ class _Run:
 
     def _make_values(self, flown: FlightBlock) -> NDArray[np.float64]:
         """Values ``[flight, value]``; margins come last, nan where they were not asked for."""
-        count = len(self.campaign.metrics)
+        count = len(self.campaign.measured)
         metrics, margins = flown.metrics[:, :count], flown.metrics[:, count:]
         if self.campaign.model.margins is None:
             return np.column_stack([metrics, flown.end_time])

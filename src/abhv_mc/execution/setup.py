@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign, read_campaign
+from abhv_mc.campaign.file.check import check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.worker_processes import start_fork_server
 from abhv_mc.flight.plan import FlightPlan
@@ -58,7 +59,7 @@ class OpenCampaign:
     """A campaign whose folder is ready to fly, and locked."""
 
     folder: CampaignFolder
-    campaign: CheckedCampaign  # as the folder holds it
+    campaign: Experiment  # as the folder holds it
     plans: dict[str, FlightPlan]
     manifest: dict[str, Any]
     to_fly: tuple[str, ...]  # controllers
@@ -111,13 +112,13 @@ def _start_workers(request: Request, engine: Engine) -> None:
         start_fork_server(engine.fly)
 
 
-def _compile_margins(campaign: CheckedCampaign, plans: dict[str, FlightPlan], engine: Engine, stack: ExitStack) -> None:
+def _compile_margins(campaign: Experiment, plans: dict[str, FlightPlan], engine: Engine, stack: ExitStack) -> None:
     """Have another process compile what finds margins, where it never was, while this one goes on and flies."""
     if engine.find_stability is not None and engine.isolation == PROCESSES and not is_compiled():
         stack.enter_context(called_beside(engine.find_stability, campaign, plans))
 
 
-def _check_shard(request: Request, campaign: CheckedCampaign) -> None:
+def _check_shard(request: Request, campaign: Experiment) -> None:
     if request.shard is None:
         return
     i, n = request.shard
@@ -130,7 +131,7 @@ def _check_shard(request: Request, campaign: CheckedCampaign) -> None:
 
 
 def _resume(
-    flown: FlownFolder, requested: CheckedCampaign, inputs: FolderInputs, engine: Engine, request: Request
+    flown: FlownFolder, requested: Experiment, inputs: FolderInputs, engine: Engine, request: Request
 ) -> OpenCampaign:
     """Go on with a folder that holds the same campaign, perhaps with fewer flights or controllers."""
     folder, manifest, files = flown.folder, flown.manifest, flown.files
@@ -168,7 +169,7 @@ def _resume(
     return OpenCampaign(folder, campaign, plans, manifest, tuple(requested.model.controllers), files, margin_plans)
 
 
-def _join(requested: CheckedCampaign, inputs: FolderInputs, merged: FolderInputs) -> CheckedCampaign:
+def _join(requested: Experiment, inputs: FolderInputs, merged: FolderInputs) -> Experiment:
     """The campaign of the folder, with the controllers that were flown before."""
     if (merged.data, list(merged.data["controllers"])) == (inputs.data, list(inputs.data["controllers"])):
         return requested
@@ -177,7 +178,7 @@ def _join(requested: CheckedCampaign, inputs: FolderInputs, merged: FolderInputs
 
 
 def _check_same(
-    flown: FlownFolder, before: FolderInputs, requested: CheckedCampaign, inputs: FolderInputs, request: Request
+    flown: FlownFolder, before: FolderInputs, requested: Experiment, inputs: FolderInputs, request: Request
 ) -> None:
     """Raises InputError for a folder that holds something else than the beginning of what is asked for."""
     root, shard = flown.folder.root, flown.manifest.get("shard")
@@ -196,7 +197,7 @@ def _check_same(
 
 
 def _fly_nominal(
-    campaign: CheckedCampaign, plans: dict[str, FlightPlan], engine: Engine
+    campaign: Experiment, plans: dict[str, FlightPlan], engine: Engine
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]]:
     """Fly the probes of the dispersions; times and history ``[time, channel]`` of each controller's nominal flight."""
     first = next(iter(plans.values()))
@@ -208,7 +209,7 @@ def _fly_nominal(
 
 def _write_nominal(
     folder: CampaignFolder,
-    campaign: CheckedCampaign,
+    campaign: Experiment,
     plans: dict[str, FlightPlan],
     nominal: dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]],
 ) -> None:
@@ -220,14 +221,14 @@ def _write_nominal(
     write_reference(folder.reference, reference_of(first, every))
 
 
-def _write_samples(folder: CampaignFolder, campaign: CheckedCampaign) -> None:
+def _write_samples(folder: CampaignFolder, campaign: Experiment) -> None:
     """Draw the samples."""
     source = campaign.make_samples()
     provenance = {"seed": str(campaign.model.seed), "design": campaign.model.sampling.design}
     write_samples(folder.samples, source.names, campaign.runs, source.draw, provenance)
 
 
-def _check_drawn(folder: CampaignFolder, campaign: CheckedCampaign) -> None:
+def _check_drawn(folder: CampaignFolder, campaign: Experiment) -> None:
     """Raises InputError where this version of the program draws other samples than those that were flown."""
     source, flown = campaign.make_samples(), SampleReader(folder.samples)
     for first in range(0, flown.flights, ROW_GROUP):
@@ -238,7 +239,7 @@ def _check_drawn(folder: CampaignFolder, campaign: CheckedCampaign) -> None:
 
 
 def _new_manifest(
-    campaign: CheckedCampaign, inputs: FolderInputs, engine: Engine, plans: dict[str, FlightPlan]
+    campaign: Experiment, inputs: FolderInputs, engine: Engine, plans: dict[str, FlightPlan]
 ) -> dict[str, Any]:
     from datetime import UTC, datetime
 

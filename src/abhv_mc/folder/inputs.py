@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.campaign.file.check import CheckedCampaign, check_campaign
+from abhv_mc.campaign.file.check import check_campaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.references import find_references
 from abhv_mc.campaign.file.requirements import join_requirements, select_requirements
 from abhv_mc.folder.layout import CampaignFolder, is_inside, write_bytes, write_whole
@@ -59,7 +60,7 @@ class FolderInputs:
         write_whole(folder.campaign, lambda temporary: write_document(temporary, self.data, _HEAD), durable=True)
 
 
-def collect_inputs(campaign: CheckedCampaign) -> FolderInputs:
+def collect_inputs(campaign: Experiment) -> FolderInputs:
     """What the folder of a checked campaign is to hold of its files."""
     model = campaign.model
     data: dict[str, Any] = dict(campaign.document.data)  # type: ignore[arg-type]
@@ -157,6 +158,6 @@ def read_folder_inputs(folder: CampaignFolder, manifest: dict[str, Any]) -> Fold
     return FolderInputs(read_document(folder.campaign), {}, manifest["inputs"])
 
 
-def read_folder_campaign(folder: CampaignFolder) -> CheckedCampaign:
+def read_folder_campaign(folder: CampaignFolder) -> Experiment:
     """The campaign of a results folder. Raises InputError where there is none."""
     return check_campaign(read_document(folder.campaign))

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.asked import known_metrics, ranking_criteria
-from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.folder.controller_flights import ControllerFlights, read_flights
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.folder.layout import CampaignFolder
@@ -53,11 +52,11 @@ def rank_flights(flights: Mapping[str, ControllerFlights], criteria: Sequence[Cr
     return Ranking(tuple(flights), controller, order - starts[controller], beyond, by)
 
 
-def read_worst(folder: CampaignFolder, campaign: CheckedCampaign, number: int) -> dict[str, list[int]]:
+def read_worst(folder: CampaignFolder, campaign: Experiment, number: int) -> dict[str, list[int]]:
     """Numbers of the worst flights of each controller, of those in the folder. Raises InputError without a flight."""
-    criteria = ranking_criteria(campaign)
+    criteria = campaign.criteria
     columns = {criterion.metric for criterion in criteria} | {END_TIME.name}
-    held = read_flights(folder.flights, records=known_metrics(campaign), columns=columns)
+    held = read_flights(folder.flights, records=campaign.metrics, columns=columns)
     flights = {name: held[name] for name in campaign.model.controllers if name in held}
     ranking = rank_flights(flights, criteria)
     return {name: each.flight[ranking.rows_of(name)[:number]].tolist() for name, each in flights.items()}

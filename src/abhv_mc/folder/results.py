@@ -13,9 +13,9 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.config import TRACED
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.seeds import is_seed
-from abhv_mc.flight.metrics import BUILT_IN, MARGIN_FAULTS, MARGIN_NAMES, Metric
+from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.columns import FileColumns, read_table
 from abhv_mc.folder.controller_flights import ControllerFlights, read_flights
 from abhv_mc.folder.envelopes import QUANTILE_COLUMNS
@@ -27,59 +27,8 @@ from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.ranking import Ranking, rank_flights
 from abhv_mc.folder.steady_margins import SteadyMargins, read_steady_margins
 from abhv_mc.io.input_error import InputError
-from abhv_mc.numerics.bounds import Bounds
-from abhv_mc.statistics.ranking import Criterion
 
 BANDS = ("min", *QUANTILE_COLUMNS, "max")
-INDEPENDENT_DESIGNS = ("random",)
-
-
-@dataclass(frozen=True)
-class Requirement:
-    """A metric that must stay within limits in a share of the flights."""
-
-    metric: str
-    limits: Bounds
-    probability: float
-    consumer_risk: float
-    controllers: tuple[str, ...]
-    early_is_failure: bool = True  # what a flight that ended early counts as
-    producer_risk: float | None = None  # None: the consumer's
-    traced: dict[str, str] = field(default_factory=dict)  # id, text, source and rationale, as far as they are given
-
-
-@dataclass(frozen=True)
-class CampaignFacts:
-    """What the resolved campaign file says, as far as a report repeats it."""
-
-    name: str
-    question: str
-    controllers: tuple[str, ...]
-    runs: int
-    seed: int
-    sampling: str
-    dispersions: dict[str, dict[str, Any]]
-    requirements: tuple[Requirement, ...]
-    metrics: Mapping[str, Metric] = field(default_factory=lambda: BUILT_IN)  # with what is bad of them
-    asked: tuple[str, ...] = ()  # the metrics of its requirements, or what leads without any
-    criteria: tuple[Criterion, ...] = ()  # by which its flights are the worst
-    worst: int = 0  # how many of them keep their histories
-    figures: str | None = None  # the set of figures, where it names one
-    margin_flights: int = 0  # of which margins were asked for
-    margin_points: tuple[str | float, ...] = ()  # "trim", or s
-    stops_when_proven: bool = False
-    pooled_seeds: tuple[int, ...] = ()  # of the flights that a merge joined
-    family_risk: float | None = None  # of any false PASS among all verdicts, where the campaign holds it
-
-    def limits_of(self, metric: str) -> list[float]:
-        """The limits of all requirements on a metric."""
-        own = [limit for item in self.requirements if item.metric == metric for limit in item.limits]
-        return [limit for limit in own if limit is not None]
-
-    @property
-    def independent(self) -> bool:
-        """Whether its flights are independent draws, so that exact binomial statistics hold."""
-        return self.sampling in INDEPENDENT_DESIGNS
 
 
 @dataclass(frozen=True)
@@ -96,7 +45,7 @@ class Results:
     """Everything a report reads."""
 
     folder: Path
-    campaign: CampaignFacts
+    campaign: Experiment
     manifest: dict[str, Any]
     samples: Mapping[str, Floats]  # parameter -> [flight], flight k at index k; read anew each time
     flights: dict[str, ControllerFlights]
@@ -157,47 +106,6 @@ class Results:
         return ((first, other) for other in others)
 
 
-def read_facts(path: Path) -> CampaignFacts:
-    """The resolved campaign file of a folder. Raises InputError where it is missing or is not one."""
-    from abhv_mc.campaign.file.asked import asked_metrics, known_metrics, ranking_criteria, worst_asked
-
-    campaign = read_folder_campaign(CampaignFolder(path.parent))
-    model, plain = campaign.model, campaign.document.data
-    controllers = tuple(model.controllers)
-    return CampaignFacts(
-        name=model.name,
-        question=model.question,
-        controllers=controllers,
-        runs=campaign.runs,
-        seed=model.seed,
-        sampling=model.sampling.design,
-        stops_when_proven=model.stop is not None,
-        pooled_seeds=tuple(part.seed for part in model.pooled),
-        family_risk=model.family.risk if model.family else None,
-        metrics=known_metrics(campaign),
-        asked=asked_metrics(campaign),
-        figures=model.figures,
-        criteria=ranking_criteria(campaign),
-        worst=worst_asked(campaign),
-        margin_flights=model.margins.of(campaign.runs) if model.margins else 0,
-        margin_points=model.margins.at if model.margins else (),
-        dispersions=dict(plain.get("dispersions") or {}) if isinstance(plain, dict) else {},
-        requirements=tuple(
-            Requirement(
-                metric=item.metric,
-                limits=limits,
-                probability=item.probability,
-                consumer_risk=item.consumer_risk,
-                controllers=item.controllers or controllers[:1],
-                early_is_failure=item.ended_early == "failure",
-                producer_risk=item.producer_risk,
-                traced={key: text for key in TRACED if (text := getattr(item, key)) is not None},
-            )
-            for item, limits in zip(model.requirements, campaign.limits, strict=True)
-        ),
-    )
-
-
 def _columns(table: pa.Table) -> dict[str, Any]:
     return {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
 
@@ -231,7 +139,7 @@ def read_results(root: Path) -> Results:
         found = "shard {}/{} of a campaign".format(*manifest["shard"])
         raise InputError(root, found, "all of it: 'abhv-mc merge' joins its shards")
     samples = FileColumns(folder.samples, "the samples of a campaign", without="flight")
-    campaign = read_facts(folder.campaign)
+    campaign = read_folder_campaign(folder)
     flights = read_flights(folder.flights, data_files(folder, manifest), campaign.metrics)
     reference = _columns(read_table(folder.reference, "the mission's reference"))
     return Results(

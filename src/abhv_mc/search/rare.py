@@ -6,12 +6,10 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.check import CheckedCampaign
-from abhv_mc.campaign.file.config import Requirement
+from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.flight.metrics import BUILT_IN, Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.search.methods import second_look
 from abhv_mc.search.methods.importance import MOST_DIMENSIONS
 from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains
@@ -41,7 +39,6 @@ class RareFound:
     controller: str
     requirement: Requirement
     metric: Metric
-    limits: Bounds  # of the requirement, in its metric's unit
     estimate: RareEstimate
     strata: tuple[Stratum, ...]  # combinations of what comes with a probability; empty where nothing does
     space: Space
@@ -85,7 +82,7 @@ class RareFound:
         check = found.check
         return {
             "requirement": self.settings.requirement,
-            **self.limits.as_entry(),
+            **self.requirement.limits.as_entry(),
             "controller": self.controller,
             "probability": None if refused else found.probability,
             "low": None if refused else found.low,
@@ -112,7 +109,7 @@ class RareFound:
             else {**vars(check), "cov": check.cov if np.isfinite(check.cov) else None},
             "refusal": found.refusal,
             "ended_early": int(ended_early(self.flights).sum()),
-            "ended_early_fails": self.requirement.ended_early == "failure",
+            "ended_early_fails": self.requirement.early_is_failure,
             "failed_to_run": self.failed_to_run,
             "failures": self.failures,
             "worst_flights": rank_distinct(self.severities, self.flights.samples, 20),
@@ -122,14 +119,14 @@ class RareFound:
 def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | None = None) -> RareFound:
     """Estimate P(failure) of one requirement. Raises InputError for a request that is wrong."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
-    requirement, limits = _find_requirement(campaign, controller, settings.requirement)
+    requirement = _find_requirement(campaign, controller, settings.requirement)
     space = make_space(campaign)
     chains = choose_chains(settings.flights)
     least = FEWEST * SubsetPlan(1, 0.0, 0, chains).size
     if settings.flights < least:
         raise InputError("--flights", f"{settings.flights}", f"at least {least}")
-    criterion = Criterion(settings.requirement, "high", limits)
-    early = requirement.ended_early == "failure"
+    criterion = Criterion(settings.requirement, "high", requirement.limits)
+    early = requirement.early_is_failure
     with open_search(request, {"kind": "rare", **vars(settings)}, settings.flights, engine or make_engine()) as search:
         severity = Severity(criterion, search.plan.timing.duration, early)
 
@@ -148,7 +145,6 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
             controller,
             requirement,
             campaign.metrics[requirement.metric],
-            limits,
             estimate,
             strata,
             space,
@@ -161,11 +157,10 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
     return found
 
 
-def _find_requirement(campaign: CheckedCampaign, controller: str, metric: str) -> tuple[Requirement, Bounds]:
-    """The campaign's requirement on this metric, and its limits. Raises InputError where there is none, or several."""
-    pairs = zip(campaign.model.requirements, campaign.limits, strict=True)
-    bound = [entry for entry in pairs if controller in (entry[0].controllers or (controller,))]
-    own = [entry for entry in bound if entry[0].metric == metric]
+def _find_requirement(campaign: Experiment, controller: str, metric: str) -> Requirement:
+    """The campaign's requirement on this metric. Raises InputError where there is none, or several."""
+    bound = [item for item in campaign.requirements if not item.named or controller in item.controllers]
+    own = [item for item in bound if item.metric == metric]
     where = ("requirements",)
     if metric in BUILT_IN and BUILT_IN[metric].plateaus:
         values = " or ".join(f"{value:g}" for value in BUILT_IN[metric].plateaus)
@@ -175,7 +170,7 @@ def _find_requirement(campaign: CheckedCampaign, controller: str, metric: str) -
     if len(own) == 1:
         return own[0]
     if not own:
-        names = [entry.metric for entry, _ in bound]
+        names = [item.metric for item in bound]
         said = f"no requirement on '{metric}' for '{controller}'"
         expected = one_of(names, metric) if names else "a requirement with the limit that is meant"
         raise campaign.document.error(where if names else (), said, expected)

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.asked import known_metrics
-from abhv_mc.campaign.file.check import CheckedCampaign, read_campaign
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.executor import Executor, open_executor
@@ -64,7 +64,7 @@ class SearchRequest:
     fresh: bool = False
 
 
-def read_searched(path: Path, controller: str | None, seed: int | None) -> tuple[CheckedCampaign, str]:
+def read_searched(path: Path, controller: str | None, seed: int | None) -> tuple[Experiment, str]:
     """The campaign and the controller that is searched. Raises InputError."""
     campaign = read_campaign(path, None, seed)
     for source in check_user_code(campaign):
@@ -76,9 +76,9 @@ def read_searched(path: Path, controller: str | None, seed: int | None) -> tuple
     return campaign, name
 
 
-def find_metric(campaign: CheckedCampaign, name: str, place: Callable[[str, str], InputError]) -> Metric:
+def find_metric(campaign: Experiment, name: str, place: Callable[[str, str], InputError]) -> Metric:
     """What the campaign knows of a metric; raises what ``place`` makes of what was found and what was expected."""
-    metrics = known_metrics(campaign)
+    metrics = campaign.metrics
     if name in MARGIN_NAMES and campaign.model.margins is None:
         raise place(f"'{name}' without 'margins'", "'margins: {at: [trim]}' in the campaign, which finds them")
     if name not in metrics:
@@ -101,7 +101,7 @@ class SearchFlights:
     def __init__(
         self,
         flown: FlownFolder,
-        campaign: CheckedCampaign,
+        campaign: Experiment,
         plan: FlightPlan,
         executor: Executor,
         writer: ThreadPoolExecutor,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.marginals import DiscreteMarginal, Marginal, SometimesMarginal
 from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
@@ -122,7 +122,7 @@ def _when_it_comes(marginal: Marginal) -> Marginal:
     return marginal.drawn if isinstance(marginal, SometimesMarginal) else marginal
 
 
-def make_space(campaign: CheckedCampaign) -> Space:
+def make_space(campaign: Experiment) -> Space:
     """The space of a campaign's dispersions. Raises InputError where there is nothing to search."""
     document = campaign.document
     if campaign.sample_file is not None:

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.asked import known_metrics
-from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import THREADS
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.executor import open_executor
@@ -128,7 +127,7 @@ class TuneFound:
         }
 
 
-def read_tune_block(campaign: CheckedCampaign, path: Path | None) -> tuple[Tune, Document, tuple[str, ...]]:
+def read_tune_block(campaign: Experiment, path: Path | None) -> tuple[Tune, Document, tuple[str, ...]]:
     """The block, its document and its place there. Raises InputError."""
     where: tuple[str, ...] = ("tune",)
     document = campaign.document
@@ -214,7 +213,7 @@ def _tune(request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None
         asked = {block.minimise.metric, block.usage.metric} & set(MARGIN_NAMES)
         times = model.margins.at if model.margins and asked else ()
         trials = Trials(campaign, candidates, space, kept, identity, executor, vehicles, block.margins_at, times)
-        metrics = known_metrics(campaign)
+        metrics = campaign.metrics
         flown = trials.draw(model.seed, block.flights)
         (start,) = trials.measure(np.zeros((1, len(block.free))), flown)
         bounds = [bound_of(limit, start) for limit in block.limits]

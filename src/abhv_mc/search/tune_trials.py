@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.tuning import Tune
 from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
 from abhv_mc.campaign.sampling.samples import DrawnSamples, full_rows
@@ -55,7 +55,7 @@ def cornered_vehicles(space: Space, block: Tune) -> Floats:
 class Trials:
     """Flies candidates of one campaign and controller."""
 
-    campaign: CheckedCampaign
+    campaign: Experiment
     candidates: Candidates
     space: Space
     kept: Path  # folder
@@ -81,7 +81,8 @@ class Trials:
     @functools.cached_property
     def columns(self) -> tuple[str, ...]:
         """The metrics of the flights, with their margins where these are asked for."""
-        return (*self.campaign.metrics, *(signal.name for signal in (MARGIN_VALUES if self.flights_at else ())))
+        margins = MARGIN_VALUES if self.flights_at else ()
+        return tuple(signal.name for signal in (*self.campaign.measured, *margins))
 
     def _one(self, point: Floats, parameters: Floats) -> Trial:
         candidate, columns = self._make(point), self.columns

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.control.law_file import USER_LAWS, UserController
 from abhv_mc.io.documents import read_document
@@ -12,7 +12,7 @@ from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.vehicle.file import read_vehicle_file
 
 
-def check_user_code(campaign: CheckedCampaign, trusted: bool = False) -> list[UserSource]:
+def check_user_code(campaign: Experiment, trusted: bool = False) -> list[UserSource]:
     """The campaign's own code, where this user may run it: his own, and those of a folder that he has flown.
 
     Not run here. Raises InputError for others, unless he says that he trusts them.

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.flight.metrics import MARGIN_NAMES
@@ -51,7 +51,7 @@ class Candidate:
 class Candidates:
     """Makes the candidates of one campaign's controller."""
 
-    campaign: CheckedCampaign
+    campaign: Experiment
     name: str  # of the controller
     numbers: ControllerNumbers
     engine: Engine

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightPlan
@@ -17,7 +17,7 @@ _ALL_CORNERS, _SOME = 6, 64  # up to so many parameters all corners, else so man
 _DIGITS = 6
 
 
-def make_corners(campaign: CheckedCampaign) -> Floats:
+def make_corners(campaign: Experiment) -> Floats:
     """Parameter rows: the nominal vehicle, then corners of the dispersions' ranges (of their extreme quantiles)."""
     count = len(campaign.names)
     ends = np.array([campaign.ends_of(i)[[0, 2]] for i in range(count)]).reshape(count, 2)
@@ -30,7 +30,7 @@ def make_corners(campaign: CheckedCampaign) -> Floats:
     return np.vstack([nominal, full_rows(campaign.names, values)]) if count else nominal
 
 
-def describe_stability(campaign: CheckedCampaign, plans: Mapping[str, FlightPlan]) -> dict[str, Any]:
+def describe_stability(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> dict[str, Any]:
     """What ``margins.json`` holds: for each controller its nominal rows, and the least over the corners by loop.
 
     ``plans`` are the controllers', with the code of laws of the user's own. Controllers of which no steady flight was

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.check import CheckedCampaign
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.identity import code_hash
@@ -27,7 +27,7 @@ class Engine:
     fly: Fly
     source: str  # hash of the code that flies: two of them never share a campaign
     # what margins.json holds
-    find_stability: Callable[[CheckedCampaign, dict[str, FlightPlan]], dict[str, Any]] | None = None
+    find_stability: Callable[[Experiment, dict[str, FlightPlan]], dict[str, Any]] | None = None
     checked: bool = False  # whether ``source`` is what identity.code_hash() must give in every process that flies
     isolation: str = THREADS  # where "auto" flies; processes need a ``fly`` that can be imported
 

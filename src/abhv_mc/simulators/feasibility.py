@@ -8,8 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from abhv_mc.campaign.file.check import CheckedCampaign
-from abhv_mc.campaign.sampling.designs import INDEPENDENT
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
 from abhv_mc.flight.metrics import BUILT_IN
 from abhv_mc.io.documents import InputError
@@ -26,22 +25,22 @@ _ABOVE_ZERO = re.compile(
 _MOST_BELOW_ZERO = 1e-6  # probability that an unbounded law may have there
 
 
-def find_impossible(campaign: CheckedCampaign, vehicle: Vehicle | None = None) -> list[InputError]:
+def find_impossible(campaign: Experiment, vehicle: Vehicle | None = None) -> list[InputError]:
     """Everything of that kind, each with its place in the file; with ``vehicle`` also what that has nothing of."""
     found = [*_requirements(campaign), *_laws(campaign)]
     return found if vehicle is None else [*found, *_lacking(campaign, vehicle)]
 
 
-def asked_in_vain(campaign: CheckedCampaign) -> list[str]:
+def asked_in_vain(campaign: Experiment) -> list[str]:
     """The same in sentences (without their full stops), where it is no reason to refuse the campaign."""
     return [f"the campaign asks for {error.found}; it takes {error.expected}" for error in find_impossible(campaign)]
 
 
-def _requirements(campaign: CheckedCampaign) -> Iterator[InputError]:
-    document, entries = campaign.document, campaign.model.requirements
-    for i, (entry, (low, high)) in enumerate(zip(entries, campaign.limits, strict=True)):
-        known = campaign.metrics | BUILT_IN
-        if not known[entry.metric].never_negative:
+def _requirements(campaign: Experiment) -> Iterator[InputError]:
+    document, entries = campaign.document, campaign.requirements
+    for i, entry in enumerate(entries):
+        low, high = entry.limits
+        if not (BUILT_IN.get(entry.metric) or campaign.metrics[entry.metric]).never_negative:
             continue
         if high is not None and high <= 0.0:
             found = f"'{entry.metric}' below {high:g}, which no flight meets: it is never negative"
@@ -49,13 +48,13 @@ def _requirements(campaign: CheckedCampaign) -> Iterator[InputError]:
         elif low is not None and low < 0.0:
             found = f"'{entry.metric}' above {low:g}, which every flight meets: it is never negative"
             yield document.error(("requirements", i, "above"), found, "a limit from zero on")
-    if campaign.model.sampling.design != INDEPENDENT:
+    if not campaign.independent:
         return
-    family = campaign.model.family
-    verdicts = len(entries) * len(campaign.model.controllers)
+    family = campaign.family_risk
+    verdicts = len(entries) * len(campaign.controllers)
     for i, entry in enumerate(entries):
         # Every requirement is judged on every controller; where each flight met all, Holm's first step decides.
-        risk = min(entry.consumer_risk, family.risk / verdicts) if family else entry.consumer_risk
+        risk = min(entry.consumer_risk, family / verdicts) if family else entry.consumer_risk
         needed = flights_to_pass(0, entry.probability, risk)
         if needed <= campaign.runs:
             continue
@@ -67,7 +66,7 @@ def _requirements(campaign: CheckedCampaign) -> Iterator[InputError]:
         yield document.error(("requirements", i, "probability"), found, wish)
 
 
-def _laws(campaign: CheckedCampaign) -> Iterator[InputError]:
+def _laws(campaign: Experiment) -> Iterator[InputError]:
     """Laws that give values at or below zero to what has a meaning above it only."""
     for column, name in enumerate(campaign.names):
         if not _ABOVE_ZERO.search(name):
@@ -99,7 +98,7 @@ def _laws(campaign: CheckedCampaign) -> Iterator[InputError]:
             )
 
 
-def _lacking(campaign: CheckedCampaign, vehicle: Vehicle) -> Iterator[InputError]:
+def _lacking(campaign: Experiment, vehicle: Vehicle) -> Iterator[InputError]:
     """Dispersions of parts that the vehicle does not have, and that would leave every flight as it is."""
     where = ("sampling",) if campaign.sample_file is not None else ("dispersions",)
     for name in campaign.names:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.user_metrics import pack_sources
 from abhv_mc.control.design.reference import COLUMN_INDEX
 from abhv_mc.flight.channels import REFERENCE_CHANNELS
@@ -43,7 +43,7 @@ def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -
     return every
 
 
-def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) -> dict[str, FlightPlan]:
+def make_plans(campaign: Experiment, names: Iterable[str], engine: Engine) -> dict[str, FlightPlan]:
     """The plans of some of a campaign's controllers, with what it declares. Raises InputError."""
     model = campaign.model
     check_user_code(campaign)
@@ -57,7 +57,7 @@ def make_plans(campaign: CheckedCampaign, names: Iterable[str], engine: Engine) 
     return plans
 
 
-def _check_delays(campaign: CheckedCampaign, plans: Iterable[FlightPlan]) -> None:
+def _check_delays(campaign: Experiment, plans: Iterable[FlightPlan]) -> None:
     """Raise InputError for measurements later than flights remember, or from the future, by more than one in 1e6."""
     if "sensor.delay" not in campaign.names:
         return
@@ -74,7 +74,7 @@ def _check_delays(campaign: CheckedCampaign, plans: Iterable[FlightPlan]) -> Non
             raise campaign.document.key_error(place, late, delays_known(plan.timing.tick))
 
 
-def _check_oscillation(campaign: CheckedCampaign, plans: Iterable[FlightPlan]) -> None:
+def _check_oscillation(campaign: Experiment, plans: Iterable[FlightPlan]) -> None:
     """Raise InputError for a limit on oscillation where gusts, turbulence or noise swing the angles."""
     moving = [name for name in DISTURBANCES if name in campaign.names]
     for plan in plans:
@@ -83,7 +83,7 @@ def _check_oscillation(campaign: CheckedCampaign, plans: Iterable[FlightPlan]) -
             raise campaign.document.key_error(place, refused, STILL_AIR)
 
 
-def declare(campaign: CheckedCampaign, plan: FlightPlan) -> FlightPlan:
+def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
     """The plan with the metrics and channels that the campaign itself declares: no file of plans holds them."""
     if campaign.model.channels is not None:
         channels = read_source(campaign.model.channels)
@@ -92,13 +92,13 @@ def declare(campaign: CheckedCampaign, plan: FlightPlan) -> FlightPlan:
     return _declare(campaign, plan)
 
 
-def _declare(campaign: CheckedCampaign, plan: FlightPlan) -> FlightPlan:
+def _declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
     declared, sources = pack_metrics(campaign.declared), pack_sources(campaign.user_sources)
     return replace(plan, declared=declared, user_sources=sources).lean_for(campaign.names)
 
 
 def take_plans(
-    root: Path | None, campaign: CheckedCampaign, inputs: FolderInputs, engine: Engine, trust_code: bool
+    root: Path | None, campaign: Experiment, inputs: FolderInputs, engine: Engine, trust_code: bool
 ) -> dict[str, FlightPlan]:
     """The plans of another folder of the same inputs; empty without one. Raises InputError where it does not fit."""
     if root is None:
@@ -113,13 +113,13 @@ def take_plans(
     return {name: _declare(campaign, read_trusted_plan(source, campaign, name, trust_code)) for name in names}
 
 
-def find_warnings(plans: dict[str, FlightPlan], campaign: CheckedCampaign) -> list[str]:
+def find_warnings(plans: dict[str, FlightPlan], campaign: Experiment) -> list[str]:
     """What the plans say about their mission, and what of the campaign cannot come out, each sentence once."""
     plain = [warning for plan in plans.values() for warning in plan.warnings.tolist()]
     return list(dict.fromkeys([*_sensing(plans, campaign), *plain, *asked_in_vain(campaign)]))
 
 
-def _sensing(plans: dict[str, FlightPlan], campaign: CheckedCampaign) -> list[str]:
+def _sensing(plans: dict[str, FlightPlan], campaign: Experiment) -> list[str]:
     """Where there is wind, what the instruments measure."""
     plan = next(iter(plans.values()))
     windy = any(name.startswith("wind.") for name in campaign.names) or plan.profile[:, 1:3].any()

@@ -1,13 +1,13 @@
 """Plans of the flights whose stability margins a campaign asks for."""
 
-from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.fly_with_margins import MarginPlan, add_margins
 
 
-def make_margin_plans(campaign: CheckedCampaign, plans: dict[str, FlightPlan]) -> dict[str, FlightPlan]:
+def make_margin_plans(campaign: Experiment, plans: dict[str, FlightPlan]) -> dict[str, FlightPlan]:
     """The plans with margins; none where the campaign asks for none. Raises InputError where there can be none."""
     model = campaign.model
     if model.margins is None:

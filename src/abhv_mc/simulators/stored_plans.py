@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.control.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.design.trim_tables import rebuild_trim_tables
@@ -74,7 +74,7 @@ def _check_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
 
 
 def read_trusted_plan(
-    folder: CampaignFolder, campaign: CheckedCampaign, controller: str, trusted: bool = False
+    folder: CampaignFolder, campaign: Experiment, controller: str, trusted: bool = False
 ) -> FlightPlan:
     """The stored plan of one of a folder's controllers with the code that it needs, from the folder's copies.
 

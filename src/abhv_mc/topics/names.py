@@ -4,8 +4,9 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flight.metrics import Metric
-from abhv_mc.folder.results import Requirement, Results
+from abhv_mc.folder.results import Results
 from abhv_mc.topics.labels import full_labels
 
 

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from abhv_mc.campaign.file.asked import required
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.mission import read_mission
@@ -29,7 +28,7 @@ def verify_paper(scale: float = 1.0) -> list[Row]:
     errors: the axes of Figure 3 of Zhu and Shen (2014).
     """
     campaign = read_campaign(shipped_campaigns() / "winged_cone.yaml")
-    asked = [(campaign.metrics[item.metric], limits) for item, limits in required(campaign)]
+    asked = [(campaign.metrics[item.metric], item.limits) for item in campaign.requirements]
     configs = shipped_configs()
     vehicle = load_vehicle(configs / "vehicle" / "winged_cone.yaml")
     controller = read_controller(configs / "control" / "tlc.yaml")

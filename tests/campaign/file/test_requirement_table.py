@@ -26,7 +26,8 @@ def test_a_table_reads_as_a_list(tmp_path):
     checked = read_campaign(campaign(tmp_path, TABLE))
     first, second = checked.model.requirements
     assert (first.id, first.text, first.source) == ("GNC-12", "The altitude is held, always", "SRD 3.2")
-    assert checked.limits == (Bounds(high=50.0), Bounds(low=0.1)) and first.probability == pytest.approx(0.9973)
+    assert [item.limits for item in checked.requirements] == [Bounds(high=50.0), Bounds(low=0.1)]
+    assert first.probability == pytest.approx(0.9973)
     assert (first.consumer_risk, second.consumer_risk) == (0.05, 0.10)
     assert second.controllers == ("one", "two") and second.above == 0.1 and second.text is None
     assert read_campaign(tmp_path / "campaign.yaml", controllers=["two"]).model.requirements[1].controllers == ("two",)
@@ -34,7 +35,7 @@ def test_a_table_reads_as_a_list(tmp_path):
 
 def test_a_row_with_both_limits_is_one_requirement(tmp_path):
     table = TABLE.replace("equivalence_ratio_min,,0.1", "equivalence_ratio_min,0.5,0.1")
-    assert read_campaign(campaign(tmp_path, table)).limits[1] == Bounds(0.1, 0.5)
+    assert read_campaign(campaign(tmp_path, table)).requirements[1].limits == Bounds(0.1, 0.5)
     with pytest.raises(InputError, match="below 0"):
         read_campaign(campaign(tmp_path, table.replace("0.5,0.1", "0.1,0.5")))
 

@@ -70,7 +70,7 @@ def test_what_an_editor_should_underline() -> None:
         {**right, "execution": {"flight_time_limit": "10 m"}},
     ):
         assert not validator.is_valid(wrong), wrong
-    named, own = make_schema("campaign")["$defs"]["Requirement"]["properties"]["metric"]["anyOf"]
+    named, own = make_schema("campaign")["$defs"]["RequirementEntry"]["properties"]["metric"]["anyOf"]
     assert set(METRIC_INDEX) < set(named["enum"]) and "pattern" in own
 
 

@@ -74,10 +74,14 @@ def test_nothing_is_loaded_from_elsewhere(outline, report_page):
     assert len(re.findall(rb"plotly.js \(basic - minified\) v", gzip.decompress(base64.b64decode(packed)))) == 1
 
 
+def asking(campaign, question):
+    return dataclasses.replace(campaign, model=campaign.model.model_copy(update={"question": question}))
+
+
 def test_what_a_campaign_says_is_text_only(tmp_path):
     evil = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
     results = read_results(write_campaign(tmp_path / "c", runs=12))
-    results = dataclasses.replace(results, campaign=dataclasses.replace(results.campaign, question=f"{evil} Does it?"))
+    results = dataclasses.replace(results, campaign=asking(results.campaign, f"{evil} Does it?"))
     numbers = {**make_numbers(Models(results)), "files": {}}
     page = make_page(Models(results), numbers, [])
     assert evil not in page
@@ -147,8 +151,8 @@ HOSTILE = "a|b <script>alert(1)</script> `c` [x](javascript:1) *d*\nnext"
 def test_markdown_shows_any_text_as_text(tmp_path):
     folder = write_campaign(tmp_path / "c", runs=8)
     results = read_results(folder)
-    facts = dataclasses.replace(results.campaign, question=HOSTILE)
-    results = dataclasses.replace(results, campaign=facts, manifest=results.manifest | {"commit": HOSTILE})
+    campaign = asking(results.campaign, HOSTILE)
+    results = dataclasses.replace(results, campaign=campaign, manifest=results.manifest | {"commit": HOSTILE})
     markdown = make_markdown(Models(results), make_numbers(Models(results)), [])
     shown = r"a\|b &lt;script>alert(1)&lt;/script> \`c\` \[x\](javascript:1) \*d\* next"
     assert markdown.startswith(f"# {shown}\n")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from report.synthetic import write_campaign
 
+from abhv_mc.campaign.file.config import Sampling
 from abhv_mc.folder.results import read_results
 from abhv_mc.topics.drivers.model import Share, compute_drivers, otherwise_words
 
@@ -39,7 +40,8 @@ def test_what_the_regression_tells_is_not_told_twice(results):
 
 
 def test_designs_that_are_no_random_draws_have_no_such_indices(results):
-    facts = replace(results.campaign, sampling="corners")
+    model = results.campaign.model.model_copy(update={"sampling": Sampling(design="corners")})
+    facts = replace(results.campaign, model=model)
     assert told_of(replace(results, campaign=facts), lambda x: 2.0 + np.sin(6.0 * x["aero.lift"])) == ([], [])
 
 

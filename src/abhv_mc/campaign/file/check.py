@@ -1,14 +1,14 @@
 """What a campaign file's entries must be to each other and to the tables of parameters and metrics."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import Campaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
 from abhv_mc.campaign.file.kinds import find_kind, find_wrong_kinds
 from abhv_mc.campaign.file.mistakes import find_more
@@ -26,79 +26,17 @@ from abhv_mc.campaign.file.user_metrics import (
 )
 from abhv_mc.campaign.sampling.correlation import Copula, make_copula, normal_correlation
 from abhv_mc.campaign.sampling.designs import (
-    EXTENSIBLE,
     FACTORIAL,
     INDEPENDENT,
-    Design,
     count_flights,
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
-from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, PooledSamples, SampleSource, SeededSamples
-from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
 from abhv_mc.flight.metrics import MARGINS, METRICS, Metric
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
-from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.plant.parameters import EFFECTORS, ENGINES, PARAMETER_INDEX, PARAMETERS
 
-_MIDDLE = 0.6  # of its extent, where a dispersion stands in other trials: no nominal value of a symmetric law
 DISPERSIBLE = tuple(parameter.name for parameter in PARAMETERS[1:])
-
-
-@dataclass(frozen=True)
-class CheckedCampaign:
-    """A campaign file that makes sense, with everything that follows from it."""
-
-    document: Document
-    model: Campaign
-    runs: int
-    marginals: dict[str, Marginal]  # by parameter, in the file's order; empty where the samples come from a file
-    copula: Copula
-    sample_file: SampleFile | None
-    limits: tuple[Bounds, ...]  # of the requirements, in their metrics' units
-    declared: tuple[Metric, ...] = ()  # metrics that it declares
-    user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of the channels of its own file
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The dispersed parameters."""
-        return self.sample_file.names if self.sample_file else tuple(self.marginals)
-
-    @property
-    def metrics(self) -> dict[str, Metric]:
-        """The metrics of its flights by name: those of the program, then its own."""
-        return {metric.name: metric for metric in (*METRICS, *self.declared)}
-
-    @property
-    def extensible(self) -> bool:
-        """Whether more flights leave the first ones as they are."""
-        return self.model.sampling.design in (*EXTENSIBLE, "file")
-
-    def ends_of(self, i: int) -> Floats:
-        """Low end, about the middle, and high end of a dispersion."""
-        if self.sample_file is not None:
-            return np.quantile(self.sample_file.values[: self.runs, i], [0.0, _MIDDLE, 1.0])
-        return np.asarray(self.marginals[self.names[i]].at_fraction(np.array([0.0, _MIDDLE, 1.0])))
-
-    def make_samples(self) -> SampleSource:
-        """The source of its samples: the dispersed parameters, then the seeds that the flights' noise needs."""
-        if self.model.pooled:
-            sources = [self._samples_of(part.seed, self.runs) for part in self.model.pooled]
-            return PooledSamples(tuple(sources), tuple(part.runs for part in self.model.pooled), self.runs)
-        return self._samples_of(self.model.seed, self.runs)
-
-    def _samples_of(self, seed: int, runs: int) -> SampleSource:
-        sampling = self.model.sampling
-        source: SampleSource
-        if self.sample_file is not None:
-            source = GivenSamples(self.sample_file, runs)
-        else:
-            design = Design(sampling.design, seed, self.names, runs, sampling.levels)
-            source = DrawnSamples(design, tuple(self.marginals.values()), self.copula)
-        seeds = find_seeds(self.names)
-        if not seeds:
-            return source
-        return SeededSamples(source, Seeds(seeds, seed, sampling.design))
 
 
 def read_campaign(
@@ -106,7 +44,7 @@ def read_campaign(
     runs: int | None = None,
     seed: int | None = None,
     controllers: Sequence[str] | None = None,
-) -> CheckedCampaign:
+) -> Experiment:
     """Read and check a campaign file; the other arguments override its entries.
 
     Raises :class:`InputError` with everything that is wrong, each with line and column.
@@ -117,7 +55,7 @@ def read_campaign(
     return check_campaign(_override(document, runs, seed, controllers))
 
 
-def check_campaign(document: Document) -> CheckedCampaign:
+def check_campaign(document: Document) -> Experiment:
     """Check a campaign that was read already. Raises :class:`InputError` as :func:`read_campaign` does."""
     if (kind := find_kind(document, "campaign")) != "campaign":
         raise document.error((), f"a {kind} file", "a campaign file")
@@ -132,7 +70,7 @@ def check_campaign(document: Document) -> CheckedCampaign:
     return _check(document, model)
 
 
-def _check(document: Document, model: Campaign) -> CheckedCampaign:
+def _check(document: Document, model: Campaign) -> Experiment:
     """What the model does not say. Raises :class:`InputError`."""
     errors: list[InputError] = []
     marginals = _make_marginals(document, model, errors)
@@ -143,7 +81,7 @@ def _check(document: Document, model: Campaign) -> CheckedCampaign:
     declared, written = _declare_metrics(document, model, user_channels, errors)
     metrics = {metric.name: metric for metric in (*METRICS, *declared)}
     measured = metrics | {metric.name: metric for metric in MARGINS}
-    limits = tuple(check_requirements(document, model, measured, written, errors))
+    requirements = tuple(check_requirements(document, model, measured, written, errors))
     number = _check_runs(document, model, names, sample_file, errors)
     by = model.keep.histories.by
     ranked = (BY_REQUIREMENTS, *(measured if model.margins and model.margins.of(number) == number else metrics))
@@ -160,7 +98,8 @@ def _check(document: Document, model: Campaign) -> CheckedCampaign:
     check_margins(document, model, number, errors)
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
-    return CheckedCampaign(document, model, number, marginals, copula, sample_file, limits, declared, user_channels)
+    shared = document, model, number, marginals, copula, sample_file, requirements
+    return Experiment(*shared, tuple(metrics.values()), declared, user_channels)
 
 
 def name_effectors(document: Document) -> Document:

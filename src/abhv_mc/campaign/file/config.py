@@ -90,7 +90,7 @@ class Correlation(StrictModel):
         return self
 
 
-class Requirement(StrictModel):
+class RequirementEntry(StrictModel):
     """Probability with which a metric must be below a limit, above one, or between two."""
 
     metric: str = Field(description="the metric that is limited")
@@ -116,13 +116,8 @@ class Requirement(StrictModel):
     source: str | None = Field(None, description="the document that it comes from")
     rationale: str | None = Field(None, description="why it is required")
 
-    @property
-    def early_is_failure(self) -> bool:
-        """Whether a flight that ended early fails, whatever its metric was until then."""
-        return self.ended_early == "failure"
-
     @model_validator(mode="after")
-    def _some_limit(self) -> "Requirement":
+    def _some_limit(self) -> "RequirementEntry":
         if self.below is None and self.above is None:
             raise Refusal("neither", "'below', 'above' or both")
         return self
@@ -212,7 +207,8 @@ class Campaign(StrictModel):
         Discriminator(_metrics_kind),
     ] = Field({}, description="user metrics by name, or a file that holds them")
     requirements: Annotated[
-        tuple[Requirement, ...], BeforeValidator(lambda value: value, json_schema_input_type=list[Requirement] | str)
+        tuple[RequirementEntry, ...],
+        BeforeValidator(lambda value: value, json_schema_input_type=list[RequirementEntry] | str),
     ] = Field((), description="what the flights have to meet, with which probability; or a CSV file of these")
     margins: MarginsOfFlights | None = Field(
         None, description="stability margins of dispersed flights, as metrics; left out: nominal and corners only"

@@ -5,15 +5,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.campaign.file.config import Requirement
+from abhv_mc.campaign.file.config import RequirementEntry
 from abhv_mc.io.documents import Document, InputError, StrictModel, one_of, validate
 
-_COLUMNS = tuple(Requirement.model_fields)
+_COLUMNS = tuple(RequirementEntry.model_fields)
 _NUMBERS = ("below", "above", "probability", "consumer_risk", "producer_risk")
 
 
 class _Table(StrictModel):
-    requirements: tuple[Requirement, ...]
+    requirements: tuple[RequirementEntry, ...]
 
 
 def read_requirements(document: Document) -> Document:

@@ -4,7 +4,8 @@ import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from abhv_mc.campaign.file.config import Campaign
+from abhv_mc.campaign.file.config import TRACED, Campaign
+from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.metrics import MARGINS, Metric
@@ -41,8 +42,8 @@ def check_requirements(
     metrics: Mapping[str, Metric],
     written: Collection[str],
     errors: list[InputError],
-) -> Iterator[Bounds]:
-    """The limits of each requirement, in its metric's unit; ``written``: the metrics that say what is bad."""
+) -> Iterator[Requirement]:
+    """The requirements, resolved; ``written``: the metrics that say what is bad."""
     ids = [entry.id for entry in model.requirements]
     for i, entry in enumerate(model.requirements):
         where = ("requirements", i)
@@ -70,7 +71,17 @@ def check_requirements(
             high = _limit(entry.below, metrics[entry.metric].unit)
             if low is not None and high is not None and low >= high:
                 raise Refusal(f"below {high:g} and above {low:g}", "a limit below that is the larger one")
-            yield Bounds(low, high)
+            yield Requirement(
+                entry.metric,
+                Bounds(low, high),
+                entry.probability,
+                entry.consumer_risk,
+                entry.producer_risk,
+                entry.controllers or tuple(model.controllers)[:1],
+                bool(entry.controllers),
+                entry.ended_early == "failure",
+                {key: text for key in TRACED if (text := getattr(entry, key)) is not None},
+            )
         except Refusal as refusal:
             errors.append(document.error((*where, key), refusal.found, refusal.expected))
 

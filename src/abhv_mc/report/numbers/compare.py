@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.results import Requirement, Results, read_results
+from abhv_mc.folder.results import Results, read_results
 from abhv_mc.io.documents import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.report.numbers.paired import compare_any_failures, pair_numbers
@@ -43,7 +43,7 @@ def require_same_samples(mine: Mapping[str, Floats], theirs: Mapping[str, Floats
             raise InputError(path, found, f"{float(values[k])!r} as in {folder}")
 
 
-def check_baseline(campaign: CheckedCampaign, baseline: Path) -> None:
+def check_baseline(campaign: Experiment, baseline: Path) -> None:
     """Raise InputError, before anything flies, where a campaign's flights will not pair with those of a folder."""
     held = read_results(baseline)
     source = campaign.make_samples()

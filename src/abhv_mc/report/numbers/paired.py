@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
+from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flight.metrics import SURFACE_USAGE, Metric
 from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances
-from abhv_mc.folder.results import Requirement, Results
+from abhv_mc.folder.results import Results
 from abhv_mc.statistics.estimates import LEVELS, pair_differences
 from abhv_mc.statistics.paired import compare_failures, compare_metric, compare_usage, median_ratio
 from abhv_mc.statistics.winner import Decision, decide

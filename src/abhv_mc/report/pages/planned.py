@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.campaign.file.asked import known_metrics
-from abhv_mc.campaign.file.check import CheckedCampaign
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.simulators.feasibility import asked_in_vain
 from abhv_mc.statistics.evidence import flights_to_pass, most_failures
@@ -21,16 +20,16 @@ _RATES = np.concatenate(
 )
 
 
-def plan_numbers(campaign: CheckedCampaign) -> dict[str, Any]:
+def plan_numbers(campaign: Experiment) -> dict[str, Any]:
     """For each requirement flights for 0 to 3 failures and chances of PASS; for all of them together; as JSON holds it.
 
     Chances are at some flight up to so many, for one who looks after each, and at that number itself. All curves
     stand on `rates_over_allowed`, the true failure rate divided by what the requirement allows.
     """
-    model, runs, known = campaign.model, campaign.runs, known_metrics(campaign)
+    model, runs, known = campaign.model, campaign.runs, campaign.metrics
     verdicts = len(model.requirements) * len(model.controllers)
     requirements: list[dict[str, Any]] = []
-    for item, limits in zip(model.requirements, campaign.limits, strict=True):
+    for item in campaign.requirements:
         # Where a family is held, each verdict is planned with its share of the risk: Holm's first step.
         risk = min(item.consumer_risk, model.family.risk / verdicts) if model.family else item.consumer_risk
         asked = item.probability, risk
@@ -38,7 +37,7 @@ def plan_numbers(campaign: CheckedCampaign) -> dict[str, Any]:
         requirements.append(
             {
                 "metric": item.metric,
-                "words": limit_words(known[item.metric], limits),
+                "words": limit_words(known[item.metric], item.limits),
                 "probability": item.probability,
                 "consumer_risk": item.consumer_risk,
                 "risk_used": risk,

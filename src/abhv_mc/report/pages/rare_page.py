@@ -17,7 +17,7 @@ from abhv_mc.topics.labels import controller_label
 def write_rare_page(found: RareFound, path: Path) -> Path:
     """Write the page of an estimate of a rare failure and its figures beside it."""
     metric, failures = found.metric, found.estimate.failures
-    asked = f"{metric.phrase} {metric.with_unit(str(found.limits))}"
+    asked = f"{metric.phrase} {metric.with_unit(str(found.requirement.limits))}"
     shown = [_levels(found), _mixing(found)] if found.estimate.repetitions else []
     if len(failures):
         caption = (
@@ -80,7 +80,7 @@ def _combinations(found: RareFound) -> Table:
 
 
 def _levels(found: RareFound) -> Shown:
-    asked, ways = found.limits, []
+    asked, ways = found.requirement.limits, []
     for one in found.estimate.repetitions:
         limits = np.array([level.threshold for level in one.levels])
         limits = np.where(limits < ENDED_EARLY, asked.sign * (asked.limit + limits), np.nan)

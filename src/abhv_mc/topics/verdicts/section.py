@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from abhv_mc.campaign.file.config import TRACED
-from abhv_mc.folder.results import Requirement
+from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Item, Row, Section, Table, Text
 from abhv_mc.topics.verdicts.model import ControllerVerdict, JudgedRequirement, Verdicts

@@ -1,0 +1,212 @@
+"""What a campaign file asks, resolved: a value that execution, searches, the folder and the topics know."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from abhv_mc.array_types import Floats
+from abhv_mc.campaign.file.config import Campaign
+from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
+from abhv_mc.campaign.sampling.correlation import Copula
+from abhv_mc.campaign.sampling.designs import EXTENSIBLE, INDEPENDENT, Design
+from abhv_mc.campaign.sampling.marginals import Marginal
+from abhv_mc.campaign.sampling.sample_file import SampleFile
+from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, PooledSamples, SampleSource, SeededSamples
+from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
+from abhv_mc.flight.metrics import MARGINS, Metric
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.io.documents import Document
+from abhv_mc.numerics.bounds import Bounds
+from abhv_mc.statistics.ranking import Criterion
+
+_MIDDLE = 0.6  # of its extent, where a dispersion stands in other trials: no nominal value of a symmetric law
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A metric that must stay within limits in a share of the flights."""
+
+    metric: str
+    limits: Bounds  # in its metric's unit
+    probability: float
+    consumer_risk: float
+    producer_risk: float | None  # None: the consumer's
+    controllers: tuple[str, ...]  # that have to meet it
+    named: bool  # whether the file says which these are; else it is the campaign's first
+    early_is_failure: bool  # what a flight that ended early counts as
+    traced: dict[str, str]  # id, text, source and rationale, as far as they are given
+
+
+class System(NamedTuple):
+    """What a worker needs to fly one of the systems that are compared."""
+
+    plan: FlightPlan
+    with_margins: FlightPlan | None = None  # the same with stability margins of each flight
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A campaign file that makes sense, with everything that follows from it."""
+
+    document: Document
+    model: Campaign
+    runs: int  # flights of each controller
+    marginals: dict[str, Marginal]  # by parameter, in the file's order; empty where the samples come from a file
+    copula: Copula
+    sample_file: SampleFile | None
+    requirements: tuple[Requirement, ...]
+    measured: tuple[Metric, ...]  # of every flight: the program's, then those that it declares
+    declared: tuple[Metric, ...] = ()
+    user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of the channels of its own file
+    systems: Mapping[str, System] = field(default_factory=dict)  # by controller, where they are ready to fly
+    columns: tuple[str, ...] | None = None  # of the rows that fly, where they are not the campaign's own
+
+    @property
+    def name(self) -> str:
+        return self.model.name
+
+    @property
+    def question(self) -> str:
+        return self.model.question
+
+    @property
+    def controllers(self) -> tuple[str, ...]:
+        return tuple(self.model.controllers)
+
+    @property
+    def seed(self) -> int:
+        return self.model.seed
+
+    @property
+    def sampling(self) -> str:
+        return self.model.sampling.design
+
+    @property
+    def independent(self) -> bool:
+        """Whether its flights are independent draws, so that exact binomial statistics hold."""
+        return self.sampling == INDEPENDENT
+
+    @property
+    def stops_when_proven(self) -> bool:
+        return self.model.stop is not None
+
+    @property
+    def pooled_seeds(self) -> tuple[int, ...]:
+        """Of the flights that a merge joined."""
+        return tuple(part.seed for part in self.model.pooled)
+
+    @property
+    def family_risk(self) -> float | None:
+        """Of any false PASS among all verdicts, where the campaign holds it."""
+        return self.model.family.risk if self.model.family else None
+
+    @property
+    def figures(self) -> str | None:
+        """The set of figures, where it names one."""
+        return self.model.figures
+
+    @property
+    def margin_flights(self) -> int:
+        """Of how many flights margins are found."""
+        return self.model.margins.of(self.runs) if self.model.margins else 0
+
+    @property
+    def margin_points(self) -> tuple[str | float, ...]:
+        """Where: "trim", or s."""
+        return self.model.margins.at if self.model.margins else ()
+
+    @property
+    def dispersions(self) -> dict[str, dict[str, Any]]:
+        """As the file writes them."""
+        data = self.document.data
+        return dict(data.get("dispersions") or {}) if isinstance(data, dict) else {}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The dispersed parameters."""
+        return self.sample_file.names if self.sample_file else tuple(self.marginals)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The columns of the rows that fly: the dispersed parameters, then the seeds that the flights' noise needs."""
+        return self.columns if self.columns is not None else (*self.names, *find_seeds(self.names))
+
+    @property
+    def extensible(self) -> bool:
+        """Whether more flights leave the first ones as they are."""
+        return self.sampling in (*EXTENSIBLE, "file")
+
+    @cached_property
+    def metrics(self) -> dict[str, Metric]:
+        """The metrics of its flights by name, margins among them where it asks for some; a requirement's side is the
+        bad one, and of requirements on both sides the distance outside their limits."""
+        margins = MARGINS if self.model.margins is not None else ()
+        metrics = {metric.name: metric for metric in (*self.measured, *margins)}
+        for name in {item.metric for item in self.requirements}:
+            own = [item.limits for item in self.requirements if item.metric == name]
+            low = max((limits.low for limits in own if limits.low is not None), default=None)
+            high = min((limits.high for limits in own if limits.high is not None), default=None)
+            if low is not None and high is not None:
+                metrics[name] = replace(metrics[name], band=Bounds(low, high))
+            else:
+                metrics[name] = replace(metrics[name], bad="low" if high is None else "high")
+        return metrics
+
+    @property
+    def asked(self) -> tuple[str, ...]:
+        """The metrics of its requirements; without any, those that lead the table."""
+        required = dict.fromkeys(item.metric for item in self.requirements)
+        return tuple(required or [metric.name for metric in self.measured if metric.leads])
+
+    @cached_property
+    def criteria(self) -> tuple[Criterion, ...]:
+        """By what its flights are ranked: ``keep.histories.by``, a metric or all requirements (or what leads
+        without)."""
+        by = self.model.keep.histories.by
+        if by == BY_REQUIREMENTS and self.requirements:
+            return tuple(dict.fromkeys(self._criterion(item.metric, item.limits) for item in self.requirements))
+        return tuple(self._criterion(name, None) for name in (self.asked if by == BY_REQUIREMENTS else (by,)))
+
+    def _criterion(self, name: str, limits: Bounds | None) -> Criterion:
+        metric = self.metrics[name]
+        return Criterion(name, metric.bad, metric.band or limits)
+
+    @property
+    def worst(self) -> int:
+        """How many of the worst flights keep their histories: the N of 'worst N', 0 without."""
+        items = [str(item).split() for item in self.model.keep.histories.flights]
+        return max((int(words[1]) for words in items if words[0] == "worst"), default=0)
+
+    def limits_of(self, metric: str) -> list[float]:
+        """The limits of all requirements on a metric."""
+        own = [limit for item in self.requirements if item.metric == metric for limit in item.limits]
+        return [limit for limit in own if limit is not None]
+
+    def ends_of(self, i: int) -> Floats:
+        """Low end, about the middle, and high end of a dispersion."""
+        if self.sample_file is not None:
+            return np.quantile(self.sample_file.values[: self.runs, i], [0.0, _MIDDLE, 1.0])
+        return np.asarray(self.marginals[self.names[i]].at_fraction(np.array([0.0, _MIDDLE, 1.0])))
+
+    def make_samples(self) -> SampleSource:
+        """The source of its samples, in the order of its own inputs."""
+        if self.model.pooled:
+            sources = [self._samples_of(part.seed, self.runs) for part in self.model.pooled]
+            return PooledSamples(tuple(sources), tuple(part.runs for part in self.model.pooled), self.runs)
+        return self._samples_of(self.model.seed, self.runs)
+
+    def _samples_of(self, seed: int, runs: int) -> SampleSource:
+        sampling = self.model.sampling
+        source: SampleSource
+        if self.sample_file is not None:
+            source = GivenSamples(self.sample_file, runs)
+        else:
+            design = Design(sampling.design, seed, self.names, runs, sampling.levels)
+            source = DrawnSamples(design, tuple(self.marginals.values()), self.copula)
+        seeds = find_seeds(self.names)
+        if not seeds:
+            return source
+        return SeededSamples(source, Seeds(seeds, seed, sampling.design))
