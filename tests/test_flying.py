@@ -9,8 +9,8 @@ import pytest
 import abhv_mc
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRICS
-from abhv_mc.flying import make_parameters
 from abhv_mc.io.documents import InputError
+from abhv_mc.one_flight.given import make_parameters
 
 
 def test_a_flight_is_a_table_with_units_and_metrics():

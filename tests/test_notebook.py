@@ -1,5 +1,7 @@
 """The package as a notebook uses it: a light import, then campaigns and results as pandas."""
 
+import pydoc
+import re
 import shutil
 import subprocess
 import sys
@@ -38,6 +40,23 @@ def test_the_import_takes_nothing_heavy():
         _ = abhv_mc.Campaigns
 
 
+def test_help_lists_what_is_public_and_no_more(repository):
+    """Each name is there, has words, and stands on the page of the reference; an old one warns."""
+    public = set(abhv_mc.__all__) - {"__version__"}
+    assert set(dir(abhv_mc)) == set(abhv_mc.__all__)
+    assert all(pydoc.getdoc(getattr(abhv_mc, name)) for name in public)
+    listed = {
+        name
+        for line in pydoc.plaintext.document(abhv_mc).split("PACKAGE CONTENTS")[-1].splitlines()
+        for name in re.findall(r"^    (?:class )?(\w+)\(", line)
+    }
+    assert listed - {"Exception", "ValueError"} == {name for name in public if callable(getattr(abhv_mc, name))}
+    page = (repository / "docs/reference/python.md").read_text(encoding="utf-8")
+    assert {name for name in public if f"abhv_mc.{name}" not in page} == set()
+    with pytest.warns(DeprecationWarning, match=r"called abhv_mc\.Results"):
+        assert abhv_mc.CampaignResults is abhv_mc.Results
+
+
 def test_a_campaign_says_what_it_will_fly(flown):
     campaign, results = flown
     assert (campaign.name, campaign.runs, campaign.controllers) == ("fake", 300, ("one", "two"))
@@ -49,7 +68,7 @@ def test_a_campaign_says_what_it_will_fly(flown):
 
 def test_tables(flown):
     _, results = flown
-    assert results.complete and repr(results) == "<CampaignResults fake: 200 of 200 flights, complete>"
+    assert results.complete and repr(results) == "<Results fake: 200 of 200 flights, complete>"
     table = results.flights
     assert list(table.controller) == ["one"] * 200 + ["two"] * 200 and list(table.flight[:200]) == list(range(200))
     assert table.attrs["units"]["fuel_used_kg"] == "kg" and table.attrs["units"]["aero.lift"] == "-"

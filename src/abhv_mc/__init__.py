@@ -18,38 +18,30 @@ Importing this package is cheap: what is heavy is imported where it is used.
 from typing import Any
 
 __version__ = "0.1.0"
+_MODULES = ("extend", "plots", "statistics", "topics")  # public as they are
+_RENAMED = {"CampaignResults": "Results"}  # old names, which warn
 __all__ = [
-    "Campaign",
-    "CampaignResults",
-    "__version__",
-    "compare",
-    "fly",
-    "fly_on",
-    "linearize",
-    "margins",
-    "open_results",
-    "rare",
-    "trim",
-    "tune",
+    "Campaign", "InputError", "InputErrors", "LinearModel", "Results", "StateSpace", "__version__", "compare", "extend",
+    "fly", "fly_on", "linearize", "margins", "open_results", "plots", "rare", "statistics", "topics", "trim", "tune",
     "worst",
-]
-
-_HOMES = {
-    "Campaign": "abhv_mc.notebook",
-    **dict.fromkeys(("CampaignResults", "open_results"), "abhv_mc.campaign_results"),
-    **dict.fromkeys(("compare", "rare", "tune", "worst"), "abhv_mc.searching"),
-    **dict.fromkeys(("fly", "trim"), "abhv_mc.flying"),
-    **dict.fromkeys(("fly_on", "linearize", "margins"), "abhv_mc.linearizing"),
-}
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
-    if name in _HOMES:
-        from importlib import import_module
+    from importlib import import_module
 
-        return getattr(import_module(_HOMES[name]), name)
+    if name in _RENAMED:
+        import warnings
+
+        new = _RENAMED[name]
+        warnings.warn(f"abhv_mc.{name} is called abhv_mc.{new}", DeprecationWarning, stacklevel=2)
+        return __getattr__(new)
+    if name in _MODULES:
+        return import_module(f"abhv_mc.{name}")
+    if name in __all__:
+        return getattr(import_module("abhv_mc.api"), name)
     raise AttributeError(f"module 'abhv_mc' has no attribute '{name}'")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOMES])
+    return sorted(__all__)

@@ -9,7 +9,7 @@ from fake_flight import ENGINE, write_campaign
 from search.line_flight import LINE, write_line
 
 from abhv_mc.analysis.replay import replay_flight
-from abhv_mc.campaign_results import open_results
+from abhv_mc.api import compare
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.export import export_csv
@@ -20,9 +20,9 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.whatif import make_whatif
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.verify import verify_campaign
+from abhv_mc.results import open_results
 from abhv_mc.search.search_flights import SearchRequest
 from abhv_mc.search.worst import WorstSettings, find_worst
-from abhv_mc.searching import compare
 
 KEEP = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: [altitude_m, bank_deg]}}"
 READERS = {

@@ -11,7 +11,6 @@ import pyarrow.parquet as pq
 import pytest
 from fake_flight import ENGINE, write_campaign
 
-from abhv_mc.campaign_results import open_results
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
@@ -19,6 +18,7 @@ from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.layout import StorageFullError
 from abhv_mc.folder.manifest import write_manifest
 from abhv_mc.io.input_error import InputError
+from abhv_mc.results import open_results
 
 FILES = ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet", "histories/two-000000.parquet")
 

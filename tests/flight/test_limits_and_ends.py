@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from abhv_mc import flying
+import abhv_mc
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import EndBounds, Outcome
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flying import make_flight_plan
 from abhv_mc.io.documents import InputError, read_document, validate
+from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.simulators.engine import make_engine
@@ -90,7 +90,7 @@ def test_an_oscillation_ends_it_where_the_ripple_exceeds_the_limit() -> None:
 )
 def test_an_oscillation_in_gusts_turbulence_or_noise_has_no_limit(name: str, value: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=rf"'{name}' with 'limits: {{oscillation}}'.*still air"):
-        flying.fly({"base": "level", "limits": {"oscillation": "5 deg"}}, dispersions={name: value})
+        abhv_mc.fly({"base": "level", "limits": {"oscillation": "5 deg"}}, dispersions={name: value})
     configs = shipped_configs()
     level = (configs / "mission/level.yaml").read_text(encoding="utf-8")
     (tmp_path / "mission.yaml").write_text(f"{level}\nlimits: {{oscillation: {{sideslip: 5 deg}}}}\n", encoding="utf-8")

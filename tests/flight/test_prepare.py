@@ -2,8 +2,8 @@
 
 import pytest
 
-from abhv_mc.flying import make_flight_plan
 from abhv_mc.io.documents import InputError
+from abhv_mc.one_flight.given import make_flight_plan
 
 
 def test_the_papers_mission_needs_no_warning() -> None:

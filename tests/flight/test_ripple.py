@@ -19,7 +19,7 @@ from abhv_mc.flight.ripple import (
     keep_cycle,
     watch_sides,
 )
-from abhv_mc.flying import make_flight_plan
+from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 
 TICK = 0.01  # s

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from abhv_mc import flying
+import abhv_mc
 from abhv_mc.control import columns as ref
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.documents import InputError
+from abhv_mc.one_flight.given import make_document, make_flight_plan
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 
@@ -20,25 +21,25 @@ WATCHED = [*(f"{name}_deg" for name in ("aileron", "rudder", "elevator")), "angl
 def test_with_air_data_a_uniform_crosswind_is_felt_as_still_air():
     wind = {"wind.north": 20.0}
     calm, air, inertial = (
-        flying.fly({**LEVEL, "sensing": keys}, dispersions=wind_of, every=100)
+        abhv_mc.fly({**LEVEL, "sensing": keys}, dispersions=wind_of, every=100)
         for keys, wind_of in ((AIR, {}), (AIR, wind), ({}, wind))
     )
     off = (air[WATCHED] - calm[WATCHED]).iloc[20].abs()
     assert off.max() < 0.05
     assert (inertial[WATCHED] - calm[WATCHED]).iloc[20].abs().max() > 0.5  # the ground's angles hold a sideslip instead
-    np.testing.assert_array_equal(calm.to_numpy(), flying.fly(LEVEL, every=100).to_numpy())
+    np.testing.assert_array_equal(calm.to_numpy(), abhv_mc.fly(LEVEL, every=100).to_numpy())
 
 
 def test_the_speed_that_is_held_is_that_to_the_air_where_it_is_measured():
     mission = {**LEVEL, "sensing": {"airspeed": "air"}}
-    flown = flying.fly(mission, dispersions={"wind.east": -5.0}, every=100)
+    flown = abhv_mc.fly(mission, dispersions={"wind.east": -5.0}, every=100)
     assert flown["speed_measured_mps"].iloc[0] == pytest.approx(1405.0)
     assert flown["speed_mps"].iloc[-1] < 1399.5
 
 
 def test_fuel_that_is_burnt_ends_a_flight_and_a_mission_may_let_it_fly_on():
     dry = {"base": "ghame_x", "mass.start": "1050 kg", "mass.empty": "1049.5 kg"}
-    found = [flying.fly({**LEVEL, "limits": {"fuel_out": on}}, dry, every=100) for on in (True, False)]
+    found = [abhv_mc.fly({**LEVEL, "limits": {"fuel_out": on}}, dry, every=100) for on in (True, False)]
     assert found[0].attrs["outcome"] == "fuel_out" and 0.1 < found[0].attrs["end_time_s"] < 5.0
     assert found[1].attrs["end_time_s"] > 10.0 and (found[1]["thrust_n"].iloc[6:] == 0.0).all()
     assert any("fuel lasts" in words for words in found[0].attrs["warnings"])
@@ -46,19 +47,19 @@ def test_fuel_that_is_burnt_ends_a_flight_and_a_mission_may_let_it_fly_on():
 
 def test_late_measurements_are_refused_beyond_what_is_remembered():
     with pytest.raises(InputError, match=r"300 ms.*0 to 250 ms"):
-        flying.fly(LEVEL, dispersions={"sensor.delay": "300 ms"})
-    assert flying.fly(LEVEL, dispersions={"sensor.delay": "250 ms"}, every=2000).attrs["end_time_s"] > 0.0
+        abhv_mc.fly(LEVEL, dispersions={"sensor.delay": "300 ms"})
+    assert abhv_mc.fly(LEVEL, dispersions={"sensor.delay": "250 ms"}, every=2000).attrs["end_time_s"] > 0.0
 
 
 def test_a_flame_out_follows_the_engines_lag_and_it_relights_in_its_time():
     failure = {"failure.engine.time": "2 s", "failure.engine.duration": "1 s"}
-    vehicle = flying.make_document("vehicle", "ghame_x")
+    vehicle = make_document("vehicle", "ghame_x")
     relights = {
         "base": "ghame_x",
         "propulsion": {**vehicle.data["propulsion"], "relight": {"delay": "0.5 s", "time_constant": "0.2 s"}},
     }
     nominal, plain, late = (
-        flying.fly(LEVEL, craft, dispersions=case)["thrust_n"].to_numpy()
+        abhv_mc.fly(LEVEL, craft, dispersions=case)["thrust_n"].to_numpy()
         for craft, case in (("ghame_x", {}), ("ghame_x", failure), (relights, failure))
     )
     share = late[:600] / nominal[:600]
@@ -70,7 +71,7 @@ def test_a_flame_out_follows_the_engines_lag_and_it_relights_in_its_time():
 
 
 def test_rotary_gusts_have_the_rms_of_their_spectra():
-    plan = flying.make_flight_plan({"base": "level", "duration": "60 s"}, "ghame_x", "lqr_robust")
+    plan = make_flight_plan({"base": "level", "duration": "60 s"}, "ghame_x", "lqr_robust")
     rows = nominal_parameters(40)
     for name, value in {"turbulence": 0.3, "turbulence_rotary": 1.0, "turbulence_length": 200.0}.items():
         rows[:, PARAMETER_INDEX[f"wind.{name}"]] = value
@@ -126,7 +127,7 @@ def law(measured, reference, memory):
 def test_an_own_law_may_ask_for_more(tmp_path):
     (tmp_path / "law.py").write_text(LAW)
     (tmp_path / "law.yaml").write_text("law: python\nfile: law.py\nrate: 100 Hz\n")
-    plan = flying.make_flight_plan({**LEVEL, "duration": "3 s"}, "ghame_x", str(tmp_path / "law.yaml"))
+    plan = make_flight_plan({**LEVEL, "duration": "3 s"}, "ghame_x", str(tmp_path / "law.yaml"))
     rows = nominal_parameters()
     rows[:, PARAMETER_INDEX["wind.east"]] = 30.0
     from abhv_mc.flight.fly import fly_until

@@ -7,13 +7,13 @@ import pytest
 from fake_flight import ENGINE, write_campaign
 from report.few_figures import build_with
 
-from abhv_mc.campaign_results import open_results
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.sql import open_database
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages import gallery
 from abhv_mc.report.pages.build import is_up_to_date
+from abhv_mc.results import open_results
 
 CHANGED = "a run has written here meanwhile"
 

@@ -7,7 +7,7 @@ from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flying import make_flight_plan
+from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.plant import state as s
 from abhv_mc.plant.parameters import PARAMETER_INDEX
 

@@ -6,6 +6,7 @@ import pyarrow.parquet as pq
 import pytest
 from report.few_figures import build_with
 
+from abhv_mc.api import compare
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
@@ -14,7 +15,6 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.search.rare import RareSettings, find_rare
 from abhv_mc.search.search_flights import SearchRequest
-from abhv_mc.searching import compare
 from abhv_mc.simulators.engine import make_engine
 
 LOW = "altitude_low_m"

@@ -9,8 +9,8 @@ import pytest
 from scipy.io import loadmat
 
 from abhv_mc.control.columns import LQR_GAINS
-from abhv_mc.flying import make_flight_plan
 from abhv_mc.io.input_error import InputError
+from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.simulators.gain_file import write_gains
 
 

@@ -8,8 +8,8 @@ import pytest
 from short_flights import rows_of
 
 from abhv_mc.flight.fly import fly
-from abhv_mc.flying import make_flight_plan
 from abhv_mc.io.input_error import InputError
+from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle

@@ -33,7 +33,7 @@ def command(
     ``export gains MISSION --controller lqr -o gains.mat`` writes a controller's gains over time instead.
     """
     if str(folder) == GAINS and mission is not None:
-        from abhv_mc.flying import make_flight_plan
+        from abhv_mc.one_flight.given import make_flight_plan
         from abhv_mc.simulators.gain_file import check_gain_format, write_gains
 
         if out is None:

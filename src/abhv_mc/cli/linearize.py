@@ -8,6 +8,7 @@ import typer
 from abhv_mc.cli.options import MissionOrCampaign, TrustCode, Vehicle
 from abhv_mc.cli.outputs import output, output_file
 from abhv_mc.cli.printing import say
+from abhv_mc.io.input_error import InputError
 
 
 def command(
@@ -28,16 +29,21 @@ def command(
     Path coordinates, second-order actuators, exact zero-order hold; names and units are in the file. Over several times
     (first:last:step) each matrix is an array [time, row, column], with time_s.
     """
-    from abhv_mc.cli.margins import read_points, read_setups, take_point
+    from abhv_mc.cli.margins import find_flown, read_times
     from abhv_mc.stability.linearize import linearize
     from abhv_mc.stability.model_file import check_format, make_model, stack_models, write_model
 
     check_format(out)
-    (times, angle) = read_points(at, bank, one=True)
-    ((name, setup),) = read_setups(vehicle, mission, controller, one=True, trust_code=trust_code).items()
+    times = read_times(at)
+    if len(times) > 1 and "trim" in times:
+        raise InputError("--at", f"'{at}'", "one point, or times such as 0s:60s:1s")
+    files = find_flown(vehicle, mission, controller, trust_code)
+    if len(files.controllers) > 1:
+        raise InputError("--controller", ", ".join(files.controllers), "one controller")
+    (file,) = files.controllers.values()
     models = []
     for time in times:
-        plan, points, _ = take_point(setup, name, time, angle)
+        plan, points, _ = files.take(file, time, bank, times)
         models.append(make_model(plan, points, linearize(plan, points)))
     along = [time for time in times if time != "trim"]
     write_model(out, stack_models(models, along) if len(models) > 1 else models[0])

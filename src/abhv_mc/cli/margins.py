@@ -1,7 +1,7 @@
 """``abhv-mc margins``: stability margins of each loop, at the trim or along the nominal flight."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -11,10 +11,9 @@ from abhv_mc.cli.printing import new_table, print_table, say, show
 from abhv_mc.io.input_error import InputError, one_of
 
 if TYPE_CHECKING:
-    from abhv_mc.linearizing import Place, Setup
+    from abhv_mc.one_flight.linear_models import Place
     from abhv_mc.stability.analysis import Stability, Time
 
-_FREQUENCIES = 1000
 _MOST_TIMES = 10_000
 _COLUMNS = (
     ("gain_margin_low_db", "gain down\ndB", 2),
@@ -42,30 +41,26 @@ def command(
 
     At a time of the flight the reference is frozen: such margins are indicative.
     """
-    from abhv_mc.stability.analysis import analyse
-    from abhv_mc.stability.linearize import linearize
+    from abhv_mc.one_flight.linear_models import analyse_place
     from abhv_mc.stability.rows import make_rows
 
-    times, angle = read_points(at, bank)
-    setups = read_setups(vehicle, mission, controllers, trust_code=trust_code)
+    times = read_times(at)
+    files = find_flown(vehicle, mission, controllers, trust_code)
     rows: list[dict[str, Any]] = []
     shown: list[tuple[str, list[dict[str, Any]], Stability]] = []
     figures: list[Path] = []
-    for name, setup in setups.items():
+    for name, file in files.controllers.items():
         for time in times:
-            place = take_point(setup, name, time, angle)
-            linear = linearize(place.plan, place.points)
-            stability = analyse(linear, _FREQUENCIES)
+            linear, stability = analyse_place(files.take(file, time, bank, times))
             here = make_rows(name, None if time == "trim" else time, stability)
             words = "at the trim" if time == "trim" else f"at {time:g} s, reference frozen"
-            shown.append((f"{name}, {setup.files[0].stem}, {setup.files[1].stem}, {words}", here, stability))
+            shown.append((f"{name}, {files.vehicle.stem}, {files.mission.stem}, {words}", here, stability))
             rows += here
             if out is not None:
                 from abhv_mc.report.figures.loops import write_loop_figures
 
                 stem = f"{name}_{time if time == 'trim' else f'{time:g}s'}"
                 figures += write_loop_figures(out, stem, linear)
-    files = next(iter(setups.values())).files
 
     def in_words() -> None:
         for part in shown:
@@ -73,14 +68,13 @@ def command(
         for path in figures:
             say(path)
 
-    show({"vehicle": files[0].stem, "mission": files[1].stem, "rows": rows}, json, in_words)
+    show({"vehicle": files.vehicle.stem, "mission": files.mission.stem, "rows": rows}, json, in_words)
 
 
-def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], float]":
-    """Times (s, or the trim) and the bank (rad) of the options. Raises InputError."""
+def read_times(at: str) -> "list[Time]":
+    """Times (s, or the trim) of the option. Raises InputError."""
     from abhv_mc.cli.options import parse_option
-    from abhv_mc.io.units import ANGLE, TIME
-    from abhv_mc.linearizing import check_bank
+    from abhv_mc.io.units import TIME
 
     times: list[Time] = []
     for each in at.split(","):
@@ -88,13 +82,7 @@ def read_points(at: str, bank: str, one: bool = False) -> "tuple[list[Time], flo
             times += _read_range([parse_option("--at", part, TIME, "s") for part in each.split(":")])
         else:
             times.append("trim" if each.strip() == "trim" else parse_option("--at", each, TIME, "s"))
-    if one and len(times) > 1 and "trim" in times:
-        raise InputError("--at", f"'{at}'", "one point, or times such as 0s:60s:1s")
-    for time in times:
-        if time != "trim" and time < 0.0:
-            raise InputError("--at", f"{time:g} s", "trim, or a time from 0 s")
-    angle = check_bank(parse_option("--bank", bank, ANGLE, "deg"), "trim" not in times, "--bank")
-    return times, angle
+    return times
 
 
 def _read_range(ends: "list[float]") -> "list[Time]":
@@ -106,36 +94,38 @@ def _read_range(ends: "list[float]") -> "list[Time]":
     return [first + i * step for i in range(int((last - first) / step + 1e-9) + 1)]
 
 
-def read_setups(
-    vehicle: Path | None, mission: Path, controllers: str | None, one: bool = False, trust_code: bool = False
-) -> "dict[str, Setup]":
-    """What is to be linearized, by the controllers' names; ``mission`` may be a campaign file. Raises InputError."""
-    from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.control.controller_file import read_controller
-    from abhv_mc.linearizing import read_setup
-    from abhv_mc.simulators.campaign_code import check_user_law
+class FlownFiles(NamedTuple):
+    """What is to be linearized: files."""
 
-    paths, files = _find_files(vehicle, mission, controllers, trust_code)
-    if one and len(files) > 1:
-        raise InputError("--controller", ", ".join(files), "one controller")
-    for file in files.values():
-        check_user_law(read_controller(file), trust_code)
-    setups = {name: read_setup((*paths, file)) for name, file in files.items()}
-    announce_compiling()
-    return setups
+    vehicle: Path
+    mission: Path
+    controllers: dict[str, Path]
+
+    def take(self, controller: Path, time: "Time", bank: str, times: "list[Time]") -> "Place":
+        """The point of the nominal flight; a warning where it is doubtful. A bank belongs to the trim alone."""
+        from abhv_mc.cli.announce import announce_warnings
+        from abhv_mc.cli.options import parse_option
+        from abhv_mc.io.units import ANGLE
+        from abhv_mc.one_flight.linear_models import take_point
+
+        angle = parse_option("--bank", bank, ANGLE, "deg")
+        turn = angle if time == "trim" or "trim" not in times else 0.0
+        place = take_point(self.mission, self.vehicle, controller, time, turn)
+        announce_warnings(place.warnings)
+        return place
 
 
-def _find_files(
-    vehicle: Path | None, mission: Path, controllers: str | None, trust_code: bool
-) -> tuple[tuple[Path, Path], dict[str, Path]]:
-    """Files of the vehicle and the mission, and those of the controllers by name."""
+def find_flown(vehicle: Path | None, mission: Path, controllers: str | None, trust_code: bool) -> FlownFiles:
+    """Files by name, user laws among them trusted; ``mission`` may be a campaign file. Raises InputError."""
     from abhv_mc.campaign.file.kinds import find_kind
+    from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.cli.options import parse_names
+    from abhv_mc.control.controller_file import read_controller
     from abhv_mc.shipped import find_input
+    from abhv_mc.simulators.campaign_code import check_user_code, check_user_law
 
     if find_kind(mission) == "campaign":
         from abhv_mc.campaign.file.check import read_campaign
-        from abhv_mc.simulators.campaign_code import check_user_code
 
         campaign = read_campaign(mission)
         check_user_code(campaign, trust_code)
@@ -145,19 +135,13 @@ def _find_files(
         for name in names:
             if name not in known:
                 raise InputError("--controllers", f"'{name}'", one_of(known, name))
-        return (vehicle or Path(model.vehicle), Path(model.mission)), {name: known[name] for name in names}
-    return (vehicle or find_input("ghame_x", "vehicle"), mission), find_controllers(controllers)
-
-
-def take_point(setup: "Setup", name: str, time: "Time", bank: float) -> "Place":
-    """The point of the nominal flight; a warning where it is doubtful. Raises InputError without one."""
-    from abhv_mc.cli.announce import announce_warnings
-    from abhv_mc.flight.fly import nominal_parameters
-    from abhv_mc.linearizing import find_point
-
-    place = find_point(setup, name, time, bank, nominal_parameters(), "--at")
-    announce_warnings(place.warnings)
-    return place
+        flown = vehicle or Path(model.vehicle), Path(model.mission), {name: known[name] for name in names}
+    else:
+        flown = vehicle or find_input("ghame_x", "vehicle"), mission, find_controllers(controllers)
+    for file in flown[2].values():
+        check_user_law(read_controller(file), trust_code)
+    announce_compiling()
+    return FlownFiles(*flown)
 
 
 def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") -> None:

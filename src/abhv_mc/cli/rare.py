@@ -7,10 +7,9 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.options import CampaignFile, Controller, Fresh, Json, Scheduler, Seed, Workers, parse_option
+from abhv_mc.cli.options import CampaignFile, Controller, Fresh, Json, Scheduler, Seed, Workers
 from abhv_mc.cli.outputs import campaign_folder, output
 from abhv_mc.cli.printing import say, show
-from abhv_mc.io.input_error import InputError
 
 
 def command(
@@ -33,21 +32,12 @@ def command(
     An estimate, not a verdict: verdicts come from random campaigns. Exit code 1 where independent repetitions
     contradict each other, so that there is no trustworthy estimate. Ctrl-C keeps what was flown.
     """
+    from abhv_mc.api import rare
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.io.units import FRACTION
 
-    cov = parse_option("--target-cov", target_cov, FRACTION)
-    if not 0.01 <= cov <= 1.0:
-        raise InputError("--target-cov", f"'{target_cov}'", "a number from 0.01 to 1")
     announce_compiling()
-    from abhv_mc.report.pages.rare_page import write_rare_page
-    from abhv_mc.search.rare import RareSettings, find_rare
-    from abhv_mc.search.search_flights import SearchRequest
-
-    request = SearchRequest(campaign, out, controller, seed, workers, scheduler, fresh)
-    found = find_rare(request, RareSettings(requirement, cov, flights))
+    found = rare(campaign, out, requirement, controller, target_cov, flights, seed, workers, fresh, scheduler)
     numbers = found.numbers()
-    page = write_rare_page(found, out / "report.html")
     estimate = found.estimate
 
     def in_words() -> None:
@@ -57,7 +47,7 @@ def command(
             say(f"estimate  P(failure) of {found.controller} {value}")
         say(f"check     {found.second_opinion}")
         say(f"flights   {estimate.flights}, {found.failures} of them failures")
-        say(f"report    {page}")
+        say(f"report    {out / 'report.html'}")
 
     show(numbers, json, in_words)
     if estimate.refusal is not None:

@@ -7,7 +7,6 @@ import typer
 
 from abhv_mc.cli.options import Json, VehicleFile
 from abhv_mc.cli.printing import new_table, print_table, say, show
-from abhv_mc.io.input_error import InputError
 
 # Columns of the table: key of the JSON, heading, unit, divisor, digits.
 _COLUMNS = (
@@ -40,32 +39,30 @@ def command(
 
     No sideslip, aileron or rudder; Earth at rest unless told. Exit code 1 where a bank angle has no trim.
     """
-    from abhv_mc.flying import trim_rows
-    from abhv_mc.user_code.vehicle_functions import load_vehicle
+    from abhv_mc.api import trim
+    from abhv_mc.cli.options import parse_option
+    from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED
 
-    given = {"altitude": altitude, "speed": speed, "flight_path_angle": flight_path_angle, "latitude": latitude}
-    point = {name: _quantity(name, text) for name, text in (given | {"heading": heading}).items()}
-    banks = [_quantity("bank", text) for text in bank.split(",")]
-    kilograms = None if mass is None else _quantity("mass", mass)
+    def in_degrees(name: str, text: str) -> float:
+        return parse_option(f"--{name}", text, ANGLE, "deg")
 
-    packed = load_vehicle(vehicle)
-    if packed.constants.surface_limit == 0.0:
-        raise InputError(vehicle, "a vehicle without surfaces", "one with them, to trim it")
-    points = list(trim_rows(packed, point, banks, kilograms, rotating))
-    head = {"vehicle": str(vehicle), "altitude_m": point["altitude"], "speed_mps": point["speed"]}
-    head |= {"mass_kg": packed.constants.mass_start if kilograms is None else kilograms}
-    show(head | {"points": points}, json, lambda: _print_table(vehicle, point["altitude"], point["speed"], points))
-    if not all(point["trimmed"] for point in points):
+    height, pace = parse_option("--altitude", altitude, LENGTH, "m"), parse_option("--speed", speed, SPEED, "m/s")
+    table = trim(
+        vehicle,
+        height,
+        pace,
+        [in_degrees("bank", text) for text in bank.split(",")],
+        flight_path_angle=in_degrees("flight-path-angle", flight_path_angle),
+        latitude=in_degrees("latitude", latitude),
+        heading=in_degrees("heading", heading),
+        mass=None if mass is None else parse_option("--mass", mass, MASS, "kg"),
+        rotating=rotating,
+    )
+    points = table.reset_index().to_dict("records")
+    head = {"vehicle": str(vehicle), "altitude_m": height, "speed_mps": pace, "mass_kg": table.attrs["mass_kg"]}
+    show(head | {"points": points}, json, lambda: _print_table(vehicle, height, pace, points))
+    if not table["trimmed"].all():
         raise typer.Exit(1)
-
-
-def _quantity(name: str, text: str) -> float:
-    """A quantity of an option in SI; without a unit it is in m, m/s, kg or deg."""
-    from abhv_mc.flying import TRIM_LIMITS, trim_quantity
-    from abhv_mc.io.units import ANGLE
-
-    bare_unit = "deg" if TRIM_LIMITS[name][0] is ANGLE else None
-    return trim_quantity(name, text.strip(), f"--{name.replace('_', '-')}", bare_unit)
 
 
 def _print_table(vehicle: Path, altitude: float, speed: float, points: list[dict[str, Any]]) -> None:

@@ -37,14 +37,12 @@ def command(
     page = out.with_suffix(".html")
     output_file(page)
     announce_compiling()
-    from abhv_mc.report.pages.tune_page import write_tune_page
-    from abhv_mc.search.tune import TuneFound, TuneRequest, tune_controller
+    from abhv_mc.api import tune
 
-    def tell(found: TuneFound) -> None:  # before the new file is there, with which the command would not run again
+    def tell(found: "TuneFound") -> None:
         show(found.as_json(), json, lambda: _print(found))
-        write_tune_page(found, page)
 
-    found = tune_controller(TuneRequest(campaign, out, controller, block, seed, workers, scheduler), tell=tell)
+    found = tune(campaign, out, controller, block, seed, workers, scheduler, tell)
     told = beside(json)
     say(f"report    {page}", file=told)
     if not found.shown:

@@ -1,7 +1,7 @@
 """``abhv-mc worst``: the worst case over the box of a campaign's dispersions."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -37,14 +37,11 @@ def command(
     if above and below:
         raise InputError("--below", "both --above and --below", "one of them")
     announce_compiling()
-    from abhv_mc.report.pages.worst_page import write_worst_page
-    from abhv_mc.search.search_flights import SearchRequest
-    from abhv_mc.search.worst import WorstSettings, find_worst
+    from abhv_mc.api import worst
 
-    request = SearchRequest(campaign, out, controller, seed, workers, scheduler, fresh)
-    found = find_worst(request, WorstSettings(metric, "high" if above else "low" if below else None, flights, box))
+    bad: Literal["high", "low"] | None = "high" if above else "low" if below else None
+    found = worst(campaign, out, metric, controller, bad, flights, box, seed, workers, fresh, scheduler)
     numbers = found.numbers()
-    page = write_worst_page(found, out / "report.html")
 
     def in_words() -> None:
         ended = "" if numbers["outcome"] == "ok" else f" (ended early: {numbers['outcome']})"
@@ -56,7 +53,7 @@ def command(
         say(f"flights   {found.searched} searched, {found.flights.stop - found.searched} random")
         for name, share in found.probabilities.items():
             say(f"in all flights of the search, though its probability is {share:.6g}: {name}")
-        say(f"report    {page}")
+        say(f"report    {out / 'report.html'}")
 
     show(numbers, json, in_words)
     if found.failed_to_run:

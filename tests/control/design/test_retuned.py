@@ -5,7 +5,7 @@ import pytest
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flying import make_flight_plan
+from abhv_mc.one_flight.given import make_flight_plan
 
 RETUNED = {
     "ghame_x": "lqr_retuned",

@@ -1,9 +1,9 @@
 import pytest
 from report.synthetic import write_campaign
 
+from abhv_mc.api import compare
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.compare import parse_margins
-from abhv_mc.searching import compare
 
 
 def test_a_campaign_against_itself_is_a_draw(failing_folder):

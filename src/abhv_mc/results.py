@@ -1,4 +1,4 @@
-"""A flown campaign in a notebook: its folder as pandas tables, xarray and figures."""
+"""A flown campaign: its folder as pandas tables and xarray, its topics, its figures; and what is flown again."""
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -6,12 +6,12 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from abhv_mc.flying import check_mapping
-from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
+from abhv_mc.folder.hashes import read_checked, refuse_changes
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import COMPLETE
 from abhv_mc.io.documents import InputError, describe, one_of
 from abhv_mc.numerics.bounds import Bounds
+from abhv_mc.one_flight.given import check_mapping
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from abhv_mc.analysis.explain import Explanation
-    from abhv_mc.folder.results import Results
+    from abhv_mc.folder import results as columns
     from abhv_mc.topics.topic import Models
 
 _AXES = {
@@ -30,7 +30,7 @@ _AXES = {
 }
 
 
-class CampaignResults:
+class Results:
     """What a campaign's folder holds; every table is a pandas DataFrame, SI except angles in degrees.
 
     ``attrs["units"]`` of a table has the unit of each column that says it. Tables are read as they are asked for: an
@@ -55,7 +55,7 @@ class CampaignResults:
     @cached_property
     def flights(self) -> "pd.DataFrame":
         """One row a flight and controller: outcome, dispersions, metrics."""
-        table = self._read(self._files_in(self._paths.flights))
+        table = self._read("flights")
         order = {name: i for i, name in enumerate(self.controllers)}
         return table.sort_values(["controller", "flight"], key=lambda c: c.map(order) if c.name == "controller" else c,
                                  ignore_index=True)  # fmt: skip
@@ -63,27 +63,27 @@ class CampaignResults:
     @cached_property
     def samples(self) -> "pd.DataFrame":
         """Dispersions by flight, SI."""
-        return self._read([self._paths.samples]).set_index("flight")
+        return self._read("samples").set_index("flight")
 
     @cached_property
     def envelopes(self) -> "pd.DataFrame":
         """Smallest and largest value and quantiles over all flights, by controller, channel and time."""
-        return self._read([self._paths.envelopes])
+        return self._read("envelopes")
 
     @cached_property
     def histories(self) -> "pd.DataFrame":
         """Channels over time of the flights that were kept."""
-        return self._read(self._files_in(self._paths.histories))
+        return self._read("histories")
 
     @cached_property
     def nominal(self) -> "pd.DataFrame":
         """Channels over time of each controller's nominal flight."""
-        return self._read([self._paths.nominal])
+        return self._read("nominal")
 
     @cached_property
     def reference(self) -> "pd.DataFrame":
         """The mission's reference over time."""
-        return self._read([self._paths.reference])
+        return self._read("reference")
 
     @cached_property
     def numbers(self) -> dict[str, Any]:
@@ -182,7 +182,7 @@ class CampaignResults:
     def query(self, sql: str) -> "pd.DataFrame":
         """The answer to SQL over the tables flights, samples, histories, envelopes, nominal and reference.
 
-        Empty for SQL that asks nothing. Raises :class:`abhv_mc.io.documents.InputError` for what cannot be answered.
+        Empty for SQL that asks nothing. Raises InputError for what cannot be answered.
         """
         import pandas as pd
 
@@ -232,7 +232,7 @@ class CampaignResults:
         """Quantiles as flown and under other dispersions, such as ``{"aero.drag.half_width": "12 %"}``.
 
         The effective numbers of flights are in the table's ``attrs``. Raises
-        :class:`abhv_mc.io.documents.InputError` where the flights do not cover what is asked.
+        InputError where the flights do not cover what is asked.
         """
         import pandas as pd
 
@@ -257,7 +257,7 @@ class CampaignResults:
         return table
 
     @cached_property
-    def _results(self) -> "Results":
+    def _results(self) -> "columns.Results":
         from abhv_mc.folder.results import read_results
 
         results = read_results(self.folder)
@@ -281,14 +281,13 @@ class CampaignResults:
                 return self._models[topic]
         raise AttributeError(f"no topic '{name}': {', '.join(each.name for each in all_topics())}")
 
-    def _files_in(self, part: Path) -> list[Path]:
-        return [path for path in data_files(self._paths, self.manifest) if path.parent == part]
-
-    def _read(self, files: Sequence[Path]) -> "pd.DataFrame":
+    def _read(self, name: str) -> "pd.DataFrame":
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        tables = [pq.read_table(file, partitioning=None) for file in files]
+        from abhv_mc.folder.sql import table_files
+
+        tables = [pq.read_table(file, partitioning=None) for file in table_files(self._paths, self.manifest)[name]]
         refuse_changes(self._paths, self.manifest)
         whole = pa.concat_tables(tables, promote_options="default")
         table = whole.to_pandas(ignore_metadata=True)  # which may call a column by another one's name
@@ -301,7 +300,7 @@ class CampaignResults:
     def __repr__(self) -> str:
         facts = self.manifest
         flights = f"{facts['runs_done']} of {facts['runs_planned']} flights"
-        return f"<CampaignResults {facts['name']}: {flights}, {facts['state']}>"
+        return f"<Results {facts['name']}: {flights}, {facts['state']}>"
 
     def _repr_html_(self) -> str:
         """What a notebook shows: how the flights ended and the verdicts, from the manifest alone."""
@@ -324,6 +323,6 @@ def as_html(head: str, rows: Sequence[Sequence[str]]) -> str:
     return f"<table><caption style='text-align: left'>{escape(head)}</caption><tbody>{body}</tbody></table>"
 
 
-def open_results(folder: str | Path) -> CampaignResults:
-    """The results in a campaign's folder. Raises :class:`abhv_mc.io.documents.InputError` where there is none."""
-    return CampaignResults(Path(folder))
+def open_results(folder: str | Path) -> Results:
+    """The results in a campaign's folder. Raises InputError where there is none."""
+    return Results(Path(folder))

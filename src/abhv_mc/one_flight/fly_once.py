@@ -1,0 +1,138 @@
+"""One flight of one call, with what is said of it."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.io.documents import InputError
+from abhv_mc.one_flight.given import Input, Quantity, check_count, check_dispersed, make_flight_plan, make_parameters
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
+    from numpy.typing import NDArray
+
+    from abhv_mc.flight.plan import FlightBlock, FlightPlan
+
+
+@dataclass(frozen=True)
+class OneFlight:
+    """A flight and its plan."""
+
+    plan: "FlightPlan"
+    block: "FlightBlock"  # of one flight
+    sentence: str  # how it ended
+
+    @property
+    def outcome(self) -> str:
+        """The code of its end."""
+        return Outcome(int(self.block.outcome[0])).code
+
+    @property
+    def end_time(self) -> float:
+        """When it ended, s."""
+        return float(self.block.end_time[0])
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """Its metrics by name."""
+        from abhv_mc.flight.metrics import METRICS
+
+        return {metric.name: float(self.block.metrics[0, i]) for i, metric in enumerate(METRICS)}
+
+
+def fly_once(
+    mission: Input,
+    vehicle: Input,
+    controller: Input,
+    dispersions: Mapping[str, Quantity] | None = None,
+    every: int = 1,
+) -> OneFlight:
+    """Fly one flight and record it ``every`` control ticks; see :func:`abhv_mc.fly`. Raises InputError."""
+    from abhv_mc.flight.fly import fly
+    from abhv_mc.simulators.end_sentence import describe_end
+
+    plan = make_flight_plan(mission, vehicle, controller).lean_for(dispersions or ())
+    parameters = make_parameters(dispersions)
+    check_dispersed(plan, parameters)
+    _check_felt(plan, parameters, dispersions or ())
+    block = fly(plan, parameters, min(every, plan.timing.ticks + 1))
+    return OneFlight(plan, block, describe_end(plan, parameters, Outcome(int(block.outcome[0]))))
+
+
+def fly(
+    mission: Input,
+    vehicle: Input = "ghame_x",
+    controller: Input = "tlc",
+    dispersions: Mapping[str, Quantity] | None = None,
+    every: int = 1,
+) -> "pd.DataFrame":
+    """Fly one flight.
+
+    Parameters
+    ----------
+    mission, vehicle, controller
+        A shipped name, a path, or a mapping: a file's content, or ``base`` and the entries that differ, nested ones by
+        dotted keys, as ``{"base": "tlc", "limits.bank": "60 deg"}``. A controller may be a law's function.
+    dispersions
+        Parameters of this flight (``abhv-mc list parameters`` lists them), the others nominal; a number is a factor or
+        SI, text has its unit, as in ``{"aero.drag": "110 %", "wind.north": 12.0}``. One without effect is refused.
+    every
+        Control ticks from row to row.
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``time`` (s) and every recorded channel; fewer rows where the flight ends early. ``attrs`` hold ``units`` (of
+        the columns), ``outcome``, ``sentence``, ``end_time_s``, ``metrics`` and ``metric_units`` by name, and
+        ``warnings``.
+
+    Raises
+    ------
+    InputError
+        For what is wrong with an input.
+    """
+    import pandas as pd
+
+    from abhv_mc.flight.channels import CHANNELS
+    from abhv_mc.flight.metrics import METRICS
+
+    flight = fly_once(mission, vehicle, controller, dispersions, check_count(every, 1, "every"))
+    table = pd.DataFrame(flight.block.history[0].astype("float64"), columns=[channel.name for channel in CHANNELS])
+    table.insert(0, "time", flight.block.times)
+    table = table[table["time"] <= flight.end_time + 1e-9].reset_index(drop=True)
+    table.attrs = {
+        "units": {"time": "s"} | {channel.name: channel.unit for channel in CHANNELS},
+        "outcome": flight.outcome,
+        "sentence": flight.sentence,
+        "end_time_s": flight.end_time,
+        "metrics": flight.metrics,
+        "metric_units": {metric.name: metric.unit for metric in METRICS},
+        "warnings": flight.plan.warnings.tolist(),
+    }
+    return table
+
+
+def _check_felt(plan: "FlightPlan", parameters: "NDArray[np.float64]", names: Iterable[str]) -> None:
+    """Raise InputError for a dispersion without which the flight is the same to the bit, here and farther out."""
+    import numpy as np
+
+    from abhv_mc.execution.probe_dispersions import differs
+    from abhv_mc.flight.fly import fly
+    from abhv_mc.plant.parameters import NEVER, PARAMETER_INDEX, PARAMETERS
+
+    at = [PARAMETER_INDEX[name] for name in names]
+    at = [i for i in at if parameters[0, i] != PARAMETERS[i].nominal]
+    for farther in (False, True):
+        rows = np.tile(parameters, (1 + len(at), 1))
+        for row, i in zip(rows[1:], at, strict=True):
+            nominal = PARAMETERS[i].nominal
+            far = {0.0: 25.0 * row[i], NEVER: 0.5 * plan.timing.duration}.get(nominal, 1e-3 * nominal)
+            row[i] = far if farther else nominal
+        block = fly(plan, rows)
+        at = [i for k, i in enumerate(at, 1) if not differs(block, 0, k)]
+        if not at:
+            return
+    named = ", ".join(f"'{PARAMETERS[i].name}'" for i in at)
+    raise InputError("dispersions", f"{named}, without effect on this flight", "what this vehicle feels in it")

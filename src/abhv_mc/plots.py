@@ -1,0 +1,17 @@
+"""Figures of a report: arrays in, a matplotlib Figure out."""
+
+from abhv_mc.report.figures.distributions import Spread, Trade, plot_distributions, plot_error_against_usage
+from abhv_mc.report.figures.paired import DifferencePanel, plot_differences
+from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
+
+__all__ = [
+    "DifferencePanel",
+    "EnvelopePanel",
+    "EnvelopeRow",
+    "Spread",
+    "Trade",
+    "plot_differences",
+    "plot_distributions",
+    "plot_envelopes",
+    "plot_error_against_usage",
+]
