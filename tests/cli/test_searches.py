@@ -13,7 +13,7 @@ from search.tuned_flight import ENGINE, write_tuned
 @pytest.fixture(autouse=True)
 def fake_engine(monkeypatch, tmp_path):
     """Cheap flights, in a folder of their own."""
-    for module in ("search.worst", "search.rare", "search.tune", "execution.runner", "execution.engine"):
+    for module in ("search.worst", "search.rare", "search.tune", "execution.runner", "simulators.engine"):
         monkeypatch.setattr(f"abhv_mc.{module}.make_engine", lambda: LINE)
     monkeypatch.chdir(tmp_path)
 
